@@ -57,7 +57,7 @@ counts: $(VENV)/.dev
 
 # Every kind of chain against every question, into docs/coverage.md (minutes).
 capabilities: $(VENV)/.dev
-	$(BIN)/python -m tests.capabilities.page --write docs/coverage.md
+	HOLDFAST_COMPILE=quick $(BIN)/python -m tests.capabilities.page --write docs/coverage.md
 
 # Speed against other libraries, into docs/benchmarks.md and the README (minutes; leave the machine alone meanwhile).
 bench: $(VENV)/.bench

@@ -1,4 +1,4 @@
-"""The state of a closed chain, and what acts on it besides the joint torques."""
+"""The state of a closed chain, and its inputs other than the joint torques."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class State(Frozen):
     """Positions and velocities of the whole chain.
 
     Attributes:
-        q: (n,) joint positions, those of a trunk first, then arms in the chain's order, base to tip [rad or m].
+        q: (n,) joint positions, first those of a trunk, then those of the arms in order, base to tip [rad or m].
         qd: (n,) joint rates [rad/s or m/s].
-        object_pose: (7,) wxyz_xyz of the object frame (origin C) in the world.
+        object_pose: (7,) pose wxyz_xyz of the object frame (origin C) in the world.
         object_twist: (6,) [omega; v of C], world axes [rad/s, m/s].
-        base_pose: (7,) wxyz_xyz of a floating base's frame in the world; None without one.
+        base_pose: (7,) pose wxyz_xyz of a floating base's frame in the world; None without one.
         base_twist: (6,) [omega; v of that frame's origin], world axes; None without one.
     """
 
@@ -53,7 +53,7 @@ class State(Frozen):
             raise StateError("state: base_twist: expected the pose of the floating base with it, got no base_pose")
 
     def __repr__(self) -> str:
-        """Return joints, where the object is, and whether anything moves, on one line."""
+        """Return the number of joints, the object's position, and whether anything moves, on one line."""
         rates = [x for x in (self.qd, self.object_twist, self.base_twist) if x is not None]
         known = all(x.dtype != object for x in rates)
         moves = "" if not known else ", in motion" if any(x.any() for x in rates) else ", at rest"
@@ -75,10 +75,10 @@ class State(Frozen):
         return State(self.q, 0.0 * self.qd, self.object_pose, base_pose=self.base_pose)
 
     def fits(self, chain: ClosedChain) -> None:
-        """Refuse the state if its length is not the chain's, or a floating base's pose is missing or out of place.
+        """Check that the state fits a chain.
 
         Raises:
-            StateError: naming both lengths, or what is missing.
+            StateError: the number of joints differs, or the pose of a floating base is missing or superfluous.
         """
         if len(self.q) != chain.joint_count:
             counts = ", ".join(f"{name}: {part.stop - part.start}" for name, part in chain.joints.items())
@@ -113,12 +113,12 @@ def shaped_inputs(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
 
 
 def exact_state(parts: Mapping[str, Array]) -> State:
-    """Return a state of arrays that another state had, to the bit.
+    """Return a state with exactly the given arrays of another state.
 
-    Dividing a unit quaternion by its length once more can change its last bit.
+    The quaternions are not normalised again, which could change their last bit.
 
     Args:
-        parts: by field; those of a floating base where there is one.
+        parts: arrays by field, including those of a floating base if there is one.
     """
     state = State(**parts)
     for pose in ("object_pose", "base_pose"):
@@ -128,7 +128,7 @@ def exact_state(parts: Mapping[str, Array]) -> State:
 
 
 def found_state(parts: Mapping[str, Array]) -> State:
-    """Return a state of arrays that machine code has found good, and that nobody else holds; see `exact_state`."""
+    """Return a state of arrays that machine code has checked, and that are not shared; see `exact_state`."""
     state = object.__new__(State)
     vars(state).update({"base_pose": None, "base_twist": None})
     vars(state).update({name: checks.read_only(x) for name, x in parts.items()})
@@ -136,7 +136,7 @@ def found_state(parts: Mapping[str, Array]) -> State:
 
 
 def _pose(given: Any, what: str) -> Array:
-    """Return a pose as checked unit quaternion and position, (7,)."""
+    """Return a pose as a checked unit quaternion and a position, (7,)."""
     pose = given.wxyz_xyz if isinstance(given, Pose) else given
     pose = checks.numbers(pose, (7,), what, StateError)
     if pose.dtype == object:
@@ -144,24 +144,24 @@ def _pose(given: Any, what: str) -> Array:
     length = math.hypot(*pose[:4])
     if abs(length - 1) > checks.ROTATION_TOLERANCE:
         raise StateError(f"{what}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}")
-    if abs(length - 1) <= checks.ROUNDED:  # the pose of another state keeps its bits
+    if abs(length - 1) <= checks.ROUNDED:  # the pose of another state is not changed
         return pose
     return checks.read_only(np.concatenate([pose[:4] / length, pose[4:]]))
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs(Frozen):
-    """What acts on the chain besides the joint torques; everything is zero by default.
+    """The inputs of the chain other than the joint torques; everything is zero by default.
 
     Attributes:
         object_wrench: (6,) external wrench on the object about C, world axes [N m, N].
         link_wrenches: (n, 6) external wrench on each link of the arms about its frame's origin, world axes.
         base_twists: (arms, 6) prescribed velocity of each base's origin, world axes; 0 for arms on a trunk.
-        base_accelerations: (arms, 6) its plain derivative [omega_dot; v_dot]; 0 for arms on a trunk.
+        base_accelerations: (arms, 6) their derivatives [omega_dot; v_dot]; 0 for arms on a trunk.
         trunk_base_twist: (6,) prescribed velocity of the origin of a trunk's base in the world, world axes.
-        trunk_base_acceleration: (6,) its plain derivative.
+        trunk_base_acceleration: (6,) its derivative [omega_dot; v_dot].
         trunk_link_wrenches: (bodies, 6) external wrench on each body of the trunk about its frame's origin, world
-            axes, a floating base first.
+            axes, beginning with a floating base.
     """
 
     object_wrench: OptionalArrayField = NOT_GIVEN
@@ -174,11 +174,11 @@ class Inputs(Frozen):
 
     def __post_init__(self) -> None:
         for name, given in vars(self).items():
-            if given is not None:  # `shaped` asks for its shape
+            if given is not None:  # `shaped` checks the shape
                 object.__setattr__(self, name, checks.numbers(given, None, f"inputs: {name}", StateError))
 
     def shaped(self, chain: ClosedChain) -> Inputs:
-        """Return the inputs as checked arrays of the chain's shapes; only link wrenches and a trunk's stay None."""
+        """Return the inputs as checked arrays of the chain's shapes; link wrenches and trunk inputs may stay None."""
         l, n = len(chain.arms), sum(arm.joint_count for arm in chain.arms.values())
 
         def arr(value: Array | None, shape: tuple[int, ...], what: str) -> Array:
@@ -194,15 +194,15 @@ class Inputs(Frozen):
 
     @property
     def _of_trunk(self) -> list[str]:
-        """The fields of a trunk that are given."""
+        """The given fields that concern a trunk."""
         names = ("trunk_base_twist", "trunk_base_acceleration", "trunk_link_wrenches")
         return [name for name in names if getattr(self, name) is not None]
 
     def _with_trunk(self, shaped: Inputs, chain: ClosedChain) -> Inputs:
-        """Return the inputs with those of the trunk, checked.
+        """Return the inputs completed by those of the trunk.
 
         Raises:
-            StateError: a wrong shape, or what the chain's trunk has no place for.
+            StateError: a shape is wrong, or an input does not apply to the chain's trunk.
         """
         trunk = chain.trunk
         if trunk is None:

@@ -6,10 +6,15 @@ python -m tests.capabilities.page [--write docs/coverage.md]
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from itertools import repeat
+from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 from tests.capabilities.chains import CHAINS, chain_with
-from tests.capabilities.questions import TABLES, Question, answer
+from tests.capabilities.questions import TABLES, Answer, answer
 
 HEAD = """# Coverage
 
@@ -20,14 +25,24 @@ error that it raised; the messages are listed below each table. Whether the numb
 """
 
 
-def table(title: str, questions: list[Question]) -> str:
-    """Return a section: the table of answers, and the refusals in words."""
+def answers(title: str, capability: str) -> list[Answer]:
+    """Return how a kind of chain answers the questions of a table."""
+    return [answer(question, chain_with(capability)) for question in TABLES[title]]
+
+
+def table(title: str, ask: Callable[..., Iterable[Any]] = map) -> str:
+    """Return a section: the table of answers, and the refusals in words.
+
+    Args:
+        title: of the table.
+        ask: `map`, or one that calls in several processes.
+    """
+    questions = TABLES[title]
     rows = [["", *(q.name for q in questions)], ["---"] * (len(questions) + 1)]
     refusals: dict[tuple[str, str], list[str]] = {}
-    for capability in CHAINS:
-        answers = [answer(q, chain_with(capability)) for q in questions]
-        rows.append([f"**{capability}**", *(f"`{a.refused_by}`" if a.refused_by else "yes" for a in answers)])
-        for q, a in zip(questions, answers, strict=True):
+    for capability, found in zip(CHAINS, ask(answers, repeat(title), CHAINS), strict=True):
+        rows.append([f"**{capability}**", *(f"`{a.refused_by}`" if a.refused_by else "yes" for a in found)])
+        for q, a in zip(questions, found, strict=True):
             if a.refused_by:
                 refusals.setdefault((q.name, a.message), []).append(capability)
     lines = [f"| {' | '.join(row)} |" for row in rows]
@@ -36,8 +51,9 @@ def table(title: str, questions: list[Question]) -> str:
 
 
 def page() -> str:
-    """Return the whole page."""
-    return "\n".join([HEAD, *(table(title, questions) for title, questions in TABLES.items())])
+    """Return the whole page; every processor takes part."""
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        return "\n".join([HEAD, *(table(title, pool.map) for title in TABLES)])
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""From arms, an object and grasps to a closed chain: where everything stands, and what is to be known about it."""
+"""Assembly of arms, an object and grasps to a closed chain in a closed state, with a report."""
 
 import lazy_loader
 

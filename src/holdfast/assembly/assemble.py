@@ -1,4 +1,4 @@
-"""The five-line start: arms, an object and grasps become a closed chain and a closed state of it."""
+"""The function `assemble`, which makes a closed chain and a closed state of it from arms, an object and grasps."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-STARTS = 96  # configurations that an arm is brought to its grasp from, if the preferred one does not lead there
-MOST_CLOSED = 6  # of them, the nearest
-LIKELIEST = 4  # guesses of the object's pose that the arms are brought to one by one
-BEST = 3  # closures whose configuration is improved
+STARTS = 96  # starting configurations for an arm whose preferred configuration does not lead to its grasp
+MOST_CLOSED = 6  # number of reaching configurations from which the chain is closed
+LIKELIEST = 4  # number of guesses of the object's pose for which each arm is solved separately
+BEST = 3  # number of closed states whose configuration is optimised
 
 Starts = Callable[[ClosedChain, Mapping[str, Array]], Iterator[Iterable[State]]]
 
 
 class Assembly(NamedTuple):
-    """A closed chain and a state of it.
+    """A closed chain and a state that satisfies its grasps.
 
     Attributes:
         chain: the chain.
-        state: closed, at rest.
+        state: a closed state at rest.
     """
 
     chain: ClosedChain
@@ -48,7 +48,7 @@ class Assembly(NamedTuple):
 
     @property
     def report(self) -> AssemblyReport:
-        """Reach, joint limits, closure and mobility; print it."""
+        """The report on reach, joint limits, closure and mobility, which can be printed."""
         return assembly_report(self.chain, self.state)
 
 
@@ -68,31 +68,30 @@ def assemble(
 
         chain, state = assemble({"left": panda(at_left), "right": panda(at_right)}, box, grasps)
 
-    Nearest: the smallest sum of squared joint differences, angles in rad and strokes in parts
-    of the longest reach, over the self-motions of redundant arms, and over the object's pose
-    if none is given; a local minimum, the best of those that a fixed list of starts leads to,
-    so the same input gives the same state. Joints keep 2 % of their range away from their limits,
-    as far as their preferred positions do; only where nothing closes so do they go to the limits.
-    The forces of bushings are zero. A trunk has its preferred configuration if the arms reach the object from there,
-    otherwise the nearest one found from which they do. Collisions are not checked. Tenths of a second; seconds if no
-    configuration is found.
+    The state minimises the sum of squared differences of the joints, with angles in rad and strokes relative to the
+    longest reach, over the self-motions of redundant arms and, if no object pose is given, over the pose of the object.
+    It is the best local minimum that is found from a fixed list of starts, so the same input always gives the same
+    state. Joints stay away from their limits by 2 % of their range if their preferred positions do; they approach the
+    limits only if no other closed state is found. Bushings are unstretched. A trunk has its preferred configuration if
+    the arms can reach the object from there, otherwise the nearest one found for which they can. Collisions are not
+    checked. The function takes tenths of a second, or seconds if no state is found.
 
     Args:
-        arms: arm by name, mounted (`arm.at(pose)`).
+        arms: arms by name, with their bases in place (`arm.at(pose)`).
         held_object: the object.
-        grasps: grasp by arm name.
-        object_pose: where the object is (a Pose or wxyz_xyz); None: found.
-        q: preferred joint positions by arm name, or "trunk" [rad or m]; where missing, a built-in robot's
-            home configuration, or the middle of the joint limits.
-        gravity: (3,) world axes [m/s^2].
-        trunk: what arms stand on, as for `ClosedChain`.
-        mounts: on which of its links, by arm name.
-        base_pose: where a trunk's floating base is, and stays; None: at the world's origin.
+        grasps: grasps by arm name.
+        object_pose: pose of the object (a Pose or wxyz_xyz); None to determine it.
+        q: preferred joint positions by arm name, or "trunk" [rad or m]; by default the home configuration of a built-in
+            robot, or the middle of the joint limits.
+        gravity: (3,) gravitational acceleration, world axes [m/s^2].
+        trunk: trunk on which arms are mounted, as for `ClosedChain`.
+        mounts: links of the trunk on which arms are mounted, by arm name.
+        base_pose: pose of a trunk's floating base, which is not changed; None for the world's origin.
 
     Raises:
-        ModelError: parts that cannot be put together, or neither grasps nor an object pose.
-        StateError: preferred positions of the wrong length.
-        ClosureError: an arm cannot reach its grasp: which, by how much, and what to try.
+        ModelError: the parts do not fit, or neither grasps nor an object pose are given.
+        StateError: preferred positions have a wrong length.
+        ClosureError: an arm cannot reach its grasp; the message gives its name, the missing distance and advice.
     """
     whole = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {})
     chain = with_slack_bushings(whole)
@@ -107,27 +106,27 @@ def assemble(
 
 
 def _brought(given: Pose | None, chain: ClosedChain, q: Mapping[str, Any] | None) -> State:
-    """Return the closed state of arms on bases of their own, the object where it is given."""
+    """Return the closed state of arms without a trunk, with the object at its pose if one is given."""
     preferred = preferred_configurations(chain, q)
     if given is None:
         return _nearest(chain, preferred, _starts_somewhere, hold_object=False)
     _require_reach(chain, given)
     at = np.concatenate([np.clip(preferred[name], *arm.position_limits.T) for name, arm in chain.arms.items()])
-    for name, grasp in chain.grasps.items():  # the object is held: each arm is alone
+    for name, grasp in chain.grasps.items():  # the object is fixed, so each arm is solved separately
         alone = ClosedChain({name: chain.arms[name]}, chain.held_object, {name: grasp}, chain.gravity)
         at[chain.joints[name]] = _nearest(alone, preferred, partial(_starts_around, given), hold_object=True).q
     return State(at, 0 * at, given.wxyz_xyz)
 
 
 def _starts_around(object_pose: Pose, chain: ClosedChain, preferred: Mapping[str, Array]) -> Iterator[Iterable[State]]:
-    """Yield states to close an arm alone from: the preferred one; then what many starts lead to, the nearest first."""
+    """Yield states for closing one arm: the preferred one, then those found from many starts, the nearest first."""
     (name,) = chain.arms
     yield [State(preferred[name], 0 * preferred[name], object_pose.wxyz_xyz)]
     yield [State(q, 0 * q, object_pose.wxyz_xyz) for q in _reaching(chain, name, object_pose, preferred)[:MOST_CLOSED]]
 
 
 def _starts_somewhere(chain: ClosedChain, preferred: Mapping[str, Array]) -> Iterator[Iterable[State]]:
-    """Yield states to close from, per guess of the object's pose: preferred configurations, then reaching ones."""
+    """Yield states for closing the chain, for each guess of the object's pose: first preferred, then reaching ones."""
     guesses = object_guesses(chain, preferred)
     wanted = np.concatenate([preferred[name] for name in chain.arms])
     yield [State(wanted, 0 * wanted, pose.wxyz_xyz) for pose in guesses]
@@ -141,27 +140,27 @@ def _starts_somewhere(chain: ClosedChain, preferred: Mapping[str, Array]) -> Ite
 
 
 def _reaching(chain: ClosedChain, name: str, object_pose: Pose, preferred: Mapping[str, Array]) -> Array:
-    """Return configurations in which an arm reaches its grasp, (found, N), the nearest to its preferred one first."""
+    """Return configurations in which an arm reaches its grasp, (found, N), by distance from its preferred one."""
     arm = chain.arms[name]
     starts = starting_configurations(arm, preferred[name], STARTS)
     return reaching_configurations(arm, chain.grasps[name], object_pose, starts, preferred[name])
 
 
 def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts, *, hold_object: bool) -> State:
-    """Return the nearest closed state that the starts lead to, with room to the joint limits if one has it.
+    """Return the nearest closed state found from the starts, away from the joint limits if possible.
 
     Args:
         chain: the chain.
         preferred: joint positions by arm name.
-        starts: groups of states to close from; a later one counts only if none of those before closes.
-        hold_object: keep the object where it is.
+        starts: returns groups of starting states; a later group is used only if no state of the groups before closes.
+        hold_object: keep the pose of the object.
 
     Raises:
-        ClosureError: none of the starts closes.
+        ClosureError: no closed state is found.
     """
     wanted, missed = np.concatenate([preferred[name] for name in chain.arms]), None
     for within in (with_room(chain, preferred), chain):
-        missed = None  # the error names what misses within the arms' own limits, in the preferred configurations
+        missed = None  # the error refers to the arms' own limits and the preferred configurations
         for group in starts(within, preferred):
             closed = []
             for start in group:
@@ -179,13 +178,13 @@ def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts,
 
 
 def _require_reach(chain: ClosedChain, pose: Pose) -> None:
-    """Refuse an object that no configuration at all could reach.
+    """Refuse an object that is out of reach in every configuration.
 
     Raises:
-        ClosureError: naming each arm, and how much it is short.
+        ClosureError: an arm is too short; the message names each such arm and the missing length.
     """
     short = []
-    for name in (name for name in chain.grasps if chain.arms[name].joints):  # an anchor is there or misses it
+    for name in (name for name in chain.grasps if chain.arms[name].joints):  # anchors have no reach
         asked, longest = asked_reach(chain, name, pose), longest_reach(chain.arms[name])
         if asked > longest * (1 + 1e-9):
             short.append(

@@ -1,4 +1,4 @@
-"""How far an arm reaches at most, and the room that its joints have to their limits."""
+"""The longest reach of an arm, and the distance of its joints from their limits."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from holdfast.state import State
 
 
 def longest_reach(arm: Arm) -> float:
-    """Return a distance from the first joint that the tip cannot exceed in any configuration [m].
+    """Return an upper bound of the distance from the first joint to the tip in any configuration [m].
 
-    The lengths from joint to joint and on to the tip, and the strokes; infinite with a
-    stroke that has no limit.
+    It is the sum of the lengths from joint to joint and to the tip, and of the strokes; infinite if a stroke has no
+    limit.
     """
     lengths = [float(np.linalg.norm(joint.placement.p)) for joint in arm.joints[1:]]
     sliding = [joint for joint in arm.joints if joint.type.travel]
@@ -34,15 +34,15 @@ def asked_reach(chain: ClosedChain, name: str, object_pose: Pose) -> float:
 
 
 def shoulder(arm: Arm) -> Array:
-    """Return where the first joint is, (3,) world axes [m]; an anchor's base, which has none."""
+    """Return the position of the first joint, (3,) world axes [m], or that of the base of an anchor."""
     return (arm.base @ arm.joints[0].placement).p if arm.joints else arm.base.p
 
 
-ROOM = 0.02  # of a joint's range: more room to a limit does not count
+ROOM = 0.02  # desired distance from a limit, relative to the joint's range
 
 
 def with_room(chain: ClosedChain, preferred: Mapping[str, Array]) -> ClosedChain:
-    """Return the chain with limits that keep 2 % of each joint's range free, where the preferred configurations do."""
+    """Return the chain with limits narrowed by 2 % of each joint's range, if the preferred configuration allows it."""
     arms = {}
     for name, arm in chain.arms.items():
         low, high = arm.position_limits.T
@@ -54,7 +54,7 @@ def with_room(chain: ClosedChain, preferred: Mapping[str, Array]) -> ClosedChain
 
 
 def room_left(chain: ClosedChain, state: State) -> float:
-    """Return the smallest margin to a joint limit, as part of the joint's range, up to `ROOM`."""
+    """Return the smallest distance from a joint limit, relative to the joint's range and at most `ROOM`."""
     low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
     spans = np.concatenate([_spans(arm) for arm in chain.arms.values()])
     margin = np.minimum(state.q - low, high - state.q) / np.maximum(spans, 1e-300)
@@ -62,6 +62,6 @@ def room_left(chain: ClosedChain, state: State) -> float:
 
 
 def _spans(arm: Arm) -> Array:
-    """Return the joints' ranges, (N,); of one without two limits, a turn or as many metres."""
+    """Return the joints' ranges, (N,); 2 pi rad or m for a joint without two limits."""
     low, high = arm.position_limits.T
     return np.where(np.isfinite(high - low), high - low, 2 * np.pi)

@@ -1,11 +1,11 @@
-"""The closed configuration nearest to a preferred one: Newton's method along the self-motions.
+"""The closed configuration nearest to a preferred one, by Newton's method along the self-motions.
 
     min 1/2 |D (q - q*)|^2   over closed states,   D = 1 / (1 rad, or the longest reach)
 
 At the minimum D (q - q*) is orthogonal to every motion that keeps the chains closed: with N a
 basis of the velocities (qd, V(C)) that the position rows C allow, N^T c = 0 for the gradient
 c = [D (q - q*); 0]. The Hessian is N^T (D^2 + sum lambda_i d^2 c_i) N with the multipliers
-C^T lambda = -c; its second part, the curvature of the constraint, by differences of C^T lambda.
+C^T lambda = -c. Its second part, the curvature of the constraint, is computed from differences of C^T lambda.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate, twist_shift
 from holdfast.state import State
 
-STATIONARY = 1e-11  # |N^T c| at which to stop
+STATIONARY = 1e-11  # |N^T c| below which the iteration stops
 ROUNDS = 60
-LONGEST_STEP = 0.3  # rad, or part of the arms' reach, in one round
+LONGEST_STEP = 0.3  # rad, or fraction of the arms' reach, in one iteration
 SHORTENINGS = 12
-PROBE = 1e-5  # of the differences
-FLATTEST = 1e-6  # curvature that counts: below it a direction is flat
-DEPENDENT = 1e-10  # of the largest singular value
-ROUNDING = 1e-13  # rad, or part of the reach: a shorter step crosses no limit
+PROBE = 1e-5  # size of the finite differences
+FLATTEST = 1e-6  # smallest curvature that is used
+DEPENDENT = 1e-10  # singular values below this, relative to the largest, count as zero
+ROUNDING = 1e-13  # rad, or fraction of the reach: shorter steps do not count as crossing a limit
 
 
 class _Newton(NamedTuple):
-    """The motions allowed at a state, and Newton's step among them.
+    """A Newton step along the allowed motions at a state, within the joint limits.
 
     Attributes:
-        slope: |N^T c| along the motions that no limit stops.
-        unstopped: (n + 6,) step along them, scaled coordinates.
-        to_limits: (n + 6,) what brings stopped joints exactly to their limits.
+        slope: |N^T c| for the motions that no limit stops.
+        unstopped: (n + 6,) step along these motions, in scaled coordinates.
+        to_limits: (n + 6,) step that moves stopped joints exactly to their limits.
     """
 
     slope: float
@@ -57,16 +57,15 @@ class _Newton(NamedTuple):
 
 
 def nearest_configuration(chain: ClosedChain, state: State, preferred: Array, *, hold_object: bool = False) -> State:
-    """Return the closed state whose joints are nearest to preferred ones, at rest.
+    """Return the closed state at rest whose joints are nearest to preferred positions.
 
-    A local minimum: the one that self-motion from the given state leads to. Joints keep
-    within their limits.
+    This is the local minimum that is found by self-motions from the given state. Joints stay within their limits.
 
     Args:
         chain: the chain.
         state: a closed state.
         preferred: (n,) joint positions [rad or m].
-        hold_object: keep the object where it is; else it moves as suits the arms.
+        hold_object: keep the pose of the object; otherwise it is optimised, too.
     """
     sizes = unit_sizes(chain, state)
     for _ in range(ROUNDS):
@@ -75,25 +74,25 @@ def nearest_configuration(chain: ClosedChain, state: State, preferred: Array, *,
             break
         better = _shortened(chain, state, preferred, sizes, hold_object, newton)
         if better is None:
-            break  # as near as rounding allows
+            break  # rounding prevents further progress
         state = better
     return state
 
 
 def distance(chain: ClosedChain, state: State, preferred: Array) -> float:
-    """Return |D (q - q*)|: joint angles in rad, strokes in parts of the longest reach."""
+    """Return |D (q - q*)|, with joint angles in rad and strokes relative to the longest reach."""
     return float(np.linalg.norm((state.q - preferred) / unit_sizes(chain, state)[: chain.joint_count]))
 
 
 def unit_sizes(chain: ClosedChain, state: State) -> Array:
-    """Return what counts as one unit of each joint and of the object's [turn; shift], (n + 6,)."""
+    """Return the units of the joint coordinates and of the object's [turn; shift], (n + 6,)."""
     return coordinate_sizes(chain_at_rest(chain, state))
 
 
 def position_rows(chain: ClosedChain, state: State) -> Array:
-    """Return C, (rows, n + 6): velocities with C (qd, V(C)) = 0 keep the grasps closed.
+    """Return C, (rows, n + 6), where velocities with C (qd, V(C)) = 0 keep the grasps closed.
 
-    These are the rows K [J, -A] without a soft finger's spin, which positions do not feel.
+    These are the rows K [J, -A] without the spin of soft fingers, which has no position row.
     """
     blocks = []
     for name, (grasp, R, offset) in zip(chain.grasps, contact_places(chain, state), strict=True):
@@ -108,12 +107,12 @@ def position_rows(chain: ClosedChain, state: State) -> Array:
 
 
 def _newton(chain: ClosedChain, state: State, preferred: Array, sizes: Array, hold_object: bool) -> _Newton:
-    """Return Newton's step within the limits: of those it crosses, the first one is made to hold, again and again."""
+    """Return the Newton step within the limits; the first limit that it crosses is made active, repeatedly."""
     n = chain.joint_count
     room = (np.concatenate([arm.position_limits for arm in chain.arms.values()]).T - state.q) / sizes[:n]
     rows = position_rows(chain, state) * sizes
     slope = np.r_[(state.q - preferred) / sizes[:n], np.zeros(6)]
-    ends = np.full(n + 6, np.nan)  # where a coordinate is made to go
+    ends = np.full(n + 6, np.nan)  # prescribed values of coordinates
     if hold_object:
         ends[n:] = 0.0
     while True:
@@ -124,7 +123,7 @@ def _newton(chain: ClosedChain, state: State, preferred: Array, sizes: Array, ho
         to_limits = np.linalg.lstsq(whole, np.r_[np.zeros(len(rows)), ends[stopped]], rcond=DEPENDENT)[0]
         unstopped = basis @ _descent(chain, state, sizes, rows, whole, basis, slope)
         step = (unstopped + to_limits)[:n]
-        share = np.where(step > 0, room[1], -room[0]) / np.maximum(np.abs(step), 1e-300)  # of the step, to a limit
+        share = np.where(step > 0, room[1], -room[0]) / np.maximum(np.abs(step), 1e-300)  # part of the step to a limit
         share[stopped[:n] | (np.abs(step) <= ROUNDING)] = np.inf
         if not (share < 1).any():
             return _Newton(float(np.linalg.norm(basis.T @ slope)), unstopped, to_limits)
@@ -135,7 +134,7 @@ def _newton(chain: ClosedChain, state: State, preferred: Array, sizes: Array, ho
 def _descent(
     chain: ClosedChain, state: State, sizes: Array, rows: Array, whole: Array, basis: Array, slope: Array
 ) -> Array:
-    """Return Newton's step along the basis, turned downhill where the distance curves down, (d,)."""
+    """Return the Newton step along the basis, reversed in directions of negative curvature, (d,)."""
     n = chain.joint_count
     multipliers = np.linalg.lstsq(whole.T, -slope, rcond=DEPENDENT)[0][: len(rows)]
 
@@ -152,9 +151,9 @@ def _descent(
 def _shortened(
     chain: ClosedChain, state: State, preferred: Array, sizes: Array, hold_object: bool, newton: _Newton
 ) -> State | None:
-    """Return the closed state after the longest part of the step that improves, or None.
+    """Return the closed state after the longest part of the step that reduces the distance, or None.
 
-    Far from the minimum the distance must fall; near it, where its digits end, the slope.
+    Far from the minimum, the distance must decrease. Near it, where rounding hides this decrease, the slope must.
     """
     n, step = chain.joint_count, newton.step
     apart = (state.q - preferred) / sizes[:n]

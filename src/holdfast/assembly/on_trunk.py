@@ -1,4 +1,4 @@
-"""Arms on a trunk brought together: the trunk in its preferred configuration, or in one from which they reach."""
+"""Closing chains with a trunk, in its preferred configuration or in another one for which the arms reach."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-STARTS = 12  # configurations of a trunk that it is moved from, if the arms do not reach from the preferred one
-ENOUGH = 3  # found from which they do, to try the nearest first
+STARTS = 12  # starting configurations of a trunk if the arms do not reach from the preferred one
+ENOUGH = 3  # number of such configurations found, of which the nearest is tried first
 
-# a chain of arms on bases of their own, and their preferred configurations -> a closed state of it
+# function of a chain without a trunk and of preferred configurations that returns a closed state
 Bring = Callable[[ClosedChain, Mapping[str, Any]], State]
 
 
 def on_own_bases(chain: ClosedChain, state: State) -> tuple[ClosedChain, State]:
-    """Return the arms of a chain on bases that stand where its trunk has them, and the state without the trunk."""
+    """Return the chain without its trunk, with the arms' bases at their poses, and the state without the trunk."""
     if chain.trunk is None:
         return chain, state
     arms = dict(zip(chain.names, standing(chain, state, Inputs().shaped(chain)).arms, strict=True))
@@ -48,14 +48,14 @@ def brought_on_trunk(
     Args:
         chain: the chain.
         q: preferred joint positions by arm name, and of "trunk".
-        object_pose: where the object is; None: found.
-        base_pose: where a floating base is, and stays; None: at the world's origin.
-        bring: brings arms on bases of their own together.
+        object_pose: pose of the object; None to determine it.
+        base_pose: pose of a floating base, which is not changed; None for the world's origin.
+        bring: closes a chain without a trunk.
 
     Raises:
-        ModelError: a pose of a base that does not float.
-        StateError: preferred positions of the wrong length.
-        ClosureError: no configuration of the trunk is found from which every arm reaches its grasp.
+        ModelError: a pose is given for a base that does not float.
+        StateError: preferred positions have a wrong length.
+        ClosureError: no configuration of the trunk is found for which every arm reaches its grasp.
     """
     given = dict(q) if isinstance(q, Mapping) else q
     own = given.pop(TRUNK, None) if isinstance(given, dict) else None
@@ -79,7 +79,7 @@ def brought_on_trunk(
 
 
 def _trunk_configuration(chain: ClosedChain, given: Any) -> Array:
-    """Return the trunk's preferred joint positions: those given, or the middle of the limits; 0 without any."""
+    """Return the trunk's preferred joint positions: the given ones, the middle of the limits, or 0 without limits."""
     assert chain.trunk is not None
     if given is not None:
         return preferred_positions(given, chain.trunk.joint_count, TRUNK)
@@ -88,7 +88,7 @@ def _trunk_configuration(chain: ClosedChain, given: Any) -> Array:
 
 
 def _arms_brought(chain: ClosedChain, at: State, preferred: Mapping[str, Any], bring: Bring) -> State:
-    """Return the state with the arms brought to the object while the trunk stays."""
+    """Return the closed state with the trunk in its given configuration."""
     found = bring(on_own_bases(chain, at)[0], preferred)
     first = chain.joint_count - len(found.q)
     q = np.concatenate([at.q[:first], found.q])
@@ -96,7 +96,7 @@ def _arms_brought(chain: ClosedChain, at: State, preferred: Mapping[str, Any], b
 
 
 def _trunk_moved(chain: ClosedChain, guess: State, hold_object: bool) -> Iterator[State]:
-    """Yield closed states whose trunks have moved too, the nearest to the preferred configuration first."""
+    """Yield closed states with other trunk configurations, in order of distance from the preferred one."""
     assert chain.trunk is not None
     serial, own = chain.trunk.serial, chain.joints[TRUNK]
     if serial is None:

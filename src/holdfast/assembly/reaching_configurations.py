@@ -1,7 +1,7 @@
-"""Configurations in which an arm reaches its contact: a search from many starts at once, as arrays over the starts.
+"""Search for configurations in which an arm reaches its contact, from many starts at once.
 
-Damped Newton steps of least length within the joint limits (Levenberg and Marquardt's damping, one for
-each start). This only finds where to begin: `dynamics.closing.close` brings what is found to rounding.
+The search uses damped Newton steps of least norm within the joint limits (Levenberg-Marquardt, with one damping for
+each start), vectorised over the starts. It only finds starting points, which `dynamics.closing.close` then refines.
 """
 
 from __future__ import annotations
@@ -16,28 +16,29 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 ROUNDS = 80
-REACHED = 1e-6  # rad, or part of the arm's length
-LONGEST_STEP = 0.5  # rad, or part of the arm's length, in one round
-SAME = 1e-3  # rad or m: configurations nearer to one another are one
+REACHED = 1e-6  # rad, or fraction of the arm's length
+LONGEST_STEP = 0.5  # rad, or fraction of the arm's length, in one iteration
+SAME = 1e-3  # rad or m: configurations that differ by less are the same
 LEAST_DAMPING, MOST_DAMPING = 1e-8, 1e4
 
 
 def reaching_configurations(
     arm: Arm, grasp: Grasp, object_pose: Pose, starts: Iterable[Array], preferred: Array
 ) -> Array:
-    """Return configurations in which the grasp closes, found from the starts; the nearest to the preferred first.
+    """Return configurations found from the starts that close the grasp, in order of distance from the preferred one.
 
-    Joints that turn are brought as near to the preferred configuration as whole turns within their limits allow.
+    Whole turns are subtracted from revolute joints to bring them as close to the preferred configuration as their
+    limits allow.
 
     Args:
         arm: the arm.
         grasp: its grasp.
-        object_pose: where the object is.
-        starts: (N,) joint positions each.
-        preferred: (N,) joint positions.
+        object_pose: pose of the object.
+        starts: starting configurations, (N,) each.
+        preferred: (N,) preferred joint positions.
 
     Returns:
-        (found, N); the one configuration of an anchor as it is, without trying.
+        (found, N) configurations; for an anchor its only configuration, without a check.
     """
     if not arm.joints:
         return np.zeros((1, 0))
@@ -68,13 +69,13 @@ def reaching_configurations(
 
 
 def _size(arm: Arm) -> float:
-    """Return the arm's length: from joint to joint, and on to the tip [m]; 1 m if that is nothing."""
+    """Return the arm's length from joint to joint and to the tip [m], or 1 m if that is zero."""
     lengths = [float(np.linalg.norm(part.p)) for part in (*(joint.placement for joint in arm.joints[1:]), arm.tip)]
     return sum(lengths) or 1.0
 
 
 def _gap(arm: Arm, q: Array, contact: Pose, size: float) -> tuple[Array, Array]:
-    """Return how the tips lie in the contact frame, [turn; shift / size] (B, 6), and how they move, (B, 6, N)."""
+    """Return the displacements of the tips from the contact frame, [turn; shift / size] (B, 6), and their Jacobians."""
     R, p, axes, places = np.broadcast_to(arm.base.R, (len(q), 3, 3)), np.tile(arm.base.p, (len(q), 1)), [], []
     for k, joint in enumerate(arm.joints):
         p, R = p + R @ joint.placement.p, R @ joint.placement.R
@@ -101,14 +102,14 @@ def _turns(axis: Array, angles: Array) -> Array:
 
 
 def _logs(R: Array) -> Array:
-    """Return rotation vectors, (B, 3); at half a turn exactly, which no start needs, none."""
+    """Return the rotation vectors of matrices, (B, 3); zero for exactly half a turn, where the axis is not needed."""
     sines = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
     sine, cosine = np.linalg.norm(sines, axis=1), 0.5 * (np.trace(R, axis1=1, axis2=2) - 1)
     return sines * (np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))[:, None]
 
 
 def _step(J: Array, gap: Array, damping: Array, lowest: Array, highest: Array) -> Array:
-    """Return -J^T (J J^T + damping 1)^-1 gap, (B, N), joints at a limit that it would push beyond left out."""
+    """Return -J^T (J J^T + damping 1)^-1 gap, (B, N), without joints that it would push beyond their limits."""
     J = J.copy()
     while True:
         A = J @ J.transpose(0, 2, 1) + damping[:, None, None] * np.eye(J.shape[1])
@@ -120,7 +121,7 @@ def _step(J: Array, gap: Array, damping: Array, lowest: Array, highest: Array) -
 
 
 def _unwound(arm: Arm, q: Array, preferred: Array) -> Array:
-    """Return the same configurations, whole turns taken off towards the preferred one where the limits let them."""
+    """Return the same configurations with whole turns subtracted towards the preferred one, if the limits allow it."""
     turns = 2 * np.pi * np.round((q - preferred) / (2 * np.pi))
     turns[:, [bool(joint.type.travel) for joint in arm.joints]] = 0.0
     low, high = arm.position_limits.T
@@ -129,7 +130,7 @@ def _unwound(arm: Arm, q: Array, preferred: Array) -> Array:
 
 
 def _distinct(q: Array) -> Array:
-    """Return the configurations without those that an earlier one is nearly the same as."""
+    """Return the configurations without those that are nearly equal to an earlier one."""
     kept: list[Array] = []
     for one in q:
         if all(np.abs(one - other).max() > SAME for other in kept):

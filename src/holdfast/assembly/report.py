@@ -1,4 +1,4 @@
-"""What is to be known about an assembly: reach, joint limits, closure, mobility, and what nobody checked."""
+"""The report on an assembly: reach, joint limits, closure, mobility, and what was not checked."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ AT_LIMIT = 1e-9  # rad or m
 
 @dataclass(frozen=True)
 class ArmReport(Frozen):
-    """How one arm stands.
+    """The report on one arm.
 
     Attributes:
-        name: of the arm.
+        name: name of the arm.
         holds: whether it has a grasp.
-        reach: from its first joint to its contact [m]; nan without a grasp.
-        longest: no configuration reaches farther [m].
-        joint: the joint nearest to a limit; "" if none has limits.
-        margin: how far that joint is from it [rad or m]; infinite if none has limits.
-        unit: "rad" or "m", of the margin; empty if none has limits.
+        reach: distance from its first joint to its contact [m]; NaN without a grasp.
+        longest: longest possible reach [m].
+        joint: the joint nearest to a limit; "" if no joint has limits.
+        margin: distance of that joint from its limit [rad or m]; infinite if no joint has limits.
+        unit: unit of the margin, "rad" or "m"; "" if no joint has limits.
         residual: largest position gap at its grasp [m or rad].
-        tip_angle: between the tip's z axis and the way from the last joint to the tip [rad]; nan if unknown.
-        tip_note: what to do if that z axis should point out of the hand and does not; else empty.
+        tip_angle: angle between the tip's z axis and the direction out of the hand [rad]; NaN if unknown.
+        tip_note: advice if that z axis does not point out of the hand; otherwise "".
         jointed: whether it has joints; an anchor has none, and no reach.
     """
 
@@ -50,7 +50,7 @@ class ArmReport(Frozen):
 
     @property
     def reach_used(self) -> float:
-        """Part of the longest reach that is used, 0 to 1; 1 of an anchor."""
+        """Reach relative to the longest reach, 0 to 1; 1 for an anchor."""
         return self.reach / self.longest if self.jointed else 1.0
 
     def __str__(self) -> str:
@@ -74,12 +74,12 @@ class ArmReport(Frozen):
 
 @dataclass(frozen=True)
 class TrunkReport(Frozen):
-    """How a trunk stands.
+    """The report on a trunk.
 
     Attributes:
-        joint: the joint nearest to a limit; "" if none has limits.
-        margin: how far that joint is from it [rad or m]; infinite if none has limits.
-        unit: "rad" or "m", of the margin.
+        joint: the joint nearest to a limit; "" if no joint has limits.
+        margin: distance of that joint from its limit [rad or m]; infinite if no joint has limits.
+        unit: unit of the margin, "rad" or "m".
         floats: whether its base is free.
     """
 
@@ -98,16 +98,16 @@ class TrunkReport(Frozen):
 
 @dataclass(frozen=True)
 class AssemblyReport(Frozen):
-    """How a closed chain stands.
+    """The report on a closed chain.
 
     Attributes:
-        arms: arm by arm.
-        mobility: dimension of the velocities that the grasps allow, n + 6 - rank of K [J, -A]; six more of a base that
-            floats.
-        rank: independent rows of the grasp constraint.
-        rows: all its rows, six a grasp.
-        trunk: what they stand on; None without one.
-        not_checked: what may still be wrong.
+        arms: the reports on all arms.
+        mobility: dimension of the space of velocities that the grasps allow, n + 6 - rank of K [J, -A]; a floating base
+            adds six.
+        rank: number of independent rows of the grasp constraint.
+        rows: number of all its rows, six per grasp.
+        trunk: the report on the trunk; None without one.
+        not_checked: what was not checked.
     """
 
     arms: tuple[ArmReport, ...]
@@ -133,14 +133,14 @@ class AssemblyReport(Frozen):
 
 @np.errstate(all="ignore")  # a reach beyond all numbers is infinite
 def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
-    """Return how the arms of a closed chain stand: reach used, nearest joint limit, closure, mobility.
+    """Return the report on a closed chain: reach, nearest joint limits, closure and mobility.
 
     Args:
         chain: the chain.
-        state: a closed state; `residual` tells if it is not.
+        state: a closed state; if it is not closed, `residual` shows it.
 
     Raises:
-        StateError: a state of another chain.
+        StateError: the state belongs to another chain.
     """
     gaps = {name: float(np.abs(gap.position).max(initial=0.0)) for name, gap in closure(chain, state).items()}
     rank, (alone, there) = constraint_rank(chain, state), on_own_bases(chain, state)

@@ -1,4 +1,4 @@
-"""Where bushings are slack: what arms that hold by them are brought to."""
+"""Unstretched bushings, the condition for closing arms whose grasps are bushings."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from holdfast.model.grasp import Grasp
 
 
 def with_slack_bushings(chain: ClosedChain, names: Iterable[str] | None = None) -> ClosedChain:
-    """Return the chain with rigid grasps in the place of bushings: where these are closed, bushings are slack.
+    """Return the chain with bushings replaced by rigid grasps; in its closed states, the bushings are unstretched.
 
     Args:
         chain: the chain.
-        names: of the arms; None: all that hold by a bushing.
+        names: names of the arms; None for all arms with bushings.
     """
     which = set(chain.bushings if names is None else names) & set(chain.bushings)
     if not which:

@@ -1,4 +1,4 @@
-"""Where a search begins: the configurations that arms prefer, others farther away, and guesses of the object's pose."""
+"""Starting points of searches: preferred configurations of arms, others around them, and object poses."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 FARTHEST_PREFERRED = 1e5  # rad or m: as far as machine code takes angles
-WIDEST = np.pi  # rad, or m: how far from 0 an unlimited joint is searched
+WIDEST = np.pi  # rad or m: range of the search on either side of 0 for a joint without limits
 
 
 def preferred_configurations(chain: ClosedChain, given: Mapping[str, Any] | None) -> dict[str, Array]:
     """Return the preferred joint positions of every arm, by name.
 
-    Given ones first; else a built-in robot's home configuration; else the middle of the joint
-    limits (0 where there are none).
+    These are the given ones, or the home configuration of a built-in robot, or the middle of the joint limits (0
+    without limits).
 
     Raises:
-        ModelError: a configuration of an arm that is not there.
-        StateError: a configuration of the wrong length.
+        ModelError: a configuration is given for an unknown arm.
+        StateError: a configuration has a wrong length.
     """
     given = {} if given is None else given
     if not isinstance(given, Mapping):
@@ -45,7 +45,7 @@ def preferred_configurations(chain: ClosedChain, given: Mapping[str, Any] | None
 
 
 def starting_configurations(arm: Arm, preferred: Array, count: int) -> Iterator[Array]:
-    """Yield joint positions to search from: the preferred ones, then seeded ones farther and farther away."""
+    """Yield joint positions to search from: the preferred ones, then seeded random ones at increasing distances."""
     low, high = _range(arm)
     yield np.clip(preferred, *arm.position_limits.T)
     random = np.random.default_rng(arm.joint_count)
@@ -54,7 +54,7 @@ def starting_configurations(arm: Arm, preferred: Array, count: int) -> Iterator[
 
 
 def preferred_configuration(arm: Arm) -> Array:
-    """Return a built-in robot's home configuration, or the middle of the joint limits (0 where none exist), (N,)."""
+    """Return the home configuration of a built-in robot, or the middle of the joint limits (0 without limits), (N,)."""
     home = home_of(arm)
     return np.mean(_range(arm), axis=0) if home is None else home
 
@@ -66,17 +66,17 @@ def _range(arm: Arm) -> tuple[Array, Array]:
     return bounded_low, np.where(np.isfinite(high), high, bounded_low + 2 * WIDEST)
 
 
-FREE_ATTITUDE = 1e-3  # weight of attitudes that a grasp leaves free: decides only what nothing else does
+FREE_ATTITUDE = 1e-3  # weight of attitudes that a grasp leaves free, small enough not to affect others
 QUARTER_TURNS = 4
 
 
 def object_guesses(chain: ClosedChain, preferred: Mapping[str, Array]) -> list[Pose]:
-    """Return poses of the object to close the chains from, the likeliest first.
+    """Return guesses of the object's pose, the most promising first.
 
-    * The best fit: contact frames on the hands, points and attitudes together.
-    * Upright, turned about the vertical by quarters of a turn, its contacts' centroid at the
-      hands' centroid, and in the middle of what the arms reach.
-    * Where each hand whose grasp fixes an attitude would hold it.
+    * The best fit of the contact frames to the hands, for positions and attitudes together.
+    * Upright poses, rotated about the vertical by quarter turns, with the centroid of the contacts at the centroid of
+      the hands, and in the middle of the arms' reach.
+    * The pose at which each hand whose grasp fixes an attitude would hold the object.
     """
     hands = {name: forward_kinematics(chain.arms[name], preferred[name]).tip for name in chain.grasps}
     contacts = {name: grasp.frame for name, grasp in chain.grasps.items()}
@@ -91,14 +91,14 @@ def object_guesses(chain: ClosedChain, preferred: Mapping[str, Array]) -> list[P
 
 
 def _best_fit(chain: ClosedChain, hands: Mapping[str, Pose]) -> Pose:
-    """Return the pose that brings contacts to hands: max tr(R^T B), B summed over points and attitudes."""
+    """Return the pose that fits the contacts to the hands: max tr(R^T B), with B summed over points and attitudes."""
     points = np.array([grasp.frame.p for grasp in chain.grasps.values()])
     targets = np.array([hands[name].p for name in chain.grasps])
     middle, centroid = points.mean(axis=0), targets.mean(axis=0)
     size = max(float(np.abs(points - middle).max()), 1e-3)
     B = (targets - centroid).T @ (points - middle) / size**2
     for name, grasp in chain.grasps.items():
-        closed = grasp.of_kind.closed_angles  # an axis agrees where no angle about the other two is free
+        closed = grasp.of_kind.closed_angles  # an axis must agree if the angles about the other two are fixed
         weights = [1.0 if {0, 1, 2} - {axis} <= set(closed) else FREE_ATTITUDE for axis in range(3)]
         B += hands[name].R @ np.diag(weights) @ grasp.frame.R.T
     U, _, Vt = np.linalg.svd(B)
@@ -107,9 +107,9 @@ def _best_fit(chain: ClosedChain, hands: Mapping[str, Pose]) -> Pose:
 
 
 def _middle_of_reach(chain: ClosedChain) -> Array:
-    """Return the point between the arms' shoulders, lifted by a third of the shortest reach along their mean z.
+    """Return the centre of the arms' first joints, lifted by a third of the shortest reach along their mean z axis.
 
-    Anchors, which reach nothing, count only where no arm with joints holds.
+    Anchors, which have no reach, are used only if no arm with joints has a grasp.
     """
     every = [chain.arms[name] for name in chain.grasps]
     held = [arm for arm in every if arm.joints] or every

@@ -1,7 +1,7 @@
 """The command line: `holdfast solve | diagnose | simulate | view | plot | export | export-c | bench | ...`.
 
-Exit codes: 0; 2 bad input; 3 physics refused, or nothing was solved; 70 a fault of this program; 71 not enough
-memory; 74 stdout cannot be written; 130 interrupted; 141 the reader of stdout has gone.
+Exit codes: 0 success; 2 bad input; 3 the physics does not permit the result, or nothing was solved; 70 a fault of this
+program; 71 not enough memory; 74 stdout cannot be written; 130 interrupted; 141 stdout is a closed pipe.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ BAD_INPUT, REFUSED, FAULT, NO_MEMORY, INTERRUPTED = 2, 3, 70, 71, 130
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code.
 
-    Every `HoldfastError` becomes one line on stderr. So does any other exception, which is a
-    fault of this program: the line names its place. With HOLDFAST_TRACEBACK=1 in the
-    environment its traceback is printed too.
+    Every `HoldfastError` is printed as one line on stderr. So is any other exception, which is a fault of this program;
+    the line then names the place in the code. With HOLDFAST_TRACEBACK=1 in the environment, the traceback is printed
+    too.
 
     Args:
-        argv: arguments after the program's name; default: those of the process.
+        argv: arguments after the program's name; by default those of the process.
     """
     if not open_streams():
         complain("stdout: is closed; try >/dev/null")
@@ -66,7 +66,7 @@ def complain(problem: str) -> None:
 
 
 def _report(fault: Exception) -> int:
-    """Name the place of an exception that is none of ours: the last net, since every refusal should be."""
+    """Report an exception other than a `HoldfastError`, with its place in the code."""
     if os.environ.get("HOLDFAST_TRACEBACK"):
         say(traceback.format_exc())
     root = Path(__file__).parent.parent

@@ -1,4 +1,4 @@
-"""`holdfast bench`: closed-chain forward dynamics against other libraries."""
+"""`holdfast bench`: the speed of closed-chain forward dynamics, compared with other libraries."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from holdfast.bench import tables
 from holdfast.bench.run import FULL, QUICK, Report, run
 from holdfast.cli.console import stdout
 
-ABREAST = 7  # systems side by side
+ABREAST = 7  # systems in a batch
 ONLY_ON_THE_PAGE = (tables.settings, tables.growth)
 
 
 def bench(as_json: bool, quick: bool) -> int:
-    """Measure, and print tables or the one JSON document."""
+    """Measure, and print tables or one JSON document."""
     with _progress() as report:
         document = run(QUICK if quick else FULL, report)
     if as_json:
@@ -51,7 +51,7 @@ def _print(console: Console, table: tables.Table) -> None:
 
 @contextmanager
 def _progress() -> Iterator[Report]:
-    """Show on stderr what is being measured, if someone looks."""
+    """Show on stderr what is being measured, if stderr is a terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
         task = progress.add_task("starting", total=1.0)

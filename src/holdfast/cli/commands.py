@@ -1,4 +1,4 @@
-"""What the command line accepts; each command's work is in the file of its name."""
+"""The commands and options of the command line; each command is implemented in the file of its name."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def solve(
         file: problem cases, JSON; - for stdin.
         case: solve only this one.
         method: an algorithm (`holdfast methods` lists them), or `all`.
-        format: table to read, or json to process.
+        format: a table, or one JSON document.
         json: the same as --format json.
     """
     from holdfast.cli import solve as command
@@ -63,12 +63,12 @@ def diagnose(
     changes: Changes = (),
     trust_xacro: Switch = False,
 ) -> int:
-    """Report mobility, rank, lost directions and indeterminate forces of a scene as it begins, or of problem cases.
+    """Report mobility, rank, lost directions and indeterminate forces of a scene's initial state, or of problem cases.
 
     Args:
         file: a scene (.toml), or problem cases (JSON); - for stdin.
         case: diagnose only this one.
-        format: words to read (table), or json to process.
+        format: a report as text (table), or one JSON document.
         json: the same as --format json.
         changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
@@ -96,10 +96,10 @@ def simulate(
         scene: the scene, TOML; - for stdin.
         out: the result folder to write.
         overwrite: replace an existing result folder.
-        resume: go on with a run that was interrupted or killed, to the same bits.
+        resume: continue a run that was interrupted or killed; the result is identical to the bit.
         plots: draw the plots too (needs matplotlib); `holdfast plot` draws them later.
-        sample_time: ask the controller once every so many seconds and hold its torques; the scene's without it.
-        delay: seconds from a sample to when its torques act; the scene's without it.
+        sample_time: sample time of the controller, whose torques are held in between; by default the scene's.
+        delay: delay from a sample until its torques act; by default the scene's.
         changes: set a key of the scene, such as simulation.step=0.001 or arms.left.q="[0, 0.5]"; may be repeated.
         json: print one JSON document instead of the summary table.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
@@ -119,14 +119,14 @@ def sweep(
     json: Switch = False,
     trust_xacro: Switch = False,
 ) -> int:
-    """Run the sweep that a scene describes, or go on with it: many runs, kept in a folder.
+    """Run or continue the sweep that a scene describes: many runs, whose results are written to a folder.
 
     Args:
         target: a scene with a [sweep] table, - for stdin; or the folder of a sweep.
-        out: the folder of the scene's sweep; what it has already is not computed again.
-        workers: how many processes of this computer.
-        cluster: of Dask: the address of its scheduler, tcp://...; or local, of so many workers here.
-        run: write this run alone as a result folder in that of the sweep, to be viewed and plotted.
+        out: the folder of the scene's sweep; runs that it already contains are not repeated.
+        workers: number of processes on this computer.
+        cluster: address of a Dask scheduler, tcp://...; or local for a Dask cluster of these workers.
+        run: repeat only this run, and write it as a result folder inside the sweep's, for view and plot.
         changes: set a key of the scene, such as sweep.count=1000; may be repeated.
         json: print one JSON document instead of tables.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
@@ -149,10 +149,10 @@ def export(
     Args:
         results: the result folders.
         format: csv; parquet (pip install 'holdfast[parquet]'); mcap, ROS 2 messages (pip install 'holdfast[ros]').
-        out: the file to write, - for stdout; without it `trajectory` and the format in the result folder.
+        out: the file to write, - for stdout; by default trajectory.csv, .parquet or .mcap in the result folder.
         overwrite: replace existing files.
         json: print one JSON document instead of lines.
-        trust_xacro: as for `plot`; only MCAP files need the robot.
+        trust_xacro: as for `plot`; only MCAP files need the robots.
     """
     from holdfast.cli import results as command
 
@@ -178,15 +178,15 @@ def export_c(
 
     Args:
         scene: the scene, TOML; - for stdin.
-        out: the folder to write; code/<scene> without it.
-        name: prefix of all names in C; the scene's without it.
+        out: the folder to write; by default code/<scene>.
+        name: prefix of all names in C; by default the scene's name.
         function: one of forward_dynamics, inverse_dynamics, project, step, control (the scene's controller),
             forward_dynamics_jacobian and others, which the documentation lists; may be repeated.
-        target: the processor, under Linux.
+        target: the processor of the Linux system for which object files are compiled.
         source: write C11 instead of an object file.
-        scheme: of a step; imex for joints with stiff springs or dampers.
-        of: a result of derivatives, qdd without it; may be repeated.
-        by: an argument of derivatives, q, qd and tau without it; may be repeated.
+        scheme: integration scheme of a step; imex for joints with stiff springs or dampers.
+        of: a result to differentiate, by default qdd; may be repeated.
+        by: an argument by which to differentiate, by default q, qd and tau; may be repeated.
         overwrite: replace an earlier export.
         changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
         json: print one JSON document instead of a table.
@@ -201,7 +201,7 @@ def export_c(
 
 
 def summary(results: ResultFolders = (), json: Switch = False, trust_xacro: Switch = False) -> int:
-    """Print the summaries of runs: closure, energy, momentum, peak wrenches, margins, what happened.
+    """Print the summaries of runs: closure, energy, momentum, peak wrenches, margins, events.
 
     Args:
         results: the result folders.
@@ -220,7 +220,7 @@ def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, 
         results: the result folder; of several, the runs are drawn over each other.
         out: the folder for the figures; without it the result folder, or results/comparison for several.
         json: print one JSON document instead of lines.
-        trust_xacro: for a result of holdfast 0.1, which kept no robots: expand its xacro files where they are now.
+        trust_xacro: expand the xacro files of a result of holdfast 0.1, which does not contain its robots.
     """
     from holdfast.cli import results as command
 
@@ -237,13 +237,13 @@ def view(
     json: Switch = False,
     trust_xacro: Switch = False,
 ) -> int:
-    """Show a run, or a scene as it begins, in the browser; Ctrl-C ends it.
+    """Show a run, or the initial state of a scene, in the browser; Ctrl-C ends it.
 
     Args:
         targets: a result folder, or a scene file, - for a scene on stdin; of several, one is chosen in the page.
-        export: write one HTML file that opens from disk, instead; - for stdout.
-        port: to serve at, on this machine only; 0 for any that is free.
-        rate: moments a second of the run that are shown.
+        export: write one HTML file that can be opened from disk instead; - for stdout.
+        port: the port of the viewer, on this machine only; 0 for any free port.
+        rate: number of frames shown per second of the run.
         overwrite: replace an existing HTML file.
         changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
         json: print one JSON document instead of lines.
@@ -255,11 +255,11 @@ def view(
 
 
 def bench(json: Switch = False, quick: Switch = False) -> int:
-    """Compare the speed of forward dynamics with other libraries, at equal answers.
+    """Compare the speed of forward dynamics with other libraries, which must give the same results.
 
     Args:
         json: print one JSON document instead of tables.
-        quick: a few small sizes, half a minute; the whole takes several minutes.
+        quick: measure only a few small sizes, in half a minute instead of several minutes.
     """
     from holdfast.cli import bench as command
 
@@ -267,7 +267,7 @@ def bench(json: Switch = False, quick: Switch = False) -> int:
 
 
 def methods(json: Switch = False) -> int:
-    """List the forward dynamics algorithms: equation, cost, where they apply.
+    """List the forward dynamics algorithms, with their equation, cost and applicability.
 
     Args:
         json: print one JSON document instead of a table.
@@ -308,10 +308,10 @@ COMMANDS: dict[str, Callable[..., int]] = {
 
 
 def run(arguments: list[str]) -> int:
-    """Parse the arguments, run the command, return its exit code.
+    """Parse the arguments, run the command, and return its exit code.
 
     Raises:
-        HoldfastError: what the command refuses.
+        HoldfastError: the command or its input is invalid.
     """
     if arguments == ["--version"]:
         import holdfast
@@ -333,10 +333,10 @@ _REPEATABLE = ("--set", "--function", "--of", "--by")
 
 
 def _refuse_repeated(arguments: list[str]) -> None:
-    """Refuse an option that is given twice, also as `--plots` and `--no-plots`: only one of them could be obeyed.
+    """Refuse an option that is given twice, including contradictory ones such as `--plots` and `--no-plots`.
 
     Raises:
-        SceneError: naming the option and what it is given.
+        SceneError: an option is repeated; the message names it and its values.
     """
     given: dict[str, list[str]] = {}
     for k, argument in enumerate(arguments):
@@ -354,7 +354,7 @@ def _refuse_repeated(arguments: list[str]) -> None:
 
 
 def _parsed(arguments: list[str]) -> Callable[[], int] | int:
-    """Return the call that the arguments ask for, or an exit code if there is nothing to call."""
+    """Return the call for the arguments, or an exit code if there is nothing to call."""
     boxed = io.StringIO()
     try:
         with contextlib.redirect_stderr(boxed):
@@ -372,7 +372,7 @@ def _parsed(arguments: list[str]) -> Callable[[], int] | int:
 
 
 def _unboxed(message: str) -> str:
-    """Return tyro's message without its title (the first line), its frame and its rules."""
+    """Return tyro's message without its title (the first line), its frame and its horizontal lines."""
     _, _, text = message.strip().partition("\n")
     return re.sub(r"[─│╭╮╰╯]+|-{4,}", " ", text or message)
 

@@ -1,4 +1,4 @@
-"""`holdfast diagnose`: what the configuration of a scene, or those of problem cases, allow."""
+"""`holdfast diagnose`: mobility and constraint rank of a scene's initial state or of problem cases."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from holdfast.dynamics.diagnose import diagnose as diagnosis_of
 from holdfast.errors import SceneError, StateError
 from holdfast.io.case_file import Case
 
-BEGINS_JSON = re.compile(rb"\s*(\{|\[\s*[{\]])")  # a TOML file begins with neither: `[` opens a table's name there
+BEGINS_JSON = re.compile(rb"\s*(\{|\[\s*[{\]])")  # TOML begins with neither, as `[` is followed by a table's name
 
 
 def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool, changes: Sequence[str] = ()) -> int:
-    """Print the diagnosis of a scene's initial state, or of one or all cases; a singular one is a finding.
+    """Print the diagnosis of a scene's initial state, or of one or all cases; singular states are diagnosed too.
 
     Args:
         file: a scene (.toml), or problem cases; `-` for either on stdin.
         case: the name of the only case to diagnose.
         format: "table" or "json".
         trust_xacro: expand xacro files that the scene names.
-        changes: `key=value` each, of the scene.
+        changes: changes `key=value` of the scene.
 
     Returns:
         0 if anything was diagnosed, else 3.
 
     Raises:
-        SceneError: a bad file or an unknown case.
+        SceneError: the file is invalid, or the case is unknown.
         ClosureError: an arm of the scene cannot reach its grasp.
     """
     found: list[tuple[str, Diagnosis | str]]
@@ -64,7 +64,7 @@ def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool, chang
 
 
 def _diagnosis(case: Case) -> Diagnosis | str:
-    """Return the diagnosis, or why the state is none of this chain."""
+    """Return the diagnosis, or why the state is inconsistent with the chain."""
     with np.errstate(all="ignore"):
         try:
             motion = chain_motion(case.chain, case.state, case.tau, case.inputs.shaped(case.chain))

@@ -1,4 +1,4 @@
-"""`holdfast doctor`: what this installation and this machine have."""
+"""`holdfast doctor`: versions, processor features and optional packages of this installation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FEATURES = {"avx2": "avx2", "avx512": "avx512f", "fma": "fma", "neon": "asimd"}
 
 
 def doctor(as_json: bool) -> int:
-    """Print versions, processor and optional packages: a table, or a JSON document of the same lines."""
+    """Print versions, processor and optional packages as a table, or as a JSON document with the same entries."""
     lines = dict(_lines())
     if as_json:
         print_document(lines)
@@ -47,7 +47,7 @@ def _lines() -> Iterator[tuple[str, str]]:
 
 
 def _machine_code() -> str:
-    """Return which processor `holdfast.compile` makes code for, and how it uses it."""
+    """Return the processor for which `holdfast.compile` makes code, and how it uses the processor."""
     from holdfast.compiler.errors import CompileError
     from holdfast.compiler.targets import cpu
 
@@ -63,7 +63,7 @@ def _machine_code() -> str:
 
 
 def _cache() -> str:
-    """Return where machine code is kept, and how much there is."""
+    """Return the folder and the size of the cache of machine code."""
     from holdfast.compiler import cache
 
     place = cache.folder()

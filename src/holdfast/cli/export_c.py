@@ -1,4 +1,4 @@
-"""`holdfast export-c`: a scene in; a folder with code for the robot out."""
+"""`holdfast export-c`: write the dynamics and the controller of a scene as C or object files."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ def export_code(
     Args:
         scene: the scene file; `-` for stdin.
         out: the folder; `code/<scene's name>` if None.
-        name: prefix of all names in C; made of the scene's if None.
-        functions: which; without any, those of `BY_DEFAULT` that this chain and its controller have.
+        name: prefix of all names in C; made from the scene's name if None.
+        functions: functions to export; if empty, those of `BY_DEFAULT` that this chain and its controller support.
         target: the processor.
-        source: C11 rather than an object file.
-        scheme: of a step.
-        of: results of derivatives.
-        by: arguments of derivatives.
+        source: whether to write C11 instead of an object file.
+        scheme: integration scheme of a step.
+        of: results to differentiate.
+        by: arguments by which to differentiate.
         overwrite: replace an earlier export there.
-        changes: `key=value` each, of the scene's keys.
+        changes: changes `key=value` of the scene.
         as_json: print one JSON document on stdout instead of a table.
         trust_xacro: expand xacro files that the scene names.
 
@@ -55,7 +55,7 @@ def export_code(
         0.
 
     Raises:
-        HoldfastError: bad input, or a function that this chain or controller has not.
+        HoldfastError: the input is invalid, or this chain or controller does not support a function.
     """
     refuse_standard(out, "--out")
     folder = Path("code") / scene_name(scene) if out is None else out
@@ -83,7 +83,7 @@ def export_code(
 
 
 def _those_there_are(scenario: Scenario, compiled: CompiledChain, scheme: str) -> list[str]:
-    """Return the functions of `BY_DEFAULT` that can be exported; say on stderr why others cannot."""
+    """Return the functions of `BY_DEFAULT` that can be exported; print on stderr why others cannot."""
     found = []
     for one in BY_DEFAULT:
         try:
@@ -99,7 +99,7 @@ def _those_there_are(scenario: Scenario, compiled: CompiledChain, scheme: str) -
 
 
 def _prefix(name: str) -> str:
-    """Return the name of a scene's file as a prefix in C."""
+    """Return a prefix for names in C, made from the name of a scene."""
     plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in name.lower())[:40]
     return plain if plain[:1].isalpha() else f"scene_{plain}"[:40]
 

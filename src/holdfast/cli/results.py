@@ -1,4 +1,4 @@
-"""The scenes and result folders that commands read; `holdfast plot` and `holdfast export`."""
+"""Reading scenes and result folders for commands; `holdfast plot`, `holdfast export` and `holdfast summary`."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ COMPARISON = Path("results") / "comparison"  # of figures of several runs, where
 
 
 def opened_scene(path: Path, trust_xacro: bool, changes: Sequence[str] = (), given: bytes | None = None) -> Scenario:
-    """Return a scene's scenario; say on stderr what its robot files state that was read in another way, or not at all.
+    """Return a scene's scenario; print on stderr what in its robot files was changed or ignored.
 
     Args:
-        path: the file; `-` for stdin, from which names of robot files start where the program was called.
+        path: the file; `-` for stdin, for which robot files are relative to the current folder.
         trust_xacro: expand xacro files that the scene names.
-        changes: `key=value` each, of the scene's keys.
-        given: what stdin had, if it was read already.
+        changes: changes `key=value` of the scene.
+        given: content of stdin, if it was read already.
 
     Raises:
         SceneError, ClosureError: as for `load_scene`.
@@ -62,12 +62,12 @@ def opened_scene(path: Path, trust_xacro: bool, changes: Sequence[str] = (), giv
 
 
 def scene_name(path: Path) -> str:
-    """Return what a scene without a name is called."""
+    """Return the name of a scene that has none of its own."""
     return "stdin" if is_standard(path) else path.stem
 
 
 def recorded(folder: Path, trust_xacro: bool = False) -> tuple[Setting, Result]:
-    """Return setting and result of a folder; say on stderr what is missing of an incomplete run.
+    """Return setting and result of a folder; print on stderr what is missing if the run is incomplete.
 
     Raises:
         ResultError, SceneError, ClosureError: as for `setting_of`.
@@ -80,10 +80,10 @@ def recorded(folder: Path, trust_xacro: bool = False) -> tuple[Setting, Result]:
 
 
 def setting_of(result: Result, trust_xacro: bool = False) -> Setting:
-    """Return what a run is a run of: from the model that its folder keeps, if it was made in Python, or its scene.
+    """Return the chain of a run, from the model in its folder if the run was made in Python, else from its scene.
 
     Raises:
-        ResultError: a model that cannot be read, or as for `scenario_of`.
+        ResultError: the model cannot be read, or as for `scenario_of`.
         SceneError, ClosureError: as for `scenario_of`.
     """
     if result.keeps_model:
@@ -93,17 +93,17 @@ def setting_of(result: Result, trust_xacro: bool = False) -> Setting:
 
 
 def scenario_of(result: Result, trust_xacro: bool = False) -> Scenario:
-    """Return a result's scenario, of the robots that it keeps; say on stderr if it has another model now.
+    """Return a result's scenario with the robots stored in its folder; print on stderr if the model has changed.
 
-    Robots of a folder that holdfast 0.1 wrote are read where they were then.
+    Folders written by holdfast 0.1 contain no robots, which are then loaded from their original files.
 
     Args:
         result: the run.
-        trust_xacro: expand xacro files of a folder that keeps no robots.
+        trust_xacro: expand xacro files of a folder that contains no robots.
 
     Raises:
-        ResultError: scene.toml is of another chain, or a robot is not the one that was simulated.
-        SceneError, ClosureError: it, or a robot file that it names, cannot be read any more.
+        ResultError: scene.toml describes another chain, or a robot is not the one that was simulated.
+        SceneError, ClosureError: scene.toml, or a robot file that it names, can no longer be read.
     """
     scene, meta = result.folder / "scene.toml", result.meta
     robots = kept_robots(result.folder, meta.robots)
@@ -119,10 +119,10 @@ def scenario_of(result: Result, trust_xacro: bool = False) -> Scenario:
 
 
 def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[ClosedChain, Result]:
-    """Return the chain of a run and the run; where no robot is to be had, a chain of its names alone.
+    """Return the chain of a run and the run; if its robots are not available, the chain has only their names.
 
     Raises:
-        ResultError: no result, or its scene.toml is of another chain.
+        ResultError: there is no result, or its scene.toml describes another chain.
     """
     result = load_result(folder)
     try:
@@ -138,14 +138,14 @@ def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[ClosedCh
 
 
 def _named(meta: ResultMeta) -> ClosedChain:
-    """Return a chain with the arms, joints and grasps of a run by name and kind: all that figures need of it.
+    """Return a chain with the names and kinds of the arms, joints and grasps of a run, which suffices for figures.
 
     Raises:
         ResultError: meta.json contradicts itself.
     """
     arms = {}
     for name in meta.arms:
-        kinds: list[tuple[str, Any]] = [  # a kind that is none is refused by Joint
+        kinds: list[tuple[str, Any]] = [  # Joint refuses unknown kinds
             (joint.removeprefix(f"{name}/"), kind)
             for joint, kind in zip(meta.joints, meta.joint_kinds, strict=False)
             if joint.startswith(f"{name}/")
@@ -171,19 +171,19 @@ def _named(meta: ResultMeta) -> ClosedChain:
 
 
 def plot(folders: Sequence[Path], out: Path | None, trust_xacro: bool, as_json: bool = False) -> int:
-    """Draw every figure of a run, or figures that compare several; say on stderr what is missing of incomplete runs.
+    """Draw every figure of a run, or figures that compare several; print on stderr what incomplete runs lack.
 
     Args:
         folders: the result folders.
         out: folder for the figures; if None the result folder of one run, `results/comparison` of several.
-        trust_xacro: expand xacro files of a result that keeps no robots.
+        trust_xacro: expand xacro files of a result that contains no robots.
         as_json: print a JSON document instead of lines.
 
     Returns:
         0.
 
     Raises:
-        ResultError: no result, one folder twice, too many, or a folder that cannot be written.
+        ResultError: there is no result, a folder is named twice, there are too many, or a folder cannot be written.
         MissingExtra: matplotlib is not installed.
     """
     refuse_standard(out, "--out")
@@ -210,22 +210,22 @@ def plot(folders: Sequence[Path], out: Path | None, trust_xacro: bool, as_json: 
 def export(
     folders: Sequence[Path], format: str, out: Path | None, overwrite: bool, trust_xacro: bool, as_json: bool = False
 ) -> int:
-    """Write runs as tables; say on stderr what is missing of an incomplete run.
+    """Write runs as tables; print on stderr what is missing if a run is incomplete.
 
     Args:
         folders: the result folders.
         format: csv, parquet, or mcap (ROS 2 messages).
-        out: the file to write one run to, `-` for stdout; `trajectory.<format>` in the result folder if None.
+        out: the file for one run, `-` for stdout; `trajectory.<format>` in the result folder if None.
         overwrite: replace existing files.
-        trust_xacro: expand xacro files of a result that keeps no robots.
+        trust_xacro: expand xacro files of a result that contains no robots.
         as_json: print a JSON list instead of lines.
 
     Returns:
         0.
 
     Raises:
-        ResultError: no result, or a file in the way.
-        MissingExtra: Parquet without pyarrow, MCAP without mcap-ros2-support.
+        ResultError: there is no result, or a file exists already.
+        MissingExtra: the format is parquet without pyarrow, or mcap without mcap-ros2-support.
     """
     require_one_place(folders, out)
     if is_standard(out):
@@ -275,11 +275,11 @@ def _write_table(result: Result, format: str, path: Path, trust_xacro: bool) -> 
 
 
 def summary(folders: Sequence[Path], trust_xacro: bool, as_json: bool) -> int:
-    """Print the summaries of runs; say on stderr what is missing of an incomplete run.
+    """Print the summaries of runs; print on stderr what is missing if a run is incomplete.
 
     Args:
         folders: the result folders.
-        trust_xacro: expand xacro files of a result that keeps no robots.
+        trust_xacro: expand xacro files of a result that contains no robots.
         as_json: print a JSON list instead of tables.
 
     Returns:

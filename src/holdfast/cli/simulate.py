@@ -1,4 +1,4 @@
-"""`holdfast simulate`: a scene in; a result folder, a summary and two plots out."""
+"""`holdfast simulate`: simulate a scene, write a result folder with plots, and print a summary."""
 
 from __future__ import annotations
 
@@ -37,28 +37,28 @@ def simulate(
     changes: Sequence[str] = (),
     as_json: bool = False,
 ) -> int:
-    """Simulate a scene: progress on stderr, summary on stdout, everything in the result folder.
+    """Simulate a scene; print progress on stderr and a summary on stdout, and write everything to the result folder.
 
     Args:
         scene: the scene file; `-` for stdin.
         out: result folder; `results/<scene's name>` if None.
         overwrite: replace an earlier result there.
         with_plots: write the plots too.
-        resume: go on with an interrupted run of the same scene there.
+        resume: continue an interrupted run of the same scene there.
         trust_xacro: expand xacro files that the scene names.
-        sample_time: of the controller [s]; the scene's if None.
-        delay: from a sample to when its torques act [s]; the scene's if None.
-        changes: `key=value` each, of the scene's keys.
+        sample_time: sample time of the controller [s]; the scene's if None.
+        delay: delay from a sample until its torques act [s]; the scene's if None.
+        changes: changes `key=value` of the scene.
         as_json: print one JSON document on stdout instead of the summary table.
 
     Returns:
-        0; 3 if the run was stopped by physics; 130 if the user interrupted it. What was
-        simulated until then is kept in both cases.
+        0; 3 if the run was stopped by an event such as a slipping grasp; 130 if the user interrupted it. In both cases
+        the samples until then are written.
 
     Raises:
-        MissingExtra: there is no matplotlib to draw the plots with; nothing is simulated.
-        HoldfastError: bad input, an unreachable or singular start, or a result folder that
-            cannot be used; nothing is written.
+        MissingExtra: matplotlib is needed for the plots and not installed; nothing is simulated.
+        HoldfastError: the input is invalid, the initial state is unreachable or singular, or the result folder cannot
+            be used; nothing is written.
     """
     if resume and overwrite:
         raise ResultError("--resume continues a result, --overwrite replaces it; try one of them")
@@ -108,7 +108,7 @@ def simulate(
 
 
 def _run(scenario: Scenario, writer: ResultWriter) -> Trajectory | None:
-    """Return the run, None if the user interrupted it; samples go to the writer either way."""
+    """Return the run, or None if the user interrupted it; in both cases the writer has the samples."""
     whole, steps = scenario.duration, math.ceil(scenario.duration / scenario.step)
     with progress_bar(f"simulating {scenario.name}", f"{whole:g} s in {steps} steps", say) as show:
         try:
@@ -133,7 +133,7 @@ def _document(folder: Path, summary: Summary, stopped: str | None, files: list[s
 
 
 def _interrupted(scenario: Scenario, writer: ResultWriter, as_json: bool) -> int:
-    """Save what there is, say so, and return 130."""
+    """Write the samples so far, report this, and return 130."""
     writer.finish(None, stopped="interrupted")
     if not writer.samples:
         complain("interrupted before the first step; nothing was written")
@@ -152,7 +152,7 @@ def _interrupted(scenario: Scenario, writer: ResultWriter, as_json: bool) -> int
 
 
 def _require_plots() -> None:
-    """Refuse to begin a run whose plots cannot be drawn: a user who waits for them would wait in vain."""
+    """Check before a run that its plots can be drawn, so that this does not fail at the end."""
     try:
         matplotlib()
     except MissingExtra as missing:

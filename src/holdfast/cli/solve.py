@@ -1,4 +1,4 @@
-"""`holdfast solve`: answers to problem cases by one or all algorithms, as tables or in the layout of the case file."""
+"""`holdfast solve`: solve problem cases by one or all algorithms, and print tables or the layout of the case file."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ class Answer:
 
     Attributes:
         case: the problem.
-        method: the algorithm's name.
-        result: what forward dynamics returned; None if refused.
+        method: name of the algorithm.
+        result: result of forward dynamics; None if refused.
         reason: `not_applicable: ...`, `singular: ...` or `inconsistent: ...`; None if solved.
-        error: largest relative difference to the expected answer; None without one.
+        error: largest relative difference from the expected results; None if the case has none.
     """
 
     case: Case
@@ -49,7 +49,7 @@ class Answer:
     error: float | None = None
 
     def as_json(self) -> dict[str, object]:
-        """Return the answer as plain data; per arm, base to tip; numbers are null if refused."""
+        """Return the answer as plain data, by arm and from base to tip; numbers are null if refused."""
         r, names = self.result, self.case.chain.names
         return {
             "name": self.case.name,
@@ -70,7 +70,7 @@ class Answer:
 
 
 def _of_trunk(r: ForwardResult) -> dict[str, list[float]] | None:
-    """Return the trunk's part of a result, None without one."""
+    """Return the trunk's part of a result, or None without a trunk."""
     if r.trunk_base_wrench is None:
         return None
     qdd = r.qdd[r.chain.joints[TRUNK]].tolist()
@@ -92,7 +92,7 @@ def answers(case: Case, methods: list[str]) -> list[Answer]:
         found: list[Answer] = []
         for method in methods:
             ranks = [answer.result.rank for answer in found if answer.result is not None]
-            # a rank once accepted is the generic one; looking for it again would take most of the time
+            # an accepted rank is the generic one, and finding it again would take most of the time
             found.append(_answer(case, motion, method, ranks[0] if ranks else None))
         return found
 
@@ -117,10 +117,10 @@ def _answer(case: Case, motion: ChainMotion, method: str, generic_rank: int | No
 
 
 def error_vs_expected(result: ForwardResult, expected: ExpectedData, motion: ChainMotion) -> float:
-    """Return the largest of max|x - e| / max(1, max|e|) over qdd, f, alpha(C), W_dot and the wrenches of the bases.
+    """Return the largest of max|x - e| / max(1, max|e|) over qdd, f, alpha(C), W_dot and the base wrenches.
 
-    Trunk and all arms of a quantity together. Where f is not unique, sum_i phi(C, O_i) f_i takes its place, and the
-    wrenches of the bases have none.
+    Each quantity is taken over the trunk and all arms together. If f is not unique, it is replaced by
+    sum_i phi(C, O_i) f_i, and the base wrenches are left out.
     """
     wanted_f, unique, trunk = np.array(expected.f), result.status is Status.OK, expected.trunk
     f = (result.grasp_wrench, wanted_f)
@@ -179,13 +179,13 @@ def named_cases(text: bytes, source: str, name: str | None) -> list[Case]:
 
 
 def print_json(items: Sequence[dict[str, object]]) -> None:
-    """Print a JSON list on stdout, one item a line; NaN or infinity in it is a fault of ours."""
+    """Print a JSON list on stdout, one item per line; it must not contain NaN or infinity."""
     lines = [json.dumps(item, allow_nan=False) for item in items]
     print("[" + ",\n ".join(lines) + "]")
 
 
 def print_answers(answers: list[Answer]) -> None:
-    """Print a line per answer, why some were refused, and the numbers of a single one."""
+    """Print a line per answer, the reasons of refusals, and the numbers if there is a single answer."""
     console = stdout()
     table = Table("case", "method", "status", "rank", "mobility", "error")
     for answer in answers:
@@ -252,7 +252,7 @@ def solve(file: Path, case: str | None, method: str, format: str) -> int:
         0 if anything was solved, else 3.
 
     Raises:
-        SceneError: a bad file, an unknown case or method.
+        SceneError: the file is invalid, or the case or the method is unknown.
     """
     methods = _chosen_methods(method)
     found: list[Answer] = []

@@ -1,4 +1,4 @@
-"""`-` in the place of a file's name: stdin, stdout."""
+"""Reading stdin and writing stdout where `-` is given as a file name."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ STANDARD = "-"
 
 
 def is_standard(path: Path | None) -> bool:
-    """Return whether a file's name stands for stdin or stdout: `-`."""
+    """Return whether a path is `-`, which stands for stdin or stdout."""
     return path is not None and str(path) == STANDARD
 
 
 def read_stdin(most: int = typed.LARGEST_FILE) -> bytes:
-    """Return what stdin has.
+    """Return the content of stdin.
 
     Args:
-        most: how many bytes it may have.
+        most: largest allowed number of bytes.
 
     Raises:
-        SceneError: it cannot be read, or has more.
+        SceneError: stdin cannot be read, or has more bytes.
     """
     try:
         content = sys.stdin.buffer.read(most + 1)
-    except (OSError, ValueError, AttributeError) as cause:  # a closed one is None
+    except (OSError, ValueError, AttributeError) as cause:  # a closed stdin is None
         raise typed.refusal("stdin", "cannot be read") from cause
     if len(content) > most:
         raise typed.refusal("stdin", f"expected at most {most / 2**20:g} MiB, got more")
@@ -39,11 +39,11 @@ def read_stdin(most: int = typed.LARGEST_FILE) -> bytes:
 
 
 def write_stdout(make: Callable[[Path], Any], name: str) -> None:
-    """Write a file's content to stdout, which gets all of it or nothing.
+    """Write a file's content to stdout, either completely or not at all.
 
     Args:
-        make: writes the file at a path.
-        name: of the file, whose ending may matter.
+        make: function that writes the file to a path.
+        name: name of the file, whose extension may matter.
     """
     with tempfile.TemporaryDirectory() as folder:
         make(Path(folder) / name)
@@ -53,7 +53,7 @@ def write_stdout(make: Callable[[Path], Any], name: str) -> None:
 
 
 def read_input(path: Path, most: int = typed.LARGEST_FILE) -> tuple[bytes, str]:
-    """Return the bytes of a file, or of stdin, and what messages call it.
+    """Return the bytes of a file or of stdin, and its name for messages.
 
     Raises:
         SceneError: it cannot be read, or is too large.
@@ -62,10 +62,10 @@ def read_input(path: Path, most: int = typed.LARGEST_FILE) -> tuple[bytes, str]:
 
 
 def refuse_standard(path: Path | None, option: str) -> None:
-    """Refuse `-` where a folder is written.
+    """Refuse `-` for options that name a folder to write.
 
     Raises:
-        ResultError: naming the option.
+        ResultError: the path is `-`; the message names the option.
     """
     if is_standard(path):
         raise ResultError(f"{option}: expected a folder, got '-' (stdout), which takes single files only")

@@ -1,4 +1,4 @@
-"""The standard streams, which may be closed, full, or without a reader."""
+"""Robust use of the standard streams, which may be closed, full, or a closed pipe."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ OUTPUT, READER_GONE = 74, 141  # exit codes: EX_IOERR of sysexits.h; 128 + SIGPI
 
 
 def open_streams() -> bool:
-    """Make the standard streams safe to use; return whether there is a stdout.
+    """Make the standard streams safe to use; return whether stdout is open.
 
-    A closed one gets /dev/null: the next file that is opened would otherwise be taken for it.
+    A closed stream is replaced by /dev/null, because otherwise the next file to be opened would get its number.
     """
     for descriptor in (0, 1, 2):
         try:
             os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is that of the closed stream
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # letters that a terminal lacks are escaped, not fatal
+        if isinstance(stream, io.TextIOWrapper):  # escape characters that the terminal cannot encode
             stream.reconfigure(errors="backslashreplace")
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
@@ -39,10 +39,10 @@ def say(line: str) -> None:
 
 
 class WatchedStdout:
-    """Stands in for stdout, and remembers why it could not be written: a caught error does not say whose it is.
+    """A replacement for stdout that stores its first error, so that it can be told from errors of other files.
 
     Attributes:
-        fault: the first error; None if all went well.
+        fault: the first error; None if there was none.
     """
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class WatchedStdout:
             _silence(self._stream)
 
     def __getattr__(self, name: str) -> Any:
-        """Return what else a stream has: its encoding, its number, whether it is a terminal."""
+        """Return any other attribute of the stream, such as its encoding or `isatty`."""
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
@@ -76,7 +76,7 @@ class WatchedStdout:
             self._stream.buffer.write(content)
 
     def flush(self) -> None:
-        """Write out what waits."""
+        """Flush the stream."""
         with self._remembering():
             self._stream.flush()
 
@@ -90,6 +90,6 @@ class WatchedStdout:
 
 
 def _silence(stream: TextIO) -> None:
-    """Let a stream end in /dev/null, so that what waits in it does no harm when the interpreter ends."""
+    """Redirect a stream to /dev/null, so that flushing its buffer at exit raises no error."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -1,4 +1,4 @@
-"""`holdfast sweep`: a scene with a `[sweep]` table in; a folder of runs and a summary out."""
+"""`holdfast sweep`: simulate the runs of a scene with a `[sweep]` table, and print a summary."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ def sweep(
     as_json: bool,
     trust_xacro: bool,
 ) -> int:
-    """Compute what is missing of a sweep: progress on stderr, summary on stdout, everything in its folder.
+    """Simulate the missing runs of a sweep; print progress on stderr and a summary on stdout.
 
     Args:
         target: a scene with a `[sweep]` table, `-` for stdin; or the folder of a sweep.
         out: the folder of a scene's sweep; `results/<scene's name>_sweep` if None.
-        workers: processes of this computer.
-        cluster: address of a Dask scheduler, or `local`; None for none.
-        run: the number of a run to take again instead; it becomes a result folder in the sweep's.
-        changes: `key=value` each, of the scene's keys.
+        workers: number of processes on this computer.
+        cluster: address of a Dask scheduler, or `local`; None for no cluster.
+        run: number of a run to repeat instead, which is written as a result folder inside the sweep's.
+        changes: changes `key=value` of the scene.
         as_json: print one JSON document on stdout instead of tables.
         trust_xacro: expand xacro files that the scene names.
 
     Returns:
-        0, also where runs failed: the summary counts them; 130 if the user interrupted it.
+        0, even if runs failed, which the summary counts; 130 if the user interrupted the sweep.
 
     Raises:
-        HoldfastError: bad input, a scene that cannot be swept, or a folder that cannot be used.
+        HoldfastError: the input is invalid, the scene cannot be swept, or the folder cannot be used.
     """
     refuse_standard(out, "--out")
     is_folder = not is_standard(target) and os.path.isdir(target)
@@ -76,7 +76,7 @@ def sweep(
 
 
 def _again(found: Sweep, number: int, workers: int, cluster: str | None, as_json: bool) -> int:
-    """Take the steps of one run again, and write it as a result folder."""
+    """Repeat one run, and write it as a result folder."""
     if workers != 1 or cluster is not None:
         raise StateError("--run: repeats one run in this process; try without --workers and --cluster")
     run = found.run(number)
@@ -90,7 +90,7 @@ def _again(found: Sweep, number: int, workers: int, cluster: str | None, as_json
 
 
 def _report(found: Sweep, as_json: bool) -> None:
-    """Print how runs ended, and how what was kept of them is distributed."""
+    """Print how the runs ended, and the distributions of their recorded outputs."""
     fates, rows = found.fates, found.table(list(LEVELS.values()))
     if as_json:
         kept = {"levels": list(LEVELS.values()), "quantiles": {title: x.tolist() for title, x in rows.items()}}

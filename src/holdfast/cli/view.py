@@ -1,4 +1,4 @@
-"""`holdfast view`: a result folder or a scene in; a viewer in the browser, or one HTML file, out."""
+"""`holdfast view`: show a result folder or a scene in the browser, or write it as one HTML file."""
 
 from __future__ import annotations
 
@@ -39,23 +39,23 @@ def view(
     changes: Sequence[str] = (),
     as_json: bool = False,
 ) -> int:
-    """Show runs, or closed initial states of scenes, until the user has seen enough; or write them as a page.
+    """Show runs, or closed initial states of scenes, until the user presses Ctrl-C; or write them as an HTML file.
 
     Args:
         targets: result folders or scene files, `-` for a scene on stdin; of several, one is chosen in the page.
         page: the HTML file to write, `-` for stdout; None to serve the viewer instead.
-        port: to serve at; 0 for any that is free.
-        rate: moments a second that are shown.
+        port: the port of the viewer; 0 for any free port.
+        rate: number of frames shown per second of the run.
         overwrite: replace an existing file.
         trust_xacro: expand xacro files that a scene names.
-        changes: `key=value` each, of a scene's keys.
+        changes: changes `key=value` of a scene.
         as_json: print one JSON document on stdout instead of lines.
 
     Returns:
-        0, also after Ctrl-C, which is how a viewer ends.
+        0, also after Ctrl-C, which ends the viewer.
 
     Raises:
-        HoldfastError: what is not there, cannot be read, or cannot be shown.
+        HoldfastError: the target does not exist, cannot be read, or cannot be shown.
     """
     if not 0 <= port <= LAST_PORT:
         raise ModelError(f"port: expected 0 (any that is free) to {LAST_PORT}, got {port}")
@@ -101,7 +101,7 @@ def _announce_json(address: str) -> None:
 def _film(target: Path, rate: float, trust_xacro: bool, changes: Sequence[str]) -> Playback:
     if is_standard(target):
         return _film_of_scene(opened_scene(target, trust_xacro, changes), target)
-    if not os.path.exists(target):  # Path.exists raises at names that are too long
+    if not os.path.exists(target):  # Path.exists raises an error for names that are too long
         raise refusal(str(target), "no such file or folder; expected a result folder or a scene file")
     if not os.path.isdir(target):
         return _film_of_scene(opened_scene(target, trust_xacro, changes), target)
@@ -114,7 +114,7 @@ def _film(target: Path, rate: float, trust_xacro: bool, changes: Sequence[str]) 
 
 
 def _film_of_scene(scenario: Scenario, source: Path) -> Playback:
-    """Return the one moment in which the scene begins, under its controller's torques."""
+    """Return a playback of the scene's initial state, with the controller's torques."""
     world = Environment(
         scenario.chain, scenario.options.get("base_motion", {}), scenario.options.get("inputs") or Inputs()
     )
@@ -127,7 +127,7 @@ def _film_of_scene(scenario: Scenario, source: Path) -> Playback:
 
 
 def _visuals(chain: ClosedChain) -> Visuals:
-    """Return the surfaces of arms and trunk whose files have them; say on stderr whose meshes are not to be had."""
+    """Return the meshes of arms and trunk from their files; print on stderr which meshes are not available."""
     visuals, missing = meshes_in_files(chain)
     for name, (first, *others) in missing.items():
         more = f", and {len(others)} more" if others else ""

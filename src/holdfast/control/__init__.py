@@ -1,4 +1,4 @@
-"""Controllers: functions (t, state, memory) -> (torques, memory)."""
+"""Controllers, which are functions (t, state, memory) -> (torques, memory)."""
 
 import lazy_loader
 

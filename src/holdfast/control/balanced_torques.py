@@ -1,4 +1,4 @@
-"""What `holding_torques` computes where every joint is driven and no base floats, on floats and as machine code."""
+"""The computation of `holding_torques` for chains with all joints driven and no floating base, also in machine code."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench
 
-POSSIBLE = 1e-8  # of the sizes at hand: what may be left of a balance
-Missed = tuple[Scalar, Scalar]  # the largest entry of what an arm's tip misses, and the size it is to be compared with
+POSSIBLE = 1e-8  # largest accepted residual of a balance, relative to its terms
+Missed = tuple[Scalar, Scalar]  # largest component of a tip's acceleration error, and the size for comparison
 
 
 class Balanced(NamedTuple):
-    """Torques, and how nearly they do what they should.
+    """Torques with the residuals of the equations that they should satisfy.
 
     Attributes:
-        tau: (n,) [N m or N].
-        missed: per arm that holds, what its tip misses of the acceleration, and the size of that.
-        left: largest part of the load that no wrench bears, moments over the grasps' distance [N].
-        size: of loads and wrenches, at least 1 [N].
+        tau: (n,) torques [N m or N].
+        missed: per arm with a grasp, the acceleration error of its tip, and the size for comparison.
+        left: largest component of the load that no wrench balances, with moments divided by the grasps' distance [N].
+        size: size of loads and wrenches, at least 1 [N].
     """
 
     tau: Array
@@ -37,13 +37,13 @@ class Balanced(NamedTuple):
 
 
 def balanced(motion: ChainMotion, qd: Array, alpha: Array, wished: Array) -> Balanced:
-    """Return tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), with the least qdd and the nearest f.
+    """Return tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), with the smallest qdd and the nearest f.
 
     Args:
-        motion: the chain in motion, without torques.
+        motion: the chain's motion, without torques.
         qd: (n,) joint rates.
-        alpha: (6,) acceleration of C, true, world axes.
-        wished: (arms, 6) about the contacts, world axes: the wrenches that f shall be near.
+        alpha: (6,) true acceleration of C, world axes.
+        wished: (arms, 6) wrenches about the contacts, world axes, to which f shall be as close as possible.
     """
     qdd = joint_accelerations(motion, qd, alpha - pseudo_gravity(motion.chain))
     f, left, size = bearing_wrenches(motion, alpha, wished)
@@ -51,15 +51,16 @@ def balanced(motion: ChainMotion, qd: Array, alpha: Array, wished: Array) -> Bal
 
 
 def bearing_wrenches(motion: ChainMotion, alpha: Array, wished: Array) -> tuple[Array, Scalar, Scalar]:
-    """Return the transmissible wrenches nearest to the wished ones that carry the object, what is left, and its size.
+    """Return the transmissible wrenches nearest to the wished ones that move the object, the residual, and its scale.
 
-    min |lambda - K f_wished| in the metric of the force split, A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w. The
-    residual of the first solution is solved for once more, which restores the digits that forming A A^T loses.
+    min |lambda - K f_wished| in the metric of the force split, subject to
+    A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w. One step of iterative refinement restores the digits that are
+    lost in forming A A^T.
 
     Args:
-        motion: the chain in motion.
-        alpha: (6,) acceleration of C, true, world axes.
-        wished: (arms, 6) about the contacts, world axes.
+        motion: the chain's motion.
+        alpha: (6,) true acceleration of C, world axes.
+        wished: (arms, 6) wished wrenches about the contacts, world axes.
     """
     chain, body = motion.chain, motion.body
     length = length_scale([grasp.frame.p for grasp in chain.grasps.values()])
@@ -84,7 +85,7 @@ def bearing_wrenches(motion: ChainMotion, alpha: Array, wished: Array) -> tuple[
 
 
 def missed_accelerations(motion: ChainMotion, qdd: Array, alpha: Array) -> list[Missed]:
-    """Return what each arm's tip misses of the object's acceleration, and the size of it, arms that hold in order."""
+    """Return the acceleration error of each arm's tip and the size for comparison, for all arms with a grasp."""
     free_fall, found = alpha - pseudo_gravity(motion.chain), []
     for name, c in zip(motion.chain.grasps, motion.contacts, strict=True):
         arm = motion.arms[name]
@@ -95,16 +96,16 @@ def missed_accelerations(motion: ChainMotion, qdd: Array, alpha: Array) -> list[
 
 
 def pushes(motion: ChainMotion, push: Scalar) -> Array:
-    """Return a push of every arm along its contact normal, into the object, (arms, 6); none by a bushing."""
+    """Return a push of every arm along its contact normal into the object, (arms, 6); zero for bushings."""
     wished = dict.fromkeys(motion.chain.names, np.zeros(6))
     for name, c in zip(motion.chain.grasps, motion.contacts, strict=True):
-        if not c.grasp.of_kind.compliant:  # that exerts what the state says
+        if not c.grasp.of_kind.compliant:  # the wrench of a bushing follows from the state
             wished[name] = rotate(c.R, array([0.0, 0.0, 0.0, 0.0, 0.0, push]))
     return array(list(wished.values()))
 
 
 def largest(x: Iterable[Scalar]) -> Scalar:
-    """Return the largest size of some numbers, 0 of none."""
+    """Return the largest absolute value of some numbers; 0 if there are none."""
     found: Scalar = 0.0
     for entry in x:
         found = maximum(found, abs(entry))

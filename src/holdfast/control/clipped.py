@@ -1,4 +1,4 @@
-"""Torques that go no further than the drives do."""
+"""Clipping of a controller's torques to the effort limits."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from holdfast.state import State
 def clipped(controller: Controller | ControlLaw, chain: ClosedChain) -> Controller | ControlLaw:
     """Return the controller with its torques clipped to the joints' effort limits, |tau| <= effort_limit.
 
-    A law stays a law, and a controller that is traceable stays so. Torques have corners where clipping begins and ends:
-    steps that contain one are of lower order.
+    The result is a control law if `controller` is one, and traceable if it is traceable. The slopes of the torques jump
+    when clipping begins and ends; steps that contain such a time are of lower order.
 
     Args:
-        controller: any.
-        chain: whose joints it drives.
+        controller: any controller.
+        chain: the chain that it controls.
 
     Raises:
-        ModelError: the controller is no function, or the chain none.
+        ModelError: the controller is not a function, or `chain` is not a ClosedChain.
     """
     require_controller(controller)
     checks.instance(chain, ClosedChain, "clipped: chain")
@@ -43,11 +43,11 @@ def clipped(controller: Controller | ControlLaw, chain: ClosedChain) -> Controll
 
 @dataclass(frozen=True, eq=False)
 class Clipped(Frozen):
-    """A controller whose torques are clipped.
+    """A controller with clipped torques.
 
     Attributes:
-        controller: asked for them.
-        limits: (n,) largest |tau| [N m or N]; infinite where there is none.
+        controller: the controller whose torques are clipped.
+        limits: (n,) largest |tau| [N m or N]; infinite for no limit.
     """
 
     controller: Controller
@@ -55,16 +55,16 @@ class Clipped(Frozen):
 
     @property
     def traceable(self) -> bool:
-        """Whether it becomes machine code."""
+        """Whether it can be compiled to machine code."""
         return bool(getattr(self.controller, "traceable", False))
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """When its torques jump [s], as far as is known beforehand."""
+        """Times at which its torques jump [s], as far as they are known in advance."""
         return tuple(getattr(self.controller, "breakpoints", ()))
 
     def for_chain(self, chain: ClosedChain) -> Controller:
-        """Return the controller of a chain whose grasps have changed."""
+        """Return the controller for a chain whose grasps have changed."""
         for_chain = getattr(self.controller, "for_chain", None)
         return self if for_chain is None else Clipped(for_chain(chain), self.limits)
 
@@ -76,7 +76,7 @@ class Clipped(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class ClippedTorque(Frozen):
-    """The torques of a law, clipped; attributes as for `Clipped`."""
+    """The clipped torques of a law; the attributes are those of `Clipped`."""
 
     torque: Torque
     limits: Array

@@ -1,4 +1,4 @@
-"""Control laws as machine code: called as a controller, tied to arrays for control loops, or for a batch."""
+"""Control laws in machine code, for calls as a controller, for control loops with bound arrays, and for batches."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ ROOMS = (
     "simulation",
     "control",
     "scenario",
-)  # whose functions laws are made of, besides those of forward dynamics
-LARGEST = 1e5  # rad: positions that machine code takes
+)  # modules with functions that laws use, in addition to forward dynamics
+LARGEST = 1e5  # rad: largest positions that machine code accepts
 
 
 class LawTorques(NamedTuple):
-    """What a law returns.
+    """The results of a law.
 
     Attributes:
         tau: (n,) or (batch, n) torques [N m or N].
-        memory: (m,) or (batch, m) what it carries on.
+        memory: (m,) or (batch, m) memory.
     """
 
     tau: Array
@@ -48,16 +48,16 @@ class LawTorques(NamedTuple):
 
 
 def compile_law(controller: Controller | ControlLaw, chain: ClosedChain | None = None) -> CompiledLaw:
-    """Return a control law as machine code of this computer.
+    """Return a control law compiled to machine code for this computer.
 
     Args:
-        controller: a `ControlLaw`, its parameters given or not, or a ready-made controller that can be traced.
-        chain: whose joints it drives; the ready-made ones know it.
+        controller: a `ControlLaw`, with or without values of its parameters, or a controller of the library.
+        chain: the chain that it controls; not needed for controllers of the library, which contain it.
 
     Raises:
-        ModelError: no chain.
-        MethodNotApplicable: a function that cannot be traced.
-        CompileError: the law does what machine code cannot.
+        ModelError: no chain is given.
+        MethodNotApplicable: the controller is a function that cannot be traced.
+        CompileError: the law contains operations that cannot be compiled.
     """
     known = getattr(controller, "chain", None) if chain is None else chain
     if not isinstance(known, ClosedChain):
@@ -68,10 +68,10 @@ def compile_law(controller: Controller | ControlLaw, chain: ClosedChain | None =
 
 
 def law_and_values(controller: Controller | ControlLaw, chain: ClosedChain) -> tuple[ControlLaw, Mapping[str, Array]]:
-    """Return the law of a controller of a chain, and its parameters' values as far as they are given.
+    """Return a controller as a control law, and the given values of its parameters.
 
     Raises:
-        MethodNotApplicable: a function that cannot be traced.
+        MethodNotApplicable: the controller is a function that cannot be traced.
     """
     law = controller if isinstance(controller, ControlLaw) else law_of(controller, chain)
     if law is None:
@@ -83,12 +83,12 @@ def law_and_values(controller: Controller | ControlLaw, chain: ClosedChain) -> t
 
 
 class CompiledLaw:
-    """A control law as machine code; made by `compile_law`. A controller itself, if its parameters are given.
+    """A control law in machine code, created by `compile_law`. It is itself a controller if its parameters are given.
 
     Attributes:
         law: the law.
-        chain: whose joints it drives.
-        values: of its parameters, as far as they were given.
+        chain: the chain that it controls.
+        values: the given values of its parameters.
     """
 
     def __init__(self, law: ControlLaw, chain: ClosedChain, values: Mapping[str, Array]) -> None:
@@ -103,23 +103,23 @@ class CompiledLaw:
         self._ranks = {name: len(e.shape) for name, e in self._externals.items()}
 
     def __repr__(self) -> str:
-        """Return what it is the law of."""
+        """Return the number of joints and the names of the parameters without values."""
         asked = [name for name in self.law.parameters if name not in self.values]
         return f"<CompiledLaw of {self.chain.joint_count} joints{', of ' + ', '.join(asked) if asked else ''}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what makes the law again: machine code is compiled, or found on disk."""
+        """Return the arguments that create the law again; its machine code is then compiled or loaded from disk."""
         return CompiledLaw, (self.law, self.chain, self.values)
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        """Return torques (n,) and memory, as any controller.
+        """Return the torques (n,) and the memory, as for any controller.
 
         Raises:
-            StateError: a parameter that was not given, a state of another chain, or torques that are not finite.
+            StateError: a parameter has no value, the state belongs to another chain, or the torques are not finite.
         """
         require_fit(self.chain, state)
         if self._own is None or not np.abs(state.q).max(initial=0.0) <= LARGEST:
-            return self.law.given(self.values).on_floats(t, state, memory)  # it says what is missing
+            return self.law.given(self.values).on_floats(t, state, memory)  # raises the error
         with self._lock:
             x = self._own.arrays
             x["t"][...] = t
@@ -144,7 +144,7 @@ class CompiledLaw:
         threads: int = 1,
         **parameters: Any,
     ) -> LawTorques:
-        """Return the torques and the memory of one system or a batch: a leading axis on any argument.
+        """Return the torques and the memory for one system, or for a batch if an argument has a leading axis.
 
         Args:
             t: time [s].
@@ -152,14 +152,15 @@ class CompiledLaw:
             qd: (n,) joint rates.
             object_pose: (7,) wxyz_xyz of the object frame.
             object_twist: (6,) [omega; v of C], world axes.
-            memory: (m,) the law's; as it begins if not given.
-            threads: how many threads share a batch.
-            **parameters: of the law, those not given before; floating_pose and floating_twist of a floating base.
+            memory: (m,) memory of the law; by default its initial memory.
+            threads: number of threads for a batch.
+            **parameters: parameters of the law that have no value yet; floating_pose and floating_twist of a floating
+                base.
 
         Raises:
-            StateError: wrong shapes or names, something missing; of one system also numbers that are not finite,
-                angles beyond 1e5 rad, a quaternion not of unit length, and torques that are not finite. In a batch
-                such a system gets not-a-number.
+            StateError: a shape or name is wrong, or an argument is missing. For one system also: a number is not
+                finite, an angle is beyond 1e5 rad, a quaternion is not of unit length, or the torques are not finite.
+                In a batch the torques of such a system are NaN.
         """
         arrays.require_threads(threads)
         given = {"t": t, "q": q, "qd": qd, "object_pose": object_pose, "object_twist": object_twist}
@@ -190,7 +191,7 @@ class CompiledLaw:
         return LawTorques(out["tau"], out.get("kept", np.zeros((*lead, 0))))
 
     def _refusal(self, found: Mapping[str, Array]) -> StateError:
-        """Return why torques are not finite: what the law's function says of the state, where it says something."""
+        """Return the error for torques that are not finite; it is that of the law's own function if it raises one."""
         state = State(**{field: found[name] for name, field in self._fields.items()})
         given = {name: found[name] for name in self.law.parameters}
         try:
@@ -199,23 +200,23 @@ class CompiledLaw:
         except StateError as said:
             return said
         except ArithmeticError:
-            pass  # such as a division of Python's numbers by zero
+            pass  # for example a division by zero
         return StateError("compiled law: expected finite torques, got not-a-number or infinity at this state")
 
     def bind(self, **values: Any) -> BoundLaw:
-        """Return the law tied to arrays that stay: a call without arguments, for control loops.
+        """Return the law bound to fixed arrays, which is called without arguments, for control loops.
 
         Args:
-            **values: what the arrays hold at first: of the state, `t`, `memory` and the law's parameters.
+            **values: initial values of the arrays: of the state, `t`, `memory` and the law's parameters.
 
         Raises:
-            StateError: a wrong shape or name.
+            StateError: a shape or name is wrong.
         """
         return BoundLaw(self._kernel, self._externals, self.law, self.values | values)
 
     @cached_property
     def _own(self) -> Bound | None:
-        """What calls as a controller run on; None while parameters are missing."""
+        """The bound kernel for calls as a controller; None if parameters have no values."""
         if set(self.values) != set(self.law.parameters):
             return None
         bound = self._kernel.bind()
@@ -225,9 +226,9 @@ class CompiledLaw:
 
 
 class CompiledLaws:
-    """The machine code of controllers that one chain's run calls on floats, each made at its first call.
+    """The machine code of the controllers that are called on floats in a run of one chain, compiled at the first call.
 
-    A law that a function of the user's wraps costs what its machine code does.
+    A law that is called inside a function of the user is therefore also evaluated by machine code.
     """
 
     def __init__(self, chain: ClosedChain) -> None:
@@ -235,26 +236,26 @@ class CompiledLaws:
         self._found: dict[int, tuple[Any, CompiledLaw | None]] = {}
 
     def __call__(self, controller: Any) -> CompiledLaw | None:
-        """Return a controller's machine code; None where there can be none."""
+        """Return a controller's machine code; None if it cannot be compiled."""
         known = self._found.get(id(controller))
         if known is None:
             try:
                 made = compile_law(controller, self._chain)
             except HoldfastError:
                 made = None
-            known = self._found[id(controller)] = controller, made  # kept alive, so that the number stays its own
+            known = self._found[id(controller)] = controller, made  # kept alive, so that its id stays unique
         return known[1]
 
 
 class BoundLaw:
-    """Write into the inputs, call, read `tau`; for one thread at a time. Made by `CompiledLaw.bind`.
+    """A law bound to fixed arrays: write into the inputs, call it, and read `tau`. Created by `CompiledLaw.bind`.
 
-    Nothing is checked and nothing is raised. The memory moves on when `keep` is called, so that a step may be asked
-    twice.
+    Only one thread at a time may use it. Nothing is checked, and no errors are raised. The memory is updated when
+    `keep` is called, so a step can be evaluated twice.
 
     Attributes:
-        arrays: all of them by name; each is an attribute too: write with `bound.q[...] = q`.
-        run: the bare call without arguments.
+        arrays: all arrays by name. Each is also an attribute; write with `bound.q[...] = q`.
+        run: the function without arguments that computes the outputs.
     """
 
     def __init__(
@@ -275,7 +276,7 @@ class BoundLaw:
         self._made = True
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse new arrays in the place of those that the machine code reads; `bound.q += dq` writes into them."""
+        """Refuse to replace the arrays that the machine code reads; `bound.q += dq` writes into them."""
         if "_made" in vars(self) and value is not vars(self).get(name, self):
             known = [n for n in vars(self) if not n.startswith("_")]
             if name in known:
@@ -287,18 +288,18 @@ class BoundLaw:
         object.__setattr__(self, name, value)
 
     def __call__(self) -> Array:
-        """Compute and return `tau`, the array that stays."""
+        """Compute and return `tau`, which is always the same array."""
         self.run()
         return self.arrays["tau"]
 
     def keep(self) -> None:
-        """Let the memory move on to what the last call returned."""
+        """Update the memory to that of the last call."""
         if "memory" in self.arrays:
             self.arrays["memory"][...] = self.arrays["kept"]
 
 
 def law_externals(law: ControlLaw, chain: ClosedChain) -> dict[str, External]:
-    """Return the arrays of a law: time, state, memory and parameters in; torques and memory out."""
+    """Return the arrays of a law: its inputs are time, state, memory and parameters, its outputs torques and memory."""
     own: dict[str, Shape] = {"t": (), "memory": (len(law.memory),), "kept": (len(law.memory),)}
     size = shapes(chain) | own | {name: tuple(shape) for name, shape in law.parameters.items()}
     if taken := {"t", "tau", "memory", "kept", *state_fields(chain)} & set(law.parameters):
@@ -309,7 +310,7 @@ def law_externals(law: ControlLaw, chain: ClosedChain) -> dict[str, External]:
 
 
 def law_schedule(law: ControlLaw, chain: ClosedChain) -> Schedule:
-    """Return what a law computes of its arrays."""
+    """Return the schedule of the operations of a law."""
 
     def outputs(x: Given) -> dict[str, Array]:
         state = State(**{field: x[name] for name, field in state_fields(chain).items()})
@@ -321,7 +322,7 @@ def law_schedule(law: ControlLaw, chain: ClosedChain) -> Schedule:
 
 
 def _require_names(given: Mapping[str, Any], inputs: Mapping[str, Shape], every: bool = True) -> None:
-    """Refuse values of what a law does not take, and one that is missing."""
+    """Refuse unknown names and, with `every`, missing ones."""
     for name in given:
         if name not in inputs:
             raise StateError(f"compiled law: no argument '{name}'.{checks.did_you_mean(name, inputs)}")

@@ -1,4 +1,4 @@
-"""Torques that give the object an acceleration while the grasps bear given wrenches."""
+"""Torques for a given acceleration of the object and given grasp wrenches."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ from holdfast.state import Inputs, State
 def computed_torque(
     chain: ClosedChain, state: State, acceleration: Array, wrenches: Array, joint_damping: float = 0.0
 ) -> Array:
-    """Return the torques of the least qdd that goes with the object's acceleration, (n,); see `drive_torques`.
+    """Return the torques for the smallest qdd that agrees with the object's acceleration, (n,); see `drive_torques`.
 
-    Arms that cannot follow do so as nearly as they can. Bases are taken to stand still. The joints of a trunk are
-    slowed down while the arms on it follow the object; its floating base, which nothing drives, accelerates as it must.
+    Arms that cannot follow exactly do so in the least-squares sense. Bases are assumed to stand still. The joints of a
+    trunk are damped, while the arms on it follow the object. A floating base, which has no drive, accelerates as the
+    wrenches on it require.
 
     Args:
         chain: the chain.
         state: positions and velocities.
-        acceleration: (6,) [omega_dot; v_dot] of C, true, world axes.
+        acceleration: (6,) [omega_dot; v_dot] of C, the true acceleration, world axes.
         wrenches: (arms, 6) f of each arm on the object about its contact, world axes.
-        joint_damping: of the joint motion that no grasp feels [1/s].
+        joint_damping: damping of joint motions that do not move the grasps [1/s].
     """
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
     alpha = acceleration - pseudo_gravity(chain)
@@ -40,24 +41,24 @@ def computed_torque(
     if not chain.floats:
         return torques(motion, joint_accelerations(motion, state.qd, alpha, joint_damping), wrenches)
     still = with_base(np.zeros(6))
-    by_base = array([with_base(unit).base - still.base for unit in np.eye(6)]).T  # what it would need is linear in it
+    by_base = array([with_base(unit).base - still.base for unit in np.eye(6)]).T  # the wrench is linear
     return with_base(-least_solution(by_base, still.base)).tau
 
 
 def joint_accelerations(
     motion: ChainMotion, qd: Array, acceleration: Array, joint_damping: float = 0.0, base: Array | None = None
 ) -> Array:
-    """Return the least joint accelerations that go with the object's, (n,); those of a trunk are damped only.
+    """Return the smallest joint accelerations that agree with the object's, (n,); joints of a trunk are only damped.
 
-    K (J qdd + Jdot qd) = K (A alpha(C) + a(C) - g), arm by arm; what moves no tip is
-    damped. Arms that cannot follow do so as nearly as they can; those that hold by bushings go along, K = 1.
+    K (J qdd + Jdot qd) = K (A alpha(C) + a(C) - g) is solved arm by arm, in the least-squares sense if an arm cannot
+    follow; motions that do not move the tip are damped. Arms with bushings follow in all directions, K = 1.
 
     Args:
-        motion: the chain in motion.
+        motion: the chain's motion.
         qd: (n,) joint rates.
-        acceleration: (6,) alpha(C), less [0; g], world axes.
-        joint_damping: of the joint motion that no grasp feels [1/s].
-        base: (6,) true acceleration of a floating base; None: zero.
+        acceleration: (6,) alpha(C) minus [0; g], world axes.
+        joint_damping: damping of joint motions that do not move the grasps [1/s].
+        base: (6,) true acceleration of a floating base; None for zero.
     """
     chain, contacts = motion.chain, dict(zip(motion.chain.grasps, motion.contacts, strict=True))
     qdd, trunk, betas = [], motion.trunk, []

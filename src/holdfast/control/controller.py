@@ -1,4 +1,4 @@
-"""Control laws that become part of the machine code."""
+"""Controllers, and control laws that can be compiled to machine code."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from holdfast.spatial.frozen import Frozen, FrozenDict
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
-# (t, state, memory) -> (torques (n,), memory): a pure function, memory None at the start
+# pure function (t, state, memory) -> (torques (n,), memory); the memory is None in the first call
 Controller = Callable[[float, State, Any], tuple[ArrayLike, Any]]
-# (t, state, memory, parameters) -> (torques (n,), memory), traced
+# traceable function (t, state, memory, parameters) -> (torques (n,), memory)
 Torque = Callable[[Scalar, State, Array, Mapping[str, Array]], tuple[ArrayLike, ArrayLike]]
 
 
-# what finds the machine code of a controller that is called on floats, if there is any; set while runs are long
+# returns the machine code of a controller that is called on floats, or None; set during long runs
 machine_code: ContextVar[Callable[[Any], Controller | None] | None] = ContextVar("machine_code", default=None)
 
 
 def by_machine_code(controller: Any, t: float, state: State, memory: Any) -> tuple[Array, Any] | None:
-    """Return what a controller's machine code returns; None where it has none, or numbers are traced."""
+    """Return the result of a controller's machine code; None if it has none, or if numbers are traced."""
     find = machine_code.get()
     if find is None or state.q.dtype == object:
         return None
@@ -38,10 +38,10 @@ def by_machine_code(controller: Any, t: float, state: State, memory: Any) -> tup
 
 
 def require_controller(controller: Any) -> None:
-    """Refuse what cannot be asked for torques.
+    """Check that a controller is a function.
 
     Raises:
-        ModelError: it is no function.
+        ModelError: it is not.
     """
     if not callable(controller):
         raise ModelError(
@@ -51,10 +51,10 @@ def require_controller(controller: Any) -> None:
 
 
 def torques_and_memory(found: Any) -> tuple[Any, Any]:
-    """Return the torques and the memory that a controller returned.
+    """Return the torques and the memory from the result of a controller.
 
     Raises:
-        StateError: it returned something else.
+        StateError: the result is not a pair.
     """
     if not isinstance(found, tuple) or len(found) != 2:
         got = f"an array of shape {found.shape}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
@@ -65,18 +65,18 @@ def torques_and_memory(found: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class ControlLaw(Frozen):
-    """A controller that can be traced, written with `spatial.scalar`: no `if` on a value, no writing into arrays.
+    """A traceable controller, written with `spatial.scalar` and without `if` on values or assignments to arrays.
 
     Attributes:
-        torque: (t, state, memory, parameters) -> (torques (n,), memory); called once, with traced
-            numbers in all of them.
-        memory: (m,) what it carries on, at the start; a step moves it on once, at the step's start.
-        parameters: shapes of what it is given from outside, per system or for all: gains, targets,
-            an action.
-        key: names the law in the cache on disk; if it is empty, the traced machine code does.
+        torque: function (t, state, memory, parameters) -> (torques (n,), memory); it is called once, with traced
+            numbers in all arguments.
+        memory: (m,) initial memory; it is updated once per step, at the step's start.
+        parameters: shapes of its parameters, such as gains, targets or an action; their values can differ between
+            systems.
+        key: name of the law in the cache on disk; if it is empty, the traced code serves as the name.
 
     Raises:
-        ModelError: memory that is no array of numbers, or a parameter without a shape.
+        ModelError: the memory is not an array of numbers, or a parameter has no shape.
     """
 
     torque: Torque
@@ -100,23 +100,23 @@ class ControlLaw(Frozen):
         put(self, "parameters", FrozenDict({name: _shape(name, shape) for name, shape in self.parameters.items()}))
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        """Return the torques on floats, as any controller does: (t, state, memory) -> (torques, memory).
+        """Return the torques and the memory on floats, as any controller does.
 
         Raises:
-            StateError: the law has parameters, which a controller is not given; or no state.
+            StateError: the law has parameters, whose values a controller does not receive, or `state` is not a State.
         """
         checks.instance(state, State, "control law: state", StateError)
         found = by_machine_code(self, t, state, memory)
         return self.given({}).on_floats(t, state, memory) if found is None else found
 
     def given(self, values: Mapping[str, ArrayLike]) -> GivenLaw:
-        """Return the law under values of its parameters: a controller, which needs no more.
+        """Return the law with values of its parameters, which is a complete controller.
 
         Args:
-            values: of every parameter, by name.
+            values: values of all parameters, by name.
 
         Raises:
-            StateError: one is missing, unknown, of another shape or not finite.
+            StateError: a parameter is missing or unknown, or its value has a wrong shape or is not finite.
         """
         checks.instance(values, Mapping, "control law: values", StateError)
         for name in values:
@@ -138,42 +138,42 @@ class ControlLaw(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class GivenLaw(Frozen):
-    """A control law under values of its parameters; `ControlLaw.given` makes it.
+    """A control law with values of its parameters, created by `ControlLaw.given`.
 
     Attributes:
         law: the law.
-        values: of all its parameters, by name.
+        values: values of all its parameters, by name.
     """
 
     law: ControlLaw
     values: Mapping[str, Array]
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        """Return torques (n,) and memory, as any controller does.
+        """Return the torques (n,) and the memory, as any controller does.
 
         Raises:
-            StateError: no state.
+            StateError: `state` is not a State.
         """
         checks.instance(state, State, "control law: state", StateError)
         found = by_machine_code(self, t, state, memory)
         return self.on_floats(t, state, memory) if found is None else found
 
     def on_floats(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        """Return the same by the law's own text."""
+        """Return the same, computed on floats by the law's own function."""
         tau, kept = self.law.torque(t, state, self.law.memory if memory is None else memory, self.values)
         return np.asarray(tau), kept
 
 
 def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> Any:
-    """Return a control law under its parameters; any other controller, which takes none, as it is.
+    """Return a control law with values of its parameters; any other controller is returned unchanged.
 
     Args:
-        controller: any.
-        parameters: values by name; None: none are given.
+        controller: any controller.
+        parameters: values by name, or None.
 
     Raises:
-        ModelError: parameters that are no mapping.
-        StateError: they do not fit the law, or the controller takes none.
+        ModelError: the parameters are not a mapping.
+        StateError: they do not fit the law, or the controller has no parameters.
     """
     values = {} if parameters is None else parameters
     if not isinstance(values, Mapping):
@@ -190,7 +190,7 @@ def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> An
 
 
 def _shape(name: str, shape: Sequence[int]) -> Shape:
-    """Return a parameter's shape as a tuple, or refuse it."""
+    """Return the checked shape of a parameter as a tuple."""
     if not isinstance(shape, tuple | list) or not all(isinstance(k, int | np.integer) and k >= 0 for k in shape):
         got = checks.short(shape)
         raise ModelError(f"control law: parameter '{name}': expected a shape such as (), (3,), got {got}")
@@ -198,7 +198,7 @@ def _shape(name: str, shape: Sequence[int]) -> Shape:
 
 
 def held_torques(joint_count: int) -> ControlLaw:
-    """Return the law tau = `tau`, the same at every stage of a step."""
+    """Return the law whose torques are its parameter `tau`, constant during each step."""
     return ControlLaw(_held, parameters={"tau": (joint_count,)}, key="held")
 
 

@@ -1,4 +1,4 @@
-"""Gravity compensation: torques that hold the chain still wherever it is."""
+"""Gravity compensation: torques that hold the chain still in any configuration."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from holdfast.state import Inputs, State, require_fit
 
 @dataclass(frozen=True, eq=False)
 class GravityCompensation(Frozen):
-    """tau = C_gravity + J^T f + stiffness (q - rest) - d qd: the closed chain's static balance.
+    """The static balance of the closed chain, tau = C_gravity + J^T f + stiffness (q - rest) - d qd.
 
-    f carries the object's weight by the smallest wrenches the grasps can transmit, and
-    squeezes. Bases are taken to stand still; external wrenches are not known to it.
+    f are the smallest wrenches that the grasps can transmit to carry the object's weight, plus a squeeze. Bases are
+    assumed to stand still, and external wrenches are ignored.
 
     Attributes:
-        chain: the chain as the controller knows it.
+        chain: the controller's model of the chain.
         squeeze: internal force of every arm along its contact normal, into the object [N].
-        joint_damping: d, slows every joint down [N m s/rad or N s/m].
+        joint_damping: damping d of every joint [N m s/rad or N s/m].
     """
 
     chain: ClosedChain
     squeeze: float = 0.0
     joint_damping: float = 0.0
-    traceable: ClassVar[bool] = True  # becomes machine code
+    traceable: ClassVar[bool] = True  # can be compiled to machine code
 
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "gravity compensation: chain")
@@ -48,7 +48,7 @@ class GravityCompensation(Frozen):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"gravity compensation: {name}"))
 
     def for_chain(self, chain: ClosedChain) -> Self:
-        """Return the controller of a chain whose grasps have changed."""
+        """Return the controller for a chain whose grasps have changed."""
         return replace(self, chain=chain)
 
     @np.errstate(all="ignore")  # what overflows is refused

@@ -1,4 +1,4 @@
-"""`holding_torques` as a control law: machine code by `compile_law`, and in rollouts."""
+"""`holding_torques` as a control law, which can be compiled by `compile_law` and used in rollouts."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from holdfast.state import Inputs, State
 def holding_law(chain: ClosedChain, *, each_arm: bool = False) -> ControlLaw:
     """Return the law whose torques are `holding_torques`, with `acceleration` (6,) and `internal` as its parameters.
 
-    `compile_law(holding_law(chain), chain)` is its machine code, for one system, bound, or for a batch. Where
-    `holding_torques` refuses, so does a single call; in batches, bound calls and rollouts such torques are
-    not-a-number. All joints are driven: for `undriven` ones there is `holding_torques` itself.
+    `compile_law(holding_law(chain), chain)` compiles it, for one system, with bound arrays, or for a batch. If
+    `holding_torques` would raise an error, so does a call for one system; in batches, bound calls and rollouts, the
+    torques are NaN. All joints must be driven; for `undriven` joints use `holding_torques` itself.
 
     Args:
         chain: arms, object and grasps.
-        each_arm: whether `internal` is (arms, 6) wrenches; by default it is one push of every arm [N].
+        each_arm: whether `internal` are wrenches (arms, 6); by default it is one push of every arm [N].
 
     Raises:
-        ModelError: no chain.
-        MethodNotApplicable: a chain whose base floats, or that no arm holds the object of.
+        ModelError: `chain` is not a ClosedChain.
+        MethodNotApplicable: the base of the chain floats, or no arm has a grasp.
     """
     checks.instance(chain, ClosedChain, "holding law: chain")
     for refused, what in ((chain.floats, "a floating base, which no drive holds"), (not chain.grasps, "no grasp")):
@@ -58,7 +58,7 @@ class HoldingTorques(Frozen):
     chain: ClosedChain
 
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
-        """Return torques (n,) and the memory; on floats refused as `holding_torques` refuses."""
+        """Return the torques (n,) and the memory; on floats, the errors are those of `holding_torques`."""
         acceleration, internal = given["acceleration"], given["internal"]
         if state.q.dtype != object:
             return holding_torques(self.chain, state, acceleration, internal), memory
@@ -68,4 +68,4 @@ class HoldingTorques(Frozen):
         good = where(less(POSSIBLE * found.size, found.left), 0.0, 1.0)
         for gap, size in found.missed:
             good = where(less(POSSIBLE * size, gap), 0.0, good)
-        return found.tau / good * good, memory  # 0 / 0 where it is refused
+        return found.tau / good * good, memory  # 0 / 0 gives NaN if the torques are invalid

@@ -1,6 +1,7 @@
-"""Grasp wrenches that carry the object, spare the undriven joints, and are as near as can be to wished ones.
+"""Inverse dynamics of the whole closed chain: torques for an object acceleration and an internal wrench.
 
-Inverse dynamics of the whole closed chain: torques for an object acceleration and an internal wrench.
+The grasp wrenches accelerate the object, need no torque at undriven joints, and are as close as possible to wished
+ones.
 """
 
 from __future__ import annotations
@@ -24,29 +25,28 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import Inputs, State, require_fit
 
-DEPENDENT = 1e-12  # of the largest singular value
+DEPENDENT = 1e-12  # singular values below this, relative to the largest, count as zero
 
 
 def balancing_wrenches(
     motion: ChainMotion, alpha: Array, wished: Array, idle: Array, free: Array, base: Array | None = None
 ) -> Array:
-    """Return the transmissible wrenches nearest to the wished ones that balance, (arms, 6).
+    """Return the transmissible wrenches nearest to the wished ones that satisfy the balances, (arms, 6).
 
-    min |lambda - K f_wished| in the metric of the force split (moments over its length), with
-    A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w, w of springs and bushings, and
-    (J^T K^T lambda)_j = -(M qdd + C)_j at undriven joints j, and so at the six rows of a floating base, which nothing
-    drives.
+    min |lambda - K f_wished| in the metric of the force split (moments divided by its length), subject to
+    A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w, with w of springs and bushings, and to
+    (J^T K^T lambda)_j = -(M qdd + C)_j at undriven joints j and at the six rows of a floating base, which has no drive.
 
     Args:
-        motion: the chain in motion.
-        alpha: (6,) acceleration of C, true, world axes.
-        wished: (arms, 6) about the contacts, world axes; of rows of arms that hold.
-        idle: places of the undriven joints in the flat arrays.
+        motion: the chain's motion.
+        alpha: (6,) true acceleration of C, world axes.
+        wished: (arms, 6) wished wrenches about the contacts, world axes; only the rows of arms with a grasp count.
+        idle: indices of the undriven joints in the flat arrays.
         free: (idle,) their torques M qdd + C + damping qd + stiffness (q - rest) [N m or N].
-        base: (6,) what a floating base would need without grasp wrenches, about its origin; None without one.
+        base: (6,) wrench that a floating base would need without grasp wrenches, about its origin; None without one.
 
     Raises:
-        StateError: no wrenches balance.
+        StateError: no wrenches satisfy the balances.
     """
     chain = motion.chain
     holding = [chain.names.index(name) for name in chain.grasps]
@@ -83,7 +83,7 @@ def balancing_wrenches(
 
 
 def _require_balance(chain: ClosedChain, left: float, size: float, idle: Array) -> None:
-    """Refuse a load that no transmissible wrenches bear, naming what is left of it [N]."""
+    """Refuse a load that no transmissible wrenches can balance; the message gives the residual [N]."""
     if left <= POSSIBLE * size:
         return
     if not chain.grasps:
@@ -106,28 +106,27 @@ def holding_torques(
     *,
     undriven: Iterable[str] = (),
 ) -> Array:
-    """Return torques that give the object an acceleration, with a chosen internal wrench, (n,) [N m or N].
+    """Return the torques for an acceleration of the object and a chosen internal wrench, (n,) [N m or N].
 
-    tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), with the least qdd that goes with the object's
-    acceleration and the f nearest to the chosen one (in the metric of `split`) that satisfies
-    A^T f = M(C) (alpha - [0; g]) + b(C). `forward_dynamics` of the result returns alpha, and,
-    where forces are unique, f. Bases are taken to stand still, and so are a trunk and its floating base: nothing drives
-    that, so that arms in the world must bear it. O(n) + O(l^3).
+    tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), with the smallest qdd that agrees with the object's
+    acceleration, and the f nearest to the chosen one (in the metric of `split`) that satisfies
+    A^T f = M(C) (alpha - [0; g]) + b(C). `forward_dynamics` with the result returns alpha and, if the forces are
+    unique, f. Bases are assumed to stand still, and so are a trunk and its floating base; the latter has no drive, so
+    arms with bases in the world must hold it. O(n) + O(l^3).
 
     Args:
         chain: the chain.
-        state: positions and velocities, closed.
-        acceleration: (6,) [omega_dot; v_dot] of C, true, world axes; None: zero, which holds
-            still what is still.
-        internal: a push of every arm along its contact normal, into the object [N]; or (arms,
-            6) wrenches of each arm on the object about its contact, world axes. Of both only
-            the transmissible, internal part counts.
+        state: positions and velocities, which must satisfy the grasps.
+        acceleration: (6,) [omega_dot; v_dot] of C, the true acceleration, world axes; None for zero, which keeps a
+            chain at rest.
+        internal: a push of every arm along its contact normal into the object [N], or wrenches (arms, 6) of each arm on
+            the object about its contact, world axes. Only the transmissible internal part of either counts.
         undriven: joints "arm/joint" (without a name: "arm/joint1", counted from 1) whose torque
-            is to be 0; the internal wrench then gives way as far as it must.
+            shall be 0; the internal wrench then deviates from the chosen one as far as necessary.
 
     Raises:
-        StateError: wrong shapes, an acceleration that the arms cannot follow, a load that the
-            grasps or the driven joints cannot bear, an unknown joint.
+        StateError: a shape is wrong, the arms cannot follow the acceleration, the grasps or the driven joints cannot
+            hold the load, or a joint is unknown.
     """
     require_fit(chain, state)
     alpha = np.zeros(6) if acceleration is None else checks.numbers(acceleration, (6,), "acceleration", StateError)
@@ -146,15 +145,15 @@ def holding_torques(
         base = trunk_torques(motion, qdd, none, np.zeros(6)).base
     f = balancing_wrenches(motion, alpha, wished, idle, torques(motion, qdd, none)[idle], base)
     tau = checks.finite(torques(motion, qdd, f), "holding torques")
-    tau[idle] = 0.0  # to rounding already
+    tau[idle] = 0.0  # it is zero up to rounding
     return tau
 
 
 def joint_places(chain: ClosedChain, names: Iterable[str]) -> Array:
-    """Return where joints named "arm/joint" lie in the flat arrays, as an array of whole numbers.
+    """Return the indices of joints named "arm/joint" in the flat arrays.
 
     Raises:
-        StateError: no such joint.
+        StateError: there is no such joint.
     """
     places = {name: k for k, name in enumerate(chain.joint_names())}
     if not checks.is_listed(names):
@@ -167,7 +166,7 @@ def joint_places(chain: ClosedChain, names: Iterable[str]) -> Array:
 
 
 def _wished(motion: ChainMotion, internal: Any) -> Array:
-    """Return the chosen wrenches before any balance, (arms, 6)."""
+    """Return the chosen wrenches as an array (arms, 6)."""
     chain = motion.chain
     if not np.ndim(internal):
         return pushes(motion, float(checks.numbers(internal, (), "internal", StateError)))
@@ -179,7 +178,7 @@ def _wished(motion: ChainMotion, internal: Any) -> Array:
 
 
 def _require_followed(motion: ChainMotion, missed: list[Missed], alpha: Array) -> None:
-    """Refuse an acceleration that an arm cannot follow, naming the arms and what they miss."""
+    """Refuse an acceleration that an arm cannot follow; the message names the arms and their errors."""
     short = [
         f"arm '{name}' misses {gap:.3g} (m/s^2 or rad/s^2)"
         for name, (gap, size) in zip(motion.chain.grasps, missed, strict=True)

@@ -1,4 +1,4 @@
-"""Computed torque: the object follows a path while the arms squeeze it."""
+"""Computed-torque control of the object along a path, with a squeeze."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from holdfast.state import State, require_fit
 
 
 class ObjectPath(Protocol):
-    """Where the object should be over time, such as `RestToRest` or `PoseSpline`."""
+    """The desired motion of the object over time, such as `RestToRest` or `PoseSpline`."""
 
     def at(self, t: Any) -> Target:
         """Return the target at time t [s]."""
@@ -31,20 +31,20 @@ class ObjectPath(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ObjectTracking(Frozen):
-    """tau = M qdd + C + J^T f + what dampers and springs take, with qdd and f that give the object its acceleration.
+    """Computed torque, tau = M qdd + C + J^T f + torques of dampers and springs, for the object's acceleration.
 
-    The commanded acceleration is the path's and a correction,
-    alpha = alpha_d + damping (V_d - V) + stiffness [log(R_d R^T); p_d - p]; the error then
-    obeys e'' + damping e' + stiffness e = 0. Bases are taken to stand still. The joints of a trunk are slowed down
-    only, and its floating base goes where the arms push it.
+    The commanded acceleration is that of the path plus a correction,
+    alpha = alpha_d + damping (V_d - V) + stiffness [log(R_d R^T); p_d - p]. The error then satisfies
+    e'' + damping e' + stiffness e = 0. Bases are assumed to stand still. The joints of a trunk are only damped, and its
+    floating base moves as the wrenches on it require.
 
     Attributes:
-        chain: the chain as the controller knows it.
-        path: t [s] -> where the object should be; or a path object, whose `at` is taken.
+        chain: the controller's model of the chain.
+        path: function of t [s] that returns the target, or a path object, whose method `at` is used.
         squeeze: internal force of every arm along its contact normal, into the object [N].
-        stiffness: of the pose error [1/s^2].
-        damping: of the twist error [1/s]; 2 sqrt(stiffness) is critical.
-        joint_damping: of joint motions that do not move the object, and of a trunk's [1/s].
+        stiffness: gain of the pose error [1/s^2].
+        damping: gain of the twist error [1/s]; 2 sqrt(stiffness) is critical.
+        joint_damping: damping of joint motions that do not move the object, and of the joints of a trunk [1/s].
     """
 
     chain: ClosedChain
@@ -53,7 +53,7 @@ class ObjectTracking(Frozen):
     stiffness: float = 100.0
     damping: float = 20.0
     joint_damping: float = 10.0
-    traceable: ClassVar[bool] = True  # becomes machine code, where the path is traceable too
+    traceable: ClassVar[bool] = True  # can be compiled to machine code if the path is traceable
 
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "object tracking: chain")
@@ -68,7 +68,7 @@ class ObjectTracking(Frozen):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"object tracking: {name}"))
 
     def for_chain(self, chain: ClosedChain) -> Self:
-        """Return the controller of a chain whose grasps have changed."""
+        """Return the controller for a chain whose grasps have changed."""
         return replace(self, chain=chain)
 
     @np.errstate(all="ignore")  # what overflows is refused
@@ -89,7 +89,7 @@ class ObjectTracking(Frozen):
         return checks.finite(tau, "object tracking"), memory
 
     def commanded_acceleration(self, t: float, state: State) -> Array:
-        """Return [omega_dot; v_dot] of C that the object is to have, (6,) world axes."""
+        """Return the commanded [omega_dot; v_dot] of C, (6,) world axes."""
         target = cast(Callable[[float], Target], self.path)(t)
         frame = state.object_frame
         error = concatenate([rotation.log_below_pi(target.pose.R @ frame.R.T), target.pose.p - frame.p])

@@ -1,4 +1,4 @@
-"""Where the object should be over time, and its smooth motion from rest to rest."""
+"""Targets for the object's motion, and smooth paths from rest to rest."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ FARTHEST_TURN = 1e5  # [rad]: as far as machine code takes angles
 
 
 class Target(NamedTuple):
-    """Where the object should be, and how it should move.
+    """The desired pose, twist and acceleration of the object at one time.
 
     Attributes:
-        pose: of the object frame (origin C) in the world.
-        twist: (6,) of C, world axes [rad/s, m/s].
+        pose: pose of the object frame (origin C) in the world.
+        twist: (6,) twist of C, world axes [rad/s, m/s].
         acceleration: (6,) [omega_dot; v_dot] of C, world axes [rad/s^2, m/s^2].
     """
 
@@ -34,17 +34,17 @@ class Target(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RestToRest(Frozen):
-    """Hold, move by a displacement and a turn at once, hold again.
+    """A path that rests, moves by a displacement and a rotation together, and rests again.
 
     R = exp(s turn) R_0 and p = p_0 + s displacement, with the quintic s = 10 x^3 - 15 x^4
-    + 6 x^5 of x = (t - begin) / duration: velocity and acceleration begin and end at zero.
+    + 6 x^5 of x = (t - begin) / duration, so that velocity and acceleration begin and end at zero.
 
     Attributes:
-        start: pose at the beginning.
-        displacement: (3,) of C, world axes [m].
+        start: pose at the start.
+        displacement: (3,) displacement of C, world axes [m].
         turn: (3,) rotation vector, world axes [rad].
         begin: time at which the motion begins [s].
-        duration: of the motion [s].
+        duration: duration of the motion [s].
     """
 
     start: PoseField = REQUIRED

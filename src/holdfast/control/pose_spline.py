@@ -20,26 +20,26 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.rotation_curve import exp_curve
 from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, minimum, select, where
 
-HALF_TURN = np.pi - 1e-6  # [rad]: from here on nobody can say which way round
-SAME = 1e-12  # [m, rad]: poses so near to each other are one
-LOOKS = 50  # at each piece, for the largest speed
+HALF_TURN = np.pi - 1e-6  # [rad]: the direction of a larger rotation is ambiguous
+SAME = 1e-12  # [m, rad]: poses that differ by less are equal
+LOOKS = 50  # evaluations per piece in the search for the largest speed
 
 
 @dataclass(frozen=True, eq=False)
 class PoseSpline(Frozen):
-    """Pass through poses at given times, from rest to rest; hold before and after.
+    """A smooth path through given poses at given times, from rest to rest; it rests before and after.
 
-    From pose k to the next, R = R_k exp(theta) and p, theta and p being quintic polynomials of time, so that pose,
-    twist and acceleration are continuous everywhere; twist and acceleration begin and end at zero. At the poses they
-    are those of the path of least squared jerk: through p, and through the steps' rotation vectors laid end to end.
-    Between two equal poses in a row the object rests. Two poses alone are `RestToRest`.
+    From pose k to the next, R = R_k exp(theta), where theta and p are quintic polynomials of time. Pose, twist and
+    acceleration are continuous, and twist and acceleration begin and end at zero. At the poses, they are those of the
+    path with least squared jerk through the positions p and through the accumulated rotation vectors of the steps.
+    Between two equal successive poses the object rests. With two poses the path is that of `RestToRest`.
 
     Attributes:
-        poses: of the object frame in the world, two or more; neighbours are less than half a turn apart.
-        times: when it is there, one for each pose, increasing [s].
+        poses: two or more poses of the object frame in the world; successive ones are less than half a turn apart.
+        times: times at which the object is at the poses, increasing [s].
 
     Raises:
-        ModelError: poses or times of which no such path is made.
+        ModelError: there is no such path for the given poses and times.
     """
 
     poses: Converted[Sequence[Pose], Sequence[Pose | ArrayLike]] = REQUIRED
@@ -66,18 +66,19 @@ class PoseSpline(Frozen):
     def at_speed(
         poses: Sequence[Pose | ArrayLike], speed: float, turn_rate: float, *, begin: float = 0.0
     ) -> PoseSpline:
-        """Return the path on which the object never moves faster than so, and as fast as that somewhere.
+        """Return the path whose largest speed equals one of the given limits, to 0.1 %.
 
-        Times between poses go as what takes longer there, the way or the turn. To 0.1 % of the speed.
+        The times between poses are proportional to the time that the translation or the rotation needs, whichever is
+        longer.
 
         Args:
-            poses: two or more, no two neighbours alike.
+            poses: two or more poses; successive ones must differ.
             speed: largest speed of C [m/s].
             turn_rate: largest angular speed [rad/s].
-            begin: when it sets out [s].
+            begin: time at which the motion begins [s].
 
         Raises:
-            ModelError: a limit that is not above zero, neighbours that are alike, or poses that are refused.
+            ModelError: a limit is not > 0, successive poses are equal, or there is no path through the poses.
         """
         limits = np.array(
             [checks.number(turn_rate, "path: turn_rate", above=0.0)] * 3
@@ -112,7 +113,7 @@ class PoseSpline(Frozen):
             begin, span = where(here, begins[k], begin), where(here, spans[k], span)
         x = minimum(maximum((t - begin) / span, 0.0), 1.0)
         y, rate, second = polynomial(c, x)
-        moves = where(t < self.times[-1], 1.0, 0.0)  # rounding is left at the end
+        moves = where(t < self.times[-1], 1.0, 0.0)  # removes rounding errors at the end
         rate, second = moves / span * rate, moves / span / span * second
         turned, omega, omega_dot = exp_curve(y[:3], rate[:3], second[:3])
         twist, acceleration = concatenate([R @ omega, rate[3:]]), concatenate([R @ omega_dot, second[3:]])
@@ -120,7 +121,7 @@ class PoseSpline(Frozen):
 
     @frozen_property
     def _pieces(self) -> Array:
-        """Coefficients of [theta; p] by x = (t - t_k) / (t_k+1 - t_k), (pieces, 6, 6): six of each coordinate."""
+        """Coefficients of [theta; p] in x = (t - t_k) / (t_k+1 - t_k), (pieces, 6, 6), six for each coordinate."""
         poses, spans = self.poses, np.diff(self.times)
         rate, second = _knots(poses, self.times)
         found = []
@@ -137,7 +138,7 @@ class PoseSpline(Frozen):
         return np.array(found)
 
     def _require_short_ways(self) -> None:
-        """Refuse neighbours half a turn apart, and times between which the path would swing round and round."""
+        """Refuse successive poses that are half a turn apart, and times for which the path would swing too far."""
         for k, c in enumerate(self._pieces):
             a, b = self.poses[k], self.poses[k + 1]
             if (angle := np.linalg.norm(_step(a, b)[:3])) > HALF_TURN:
@@ -155,7 +156,7 @@ class PoseSpline(Frozen):
 
 
 def polynomial(c: Array, x: Scalar) -> tuple[Array, Array, Array]:
-    """Return sum_j c_j x^j and its two derivatives, of columns c, (coordinates, 6)."""
+    """Return sum_j c_j x^j and its first two derivatives for coefficients c, (coordinates, 6)."""
     value, rate, half = c[:, 5], 0.0 * c[:, 5], 0.0 * c[:, 5]
     for j in range(4, -1, -1):
         half = half * x + rate
@@ -165,7 +166,7 @@ def polynomial(c: Array, x: Scalar) -> tuple[Array, Array, Array]:
 
 
 def _poses(given: Any) -> tuple[Pose, ...]:
-    """Return checked poses."""
+    """Return the checked poses."""
     listed = isinstance(given, Sequence) or (isinstance(given, np.ndarray) and given.ndim > 0)
     if not listed or isinstance(given, Pose | str):
         raise ModelError(f"path: poses: expected a list of poses, got {type(given).__name__}")
@@ -179,22 +180,22 @@ def _poses(given: Any) -> tuple[Pose, ...]:
 
 
 def _step(a: Pose, b: Pose) -> Array:
-    """Return [phi; d] from a pose to the next, (6,): R_b = R_a exp(phi), p_b = p_a + d."""
+    """Return [phi; d] from one pose to the next, (6,): R_b = R_a exp(phi), p_b = p_a + d."""
     return np.r_[rotation.log(a.R.T @ b.R), b.p - a.p]
 
 
 def _still(poses: Sequence[Pose]) -> Array:
-    """Return which poses are those before them, (poses - 1,)."""
+    """Return whether each pose equals the pose before it, (poses - 1,)."""
     return np.array([np.abs(_step(a, b)).max() <= SAME for a, b in pairwise(poses)])
 
 
 def _knots(poses: Sequence[Pose], times: Array) -> tuple[Array, Array]:
-    """Return rates and second derivatives at the poses, (poses, 6) each: body axes, then p.
+    """Return the first and second derivatives at the poses, (poses, 6) each: rotations in body axes, then p.
 
-    They are those of the quintic spline (four continuous derivatives) through the steps laid end to end, from rest
-    to rest; wherever two poses are alike one ends and the next begins.
+    They are those of the quintic spline (with four continuous derivatives) through the accumulated steps, from rest to
+    rest. If two successive poses are equal, one spline ends there and the next begins.
     """
-    from scipy.interpolate import make_interp_spline  # half a second to import
+    from scipy.interpolate import make_interp_spline  # imported here because it takes half a second
 
     steps = np.array([_step(a, b) for a, b in pairwise(poses)])
     way = np.concatenate([np.zeros((1, 6)), np.cumsum(steps, axis=0)])
@@ -215,7 +216,7 @@ def _knots(poses: Sequence[Pose], times: Array) -> tuple[Array, Array]:
 
 
 def _theta_derivatives(phi: Array, omega: Array, omega_dot: Array) -> tuple[Array, Array]:
-    """Return the two derivatives of theta at phi that go with angular velocity and acceleration in body axes."""
+    """Return the derivatives of theta at phi for an angular velocity and acceleration in body axes."""
     none = np.zeros(3)
     R, _, _ = exp_curve(phi, none, none)
     J = np.column_stack([exp_curve(phi, unit, none)[1] for unit in np.eye(3)])
@@ -224,7 +225,7 @@ def _theta_derivatives(phi: Array, omega: Array, omega_dot: Array) -> tuple[Arra
 
 
 def _quintic_between(first: Sequence[Array], last: Sequence[Array]) -> Array:
-    """Return the coefficients of quintics by their values and two derivatives at x = 0 and 1, (coordinates, 6)."""
+    """Return the coefficients of quintics with given values and derivatives at x = 0 and 1, (coordinates, 6)."""
     (y0, v0, a0), (y1, v1, a1) = first, last
     d = y1 - y0
     return np.column_stack(

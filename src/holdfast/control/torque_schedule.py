@@ -1,4 +1,4 @@
-"""Open-loop torques: polynomials of time, piece by piece."""
+"""Open-loop torques that are piecewise polynomials of time."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from holdfast.state import State
 
 @dataclass(frozen=True, eq=False)
 class TorqueSchedule(Frozen):
-    """tau_j(t) = sum_k c_jk (t - knot)^k from each knot to the next, and what another controller adds.
+    """Torques tau_j(t) = sum_k c_jk (t - knot)^k from each knot to the next, plus those of another controller.
 
-    Zero before the first knot; the last piece goes on. Simulation ends steps at the `breakpoints`: the knots,
-    so that no step sees two pieces, and where a torque turns, so that within a step every torque rises or falls
-    all the way.
+    The torques are zero before the first knot, and the last piece has no end. Simulation ends steps at the
+    `breakpoints`. These are the knots, so that no step contains two pieces, and the extrema of the torques, so that
+    every torque is monotonic within a step.
 
     Attributes:
-        knots: (pieces,) where pieces begin, increasing [s].
-        coefficients: per piece (n, degree + 1), the constant first [N m / s^k or N / s^k].
+        knots: (pieces,) times at which the pieces begin, increasing [s].
+        coefficients: per piece (n, degree + 1), beginning with the constant [N m / s^k or N / s^k].
         beside: another controller, whose torques are added.
     """
 
@@ -62,7 +62,7 @@ class TorqueSchedule(Frozen):
 
     @classmethod
     def linear(cls, times: Any, torques: Any, beside: Controller | None = None) -> TorqueSchedule:
-        """Return the schedule that joins torques at given times by straight lines, and holds the last.
+        """Return the schedule that interpolates torques at given times linearly, and holds the last ones.
 
         Args:
             times: (k,) increasing [s].
@@ -70,7 +70,7 @@ class TorqueSchedule(Frozen):
             beside: as for the class.
 
         Raises:
-            ModelError: times that do not increase, or torques that do not fit them.
+            ModelError: the times do not increase, or the shape of the torques does not match them.
         """
         t, tau = (checks.numbers(x, None, f"schedule: {name}") for x, name in ((times, "times"), (torques, "torques")))
         if t.ndim != 1 or tau.ndim != 2 or len(t) != len(tau) or not len(t):
@@ -84,11 +84,11 @@ class TorqueSchedule(Frozen):
 
     @np.errstate(all="ignore")  # what overflows is refused
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        """Return the torques (n,) [N m or N]; the memory is the other controller's.
+        """Return the torques (n,) [N m or N]; the memory is that of the other controller.
 
         Raises:
-            ModelError: t is no finite number.
-            StateError: they overflow.
+            ModelError: t is not a finite number.
+            StateError: the torques overflow.
         """
         t = checks.number(t, "schedule: t")
         found, memory = (0.0, memory) if self.beside is None else torques_and_memory(self.beside(t, state, memory))
@@ -102,7 +102,7 @@ class TorqueSchedule(Frozen):
 
     @frozen_property
     def breakpoints(self) -> Array:
-        """Knots and turning points of every torque, and the other controller's, increasing [s]."""
+        """Knots, times of the torques' extrema, and breakpoints of the other controller, increasing [s]."""
         ends = np.append(self.knots[1:], np.inf)
         found = [*self.knots, *getattr(self.beside, "breakpoints", ())]
         for begin, end, table in zip(self.knots, ends, self.coefficients, strict=True):
@@ -111,13 +111,13 @@ class TorqueSchedule(Frozen):
         return np.unique(found)
 
     def for_chain(self, chain: ClosedChain) -> TorqueSchedule:
-        """Return the schedule for other grasps: the same torques, and what the other controller makes of them."""
+        """Return the schedule for a chain whose grasps have changed, with the other controller adapted."""
         other = getattr(self.beside, "for_chain", None)
         return self if other is None else replace(self, beside=other(chain))
 
 
 def _turning_points(coefficients: Array) -> list[float]:
-    """Return where the polynomial's slope vanishes; of a complex pair, which rounding may make of two, both."""
+    """Return the points at which a polynomial's slope vanishes, including double roots that rounding made complex."""
     if len(coefficients) < 3:
         return []
     slope = np.polynomial.Polynomial(coefficients).deriv().trim()

@@ -1,4 +1,4 @@
-"""Control laws traced: what they compute of time, state, memory and parameters, as a program."""
+"""Tracing of control laws to programs of time, state, memory and parameters."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from holdfast.state import State
 
 
 def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLaw | None:
-    """Return the law of a controller that can be traced, or None.
+    """Return a traceable controller as a control law; None if it cannot be traced.
 
     Raises:
-        StateError: a law that takes parameters.
+        StateError: the controller is a law with parameters.
     """
     if isinstance(controller, ControlLaw | GivenLaw):
         return controller.given({}).law if isinstance(controller, ControlLaw) else controller.law
@@ -31,7 +31,7 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
         return None
     key = exact_fingerprint(controller)
     law = ControlLaw(OwnTorque(controller), key=key or "")
-    if key is None:  # a part of it is the user's own, such as a path
+    if key is None:  # a part of it, such as a path, is a user function
         try:
             law_program(law, chain)
         except CompileError:
@@ -41,7 +41,7 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
 
 @dataclass(frozen=True, eq=False)
 class OwnTorque(Frozen):
-    """The torques of a controller that remembers nothing, as those of a law.
+    """The torques of a controller without memory, as those of a law.
 
     Attributes:
         controller: the controller.
@@ -61,14 +61,14 @@ def law_outputs(
 
     Args:
         law: the law.
-        chain: whose joints it drives.
+        chain: the chain that it controls.
         t: time [s].
         state: positions and velocities.
-        memory: the law's.
-        given: its parameters, by `control.name`.
+        memory: memory to pass to the law.
+        given: values of its parameters, by `control.name`.
 
     Raises:
-        CompileError: it returns something else.
+        CompileError: the law does not return torques and memory of the right shapes.
     """
     found = law.torque(t, state, memory, {name: given[f"control.{name}"] for name in law.parameters})
     if not isinstance(found, tuple) or len(found) != 2:
@@ -81,10 +81,10 @@ def law_outputs(
 
 
 def law_program(law: ControlLaw, chain: ClosedChain) -> Program:
-    """Return a law as a program: t, the state's arrays, memory and parameters to torques and memory.
+    """Return a law as a program from t, the state's arrays, memory and parameters to torques and memory.
 
     Raises:
-        CompileError: it cannot be traced.
+        CompileError: the law cannot be traced.
     """
     names, fields, size = [f"control.{name}" for name in law.parameters], state_fields(chain), shapes(chain)
 

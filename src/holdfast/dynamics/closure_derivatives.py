@@ -1,4 +1,4 @@
-"""Derivatives of how far grasps are from holding."""
+"""Derivatives of the residuals of the grasp constraints."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def closure_vjp(
     position: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
 ) -> Derivatives:
-    """Return gradients of sum(cotangent . residual) of the grasps by some arguments. O(n) + O(l).
+    """Return the gradients of sum(cotangent . residual) of the grasps with respect to some arguments. O(n) + O(l).
 
-    theta_bar = (d residual / d theta)^T residual_bar, residuals as in `closure`, those of all grasps one after the
-    other; names, and what poses turn by, as in `forward_dynamics_vjp`. A rotation vector has no derivative at half a
-    turn; given there is that of the axis taken.
+    theta_bar = (d residual / d theta)^T residual_bar, with the residuals of `closure`, concatenated over the grasps.
+    The names of the arguments and the derivatives by poses are as in `forward_dynamics_vjp`. A rotation vector has no
+    derivative at half a turn; the derivative for the chosen axis is then returned.
 
     Args:
         chain: the chain.
@@ -42,14 +42,14 @@ def closure_vjp(
         inputs: base motion, if the bases move.
         by: the arguments: q, qd, object_pose, object_twist, grasp_pose, base_pose, base_twist; with a trunk
             floating_pose and floating_twist, or trunk_base_twist.
-        position: (position rows,) the cotangent of what positions leave open.
-        velocity: (velocity rows,) that of what velocities do.
+        position: (position rows,) the cotangent of the position residuals.
+        velocity: (velocity rows,) the cotangent of the velocity residuals.
 
     Returns:
-        By argument its gradient, in its shape; `result` is what `closure` returns.
+        The gradients by argument, in the shape of the argument; `result` is the result of `closure`.
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _case(chain, state, inputs)
     given = {name: x for name, x in zip(RESIDUALS, (position, velocity), strict=True) if x is not None}
@@ -59,22 +59,22 @@ def closure_vjp(
 def closure_jvp(
     chain: ClosedChain, state: State, inputs: Inputs | None = None, *, along: Mapping[str, ArrayLike]
 ) -> Derivatives:
-    """Return how fast the residuals of the grasps change while arguments do. O(n) + O(l) a direction.
+    """Return the rates of the grasps' residuals for given rates of the arguments. O(n) + O(l) per direction.
 
-    residual_dot = (d residual / d theta) theta_dot; see `closure_vjp`. Along its own velocities a closed chain's
-    position residuals change by its velocity residuals, row by row where a grasp has both.
+    residual_dot = (d residual / d theta) theta_dot; see `closure_vjp`. For the chain's own velocities, the rates of the
+    position residuals of a closed chain are its velocity residuals, in all rows that a grasp has of both kinds.
 
     Args:
         chain: the chain.
         state: any state, closed or not.
         inputs: base motion, if the bases move.
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
 
     Returns:
         `found.position`, (position rows,) or (d, position rows), and `found.velocity` likewise.
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _case(chain, state, inputs)
     return text_jvp(CLOSURE, case, found, along)
@@ -101,14 +101,14 @@ def closure_jacobian(
         `found[of, by]`, (rows, *shape of the argument's gradient).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _case(chain, state, inputs)
     return text_jacobian(CLOSURE, case, found, of, by)
 
 
 def _case(chain: ClosedChain, state: State, inputs: Inputs | None) -> tuple[VariedCase, dict[str, GraspResidual]]:
-    """Return what the text is given, and the residuals there."""
+    """Return the arguments of the differentiated function, and the residuals there."""
     checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         return case_of(chain, state, inputs, {}), closure(chain, state, inputs)

@@ -107,7 +107,7 @@ def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> d
 
 
 def residuals_at(chain: ClosedChain, state: State, inputs: Inputs) -> dict[str, GraspResidual]:
-    """Return position and velocity residuals of every grasp, inputs shaped, on varied numbers too; see `closure`."""
+    """Return the residuals of every grasp for shaped inputs; the numbers may carry derivatives. See `closure`."""
     stand, frame, found = standing(chain, state, inputs), state.object_frame, {}
     for name, grasp in chain.grasps.items():
         row, part = chain.names.index(name), chain.joints[name]

@@ -1,4 +1,4 @@
-"""Derivatives of forward dynamics: the reference that machine code is compared with."""
+"""Derivatives of forward dynamics, computed on floats; compiled derivatives are compared with them."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ STATE_AND_TORQUES = ("q", "qd", "tau", "object_pose", "object_twist")
 
 @dataclass(frozen=True, eq=False)
 class Derivatives(Frozen):
-    """Derivatives of a function, `found.q` or `found["q"]`; of a Jacobian `found["qdd", "q"]`.
+    """Derivatives of a function: `found.q` or `found["q"]`, or for a Jacobian `found["qdd", "q"]`.
 
     Attributes:
-        result: what the function returns there, such as a `ForwardResult`.
+        result: the value of the function, such as a `ForwardResult`.
         parts: all derivatives by name, or by result and argument.
     """
 
@@ -44,13 +44,13 @@ class Derivatives(Frozen):
     parts: Mapping[Any, Array]
 
     def __getitem__(self, name: Any) -> Array:
-        """Return the derivatives of a name, or of a result by an argument."""
+        """Return the derivatives with the given name, or those of a result with respect to an argument."""
         if name not in self.parts:
             raise StateError(f"no derivative {name!r}; there are {', '.join(map(str, self.parts))}")
         return self.parts[name]
 
     def __getattr__(self, name: str) -> Array:
-        """Return the derivatives of a name."""
+        """Return the derivatives with the given name."""
         if name.startswith("_") or name not in self.parts:
             raise AttributeError(f"no derivative '{name}'.{checks.did_you_mean(name, [str(x) for x in self.parts])}")
         return self.parts[name]
@@ -68,13 +68,14 @@ def forward_dynamics_vjp(
     generic_rank: int | None = None,
     **cotangents: ArrayLike,
 ) -> Derivatives:
-    """Return gradients of sum(cotangent . result) of forward dynamics by some of its arguments. O(n) + O(l).
+    """Return the gradients of sum(cotangent . result) of forward dynamics with respect to some arguments. O(n) + O(l).
 
-    theta_bar = -dL/dtheta with K y = z_bar, L the virtual power of the chain's equations. They are the derivatives of
-    the map as it stands, each argument varied by itself; along motions of the chain they do not depend on how it is
-    continued beside the grasps. Poses turn by R -> exp(turn) R and shift, (.., 6) [turn; shift]: of the object and
-    the bases about their origins along world axes, of grasps along the object's axes; inertias stay symmetric. Where
-    forces are not unique, the derivatives are those of the least ones, right along motions.
+    theta_bar = -dL/dtheta with K y = z_bar, where L is the virtual power of the chain's equations. Each argument is
+    varied alone, so the grasps may open; along motions of the chain, the result does not depend on how forward dynamics
+    is extended to states that violate the grasps. Derivatives by poses refer to R -> exp(turn) R and a shift, (.., 6)
+    [turn; shift]; those of the object and the bases are about their origins along world axes, those of grasps along the
+    object's axes. Derivatives by inertias are symmetric. If the forces are not unique, the derivatives are those of the
+    smallest forces, and are valid along motions.
 
     Args:
         chain: arms, object and grasps.
@@ -84,19 +85,20 @@ def forward_dynamics_vjp(
         by: the arguments: q, qd, tau, object_pose, object_twist, object_wrench, gravity, object_mass, object_com,
             object_inertia, grasp_pose, base_pose, base_twist, base_acceleration, armature, damping, link_mass,
             link_com, link_inertia, link_wrench; with a trunk also trunk_link_wrench, and floating_pose and
-            floating_twist or trunk_base_twist and trunk_base_acceleration. The base_pose of an arm on a trunk is in
-            the axes of its body.
+            floating_twist or trunk_base_twist and trunk_base_acceleration. The base_pose of an arm on a trunk is
+            relative to the body on which it is mounted.
         check: False skips the consistency check.
         generic_rank: rank of the constraint away from singular configurations, if known.
-        **cotangents: of any of qdd (n,), grasp_wrench (arms, 6), object_acceleration (6,), contact_acceleration
-            (n_g,), base_wrench (arms, 6); with a trunk trunk_base_wrench (6,), or floating_acceleration (6,).
+        **cotangents: cotangents of any of qdd (n,), grasp_wrench (arms, 6), object_acceleration (6,),
+            contact_acceleration (n_g,), base_wrench (arms, 6); with a trunk also trunk_base_wrench (6,) or
+            floating_acceleration (6,).
 
     Returns:
-        By argument its gradient, in its shape.
+        The gradients by argument, in the shape of the argument.
 
     Raises:
-        StateError: wrong names, shapes or numbers; the state breaks a grasp.
-        SingularChainError: the constraint's rank drops here.
+        StateError: a name, shape or number is wrong, or the state violates a grasp.
+        SingularChainError: the constraint loses rank at this state.
     """
     what = "forward_dynamics_vjp"
     checks.instance(chain, ClosedChain, "chain")
@@ -126,25 +128,25 @@ def forward_dynamics_jvp(
     check: bool = True,
     generic_rank: int | None = None,
 ) -> Derivatives:
-    """Return how fast the results of forward dynamics change while arguments do. O(n) + O(l) a direction.
+    """Return the rates of the results of forward dynamics for given rates of its arguments. O(n) + O(l) per direction.
 
-    K z_dot = -d(dL/dy); see `forward_dynamics_vjp`, also for the arguments' names and what poses turn by.
+    K z_dot = -d(dL/dy); see `forward_dynamics_vjp`, also for the names of the arguments and the derivatives by poses.
 
     Args:
         chain: arms, object and grasps.
         state: positions and velocities; must satisfy the grasps.
         tau: (n,) joint torques [N m or N].
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
         inputs: external wrenches and base motion; zero by default.
         check: False skips the consistency check.
         generic_rank: rank of the constraint away from singular configurations, if known.
 
     Returns:
-        By result how fast it changes, in its shape; with a leading axis if there are several directions.
+        The rates by result, in the shape of the result, with a leading axis if there are several directions.
 
     Raises:
-        StateError: wrong names, shapes or numbers; the state breaks a grasp.
-        SingularChainError: the constraint's rank drops here.
+        StateError: a name, shape or number is wrong, or the state violates a grasp.
+        SingularChainError: the constraint loses rank at this state.
     """
     what = "forward_dynamics_jvp"
     checks.instance(chain, ClosedChain, "chain")
@@ -187,8 +189,8 @@ def forward_dynamics_jacobian(
         `found[of, by]`, (*shape of the result, *shape of the argument's gradient).
 
     Raises:
-        StateError: wrong names, shapes or numbers; the state breaks a grasp.
-        SingularChainError: the constraint's rank drops here.
+        StateError: a name, shape or number is wrong, or the state violates a grasp.
+        SingularChainError: the constraint loses rank at this state.
     """
     what = "forward_dynamics_jacobian"
     checks.instance(chain, ClosedChain, "chain")
@@ -234,7 +236,7 @@ def _point(
     check: bool,
     generic_rank: int | None,
 ) -> tuple[Point, ForwardResult, LeastForces | None]:
-    """Return where derivatives are taken, forward dynamics there, and the least forces where they are not unique."""
+    """Return the point, the result of forward dynamics, and the smallest forces (None if the forces are unique)."""
     result = forward_dynamics(chain, state, tau, inputs=inputs, check=check, generic_rank=generic_rank)
     given = with_link_wrenches(chain, inputs)
     motion: ChainMotion = chain_motion(chain, state, checks.numbers(tau, (chain.joint_count,), "tau"), given)
@@ -247,7 +249,7 @@ def _point(
 
 
 def with_link_wrenches(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
-    """Return inputs in which everything has a number: link wrenches that are not given are zero."""
+    """Return the inputs as arrays, with zero link wrenches if none are given."""
     given = shaped_inputs(chain, inputs)
     if given.link_wrenches is not None:
         return given
@@ -256,17 +258,17 @@ def with_link_wrenches(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
 
 
 def result_named(found: ForwardResult, name: str) -> Array:
-    """Return a result by the name that derivatives know it by."""
+    """Return the result with the given name in the derivatives."""
     return getattr(found, "base_acceleration" if name == "floating_acceleration" else name)
 
 
 def directions(
     what: str, along: Mapping[str, ArrayLike], shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, Array] | list[dict[str, Array]]:
-    """Return a direction in the arguments, or a list of several where any argument has a leading axis.
+    """Return a direction in the arguments, or a list of directions if an argument has a leading axis.
 
     Raises:
-        StateError: naming what has a wrong shape, or the numbers of directions that differ.
+        StateError: an argument has a wrong shape, or the numbers of directions differ; the message gives them.
     """
     given = {name: checks.numbers(x, None, name, StateError) for name, x in along.items()}
     counts = set()
@@ -283,10 +285,10 @@ def directions(
 
 
 def require_names(what: str, names: Any, known: Sequence[str]) -> None:
-    """Refuse names that are not among those known, one given twice, or none.
+    """Refuse unknown names, a name that is given twice, and an empty list of names.
 
     Raises:
-        StateError: naming them.
+        StateError: a name is unknown, or there are none; the message lists the known ones.
     """
     if not checks.is_listed(names) or not isinstance(names, Collection) or not len(names):
         raise StateError(f"{what}: expected some of {', '.join(known)}, got {checks.short(names)}")

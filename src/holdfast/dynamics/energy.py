@@ -133,7 +133,7 @@ def potential_energy(chain: ClosedChain, state: State) -> float:
 
     Args:
         chain: the chain.
-        state: positions; velocities do not enter.
+        state: positions; velocities are ignored.
 
     Raises:
         StateError: a state of the wrong shape for the chain.
@@ -190,7 +190,7 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
 
     Args:
         chain: the chain.
-        state: positions; velocities do not enter.
+        state: positions; velocities are ignored.
 
     Raises:
         StateError: a state of the wrong shape for the chain.
@@ -227,7 +227,7 @@ def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, i
         inputs: base motion.
 
     Raises:
-        StateError: wrong shape of `about` or the inputs.
+        StateError: `about` or the inputs have a wrong shape.
     """
     require_fit(chain, state)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)

@@ -1,4 +1,4 @@
-"""Derivatives of kinetic and potential energy."""
+"""Derivatives of the kinetic and the potential energy."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def kinetic_energy_vjp(
     by: Sequence[str] = MOTION,
     kinetic_energy: ArrayLike = 1.0,
 ) -> Derivatives:
-    """Return gradients of kinetic energy by some of its arguments. O(n) + O(l).
+    """Return the gradients of the kinetic energy with respect to some arguments. O(n) + O(l).
 
-    theta_bar = T_bar dT/dtheta, T as in `kinetic_energy`; what poses turn by and arguments are called is as in
-    `forward_dynamics_vjp`.
+    theta_bar = T_bar dT/dtheta, with T as in `kinetic_energy`. The names of the arguments and the derivatives by poses
+    are as in `forward_dynamics_vjp`.
 
     Args:
         chain: the chain.
@@ -41,13 +41,13 @@ def kinetic_energy_vjp(
         inputs: base motion, if the bases move.
         by: the arguments: q, qd, object_pose, object_twist, base_pose, base_twist, armature, and mass, com
             and inertia of object_ and link_; with a trunk floating_pose and floating_twist, or trunk_base_twist.
-        kinetic_energy: the cotangent T_bar; with 1 gradients are T's own.
+        kinetic_energy: the cotangent T_bar; 1 gives the gradients of T itself.
 
     Returns:
-        By argument its gradient, in its shape; `result` holds the energy [J].
+        The gradients by argument, in the shape of the argument; `result` holds the energy [J].
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _case(KINETIC, chain, state, inputs)
     return text_vjp(KINETIC, case, found, by, {"kinetic_energy": kinetic_energy})
@@ -60,7 +60,7 @@ def kinetic_energy_jvp(
     *,
     along: Mapping[str, ArrayLike],
 ) -> Derivatives:
-    """Return how fast kinetic energy changes while arguments do. O(n) + O(l) a direction.
+    """Return the rate of the kinetic energy for given rates of its arguments. O(n) + O(l) per direction.
 
     T_dot = dT/dtheta theta_dot; see `kinetic_energy_vjp`.
 
@@ -68,13 +68,13 @@ def kinetic_energy_jvp(
         chain: the chain.
         state: positions and velocities.
         inputs: base motion, if the bases move.
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
 
     Returns:
         `found.kinetic_energy` [W], a number or (d,).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _case(KINETIC, chain, state, inputs)
     return text_jvp(KINETIC, case, found, along)
@@ -88,7 +88,7 @@ def kinetic_energy_jacobian(
     of: Sequence[str] = ("kinetic_energy",),
     by: Sequence[str] = MOTION,
 ) -> Derivatives:
-    """Return dT/dtheta of kinetic energy, what `kinetic_energy_vjp` returns as a Jacobian. O(n) + O(l).
+    """Return dT/dtheta, the gradients of `kinetic_energy_vjp` in the form of a Jacobian. O(n) + O(l).
 
     Args:
         chain: the chain.
@@ -101,7 +101,7 @@ def kinetic_energy_jacobian(
         `found["kinetic_energy", by]`, of the shape of the argument's gradient.
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _case(KINETIC, chain, state, inputs)
     return text_jacobian(KINETIC, case, found, of, by)
@@ -114,23 +114,23 @@ def potential_energy_vjp(
     by: Sequence[str] = PLACES,
     potential_energy: ArrayLike = 1.0,
 ) -> Derivatives:
-    """Return gradients of potential energy by some of its arguments. O(n) + O(l).
+    """Return the gradients of the potential energy with respect to some arguments. O(n) + O(l).
 
-    theta_bar = U_bar dU/dtheta, U as in `potential_energy`; what poses turn by and arguments are called is as in
-    `forward_dynamics_vjp`. Springs and bushings are in it: grasps matter to the latter.
+    theta_bar = U_bar dU/dtheta, with U as in `potential_energy`, which includes springs and bushings. The names of the
+    arguments and the derivatives by poses are as in `forward_dynamics_vjp`. U depends on grasp_pose through bushings.
 
     Args:
         chain: the chain.
-        state: positions; velocities do not enter.
+        state: positions; velocities are ignored.
         by: the arguments: q, object_pose, gravity, base_pose, grasp_pose, and mass, com and inertia of object_
             and link_; with a floating base also floating_pose.
-        potential_energy: the cotangent U_bar; with 1 gradients are U's own.
+        potential_energy: the cotangent U_bar; 1 gives the gradients of U itself.
 
     Returns:
-        By argument its gradient, in its shape; `result` holds the energy [J].
+        The gradients by argument, in the shape of the argument; `result` holds the energy [J].
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _case(POTENTIAL, chain, state, None)
     return text_vjp(POTENTIAL, case, found, by, {"potential_energy": potential_energy})
@@ -142,20 +142,20 @@ def potential_energy_jvp(
     *,
     along: Mapping[str, ArrayLike],
 ) -> Derivatives:
-    """Return how fast potential energy changes while arguments do. O(n) + O(l) a direction.
+    """Return the rate of the potential energy for given rates of its arguments. O(n) + O(l) per direction.
 
     U_dot = dU/dtheta theta_dot; see `potential_energy_vjp`.
 
     Args:
         chain: the chain.
-        state: positions; velocities do not enter.
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        state: positions; velocities are ignored.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
 
     Returns:
         `found.potential_energy` [W], a number or (d,).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _case(POTENTIAL, chain, state, None)
     return text_jvp(POTENTIAL, case, found, along)
@@ -168,11 +168,11 @@ def potential_energy_jacobian(
     of: Sequence[str] = ("potential_energy",),
     by: Sequence[str] = PLACES,
 ) -> Derivatives:
-    """Return dU/dtheta of potential energy, what `potential_energy_vjp` returns as a Jacobian. O(n) + O(l).
+    """Return dU/dtheta, the gradients of `potential_energy_vjp` in the form of a Jacobian. O(n) + O(l).
 
     Args:
         chain: the chain.
-        state: positions; velocities do not enter.
+        state: positions; velocities are ignored.
         of: the results; there is one, potential_energy.
         by: the arguments.
 
@@ -180,14 +180,14 @@ def potential_energy_jacobian(
         `found["potential_energy", by]`, of the shape of the argument's gradient.
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _case(POTENTIAL, chain, state, None)
     return text_jacobian(POTENTIAL, case, found, of, by)
 
 
 def _case(text: Text, chain: ClosedChain, state: State, inputs: Inputs | None) -> tuple[VariedCase, float]:
-    """Return what an energy's text is given, and the energy there."""
+    """Return the arguments of the differentiated energy, and its value."""
     checks.instance(chain, ClosedChain, "chain")
     require_fit(chain, state)
     case = case_of(chain, state, inputs, {})

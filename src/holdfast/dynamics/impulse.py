@@ -1,11 +1,10 @@
-"""Gripping and letting go of the object while the chain moves.
+"""Impulses when an arm grasps the object while the chain moves, and release of a grasp.
 
-An arm that closes its grasp while tip and object still move against each other stops them at once.
-The impulses p act through all grasps, old and new (docs/theory/simulation.md):
-
+When a grasp closes, the relative velocity of tip and object along its transmitted directions becomes zero at once. The
+impulses p act through all grasps, old and new (docs/theory/simulation.md):
     K Omega K^T p = K (V_tip - A V(C)),   dqd = -M^-1 J^T p,   dV(C) = M(C)^-1 A^T p
-
-and take energy: Delta T = sum_b V_b.j_b - 1/2 p^T K Omega K^T p, j_b the impulses of the bases on the arms.
+They change the kinetic energy by Delta T = sum_b V_b.j_b - 1/2 p^T K Omega K^T p, with the impulses j_b of the bases on
+the arms.
 """
 
 from __future__ import annotations
@@ -40,23 +39,24 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
-ALONG_NORMAL = 1e-3  # sine of the angle below which a hinge's axis leaves no direction for the normal
+ALONG_NORMAL = 1e-3  # sine of the smallest allowed angle between the axis of a hinge and the normal
 
 
 @dataclass(frozen=True, eq=False)
 class Attachment(Frozen):
-    """What closing a grasp does, world axes.
+    """The result of closing a grasp, in world axes.
 
     Attributes:
-        chain: the chain with the grasp.
-        state: the state just after; positions are those before.
+        chain: the chain with the new grasp.
+        state: the state just after; the positions do not change.
         impulses: (arms, 6) [moment; force] impulse of each arm on the object about its contact point; zero for
             an arm without a grasp [N m s, N s].
-        base_impulses: (arms, 6) of the base on each arm about the base origin [N m s, N s].
-        trunk_base_impulse: (6,) of the base on a trunk about the base origin, 0 where it floats; None without one.
-        energy_change: of the kinetic energy; not positive where the bases stand still [J].
-        status: whether the impulses are unique; INDETERMINATE_FORCES: the smallest ones are given, in the metric
-            of the force split. Velocities are unique in any case.
+        base_impulses: (arms, 6) impulse of the base on each arm about the base origin [N m s, N s].
+        trunk_base_impulse: (6,) impulse of the base on a trunk about the base origin, 0 if it floats; None without a
+            trunk.
+        energy_change: change of the kinetic energy, which is not positive if the bases stand still [J].
+        status: whether the impulses are unique. With INDETERMINATE_FORCES, they are the smallest ones in the metric of
+            the force split. The velocities are always unique.
     """
 
     chain: ClosedChain
@@ -79,25 +79,24 @@ def attach(
     inputs: Inputs | None = None,
     tolerance: float = POSITION_TOLERANCE,
 ) -> Attachment:
-    """Return the chain and its velocities after an arm has gripped the object.
+    """Return the chain and its velocities after an arm has grasped the object.
 
-    Impulses by the object's filter, O(n) + O(l); whether they are unique, O(n l^2).
+    The impulses are computed by the object's filter in O(n) + O(l). The check whether they are unique costs O(n l^2).
 
     Args:
-        chain: the chain; its grasps must hold.
-        state: positions and velocities before.
+        chain: the chain.
+        state: positions and velocities before; they must satisfy the chain's grasps.
         name: an arm without a grasp.
         grasp: the grasp to close.
-        here: grip where the tip is: the grasp's frame gives way as in `grasp_here`. Otherwise the tip must be
-            at the frame.
+        here: move the grasp's frame to the tip, see `grasp_here`. Otherwise the tip must be at the frame.
         inputs: base motion, if the bases move.
-        tolerance: the largest position gap of the new grasp that counts as none [m and rad].
+        tolerance: largest accepted position gap of the new grasp [m and rad].
 
     Raises:
-        ModelError: no such arm, or it has a grasp.
-        StateError: wrong shapes, or the grasps before do not hold.
-        ClosureError: the tip is not at the grasp; `here`, and the grasp cannot give way; or the bases move so
-            that no velocities keep every grasp.
+        ModelError: there is no such arm, or it already has a grasp.
+        StateError: a shape is wrong, or the state violates the grasps before.
+        ClosureError: the tip is not at the grasp, the grasp cannot be moved to the tip, or no velocities satisfy all
+            grasps with the given motion of the bases.
     """
     require_fit(chain, state)
     given = shaped_inputs(chain, inputs)
@@ -115,34 +114,34 @@ def attach(
 
 
 def release(chain: ClosedChain, name: str) -> ClosedChain:
-    """Return the chain with one grasp opened: no impulse acts, and every velocity goes on. O(1).
+    """Return the chain with one grasp opened; there is no impulse, and all velocities stay the same. O(1).
 
     Args:
         chain: the chain.
         name: an arm with a grasp.
 
     Raises:
-        ModelError: no such grasp.
+        ModelError: there is no such grasp.
     """
     checks.instance(chain, ClosedChain, "chain")
     return chain.without_grasp(name)
 
 
 def grasp_here(grasp: Grasp, object_frame: Pose, tip: Pose, name: str = "") -> Grasp:
-    """Return the grasp with the frame nearest to its own that the tip closes as it stands.
+    """Return the grasp with its frame changed as little as possible, so that it is closed at the tip's pose.
 
-    The contact point moves to the tip's origin. A rigid grasp takes the tip's axes; a hinge takes the tip's
-    x axis, and the direction perpendicular to it nearest to its own normal; soft finger and ball keep their
-    axes, since the normal belongs to the object.
+    The contact point moves to the tip's origin. A rigid grasp gets the tip's axes. A hinge gets the tip's x axis, and a
+    normal that is perpendicular to it and as close as possible to its own. A soft finger and a ball keep their axes,
+    because the normal belongs to the object.
 
     Args:
         grasp: the grasp.
         object_frame: pose of the object in the world.
         tip: pose of the arm's tip frame in the world.
-        name: the arm's, for messages.
+        name: name of the arm, for messages.
 
     Raises:
-        ClosureError: the tip's x axis is the normal of a hinge.
+        ClosureError: the tip's x axis is parallel to the normal of a hinge.
     """
     seen = object_frame.inverse() @ tip
     R = grasp.of_kind.regrasped(grasp.frame.R, seen.R)
@@ -155,7 +154,7 @@ def grasp_here(grasp: Grasp, object_frame: Pose, tip: Pose, name: str = "") -> G
 
 
 def _require_there(motion: ChainMotion, state: State, name: str, tolerance: float) -> None:
-    """Refuse a tip that is not at its grasp, naming both gaps."""
+    """Refuse a tip that is not at its grasp; the message gives both gaps."""
     c = motion.contacts[list(motion.chain.grasps).index(name)]
     gap = position_residual(c, state.object_frame.p + c.origin, motion.arms[name].at.tip)
     angles = len(c.grasp.of_kind.closed_angles)
@@ -171,7 +170,7 @@ def _require_there(motion: ChainMotion, state: State, name: str, tolerance: floa
 def _stopped(motion: ChainMotion, state: State, given: Inputs) -> Attachment:
     """Return the chain after the impulses that make the velocities agree at every grasp."""
     chain = motion.chain
-    rank, held = rank_and_held_near(chain, state, given)  # a little off the grasps no row seems to follow from others
+    rank, held = rank_and_held_near(chain, state, given)  # if the grasps are slightly open, all rows seem independent
     mismatch = [
         arm.tip_twist - shift_twist(c.offset, state.object_twist)
         for arm, c in zip(motion.holding, motion.contacts, strict=True)
@@ -199,7 +198,7 @@ def _stopped(motion: ChainMotion, state: State, given: Inputs) -> Attachment:
 
 
 def _require_velocities(stopped: Attachment, given: Inputs) -> None:
-    """Refuse bases that move as no closed chain can follow."""
+    """Refuse a motion of the bases that no closed chain can follow."""
     chain, state = stopped.chain, stopped.state
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
     left = max(float(np.abs(c.velocity_gap).max(initial=0.0)) for c in motion.contacts)

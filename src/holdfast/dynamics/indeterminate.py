@@ -1,4 +1,4 @@
-"""Grasp forces that the constraint leaves indeterminate, and the smallest of them."""
+"""Grasp forces that the dynamics does not determine, and the choice of the smallest."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from holdfast.dynamics.constraint import constraint_rows, length_scale
 from holdfast.spatial.scalar import Array
 
 NULL_SINGULAR_VALUE = 1e-9
-WORTH_A_WORD = 0.05  # of the largest wrench of a pattern
+WORTH_A_WORD = 0.05  # smaller wrenches, relative to the largest of a pattern, are not mentioned
 
 
 class FeltWrenches(NamedTuple):
-    """Patterns of grasp wrenches, from the one that is felt most to those that nothing feels.
+    """Patterns of grasp wrenches, in order of decreasing effect on the joints and the object.
 
     Attributes:
         columns: (6l, rows) stacked wrenches f = K^T lambda about the contact points, world axes;
             orthonormal in the metric sum |moment / length|^2 + |force|^2.
-        rank: how many are felt; the rest are not.
+        rank: number of patterns that have an effect; the others have none.
     """
 
     columns: Array
@@ -30,42 +30,43 @@ class FeltWrenches(NamedTuple):
 
 
 def felt_wrenches(motion: ChainMotion, length: float, *, by_joints: bool = True) -> FeltWrenches:
-    """Return the singular patterns of K [J, -A], moments measured in newtons by `length` [m].
+    """Return the left singular vectors of K [J, -A], with moments divided by `length` [m].
 
     Args:
-        motion: the chain.
-        length: of the metric [m].
-        by_joints: whether the joints count; without them what is not felt are the internal wrenches,
-            A^T K^T lambda = 0.
+        motion: the chain's motion.
+        length: length of the metric [m].
+        by_joints: whether the effect on the joints counts. Otherwise, patterns without effect are the internal
+            wrenches, A^T K^T lambda = 0.
     """
     rows = constraint_rows(motion)
     K = block_diagonal([c.K for c in motion.contacts])
     metric = np.tile(np.r_[np.full(3, 1 / length), np.ones(3)], len(motion.contacts))
-    # angular unknowns in units of 1/length, so that all entries are lengths
+    # angular unknowns are in units of 1/length, so that all entries are lengths
     scale = np.r_[np.full(3, 1.0), np.full(3, length)]
     used = slice(None if by_joints else 0)
     by_base = rows.base * scale if rows.base.size else rows.base
     matrix = np.hstack([rows.joints[:, used], rows.object * scale, by_base[:, used]])
-    # each column (a joint) to unit length: what a joint feels has then no unit
-    matrix = (K.T @ matrix) / metric[:, None]  # wrenches in metric units against velocities
+    # each column (a joint) is scaled to unit length, so that the effect on a joint has no unit
+    matrix = (K.T @ matrix) / metric[:, None]  # maps velocities to wrenches in metric units
     sizes = np.linalg.norm(matrix, axis=0)
     matrix = matrix[:, sizes > 0] / sizes[sizes > 0]
-    basis, _ = np.linalg.qr((K * metric).T)  # transmitted wrenches, metric units
+    basis, _ = np.linalg.qr((K * metric).T)  # transmitted wrenches in metric units
     U, s, _ = np.linalg.svd(basis.T @ matrix)
     rank = int((s > NULL_SINGULAR_VALUE * max(s.max(initial=0.0), 1e-300)).sum())
     return FeltWrenches((basis @ U) / metric[:, None], rank)
 
 
 def free_wrenches(motion: ChainMotion, length: float, rank: int | None = None) -> Array:
-    """Return a basis of grasp wrenches that no joint and no object motion feels.
+    """Return a basis of the grasp wrenches without effect on any joint or on the object.
 
     ker (K Omega K^T) = {lambda: J^T K^T lambda = 0 and A^T K^T lambda = 0}, with moments
-    measured in newtons by `length` [m].
+    divided by `length` [m].
 
     Args:
-        motion: the chain.
-        length: of the metric [m].
-        rank: of the constraint, where it is known: a little off the grasps what is felt least is felt all the same.
+        motion: the chain's motion.
+        length: length of the metric [m].
+        rank: rank of the constraint, if known. It is needed if the grasps are slightly open, because then the effect of
+            these wrenches is small but not zero.
 
     Returns:
         (6l, k): columns of `FeltWrenches`.
@@ -76,12 +77,12 @@ def free_wrenches(motion: ChainMotion, length: float, rank: int | None = None) -
 
 
 def pattern(motion: ChainMotion, wrenches: Array, length: float) -> str:
-    """Return a pattern of grasp wrenches in words, world axes.
+    """Return the description of a pattern of grasp wrenches, in world axes.
 
     Args:
-        motion: the chain.
-        wrenches: (grasps, 6) about the contact points, world axes; the largest counts 1.
-        length: by which moments are measured [m].
+        motion: the chain's motion.
+        wrenches: (grasps, 6) about the contact points, world axes, scaled so that the largest is 1.
+        length: length by which moments are divided [m].
     """
     parts = []
     metric = np.r_[np.full(3, 1 / length), np.ones(3)]
@@ -103,4 +104,4 @@ def with_smallest_forces(motion: ChainMotion, found: Solution) -> Solution:
     metric = np.tile(np.r_[np.full(3, 1 / length), np.ones(3)], len(motion.contacts))
     f = np.concatenate(found.wrenches)
     smallest = f - N @ ((N * metric[:, None]).T @ (metric * f))
-    return replace(found, wrenches=list(smallest.reshape(-1, 6)), base_wrenches=None)  # found by other forces
+    return replace(found, wrenches=list(smallest.reshape(-1, 6)), base_wrenches=None)  # they belong to other forces

@@ -1,4 +1,4 @@
-"""Inverse dynamics of a closed chain: the torques of known accelerations and grasp forces."""
+"""Inverse dynamics of a closed chain: the torques for given accelerations and grasp forces."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, concatenate, each
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
-SAME = 1e-9  # of a bushing's wrench: what is given is the one that it exerts
+SAME = 1e-9  # largest relative difference between a given wrench and the one that a bushing exerts
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -28,24 +28,24 @@ def inverse_dynamics(
 ) -> Array:
     """Return tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), arm by arm (2.1a). O(n).
 
-    Accelerations that keep the grasps and wrenches that move the object accordingly are
-    the caller's part (`forward_dynamics` of the result returns them if they do).
+    The caller must provide accelerations that satisfy the grasps, and wrenches that move the object accordingly;
+    `forward_dynamics` with the returned torques then reproduces them.
 
     Args:
         chain: the chain.
         state: positions and velocities.
         qdd: (n,) joint accelerations.
-        grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes;
-            rows of arms without a grasp must be zero, those of bushings what these exert, or zero for the same.
+        grasp_wrench: (arms, 6) wrench of each arm on the object, about the contact, world axes. Rows of arms without a
+            grasp must be zero; rows of bushings must be the wrenches that these exert, or zero, which stands for them.
         inputs: external wrenches and base motion.
-        base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; it is needed with one.
+        base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; required if there is one.
 
     Returns:
         (n,) joint torques [N m or N].
 
     Raises:
-        StateError: wrong shapes, a wrench on an arm that holds nothing, one that a bushing does not exert, or a
-            floating base that would need a drive.
+        StateError: a shape is wrong, a wrench is given for an arm without a grasp, a wrench differs from that of a
+            bushing, or a floating base would need a drive.
     """
     require_fit(chain, state)
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
@@ -64,10 +64,10 @@ def inverse_dynamics(
 
 
 def acceleration_of_base(chain: ClosedChain, given: ArrayLike | None) -> Array | None:
-    """Return the acceleration of a chain's floating base, (6,), checked; None without one.
+    """Return the checked acceleration of a chain's floating base, (6,); None without one.
 
     Raises:
-        StateError: it is missing, or there is no such base.
+        StateError: the acceleration is missing, or is given although no base floats.
     """
     if chain.floats != (given is not None):
         wanted = "the acceleration of the floating base" if chain.floats else "none, as no base floats"
@@ -76,10 +76,10 @@ def acceleration_of_base(chain: ClosedChain, given: ArrayLike | None) -> Array |
 
 
 def _without_known(motion: ChainMotion, f: Array) -> Array:
-    """Return grasp wrenches without those of bushings, which are in the arms' bias already.
+    """Return the grasp wrenches without those of bushings, which are already part of the arms' bias.
 
     Raises:
-        StateError: a wrench that a bushing does not exert.
+        StateError: a wrench differs from that of a bushing.
     """
     left = np.array(f)
     for i, (name, arm) in enumerate(motion.arms.items()):
@@ -97,9 +97,9 @@ def _without_known(motion: ChainMotion, f: Array) -> Array:
 
 
 def torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None = None) -> Array:
-    """Return the drives' torques of trunk and arms, (n,), of grasp wrenches without known ones; see `inverse_dynamics`.
+    """Return the drives' torques of trunk and arms, (n,), for grasp wrenches without those of bushings.
 
-    A floating base accelerates by `base`, (6,), or not at all, whatever wrench that needs.
+    A floating base has the acceleration `base`, (6,), or zero, whatever wrench this needs. See `inverse_dynamics`.
     """
     if motion.trunk is not None:
         return trunk_torques(motion, qdd, f, np.zeros(6) if base is None and motion.trunk.floats else base).tau

@@ -35,11 +35,11 @@ def inverse_dynamics_vjp(
     by: Sequence[str] = MOTION_AND_FORCES,
     tau: ArrayLike,
 ) -> Derivatives:
-    """Return gradients of cotangent . tau of inverse dynamics by some of its arguments. O(n) + O(l).
+    """Return the gradients of cotangent . tau of inverse dynamics with respect to some arguments. O(n) + O(l).
 
-    theta_bar = (d tau / d theta)^T tau_bar; poses, inertias and names as in `forward_dynamics_vjp`. What tau does not
-    depend on, such as the object's mass with its grasp wrenches given, has a gradient of exactly 0; so have wrenches of
-    arms that hold nothing, or by a bushing.
+    theta_bar = (d tau / d theta)^T tau_bar. Names and the derivatives by poses and inertias are as in
+    `forward_dynamics_vjp`. Arguments on which tau does not depend have a gradient of exactly 0: for example the
+    object's mass, because the grasp wrenches are given, and the wrenches of bushings and of arms without a grasp.
 
     Args:
         chain: the chain.
@@ -48,16 +48,16 @@ def inverse_dynamics_vjp(
         grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes.
         inputs: external wrenches and base motion.
         base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; it is needed with one.
-        by: the arguments: those of `forward_dynamics_vjp`, with qdd and grasp_wrench in the place of tau; with a
-            floating base also floating_acceleration. Along changes for which that base would need a wrench, tau is
-            what the drives give all the same.
+        by: the arguments: those of `forward_dynamics_vjp`, with qdd and grasp_wrench instead of tau; with a floating
+            base also floating_acceleration. For changes for which that base would need a wrench, tau contains the
+            torques of the drives only.
         tau: (n,) the cotangent.
 
     Returns:
-        By argument its gradient, in its shape; `result` holds tau itself.
+        The gradients by argument, in the shape of the argument; `result` contains tau.
 
     Raises:
-        StateError: wrong names, shapes or numbers; see `inverse_dynamics`.
+        StateError: a name, shape or number is wrong; see `inverse_dynamics`.
     """
     case, found = _case(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
     return text_vjp(TORQUES, case, found, by, {"tau": tau})
@@ -73,7 +73,7 @@ def inverse_dynamics_jvp(
     *,
     along: Mapping[str, ArrayLike],
 ) -> Derivatives:
-    """Return how fast the torques of inverse dynamics change while arguments do. O(n) + O(l) a direction.
+    """Return the rates of the torques of inverse dynamics for given rates of its arguments. O(n) + O(l) per direction.
 
     tau_dot = (d tau / d theta) theta_dot; see `inverse_dynamics_vjp`.
 
@@ -84,13 +84,13 @@ def inverse_dynamics_jvp(
         grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes.
         inputs: external wrenches and base motion.
         base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; it is needed with one.
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
 
     Returns:
         `found.tau`, (n,) or (d, n).
 
     Raises:
-        StateError: wrong names, shapes or numbers; see `inverse_dynamics`.
+        StateError: a name, shape or number is wrong; see `inverse_dynamics`.
     """
     case, found = _case(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
     return text_jvp(TORQUES, case, found, along)
@@ -123,7 +123,7 @@ def inverse_dynamics_jacobian(
         `found["tau", by]`, (n, *shape of the argument's gradient).
 
     Raises:
-        StateError: wrong names, shapes or numbers; see `inverse_dynamics`.
+        StateError: a name, shape or number is wrong; see `inverse_dynamics`.
     """
     case, found = _case(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
     return text_jacobian(TORQUES, case, found, of, by)
@@ -137,7 +137,7 @@ def _case(
     inputs: Inputs | None,
     base_acceleration: ArrayLike | None,
 ) -> tuple[VariedCase, Array]:
-    """Return what the text is given, and inverse dynamics there."""
+    """Return the arguments of the differentiated function, and the torques there."""
     checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         found = inverse_dynamics(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
@@ -151,7 +151,7 @@ def _case(
 
 
 def _torques(case: VariedCase) -> tuple[Array]:
-    """Return tau; of wrenches only those count that the caller decides."""
+    """Return tau, with the wrenches of bushings and of arms without a grasp replaced by zero."""
     chain = case.chain
     motion = chain_motion(chain, case.state, np.zeros(chain.joint_count), case.inputs)
     decided = [name in chain.grasps and arm.known is None for name, arm in motion.arms.items()]

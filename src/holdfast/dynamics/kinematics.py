@@ -1,4 +1,4 @@
-"""Where an arm's links are and how they move, for users: the arm's texts with checked arguments."""
+"""Kinematics and mass matrix of one arm, for users: the functions of `arm` with checked arguments."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def tip_pose(arm: Arm, q: ArrayLike) -> Pose:
         q: (N,) joint positions, base to tip [rad or m].
 
     Raises:
-        StateError: positions of a wrong number, or not finite.
+        StateError: the number of positions is wrong, or they are not finite.
     """
     return _configuration(arm, q).tip
 
@@ -36,7 +36,7 @@ def link_poses(arm: Arm, q: ArrayLike) -> list[Pose]:
         q: (N,) joint positions, base to tip [rad or m].
 
     Raises:
-        StateError: positions of a wrong number, or not finite.
+        StateError: the number of positions is wrong, or they are not finite.
     """
     return link_frames(_configuration(arm, q))
 
@@ -50,28 +50,29 @@ def link_frames(at: Kinematics) -> list[Pose]:
 def tip_jacobian(arm: Arm, q: ArrayLike) -> Array:
     """Return J (6, N) with [omega; v] = J qd of the tip frame about its origin, world axes: J = B^T phi^T H^T (5.1b).
 
-    Pinocchio's LOCAL_WORLD_ALIGNED with the halves exchanged (`linear_first(J, axis=0)`). O(N).
+    This is Pinocchio's LOCAL_WORLD_ALIGNED Jacobian with the angular and linear halves exchanged; `linear_first(J,
+    axis=0)` converts it. O(N).
 
     Args:
         arm: the arm.
         q: (N,) joint positions, base to tip [rad or m].
 
     Raises:
-        StateError: positions of a wrong number, not finite, or beyond what float64 can square.
+        StateError: the number of positions is wrong, or they are not finite or so large that their squares overflow.
     """
     return checks.finite(np.asarray(jacobian(arm, _configuration(arm, q)), dtype=float), "tip Jacobian")
 
 
 @np.errstate(all="ignore")  # what overflows is refused
 def joint_mass_matrix(arm: Arm, q: ArrayLike) -> Array:
-    """Return M (N, N) with 1/2 qd^T M qd the arm's kinetic energy, drives' inertia included (5.1a). O(N^2).
+    """Return the mass matrix M (N, N): 1/2 qd^T M qd is the arm's kinetic energy, armatures included (5.1a). O(N^2).
 
     Args:
         arm: the arm, alone.
         q: (N,) joint positions, base to tip [rad or m].
 
     Raises:
-        StateError: positions of a wrong number, not finite, or beyond what float64 can square.
+        StateError: the number of positions is wrong, or they are not finite or so large that their squares overflow.
     """
     return checks.finite(np.asarray(mass_matrix(arm, _configuration(arm, q))[0], dtype=float), "joint mass matrix")
 

@@ -1,12 +1,11 @@
-"""How the least grasp forces change, where many do the same.
+"""Derivatives of the smallest grasp forces, for chains whose grasp forces are not unique.
 
-f = W^-1 B^T mu with B f = (J^T f, -A^T f, H f), J with columns for a trunk's joints and its floating base. At constant
-rank, with N orthonormal (N^T W N = 1) in ker B and P = 1 - N N^T W,
-
-    df = P df_any + N N^T (dB^T) mu        df_any: any solution of K dz = -R', f in R held at the least forces; mu held
-
-and a cotangent f_bar of them is one f_bar - W N N^T f_bar of any forces, with the virtual power v . (B^T mu) of the
-wrenches v = N N^T f_bar besides (docs/theory/derivatives.md; Golub and Pereyra 1973).
+f = W^-1 B^T mu with B f = (J^T f, -A^T f, H f), where J has columns for a trunk's joints and its floating base. At
+constant rank, with an orthonormal basis N of ker B (N^T W N = 1) and P = 1 - N N^T W,
+    df = P df_any + N N^T (dB^T) mu
+where df_any is any solution of K dz = -R' for constant mu, with the smallest forces for f in R. A cotangent f_bar of
+the smallest forces is equivalent to the cotangent f_bar - W N N^T f_bar of any solution, plus the virtual power v .
+(B^T mu) of the wrenches v = N N^T f_bar (docs/theory/derivatives.md; Golub and Pereyra 1973).
 """
 
 from __future__ import annotations
@@ -33,14 +32,15 @@ from holdfast.spatial.spatial_vector import twist_shift
 
 
 class LeastForces(NamedTuple):
-    """The least of the forces that are not unique, f = W^-1 B^T mu.
+    """The smallest of the forces that are not unique, f = W^-1 B^T mu.
 
     Attributes:
-        N: (6 l, k) wrenches that nothing feels, N^T W N = 1.
+        N: (6 l, k) basis of the wrenches without effect, N^T W N = 1.
         W: (6 l,) the metric.
-        mu: by arm, the multipliers; of arms that hold nothing they are zero.
-        of_trunk: those of the trunk; None without one.
-        felt: by result, what it has of the wrenches (6 l,): (6 l, 6 l), of the base's on the trunk (6, 6 l).
+        mu: multipliers by arm; zero for arms without a grasp.
+        of_trunk: multipliers of the trunk; None without one.
+        felt: by result, its derivative by the grasp wrenches (6 l,): (6 l, 6 l), or (6, 6 l) for the wrench of the base
+            on the trunk.
     """
 
     N: Array
@@ -50,12 +50,12 @@ class LeastForces(NamedTuple):
     felt: Mapping[str, Array]
 
     def forward(self, at: Point, found: dict[str, Array], tangents: Mapping[str, Array]) -> dict[str, Array]:
-        """Return rates of change with those of the least forces.
+        """Return the rates of the results with those of the smallest forces.
 
         Args:
-            at: where, its wrenches being the least.
-            found: rates of change, the wrenches' being those of any choice.
-            tangents: by argument.
+            at: the point, with the smallest forces.
+            found: rates of the results for any choice of the forces.
+            tangents: rates of the arguments by name.
         """
         rows = holding_rows(at.motion)
         nothing = {name: Unknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
@@ -71,7 +71,7 @@ class LeastForces(NamedTuple):
         return changed
 
     def backward(self, at: Point, bars: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[VirtualPower, ...]]:
-        """Return the cotangents of one choice of forces that are those of the least ones, and what is added."""
+        """Return the cotangents for any choice of forces that are equivalent to `bars`, and the terms to add to L."""
         chain, rows = at.motion.chain, holding_rows(at.motion)
         felt = np.zeros(len(self.W))
         for name, matrix in self.felt.items():
@@ -94,7 +94,7 @@ class LeastForces(NamedTuple):
 
 
 def least_forces(at: Point) -> LeastForces:
-    """Return the least forces at a point whose wrenches they are."""
+    """Return the smallest forces at a point whose wrenches are the smallest."""
     motion, chain = at.motion, at.motion.chain
     length = length_scale([c.offset for c in motion.contacts])
     W = np.tile(np.r_[np.full(3, 1 / length**2), np.ones(3)], len(motion.contacts))
@@ -121,7 +121,7 @@ def least_forces(at: Point) -> LeastForces:
 
 
 def felt_by(at: Point) -> dict[str, Array]:
-    """Return what results have of the wrenches that grasps transmit, by name; see `LeastForces.felt`."""
+    """Return the derivatives of the results by the grasp wrenches, by name; see `LeastForces.felt`."""
     motion, width = at.motion, 6 * len(at.motion.contacts)
     of_bases = np.zeros((width, width))
     under = np.zeros((6, width))
@@ -136,7 +136,7 @@ def felt_by(at: Point) -> dict[str, Array]:
 
 
 def with_trunk(at: Point, moving: TrunkUnknowns | None) -> Point:
-    """Return a point whose trunk accelerates otherwise, and carries bases accordingly."""
+    """Return a point with other accelerations of the trunk, and of the bases mounted on it."""
     motion = at.motion
     if moving is None or motion.trunk is None:
         return at
@@ -147,5 +147,5 @@ def with_trunk(at: Point, moving: TrunkUnknowns | None) -> Point:
 
 
 def holding_rows(motion: ChainMotion) -> list[int]:
-    """Return the rows of the arms that hold, in the order of grasps."""
+    """Return the indices of the arms with a grasp, in the order of the grasps."""
     return [motion.chain.names.index(name) for name in motion.chain.grasps]

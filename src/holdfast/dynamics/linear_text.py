@@ -1,7 +1,8 @@
-"""A function that solves nothing, made linear: its text, run on numbers which record their making.
+"""Linearisation of functions that need no linear solve, by running their code on numbers that record operations.
 
-A function's text takes a `VariedCase` and returns arrays. Made linear (`spatial.differentiation`) it gives gradients
-backward and rates forward; what poses turn by and what arguments are called is as in `forward_dynamics_vjp`.
+The code of such a function (its "text") takes a `VariedCase` and returns arrays. Its linearisation
+(`spatial.differentiation`) gives gradients in reverse mode and rates in forward mode. The names of the arguments and
+the derivatives by poses are as in `forward_dynamics_vjp`.
 """
 
 from __future__ import annotations
@@ -28,14 +29,14 @@ POSES = (*OF_BODIES, "floating_pose")
 
 
 class Text(NamedTuple):
-    """A function as it is differentiated.
+    """A function to be differentiated.
 
     Attributes:
-        name: the function's.
-        arguments: what it depends on, of any chain.
-        results: names of what it returns.
-        of: the text.
-        unlimited: whether a result may be infinite, where nothing limits it.
+        name: name of the function.
+        arguments: names of all its arguments, for any chain.
+        results: names of its results.
+        of: the code.
+        unlimited: whether a result may be infinite, as a margin without a limit is.
         parts: the entries of a chain's results, flat and in order, that depend on much the same; None for all.
     """
 
@@ -47,19 +48,19 @@ class Text(NamedTuple):
     parts: Callable[[ClosedChain], Sequence[slice]] | None = None
 
     def arguments_at(self, chain: ClosedChain, own: Iterable[str]) -> tuple[str, ...]:
-        """Return those of its arguments that a chain has, and what it is given besides."""
+        """Return the names of its arguments that exist for a chain, and of further inputs."""
         return tuple(name for name in self.arguments if name in (*own, *arguments_of(chain)))
 
 
 class LinearText(NamedTuple):
-    """A text made linear at a case in some of its arguments.
+    """The linearisation of a function in some of its arguments.
 
     Attributes:
-        text: the text.
-        case: where.
-        names: the arguments.
-        numbers: what these are made of, by name.
-        linear: the text made linear in `numbers`.
+        text: the function.
+        case: the case at which it is linearised.
+        names: names of the arguments.
+        numbers: the numbers that make up these arguments, by name.
+        linear: the linearisation in `numbers`.
         results: what the text returns there, by name.
     """
 
@@ -72,11 +73,11 @@ class LinearText(NamedTuple):
 
     @property
     def shapes(self) -> dict[str, Shape]:
-        """Of the results, by name."""
+        """Shapes of the results, by name."""
         return {name: of.shape for name, of in zip(self.text.results, self.linear.results, strict=True)}
 
     def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the gradients of sum(cotangent . result) by the arguments; of poses by [turn; shift]."""
+        """Return the gradients of sum(cotangent . result) by argument; for poses with respect to [turn; shift]."""
         bars = [cotangents.get(name, np.zeros(shape)) for name, shape in self.shapes.items()]
         return self._by_arguments(self.linear.gradient(*bars))
 
@@ -120,7 +121,7 @@ class LinearText(NamedTuple):
         return {name: found[name] for name in self.names}
 
     def rates(self, tangents: Mapping[str, Array]) -> dict[str, Array]:
-        """Return how fast the results change while the arguments do; those that are left out stay."""
+        """Return the rates of the results for given rates of the arguments; missing arguments are constant."""
         given: dict[str, Array] = {name: np.zeros(x.shape) for name, x in self.numbers.items()}
         for name, tangent in tangents.items():
             if name in POSES:
@@ -139,7 +140,7 @@ def gradient_of(linear: Linear) -> Callable[[Array], Array]:
 
 
 def linear_text(text: Text, case: VariedCase, by: Sequence[str]) -> LinearText:
-    """Return a text made linear in some of its arguments."""
+    """Return the linearisation of a function in some of its arguments."""
     names = tuple(dict.fromkeys(by))
     numbers = case.numbers([part for name in names for part in _parts_of(name)])
 
@@ -154,5 +155,5 @@ def linear_text(text: Text, case: VariedCase, by: Sequence[str]) -> LinearText:
 
 
 def _parts_of(name: str) -> tuple[str, ...]:
-    """Return the numbers that an argument is made of."""
+    """Return the names of the numbers that make up an argument."""
     return (f"{name.removesuffix('_pose')}_R", f"{name.removesuffix('_pose')}_p") if name in POSES else (name,)

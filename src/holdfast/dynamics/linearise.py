@@ -1,15 +1,13 @@
-"""Forward dynamics made linear about a state, in as many coordinates as the closed chain has.
+"""Linearisation of forward dynamics about a state, in independent coordinates of the closed chain.
 
 A change of state x = (dq, turn, shift, dqd, d omega, dv) keeps the grasps closed if it lies in the span of
 
     T = [ N_p  0 ; -G_v^+ D N_p  N_v ],    N_p = null G_p,  N_v = null G_v,  D = d(G_v v)/dx
 
-with G_p, G_v the rows of the grasps in position and in velocity; turn and shift of a floating base follow those of the
-object, and its twist that of the object. Along motions x = T z with
-
+with the position rows G_p and the velocity rows G_v of the grasps. For a floating base, its turn and shift follow those
+of the object, and its twist follows that of the object. Along motions x = T z with
     dz/dt = A z + B du + rate,    A = T^+ F_x T,  B = T^+ F_u,  rate = T^+ F
-
-in coordinates that do not turn within the tangent space, T^+ dT/dt = 0 (docs/theory/derivatives.md).
+in coordinates that do not rotate within the tangent space, T^+ dT/dt = 0 (docs/theory/derivatives.md).
 """
 
 from __future__ import annotations
@@ -36,15 +34,15 @@ from holdfast.state import Inputs, State, shaped_inputs
 
 @dataclass(frozen=True, eq=False)
 class Linearisation(Frozen):
-    """dz/dt = A z + B (tau - tau_0) + rate about a state.
+    """The linearisation dz/dt = A z + B (tau - tau_0) + rate about a state.
 
     Attributes:
-        state: where.
-        A: (m, m).
-        B: (m, n) by joint torques.
-        rate: (m,) how fast z changes there; zero in equilibrium.
-        basis: (2n + 12, m) T; its rows are (dq, turn, shift, dqd, d omega, dv), of the object along world axes; with a
-            floating base (2n + 24, m), (dq, turn, shift, its turn, its shift, dqd, ..).
+        state: the state.
+        A: (m, m) derivative with respect to z.
+        B: (m, n) derivative with respect to the joint torques.
+        rate: (m,) dz/dt at the state itself; zero in equilibrium.
+        basis: (2n + 12, m) T with the rows (dq, turn, shift, dqd, d omega, dv), those of the object along world axes;
+            with a floating base (2n + 24, m), (dq, turn, shift, its turn, its shift, dqd, ..).
     """
 
     state: State
@@ -54,7 +52,7 @@ class Linearisation(Frozen):
     basis: Array
 
     def coordinates(self, state: State) -> Array:
-        """Return z of a state nearby, (m,): what of its difference lies along the basis."""
+        """Return z of a neighbouring state, (m,), the component of its difference along the basis."""
         here, there = self.state, state
         positions, velocities = [there.q - here.q], [there.qd - here.qd]
         for what in ("object", "base"):
@@ -76,7 +74,7 @@ def linearised_dynamics(
     check: bool = True,
     generic_rank: int | None = None,
 ) -> Linearisation:
-    """Return forward dynamics made linear about a state; see `simulation.linearise`."""
+    """Return the linearisation of forward dynamics about a state; see `simulation.linearise`."""
     checks.instance(chain, ClosedChain, "chain")
     floating = chain.floats
     positions = ("q", "object_pose", *(["floating_pose"] if floating else []))
@@ -112,10 +110,10 @@ def linearised_dynamics(
 
 
 def turned_towards(T: Array, basis: ArrayLike) -> Array:
-    """Return a basis of the same space as T, turned towards another by the polar factor of T^T basis.
+    """Return a basis of the space of T that is aligned with another basis, by the polar factor of T^T basis.
 
     Raises:
-        StateError: the other one has another shape.
+        StateError: the shapes differ.
     """
     old = checks.numbers(basis, None, "linearise: basis", StateError)
     if old.shape != T.shape:
@@ -130,7 +128,7 @@ def basis_at(chain: ClosedChain, state: State, inputs: Inputs) -> Array:
 
 
 def tangent_basis(motion: ChainMotion) -> Array:
-    """Return T, (2n + 12, m), of a chain in motion; (2n + 24, m) with a floating base."""
+    """Return T, (2n + 12, m), for a chain's motion; (2n + 24, m) with a floating base."""
     chain = motion.chain
     half = chain.velocity_count
     in_position = [replace(c, rows=c.grasp.of_kind.position_rows) for c in motion.contacts]
@@ -144,11 +142,11 @@ def tangent_basis(motion: ChainMotion) -> Array:
 
 
 def velocity_gap_rates(motion: ChainMotion, moved: Array) -> Array:
-    """Return how fast what the tips move against their contacts changes while positions do, velocities held, (rows,).
+    """Return the rates of the velocity residuals for given rates of the positions and constant velocities, (rows,).
 
     Args:
-        motion: the chain in motion.
-        moved: (n + 6,) rates of joints and of the object's [turn; shift]; (n + 12,) with those of a floating base.
+        motion: the chain's motion.
+        moved: (n + 6,) rates of the joints and of the object's [turn; shift]; (n + 12,) with a floating base.
     """
     chain, n = motion.chain, motion.chain.joint_count
     poses, carried = {"object_pose": moved[n : n + 6]}, {}

@@ -1,4 +1,4 @@
-"""Directions in which an arm cannot move its tip, as screws in words."""
+"""Directions in which an arm cannot move its tip, described as screws."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from holdfast.dynamics.closed.contact import Contact
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
-LOST = 1e-9  # relative singular value: the direction is gone
-NEARLY_LOST = 1e-3  # relative singular value worth a word
-PURE = 1e-6  # part of a unit screw that counts as zero
+LOST = 1e-9  # relative singular value below which a direction is lost
+NEARLY_LOST = 1e-3  # relative singular value below which a direction is reported
+PURE = 1e-6  # components of a unit screw below this count as zero
 
 
 @dataclass(frozen=True, eq=False)
 class LostDirection(Frozen):
-    """A motion that an arm cannot give its tip where the grasp asks for it.
+    """A direction, among those that the grasp transmits, in which an arm cannot move its tip.
 
-    The same screw, read as a wrench, loads the arm's structure and none of its drives.
+    The same screw as a wrench loads the arm's structure, but none of its drives.
 
     Attributes:
-        arm: its name.
-        kind: "translation" along the axis, "rotation" about it (the arm still bears a pure
-            moment there), or "screw" (both, coupled).
+        arm: name of the arm.
+        kind: "translation" along the axis, "rotation" about it (the arm resists a pure moment without its drives), or
+            "screw" (both, coupled).
         axis: (3,) unit vector, world axes.
         point: (3,) a point on the axis, world axes [m].
-        strength: relative singular value: 0 is lost, 1e-3 nearly.
-        words: all of this in words.
+        strength: relative singular value; 0 if the direction is lost, 1e-3 if it is nearly lost.
+        words: description of the direction.
     """
 
     arm: str
@@ -43,11 +43,11 @@ class LostDirection(Frozen):
 def lost_directions(name: str, c: Contact, J: Array, tip: Array) -> list[LostDirection]:
     """Return the lost and nearly lost directions of one arm's tip, the weakest first.
 
-    Neither units nor gear choice decide (`tip_directions`).
+    The result depends neither on the units nor on the scaling of the joints (`tip_directions`).
 
     Args:
-        name: the arm's name.
-        c: its grasp in motion.
+        name: name of the arm.
+        c: its contact.
         J: (6, N) tip Jacobian, world axes.
         tip: (3,) tip point, world axes.
     """
@@ -60,12 +60,12 @@ def lost_directions(name: str, c: Contact, J: Array, tip: Array) -> list[LostDir
 
 
 class TipDirections(NamedTuple):
-    """The directions of an arm's tip that its grasp asks for, from the strongest to the weakest.
+    """The directions of an arm's tip that its grasp transmits, from the strongest to the weakest.
 
     Attributes:
         strengths: (rows,) singular values relative to the largest.
-        screws: (rows, rows) as columns, along the rows of K.
-        length: the arm's own size, which turns moments into forces [m].
+        screws: (rows, rows) directions as columns, along the rows of K.
+        length: size of the arm, by which moments are divided [m].
     """
 
     strengths: Array
@@ -74,7 +74,7 @@ class TipDirections(NamedTuple):
 
 
 def tip_directions(K: Array, J: Array) -> TipDirections:
-    """Return the singular directions of K J, moments measured by the arm's size and each joint's column scaled to one.
+    """Return the singular directions of K J, with moments divided by the arm's size and columns scaled to one.
 
     Args:
         K: (rows, 6) the transmitted directions, world axes.
@@ -96,7 +96,7 @@ def _unit(length: float) -> Array:
 
 
 def _moments_apart(U: Array) -> list[Array]:
-    """Return a basis of span(U), rows [.., force], with its pure moments first and apart."""
+    """Return a basis of span(U), rows [.., force], that begins with the pure moments."""
     if not U.shape[1]:
         return []
     _, sizes, Vt = np.linalg.svd(U[-3:])
@@ -105,7 +105,7 @@ def _moments_apart(U: Array) -> list[Array]:
 
 
 def described(arm: str, found: TipDirections, K: Array, u: Array, tip: Array, strength: float) -> LostDirection:
-    """Return a direction u along the rows of K as a screw in words, `tip` being the tip point [m]."""
+    """Return the description of a direction u along the rows of K as a screw; `tip` is the tip point [m]."""
     length, wrench = found.length, (K * _unit(found.length)).T @ u  # [moment; force] about the tip
     moment, force = wrench[:3], wrench[3:]
     if np.linalg.norm(force) * length > PURE * np.linalg.norm(moment):

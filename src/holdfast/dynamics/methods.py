@@ -29,13 +29,13 @@ class Method(Frozen):
     """One algorithm.
 
     Attributes:
-        name: as given to `method=`.
-        equation: where it stands in the paper.
-        cost: operations in joints n and arms l.
-        applies: to which chains.
+        name: the value of `method=`.
+        equation: its equation in the paper.
+        cost: order of the operations in the numbers of joints n and arms l.
+        applies: the chains to which it applies.
         rigid_only: whether every grasp must be rigid.
-        solve: the algorithm.
-        takes_trunk: whether arms may stand on a trunk.
+        solve: the function that implements it.
+        takes_trunk: whether arms may be mounted on a trunk.
     """
 
     name: str
@@ -78,7 +78,7 @@ METHODS: Mapping[str, Method] = FrozenDict(
 
 
 def method_named(name: str | FreeDynamics) -> Method:
-    """Return the method of a name, or wrap a user's own free dynamics in (4.9).
+    """Return the method with the given name, or (4.9) with a user's function for the dynamics of one arm.
 
     Raises:
         MethodNotApplicable: if there is no such method.

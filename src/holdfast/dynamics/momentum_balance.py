@@ -1,4 +1,4 @@
-"""The momentum balance: momentum changes by bases, weights and external wrenches, by no grasp and no drive."""
+"""The momentum balance: momentum is changed by bases, weights and external wrenches, not by grasps or drives."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def momentum_rate(
 
     Args:
         chain: the chain.
-        state: where links and object are.
+        state: positions of links and object.
         result: forward dynamics at that state, for the base wrenches.
         about: (3,) world point; default the world's origin.
         inputs: external wrenches.
 
     Raises:
-        StateError: wrong shape of `about` or the inputs.
+        StateError: `about` or the inputs have a wrong shape.
     """
     require_fit(chain, state)
     require_result_of(chain, result)
@@ -48,7 +48,7 @@ def momentum_rate(
 
 
 def rate_of(chain: ClosedChain, result: ForwardResult, given: Inputs, every: list[Body], point: Array) -> Array:
-    """Return the same over bodies that are known; the inputs are shaped and have the springs' wrenches in them."""
+    """Return `momentum_rate` for given bodies; the inputs are shaped and include the wrenches of springs."""
     *links, held = every
     on_trunk = 0 if chain.trunk is None else len(chain.trunk.bodies)
     assert given.object_wrench is not None
@@ -56,7 +56,7 @@ def rate_of(chain: ClosedChain, result: ForwardResult, given: Inputs, every: lis
     for (name, arm), f in zip(chain.arms.items(), result.base_wrench, strict=True):
         if name not in chain.mounts:
             rate = rate + shift_wrench(arm.base.p - point, f)
-    if chain.trunk is not None and result.trunk_base_wrench is not None:  # zero below a floating base
+    if chain.trunk is not None and result.trunk_base_wrench is not None:  # zero for a floating base
         rate = rate + shift_wrench(chain.trunk.base.p - point, result.trunk_base_wrench)
     if given.trunk_link_wrenches is not None:
         for body, f in zip(links[:on_trunk], given.trunk_link_wrenches, strict=True):

@@ -1,9 +1,9 @@
-"""How near a chain and its arms are to a singular configuration, on one scale, and along what.
+"""A measure of the distance of a chain and its arms from singular configurations, and the directions concerned.
 
-The scale is that of a relative singular value s: 1 far away, 0 at a singular configuration, going to zero as the
-distance does. For an arm s is that of its weakest tip direction (`tip_directions`); for the chain it is
-condition^-1/2. An arm alone at a singularity leaves forward dynamics regular, but whoever asks its tip to move along
-the lost direction asks for joint rates that grow as 1/s and torques that grow faster.
+The measure is a relative singular value s, which is 1 far from singular configurations and goes to 0 in proportion to
+the distance from one. For an arm, s belongs to its weakest tip direction (`tip_directions`); for the chain, it is
+condition^-1/2. Forward dynamics stays regular if a single arm is singular. However, a motion of its tip along the lost
+direction needs joint rates that grow as 1/s, and torques that grow faster.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import State
 
-NEARING = 0.07  # s: runs into a singularity pass it 50 ms or more before joint rates and forces explode
-NEAR = 0.03  # s: about 20 ms before
-STRENGTH_LOST = 5.0  # s at most, per radian that a joint turns, or part of the reach that it slides
-LOST_BY_ARM = 1e-6  # s: lost, at a configuration that is known to 1e-9 s
-CONFIGURATIONS_TRIED = 4  # for an arm's generic rank
+NEARING = 0.07  # s that runs towards a singularity pass 50 ms or more before joint rates and forces grow without bound
+NEAR = 0.03  # s that they pass about 20 ms before
+STRENGTH_LOST = 5.0  # largest change of s per radian of a joint, or per displacement relative to the reach
+LOST_BY_ARM = 1e-6  # s below which a direction is lost, at a configuration whose time is known to 1e-9 s
+CONFIGURATIONS_TRIED = 4  # number of configurations with which the generic rank of an arm is determined
 
 
 def arm_strength(arm: Arm, at: Kinematics, grasp: Grasp, object_rotation: Array) -> float:
     """Return s of an arm's weakest tip direction, 0 to 1.
 
-    Directions that the arm lacks in every configuration, having too few joints or parallel axes, do not count.
+    Directions that the arm lacks in every configuration, because it has too few joints or parallel axes, do not count.
 
     Args:
         arm: the arm.
         at: its configuration.
         grasp: its grasp; only directions that it transmits count.
-        object_rotation: (3, 3) object axes to world axes.
+        object_rotation: (3, 3) rotation from object axes to world axes.
     """
     K = _rows(grasp, grasp.of_kind.axes(object_rotation @ grasp.frame.R, at.tip.R))
     rank = generic_tip_rank(arm, grasp)
@@ -51,7 +51,7 @@ def arm_strength(arm: Arm, at: Kinematics, grasp: Grasp, object_rotation: Array)
 
 @lru_cache(maxsize=256)
 def generic_tip_rank(arm: Arm, grasp: Grasp) -> int:
-    """Return how many transmitted tip directions the arm can move along, away from singular configurations."""
+    """Return the number of transmitted tip directions in which the arm can move, away from singular configurations."""
     random = np.random.default_rng(0)
     return max(_rank_somewhere(arm, grasp, random) for _ in range(CONFIGURATIONS_TRIED))
 
@@ -71,7 +71,7 @@ def chain_strength(condition: Array) -> Array:
 
 
 def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR) -> list[str]:
-    """Return in words what a chain and its arms have nearly lost: all with s <= limit, the chain's first."""
+    """Return descriptions of the directions with s <= limit, first those of the chain, then those of its arms."""
     motion = chain_at_rest(chain, state)
     condition = constraint_pivots(chain, state).condition
     found = []
@@ -84,12 +84,12 @@ def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR) -> list[s
 
 
 def lost_at(motion: ChainMotion, rank: int, generic_rank: int) -> list[str]:
-    """Return in words what is lost at a singular configuration, the loads first that nothing feels there.
+    """Return descriptions of what is lost at a singular configuration, beginning with the loads without effect.
 
     Args:
-        motion: the chain there.
-        rank: of K [J, -A].
-        generic_rank: of the same, away from there.
+        motion: the chain's motion at this configuration.
+        rank: rank of K [J, -A].
+        generic_rank: rank of K [J, -A] away from this configuration.
     """
     length = length_scale([c.offset for c in motion.contacts])
     columns = felt_wrenches(motion, length).columns[:, rank:generic_rank]
@@ -98,7 +98,7 @@ def lost_at(motion: ChainMotion, rank: int, generic_rank: int) -> list[str]:
 
 
 def lost_by_arms(motion: ChainMotion, limit: float) -> list[str]:
-    """Return in words the tip directions that arms have nearly lost, those with s <= limit."""
+    """Return descriptions of the tip directions of the arms with s <= limit."""
     found = []
     for (name, grasp), c in zip(motion.chain.grasps.items(), motion.contacts, strict=True):
         arm = motion.arms[name]
@@ -112,7 +112,7 @@ def lost_by_arms(motion: ChainMotion, limit: float) -> list[str]:
 
 
 def _felt(motion: ChainMotion, wrenches: Array, length: float) -> str:
-    """Return a pattern of grasp wrenches in words, whatever its size."""
+    """Return the description of a pattern of grasp wrenches of any size."""
     each = wrenches.reshape(-1, 6)
     largest = np.abs(each * np.r_[np.full(3, 1 / length), np.ones(3)]).max()
     return pattern(motion, each / largest, length)

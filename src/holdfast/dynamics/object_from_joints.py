@@ -1,4 +1,4 @@
-"""The object's state from the joints alone, where every grasp is rigid (2.8)."""
+"""The object's state computed from the joints, for chains with rigid grasps (2.8)."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ def state_from_joints(
     base_pose: Pose | ArrayLike | None = None,
     base_twist: ArrayLike | None = None,
 ) -> State:
-    """Return the state whose object pose and twist follow from the joints.
+    """Return the state with the object's pose and twist computed from the joints.
 
-    V(C) = (A^T A)^-1 A^T V(0) (2.8a); the pose is the one of the first grasp's tip. O(n).
+    V(C) = (A^T A)^-1 A^T V(0) (2.8a); the pose follows from the tip of the first grasp. O(n).
 
     Args:
-        chain: a chain whose grasps, at least one, are all rigid.
+        chain: a chain with at least one grasp, whose grasps are all rigid.
         q: (n,) joint positions.
         qd: (n,) joint rates.
         inputs: base motion, if the bases move.
-        check: refuse joints that do not close the chains.
-        base_pose: of a trunk's floating base, wxyz_xyz, where there is one.
-        base_twist: (6,) of its origin, world axes.
+        check: refuse joints that violate the grasps.
+        base_pose: pose of a trunk's floating base, wxyz_xyz, if there is one.
+        base_twist: (6,) twist of its origin, world axes.
 
     Raises:
         MethodNotApplicable: a grasp is not rigid, or there is none.
-        StateError: the joints do not close the chains.
+        StateError: the joints violate the grasps.
     """
     checks.instance(chain, ClosedChain, "chain")
     others = [f"'{name}' is a {grasp.kind} grasp" for name, grasp in chain.grasps.items() if grasp.free]

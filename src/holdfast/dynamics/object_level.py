@@ -1,4 +1,4 @@
-"""What the held object feels: the closed chain seen from C."""
+"""The mobility and the inertia of the closed chain at the held object."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
 
-IMMOBILE = 1e-9  # of the largest scaled mobility: the object does not move there
+IMMOBILE = 1e-9  # mobilities below this, relative to the largest scaled one, count as zero
 
 
 @np.errstate(all="ignore")  # what overflows is refused
 def object_mobility(chain: ClosedChain, state: State) -> Array:
     """Return the closed chain's mobility at C, (6, 6), world axes: the filter's final P.
 
-    An extra wrench w on the object changes its acceleration by P w. P is M(C)^-1 with every
-    arm's resistance taken in; along directions the grasps forbid it is zero. O(n) + O(l).
+    An additional wrench w on the object changes its acceleration by P w. P is M(C)^-1 reduced by the inertia of all
+    arms; it is zero along directions in which the arms cannot move the object. O(n) + O(l).
 
     Args:
         chain: the chain.
-        state: positions; velocities do not enter.
+        state: positions; velocities are ignored.
 
     Raises:
         StateError: a state of the wrong shape for the chain.
@@ -41,15 +41,15 @@ def object_mobility(chain: ClosedChain, state: State) -> Array:
 def object_inertia(chain: ClosedChain, state: State) -> Array:
     """Return the object's operational inertia in the closed chain, (6, 6): P^-1, about C.
 
-    M(C) + sum A_i^T K_i^T (K_i Lambda_i K_i^T)^-1 K_i A_i where every Lambda_i is regular. O(n) + O(l).
+    It is M(C) + sum A_i^T K_i^T (K_i Lambda_i K_i^T)^-1 K_i A_i if every Lambda_i is regular. O(n) + O(l).
 
     Args:
         chain: the chain.
-        state: positions; velocities do not enter.
+        state: positions; velocities are ignored.
 
     Raises:
         StateError: a state of the wrong shape for the chain.
-        SingularChainError: the arms hold the object fast in some direction.
+        SingularChainError: the object cannot move in some direction.
     """
     P = object_mobility(chain, state)
     alone = object_motion(chain.held_object, state.object_frame, np.zeros(6), np.zeros(6))
@@ -69,11 +69,11 @@ def motion_basis(chain: ClosedChain, state: State) -> Array:
 
     Args:
         chain: the chain.
-        state: positions; velocities do not enter.
+        state: positions; velocities are ignored.
 
     Returns:
-        (n + 6, mobility): columns span the null space of K [J, -A]; the relative rates W
-        follow from them. With a floating base (n + 12, mobility), its twist last.
+        (n + 6, mobility) matrix whose columns span the null space of K [J, -A]; the relative rates W follow from them.
+        With a floating base it is (n + 12, mobility), with the twist of the base last.
 
     Raises:
         StateError: a state of the wrong shape for the chain.

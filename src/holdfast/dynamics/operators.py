@@ -1,7 +1,7 @@
-"""The spatial operators of one arm as explicit matrices: a textbook that runs.
+"""The spatial operators of one arm as explicit matrices, for teaching and tests.
 
-Blocks are ordered as in the paper, k = 1 (tip) .. N (base), along world axes, about the
-joint points O_k. Nothing here is fast; the sweeps in `arm` never form these matrices.
+Blocks are ordered as in the paper, k = 1 (tip) .. N (base), along world axes, about the joint points O_k. This code is
+not fast; the sweeps in `arm` never form these matrices.
 
     J = B^T phi^T H^T      M = H phi M phi^T H^T (+ armature) = (I + H Phi L) D (I + H Phi L)^T
     C = H phi (M phi^T a + b)            M^-1 = (I - H Psi L)^T D^-1 (I - H Psi L)
@@ -21,21 +21,21 @@ from holdfast.spatial.vector import skew
 
 
 def phi(l: Array) -> Array:
-    """Return phi = [I, l~; 0, I], l from the outer point to the inner one [m]."""
+    """Return phi = [I, l~; 0, I] with l from the outer point to the inner one [m]."""
     return np.block([[np.eye(3), skew(l)], [np.zeros((3, 3)), np.eye(3)]])
 
 
 def block(k: int) -> slice:
-    """Return where block k = 1..N lies in a stack of 6-vectors."""
+    """Return the slice of block k = 1..N in a stack of 6-vectors."""
     return slice(6 * (k - 1), 6 * k)
 
 
 @dataclass(frozen=True, eq=False)
 class ArmOperators:
-    """The operators of an arm in motion; matrices are computed when first asked for.
+    """The operators of an arm; each matrix is computed when it is first used.
 
     Attributes:
-        given: the arm, its state and its base motion (base acceleration less [0; g]).
+        given: the arm, its state and its base motion (with base acceleration minus [0; g]).
     """
 
     given: ArmInputs
@@ -95,24 +95,24 @@ class ArmOperators:
 
     @cached_property
     def S(self) -> Array:
-        """The down shift: S(k, k-1) = I, (6N, 6N)."""
+        """The shift operator with S(k, k-1) = I, (6N, 6N)."""
         return np.eye(6 * self.N, k=-6)
 
     @cached_property
     def B(self) -> Array:
-        """First block phi(1, 0), the rest 0, (6N, 6)."""
+        """B with first block phi(1, 0) and zeros below, (6N, 6)."""
         B = np.zeros((6 * self.N, 6))
         B[block(1)] = self.phi_step(0)
         return B
 
     @cached_property
     def armature(self) -> Array:
-        """diag of the drives' inertias, (N, N)."""
+        """Diagonal matrix of the armatures, (N, N)."""
         return np.diag(self.given.arm.armature[::-1])
 
     @cached_property
     def P(self) -> Array:
-        """Articulated inertias P(k) on the diagonal, by their recursion, (6N, 6N)."""
+        """Block diagonal matrix of the articulated inertias P(k), from their recursion, (6N, 6N)."""
         P = np.zeros_like(self.M)
         carried = np.zeros((6, 6))
         for k in range(1, self.N + 1):
@@ -152,12 +152,12 @@ class ArmOperators:
 
     @cached_property
     def Phi(self) -> Array:
-        """Phi = phi S, strictly lower."""
+        """Phi = phi S, strictly lower block triangular."""
         return self.phi @ self.S
 
     @cached_property
     def Psi(self) -> Array:
-        """Psi = psi S, strictly lower."""
+        """Psi = psi S, strictly lower block triangular."""
         return self.psi @ self.S
 
     @cached_property
@@ -172,7 +172,7 @@ class ArmOperators:
 
     @cached_property
     def a(self) -> Array:
-        """Bias accelerations a(k), base acceleration in a(N), (6N,)."""
+        """Bias accelerations a(k), with the base acceleration included in a(N), (6N,)."""
         a = np.zeros(6 * self.N)
         for k in range(1, self.N + 1):
             w, l = self.twists[k + 1][:3], self.points[k] - self.points[k + 1]
@@ -201,7 +201,7 @@ class ArmOperators:
         return b
 
     def _causal(self, steps: list[Array]) -> Array:
-        """Return the block triangular operator of steps[k] = X(k+1, k), k = 1..N-1."""
+        """Return the block triangular operator with the steps[k] = X(k+1, k), k = 1..N-1."""
         X = np.zeros((6 * self.N, 6 * self.N))
         for j in range(1, self.N + 1):
             product = np.eye(6)

@@ -1,4 +1,4 @@
-"""Derivatives at a point as a rule that a recorded text goes by (`spatial.differentiation.by_rule`)."""
+"""Derivatives at a point as a rule for the differentiation of surrounding code (`spatial.differentiation.by_rule`)."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from holdfast.spatial.scalar import Array, array, concatenate
 
 
 class PointRule(NamedTuple):
-    """Derivatives of some results at a point by some arguments.
+    """Derivatives of some results at a point with respect to some arguments.
 
     Attributes:
         at: the point.
-        results: shapes by name, as `forward` returns them.
-        arguments: as `backward` names them.
-        poses: of the arguments that are poses wxyz_xyz, not tangents of them.
+        results: shapes of the results by name, as returned by `forward`.
+        arguments: names of the arguments, as for `backward`.
+        poses: values of the arguments that are poses wxyz_xyz, and not tangents of poses.
     """
 
     at: Point
@@ -31,7 +31,7 @@ class PointRule(NamedTuple):
     poses: Mapping[str, Array]
 
     def rates(self, *rates: Array) -> Sequence[Array]:
-        """Return how fast the results change while the arguments do."""
+        """Return the rates of the results for given rates of the arguments."""
         tangents = {}
         for name, rate in zip(self.arguments, rates, strict=True):
             if not vanishes(rate):
@@ -42,7 +42,7 @@ class PointRule(NamedTuple):
         return [found[name] for name in self.results]
 
     def gradient(self, *cotangents: Array) -> Sequence[Array]:
-        """Return the gradient of sum(cotangent . result) by every argument."""
+        """Return the gradient of sum(cotangent . result) with respect to every argument."""
         given = {name: x for name, x in zip(self.results, cotangents, strict=True) if not vanishes(x)}
         shapes = gradient_shapes(self.at.motion.chain)
         if not given:
@@ -55,7 +55,7 @@ class PointRule(NamedTuple):
         ]
 
     def whole(self) -> JacobianRule:
-        """Return the same on floats by the Jacobian, found once for many products."""
+        """Return an equivalent rule that computes the Jacobian once, for many products on floats."""
         shapes = gradient_shapes(self.at.motion.chain)
         units = np.eye(units_needed(self.at.motion.chain, self.arguments)) if self.arguments else np.zeros((0, 0))
         found = jacobian(self.at, list(self.results), self.arguments, units)
@@ -71,12 +71,12 @@ class PointRule(NamedTuple):
 
 
 class JacobianRule(NamedTuple):
-    """Derivatives of results by arguments as a matrix.
+    """Derivatives of results with respect to arguments, as a matrix.
 
     Attributes:
-        matrix: rows are entries of the results, columns those of the arguments.
-        results: shapes.
-        arguments: likewise.
+        matrix: rows are the entries of the results, columns those of the arguments.
+        results: shapes of the results.
+        arguments: shapes of the arguments.
     """
 
     matrix: Array
@@ -84,16 +84,16 @@ class JacobianRule(NamedTuple):
     arguments: tuple[tuple[int, ...], ...]
 
     def rates(self, *rates: Array) -> Sequence[Array]:
-        """Return how fast the results change while the arguments do."""
+        """Return the rates of the results for given rates of the arguments."""
         return _parts(self.matrix @ np.concatenate([np.ravel(x) for x in rates]), self.results)
 
     def gradient(self, *cotangents: Array) -> Sequence[Array]:
-        """Return the gradient of sum(cotangent . result) by every argument."""
+        """Return the gradient of sum(cotangent . result) with respect to every argument."""
         return _parts(np.concatenate([np.ravel(x) for x in cotangents]) @ self.matrix, self.arguments)
 
 
 def _parts(x: Array, shapes: Sequence[tuple[int, ...]]) -> list[Array]:
-    """Return one vector as arrays of some shapes."""
+    """Return a vector as arrays of the given shapes."""
     ends = np.cumsum([0, *(math.prod(shape) for shape in shapes)])
     return [x[a:b].reshape(shape) for a, b, shape in zip(ends, ends[1:], shapes, strict=False)]
 
@@ -104,13 +104,13 @@ def vanishes(x: Array) -> bool:
 
 
 def motion_of(pose: Array, rate: Array) -> Array:
-    """Return [turn; shift] of a pose wxyz_xyz that changes at a rate (7,): twice the vector of its own quaternion."""
+    """Return [turn; shift] of a pose wxyz_xyz with the given rate (7,); turn is twice the vector part of q_dot q^-1."""
     w, x, y, z = pose[:4]
     turned = quaternion_product(rate[:4], array([w, -x, -y, -z]))
     return concatenate([2.0 * turned[1:], rate[4:]])
 
 
 def by_pose(pose: Array, by_motion: Array) -> Array:
-    """Return the gradient (7,) by a pose wxyz_xyz of what has a gradient (6,) by its [turn; shift]."""
+    """Return the gradient (7,) with respect to a pose wxyz_xyz from the gradient (6,) by its [turn; shift]."""
     turned = quaternion_product(concatenate([np.zeros(1), by_motion[:3]]), pose[:4])
     return concatenate([2.0 * turned, by_motion[3:]])

@@ -1,4 +1,4 @@
-"""Back onto the constraint from a state that is a little off it; `projection` has the round that this repeats."""
+"""Projection of a state that nearly satisfies the grasps, by repeated iterations of `projection`."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ ROUNDS = 8
 
 @np.errstate(all="ignore")  # what overflows is refused below
 def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> tuple[State, ChainMotion]:
-    """Return the state moved back onto position and velocity constraints, and its motion there.
+    """Return the state projected onto the position and velocity constraints, and the chain's motion there.
 
-    Positions in a few Newton rounds on the position rows (a soft finger's spin is left
-    alone), then velocities once, both in the kinetic metric. O(n) + O(l) a round.
+    A few Newton iterations correct the positions by the position rows (which do not include a soft finger's spin); then
+    the velocities are corrected once. Both use the kinetic metric. O(n) + O(l) per iteration.
 
     Args:
         chain: the chain.
-        state: a state near the constraint, as an integrator's step leaves it.
-        inputs: what acts on the chain besides torques; base motion enters.
+        state: a state that nearly satisfies the constraint, such as the end of an integrator's step.
+        inputs: inputs of the chain, of which only the base motion matters.
 
     Raises:
-        ClosureError: if the state is too far off, or does not come closer.
+        ClosureError: the state is too far off, or the iteration does not converge.
 
     Reference:
         `docs/theory/simulation.md`.
@@ -70,7 +70,7 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
 
 
 def _rows_to_hold(chain: ClosedChain, state: State, inputs: Inputs, gap: float) -> Array | None:
-    """Return which components of the grasps to hold, where a gap makes rows look independent; None: all of them."""
+    """Return the mask of rows to impose if a gap could make dependent rows look independent; None for all."""
     if not may_mislead(constraint_pivots(chain, state).condition, gap):
         return None
     return rank_and_held_near(chain, state, inputs)[1]

@@ -1,11 +1,11 @@
-"""Back onto the constraint: the smallest change, in the kinetic metric, that closes the grasps.
+"""Projection onto the constraint by the smallest change in the kinetic metric that closes the grasps.
 
 A velocity mismatch v_i = V+ - A V(C) at the grasps is removed by impulses p_i with
 
     K Omega K^T p = K v,   dqd = -M^-1 J^T p,   dV(C) = M(C)^-1 A^T p
 
-which is forward dynamics at rest with v_i for the free tip accelerations (docs/theory/simulation.md): the
-same object filter, O(n) + O(l). A position mismatch is removed likewise, in a few rounds.
+This is forward dynamics at rest with v_i in place of the free tip accelerations (docs/theory/simulation.md), and is
+computed by the same object filter in O(n) + O(l). A position mismatch is removed in the same way, in a few iterations.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum, s
 from holdfast.spatial.spatial_vector import rotate, shift_twist
 from holdfast.state import Inputs, State
 
-CLOSED = 1e-14  # m and rad: no round beyond this
-STEP_ROUNDS = 2  # for a step's end
-FARTHEST = 1e-2  # m and rad: a state further off was not produced by a sound step
-LEFT_OPEN = 1e-9  # m and rad: what is left beyond this is no rounding
+CLOSED = 1e-14  # m and rad: the iteration stops below this gap
+STEP_ROUNDS = 2  # iterations at the end of a step
+FARTHEST = 1e-2  # m and rad: a larger gap does not come from a valid step
+LEFT_OPEN = 1e-9  # m and rad: a larger remaining gap is not rounding
 
 
 class Change(NamedTuple):
     """A change of the chain's velocities, or a small displacement.
 
     Attributes:
-        qd: (n,) of the joint rates.
-        object: (6,) of the object's twist.
-        base: (6,) of the twist of a floating base; None without one.
+        qd: (n,) change of the joint rates.
+        object: (6,) change of the object's twist.
+        base: (6,) change of the twist of a floating base; None without one.
     """
 
     qd: Array
@@ -53,11 +53,11 @@ class Change(NamedTuple):
 def constraint_impulses(
     motion: ChainMotion, contacts: list[Contact], mismatch: list[Array]
 ) -> tuple[Change, list[Array]]:
-    """Return the change of velocities that removes a mismatch at the grasps, and the impulses that bring it.
+    """Return the change of velocities that removes a mismatch at the grasps, and the corresponding impulses.
 
     Args:
-        motion: the chain at its configuration; its velocities do not enter.
-        contacts: the grasps whose transmitted directions are to agree.
+        motion: the chain at its configuration; its velocities are ignored.
+        contacts: the grasps at which tip and object shall agree along the transmitted directions.
         mismatch: per grasp, (6,) tip side minus object side about the contact point,
             world axes; only its transmitted part counts.
 
@@ -77,11 +77,11 @@ def constraint_impulses(
 
 
 def trunk_impulses(motion: ChainMotion, tips: list[TipResponse]) -> tuple[Change, list[Array]]:
-    """Return what `constraint_impulses` does where arms stand on a trunk: it moves too, and all arms on it.
+    """Return the result of `constraint_impulses` for arms on a trunk, which moves together with all arms on it.
 
     Args:
-        motion: the chain, its grasps without accelerations of their own.
-        tips: the answers of the arms that hold, at rest but for the mismatch.
+        motion: the chain's motion, with grasps without bias accelerations.
+        tips: the tip responses of the arms with a grasp, at rest except for the mismatch.
     """
     assert motion.trunk is not None
     chain, none = motion.chain, np.zeros(6)
@@ -101,12 +101,12 @@ def trunk_impulses(motion: ChainMotion, tips: list[TipResponse]) -> tuple[Change
 
 
 def gap_response(arm: ArmMotion, gap: Array) -> TipResponse:
-    """Return how an arm at rest answers to impulses at its tip, its mismatch in the place of the free acceleration."""
+    """Return the tip response of an arm at rest, with the mismatch in place of the free acceleration."""
     return tip_response(at_rest(arm), "auto")._replace(free_acceleration=gap)
 
 
 def project_velocities(motion: ChainMotion, state: State) -> State:
-    """Return the state with the velocities nearest in kinetic energy that keep the grasps."""
+    """Return the state with the velocities that satisfy the grasps and are nearest in the kinetic metric."""
     twist = state.object_twist
     mismatch = each(lambda arm, c: arm.tip_twist - shift_twist(c.offset, twist), motion.holding, motion.contacts)
     change, _ = constraint_impulses(motion, motion.contacts, mismatch)
@@ -120,10 +120,10 @@ def quickened(state: State, by: Change) -> State:
 
 
 class Gap(NamedTuple):
-    """How far the worst grasp is from holding.
+    """The largest gaps of any grasp.
 
     Attributes:
-        position: largest component of the position rows, a turn as its sine [m or rad].
+        position: largest component of the position rows, with the sine for rotations [m or rad].
         velocity: largest component of the velocity rows [m/s or rad/s].
     """
 
@@ -132,15 +132,16 @@ class Gap(NamedTuple):
 
 
 def after_step(chain: ClosedChain, state: State, inputs: Inputs, held: Array | None = None) -> State:
-    """Return a step's end moved back onto position and velocity constraints.
+    """Return a step's end projected onto the position and velocity constraints.
 
-    Two of `project`'s rounds on the positions, which close a sound step to rounding, then velocities once.
+    Two of the iterations of `project` correct the positions, which closes a valid step up to rounding; then the
+    velocities are corrected once.
 
     Args:
         chain: the chain.
-        state: where an integrator's step ends.
-        inputs: shaped inputs; base motion enters.
-        held: which components of the grasps the step holds, see `held_rows`; None: all.
+        state: the state at the end of an integrator's step.
+        inputs: shaped inputs, of which only the base motion matters.
+        held: mask of the constraint rows that the step imposes, see `held_rows`; None for all.
     """
     for _ in range(STEP_ROUNDS):
         motion = holding(chain_at_rest(chain, state), held, positions=True)
@@ -150,10 +151,10 @@ def after_step(chain: ClosedChain, state: State, inputs: Inputs, held: Array | N
 
 
 def closer(motion: ChainMotion, state: State, gaps: list[Array]) -> State:
-    """Return the state after one of Newton's rounds on the position rows.
+    """Return the state after one Newton iteration on the position rows.
 
     Args:
-        motion: the chain in that configuration.
+        motion: the chain's motion at that state.
         state: the state.
         gaps: its `position_mismatch`.
     """
@@ -162,12 +163,12 @@ def closer(motion: ChainMotion, state: State, gaps: list[Array]) -> State:
 
 
 def largest_gaps(chain: ClosedChain, state: State, inputs: Inputs) -> Gap:
-    """Return how far the worst grasp is from holding, 0 without any.
+    """Return the largest gaps of any grasp; 0 without grasps.
 
     Args:
         chain: the chain.
         state: any state.
-        inputs: shaped inputs; base motion enters.
+        inputs: shaped inputs, of which only the base motion matters.
     """
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
     shifts = position_mismatch(motion, state)
@@ -189,21 +190,21 @@ def largest(x: Array) -> Scalar:
 
 
 def position_mismatch(motion: ChainMotion, state: State) -> list[Array]:
-    """Return per grasp the small displacement tip minus object, (6,) world axes."""
+    """Return for each grasp the small displacement of the tip relative to the object, (6,) world axes."""
     origin = state.object_frame.p
     return each(lambda arm, c: small_displacement(c, origin + c.origin, arm.at.tip), motion.holding, motion.contacts)
 
 
 def small_displacement(c: Contact, contact_point: Array, tip: Pose) -> Array:
-    """Return the displacement tip minus object, (6,) world axes, its turn as sine times axis.
+    """Return the displacement of the tip relative to the object, (6,) world axes, with sine times axis as rotation.
 
-    Newton's rounds need a turn only as exactly as they converge: for a turn t the sine is off by
-    t^3 / 6. The turn is zero where attitudes are free, and about no direction of a hinge's axis.
+    This is accurate enough for Newton iterations, because the sine differs from a small angle t by t^3 / 6 only. The
+    rotation is zero for grasps with free attitude, and has no component about the axis of a hinge.
 
     Args:
-        c: the grasp in motion.
-        contact_point: (3,) on the object, world axes.
-        tip: the arm's tip frame in the world.
+        c: the contact.
+        contact_point: (3,) contact point on the object, world axes.
+        tip: pose of the arm's tip frame in the world.
     """
     seen = tip_from_contact(c, contact_point, tip)
     return rotate(c.R, c.grasp.of_kind.small_gap(seen.R, seen.p))
@@ -224,11 +225,11 @@ def displaced_by(state: State, by: Change) -> State:
 
 
 def turned_and_shifted(pose: Array, dx: Array) -> Array:
-    """Return a pose wxyz_xyz displaced by [turn; shift], world axes."""
+    """Return a pose wxyz_xyz displaced by [turn; shift] along world axes."""
     turn = rotation.quaternion_product(rotation.quaternion_exp(dx[:3]), pose[:4])
     return concatenate([rotation.normalised(turn), pose[4:] + dx[3:]])
 
 
 def position_contact(c: Contact) -> Contact:
-    """Return the contact with its position rows: fewer than its velocity rows where the grasp is nonholonomic."""
+    """Return the contact with its position rows, which are fewer than its velocity rows for a nonholonomic grasp."""
     return replace(c, rows=c.grasp.of_kind.position_rows)

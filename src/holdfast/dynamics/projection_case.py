@@ -1,12 +1,10 @@
-"""What projections onto the grasps depend on: the chain at rest, its grasps open by gaps that its state decides.
+"""The arguments of a projection onto the grasps, from which its derivatives follow.
 
-A projection is forward dynamics at rest, without torques, gravity or springs, with a gap in the place of the grasps'
-own acceleration. So is its virtual power, and its derivatives are found in the same way (`closed.virtual_power`):
-
+A projection is forward dynamics at rest, without torques, gravity or springs, with a gap in place of the bias
+acceleration at the grasps. Its derivatives follow from its virtual power in the same way (`closed.virtual_power`):
     L = y_q.(M dq + J^T p) + y_a.(M_C dx - sum A^T p) + y_f.(gap + J dq + H^T s - A dx) + y_s.H p
-
-The gap is a small displacement, or V+ - A V(C). The free part s of the relative motion is in L though nothing is
-transmitted there, as the directions turn with the object.
+The gap, a function of the state, is a small displacement, or V+ - A V(C). L contains the free part s of the relative
+motion although nothing is transmitted there, because the free directions rotate with the object.
 """
 
 from __future__ import annotations
@@ -26,7 +24,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.spatial_vector import shift_twist
 
-RATES = ("qd", "base_twist", "object_twist")  # which enter by the gap alone
+RATES = ("qd", "base_twist", "object_twist")  # only the gap depends on these
 
 
 class RestCase(ArmCase):
@@ -35,18 +33,18 @@ class RestCase(ArmCase):
     __slots__ = ()
 
     def passive(self, q: Array, qd: Array, varied: Numbers) -> Array:
-        """Return what dampers and springs take from the joints' torques: nothing, (N,)."""
+        """Return the torques of dampers and springs, which are zero, (N,)."""
         return np.zeros(len(q))
 
 
 class VelocityCase(ArmCase):
-    """One arm, whose grasp is to be closed in velocity."""
+    """The arguments of the equations of one arm whose grasp is closed in velocity."""
 
     __slots__ = ()
 
     @property
     def in_motion(self) -> bool:
-        """No: the arm is at rest, and the gap of its grasp takes the place of the tip's motion."""
+        """False, because the arm is at rest and the gap of its grasp replaces the motion of the tip."""
         return False
 
     def power(self, z: Unknowns, y: Unknowns, varied: Numbers) -> Scalar:
@@ -59,7 +57,7 @@ class VelocityCase(ArmCase):
         return power + y.wrench @ self.gap(varied) if holds else power
 
     def gap(self, varied: Numbers) -> Array:
-        """Return how the grasp gapes, tip side minus object side about the contact point, (6,) world axes."""
+        """Return the gap of the grasp, tip side minus object side about the contact point, (6,) world axes."""
         given, grasp, none = self.given, self.grasp, np.zeros(6)
         assert grasp is not None
         base = Pose.unchecked(varied.get("base_R", given.arm.base.R), varied.get("base_p", given.arm.base.p))
@@ -71,7 +69,7 @@ class VelocityCase(ArmCase):
         return self.gap_at(c, of_object, arm, at, varied)
 
     def gap_at(self, c: Contact, of_object: Pose, arm: Arm, at: Kinematics, varied: Numbers) -> Array:
-        """Return the gap of a grasp in a configuration: V+ - A V(C)."""
+        """Return the gap V+ - A V(C) of a grasp at a configuration."""
         qd, base, twist = (
             varied.get(name, own)
             for name, own in (
@@ -85,30 +83,30 @@ class VelocityCase(ArmCase):
 
 
 class PositionCase(VelocityCase):
-    """One arm, whose grasp is to be closed in position."""
+    """The arguments of the equations of one arm whose grasp is closed in position."""
 
     __slots__ = ()
 
     def gap_at(self, c: Contact, of_object: Pose, arm: Arm, at: Kinematics, varied: Numbers) -> Array:
-        """Return the gap of a grasp in a configuration: the small displacement tip minus object."""
+        """Return the gap of a grasp at a configuration, the small displacement of the tip relative to the object."""
         return small_displacement(c, of_object.p + c.origin, at.tip)
 
 
 class RestTrunk(TrunkCase):
-    """A trunk at rest, without dampers and springs, that carries the bases of moving arms.
+    """A trunk at rest, without dampers and springs, on which arms are mounted.
 
-    Its twists enter by those of the bases alone.
+    Its twists matter only through those of the arms' bases.
     """
 
     __slots__ = ()
 
     def outward(self, z: TrunkUnknowns, y: TrunkUnknowns, varied: Numbers) -> tuple[Scalar, list[CarriedBase]]:
-        """Return the trunk's part of L, and the bases that it carries; see `TrunkCase.outward`."""
+        """Return the trunk's part of L, and the bases mounted on it; see `TrunkCase.outward`."""
         still = {"qd": np.zeros(len(self.q)), "base_twist": np.zeros(6)}
         power, carried = super().outward(z, y, {**varied, **still})
         _, moving = super().outward(z, y, varied)
         return power, [a._replace(base_twist=b.base_twist) for a, b in zip(carried, moving, strict=True)]
 
     def passive(self, arm: Arm, q: Array, qd: Array, varied: Numbers) -> Array:
-        """Return what dampers and springs take from the joints' torques: nothing, (n_t,)."""
+        """Return the torques of dampers and springs, which are zero, (n_t,)."""
         return np.zeros(len(q))

@@ -1,4 +1,4 @@
-"""Derivatives of a projection's rounds: one more solve with the factors at hand, as of forward dynamics."""
+"""Derivatives of the iterations of a projection, by one more solve with the existing factors."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ OF_PROJECTION = (*OF_ROUND, *OF_VELOCITIES)
 
 
 def round_point(chain: ClosedChain, state: State, inputs: Inputs, held: Array | None, route: Route) -> Point:
-    """Return one of Newton's rounds on the position rows (`projection.closer`), as derivatives need it.
+    """Return one Newton iteration on the position rows (`projection.closer`), with the data for its derivatives.
 
-    Its "qdd" and accelerations are displacements; it is differentiated by some of `OF_ROUND`.
+    Its "qdd" and accelerations are displacements. It can be differentiated with respect to `OF_ROUND`.
 
     Args:
         chain: the chain.
-        state: where; velocities do not enter.
-        inputs: shaped inputs; none of them enters.
-        held: which components of the grasps are held, see `held_rows`; None: all.
-        route: how each arm answers at its tip.
+        state: the state; its velocities are ignored.
+        inputs: shaped inputs, which are ignored.
+        held: mask of the imposed constraint rows, see `held_rows`; None for all.
+        route: method for the tip responses, see `tip_response`.
     """
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
     motion = replace(motion, contacts=[position_contact(c) for c in motion.contacts])
@@ -46,16 +46,17 @@ def round_point(chain: ClosedChain, state: State, inputs: Inputs, held: Array | 
 
 
 def impulse_point(chain: ClosedChain, state: State, inputs: Inputs, held: Array | None, route: Route) -> Point:
-    """Return the change of velocities that closes the grasps (`projection.project_velocities`) likewise.
+    """Return the projection of velocities (`projection.project_velocities`), with the data for its derivatives.
 
-    It is differentiated by some of `OF_PROJECTION`. See `round_point` for the arguments; base motion enters.
+    It can be differentiated with respect to `OF_PROJECTION`. The arguments are those of `round_point`; of the inputs,
+    the base motion matters.
     """
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
     return _closed(holding(motion, held), VelocityCase, route)
 
 
 def _closed(motion: ChainMotion, kind: type[VelocityCase], route: Route) -> Point:
-    """Return the projection that closes the gaps of a kind, by forward dynamics at rest."""
+    """Return the projection that closes the gaps of the given kind, by forward dynamics at rest."""
     none, object_case = np.zeros(6), motion.object_case
     assert object_case is not None
     cases = {name: closing(kind, case) for name, case in motion.cases.items()}
@@ -74,19 +75,19 @@ def _closed(motion: ChainMotion, kind: type[VelocityCase], route: Route) -> Poin
 
 
 def closing(kind: type[VelocityCase], case: ArmCase) -> VelocityCase:
-    """Return an arm's case as a projection has it."""
+    """Return an arm's case for a projection."""
     given = replace(case.given, base_acceleration=np.zeros(6), link_wrenches=None)
     return kind(given, case.grasp, case.frame, case.twist)
 
 
 def resting_trunk(case: TrunkCase) -> RestTrunk:
-    """Return a trunk's case as a projection has it."""
+    """Return a trunk's case for a projection."""
     still = case._replace(tau=0.0 * case.tau, base_acceleration=np.zeros(6), wrenches=0.0 * case.wrenches)
     return RestTrunk(*still)
 
 
 def change_of(at: Point) -> Change:
-    """Return what a projection changes."""
+    """Return the change made by a projection."""
     chain, found = at.motion.chain, at.found
     of_trunk = [] if found.trunk is None else [found.trunk.qdd]
     dqd = concatenate([*of_trunk, *(at.unknowns[name].qdd for name in chain.arms)])

@@ -1,8 +1,8 @@
-"""Rank of the grasp constraint here, and in general (docs/theory/singular.md).
+"""The rank of the grasp constraint at a configuration, and its generic rank (docs/theory/singular.md).
 
-Generic rank is the largest rank over a few closed neighbours. Rank = generic but deficient:
-the forces are indeterminate everywhere, the accelerations are right. Rank < generic: this
-configuration is singular, and the pointwise answer is not the trajectory's.
+The generic rank is the largest rank at a few closed neighbours. If the rank is deficient but generic, the forces are
+indeterminate everywhere, and the accelerations are correct. If the rank is lower than the generic rank, the
+configuration is singular, and the solution at this point is not that of a trajectory.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 NEIGHBOURS = 8
-NEIGHBOUR_DISTANCE = 0.1  # rad, or part of the arms' reach
-SHORTER = (1.0, 0.25, 0.0625)  # parts of it, where a neighbour is not as near
-STRAYED = 3.0  # times as far: what closes there is no neighbour
+NEIGHBOUR_DISTANCE = 0.1  # rad, or fraction of the arms' reach
+SHORTER = (1.0, 0.25, 0.0625)  # fractions of this distance to try in turn
+STRAYED = 3.0  # a closed state that is farther away than this multiple is not a neighbour
 TANGENT_STEPS = (0.05, 0.005, 0.0005)  # the same: near a singular configuration only short ones lead on
 # A row that follows from others has a relative pivot of about gap^2 beside the constraint, gap in m or rad. What is
 # larger than that by far is no such row.
-ROW_PER_GAP = 100.0  # root of the relative pivot, over the gap
-SUSPECT_GAP = 1e-1  # root of the largest relative pivot worth asking about
+ROW_PER_GAP = 100.0  # square root of the relative pivot, divided by the gap
+SUSPECT_GAP = 1e-1  # square root of the largest relative pivot that is checked
 
 
 class Regularity(NamedTuple):
-    """How a configuration stands to its neighbours.
+    """The classification of a configuration by comparison with its neighbours.
 
     Attributes:
-        kind: "regular" (full rank), "indeterminate" (rank constantly low) or "singular".
+        kind: "regular" (full rank), "indeterminate" (the same deficient rank nearby) or "singular".
         generic_rank: the rank nearby.
-        why: for a singular one, what gives it away.
+        why: for a singular configuration, how it was recognised.
     """
 
     kind: Literal["regular", "indeterminate", "singular"]
@@ -56,11 +56,11 @@ class Regularity(NamedTuple):
 
 
 class Pivots(NamedTuple):
-    """What the pivots of the object filter tell about the grasp constraint at a configuration.
+    """Rank and condition of the grasp constraint, from the pivots of the object filter.
 
     Attributes:
-        rank: how many are kept.
-        condition: inverse of the smallest kept, relative to its scale, as in `ForwardResult`.
+        rank: number of nonzero pivots.
+        condition: inverse of the smallest of these, relative to its scale, as in `ForwardResult`.
     """
 
     rank: int
@@ -69,7 +69,7 @@ class Pivots(NamedTuple):
 
 @np.errstate(all="ignore")  # what overflows is refused
 def constraint_pivots(chain: ClosedChain, state: State) -> Pivots:
-    """Return rank and condition of [J, -A, H^T] at a configuration, as forward dynamics finds them.
+    """Return the rank and condition of [J, -A, H^T] at a configuration, as in forward dynamics.
 
     Raises:
         StateError: they overflow.
@@ -85,9 +85,9 @@ def constraint_rank(chain: ClosedChain, state: State) -> int:
 
 
 def generic_constraint_rank(chain: ClosedChain, state: State) -> int:
-    """Return the largest rank over 8 seeded closed neighbours about 0.1 rad away.
+    """Return the largest rank at 8 closed neighbours, about 0.1 rad away in seeded random directions.
 
-    A structure without closable neighbours is locked: its own rank is returned.
+    A structure without closed neighbours cannot move; its own rank is returned.
     """
     best = constraint_rank(chain, state)
     still, sizes = _still(chain, state)
@@ -102,9 +102,9 @@ def generic_constraint_rank(chain: ClosedChain, state: State) -> int:
 
 
 def _neighbour(chain: ClosedChain, still: State, sizes: Array, step: Array) -> State | None:
-    """Return a closed state near a step from a configuration, or near a shorter one; None if there is none.
+    """Return a closed state near a step from a configuration, or near a shorter step; None if there is none.
 
-    What closes only far from there may be another assembly of the chain, whose rank says nothing about this one.
+    A closed state far from there is ignored, because it may belong to another assembly of the chain with another rank.
     """
     for shorter in SHORTER:
         try:
@@ -117,13 +117,13 @@ def _neighbour(chain: ClosedChain, still: State, sizes: Array, step: Array) -> S
 
 
 def closed_near(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> State | None:
-    """Return the nearest closed state: where a rank means something. None if there is none within 1e-2.
+    """Return the nearest closed state, at which the rank can be determined; None if there is none within 1e-2.
 
-    A little off the grasps a row that follows from others has a pivot of the order of the gap's square.
+    If the grasps are slightly open, dependent rows have pivots of the order of the gap squared, and seem independent.
 
     Args:
         chain: the chain.
-        state: near the grasps.
+        state: a state that nearly satisfies the grasps.
         inputs: base motion, if the bases move.
     """
     if not _largest_gap(residuals(chain_at_rest(chain, state), state)) <= FARTHEST:
@@ -135,18 +135,18 @@ def closed_near(chain: ClosedChain, state: State, inputs: Inputs | None = None) 
 
 
 def require_trusted(motion: ChainMotion, state: State, found: Pivots) -> None:
-    """Refuse a rank that was found beside the constraint, if it is another on it.
+    """Refuse a rank from a state with open grasps if it differs from the rank at the nearest closed state.
 
     Args:
-        motion: the chain there.
-        state: where it was found.
-        found: what was found.
+        motion: the chain's motion at the state.
+        state: the state.
+        found: rank and condition at the state.
 
     Raises:
-        StateError: saying how far off the state is, and both ranks.
+        StateError: the ranks differ; the message gives both, and the gap.
     """
     if found.condition * SUSPECT_GAP**2 < 1.0:
-        return  # a gap that could do this is refused, or seen, elsewhere
+        return  # larger gaps are refused or noticed elsewhere
     gap, chain = _largest_gap(residuals(motion, state)), motion.chain
     if not may_mislead(found.condition, gap):
         return
@@ -161,7 +161,7 @@ def require_trusted(motion: ChainMotion, state: State, found: Pivots) -> None:
 
 
 def may_mislead(condition: float, gap: float) -> bool:
-    """Return whether a gap of the grasps [m or rad] may have made a row seem independent that follows from others."""
+    """Return whether a gap of the grasps [m or rad] may have made a dependent row seem independent."""
     return gap > CLOSED and not condition * (ROW_PER_GAP * gap) ** 2 < 1.0
 
 
@@ -171,18 +171,18 @@ def _largest_gap(gaps: Mapping[str, GraspResidual]) -> float:
 
 
 def generic_rank_near(chain: ClosedChain, state: State, here: int) -> int:
-    """Return the rank that the constraint has in general, from a state where it has rank `here`.
+    """Return the generic rank of the constraint, from a state at which it has rank `here`.
 
-    One more than that if no neighbour has more, and yet some velocities begin no motion.
+    The result is here + 1 if no neighbour has a higher rank, but some allowed velocities do not begin a motion.
     """
     found = regularity(chain, state, here)
     return here + 1 if found.kind == "singular" and found.generic_rank == here else found.generic_rank
 
 
 def held_near(chain: ClosedChain, state: State, generic_rank: int) -> Array | None:
-    """Return which components of the grasps to hold at a state that nearly closes them; see `held_rows`.
+    """Return the mask of constraint rows to impose at a state that nearly satisfies the grasps; see `held_rows`.
 
-    None where no row follows from others, where the grasps do not close, or at a singular configuration.
+    The result is None if all rows are independent, if the grasps cannot be closed, or at a singular configuration.
     """
     if generic_rank >= chain.constraint_row_count:
         return None
@@ -191,13 +191,13 @@ def held_near(chain: ClosedChain, state: State, generic_rank: int) -> Array | No
 
 
 def _held_at(chain: ClosedChain, closed: State, rank: int) -> Array | None:
-    """Return which components of the grasps to hold at a closed state; None if it has not that rank."""
+    """Return the mask of constraint rows to impose at a closed state; None if it does not have the given rank."""
     found = sequential(replace(chain_at_rest(chain, closed), generic_rank=rank))
     return found.held if found.rank == rank else None
 
 
 def rank_and_held_near(chain: ClosedChain, state: State, inputs: Inputs) -> tuple[int, Array | None]:
-    """Return the constraint's rank at the nearest closed state, and which components to hold; None: all of them."""
+    """Return the constraint's rank at the nearest closed state, and the mask of rows to impose (None for all)."""
     closed = closed_near(chain, state, inputs) or state
     rank = constraint_rank(chain, closed)
     return rank, _held_at(chain, closed, rank) if rank < chain.constraint_row_count else None
@@ -206,20 +206,20 @@ def rank_and_held_near(chain: ClosedChain, state: State, inputs: Inputs) -> tupl
 def velocities_are_motions(chain: ClosedChain, state: State) -> bool:
     """Return whether every velocity that the grasps allow begins a motion.
 
-    Steps along each allowed velocity and closes the chain again: at a regular point the
-    step survives, if it is short enough; where the rank is low only to first order (two arms
-    stretched against each other) it is taken back, however short.
+    The function takes a step along each allowed velocity and closes the chain again. At a regular point, a sufficiently
+    short step persists. If the rank is deficient to first order only (two arms stretched against each other), closing
+    reverses the step, however short it is.
     """
     still, sizes = _still(chain, state)
     basis = motion_basis(chain, state) / sizes[:, None]
     basis, _ = np.linalg.qr(basis)
     if not basis.shape[1]:
-        return True  # a locked structure has no velocities to test
+        return True  # a structure that cannot move has no velocities to test
     return any(_survive(chain, state, still, sizes, basis, step) for step in TANGENT_STEPS)
 
 
 def _survive(chain: ClosedChain, state: State, still: State, sizes: Array, basis: Array, step: float) -> bool:
-    """Return whether steps of a length along all directions survive closing."""
+    """Return whether steps of the given length along all directions persist when the chain is closed again."""
     kept = []
     for direction in basis.T:
         there = moved(still, step * sizes * direction)
@@ -232,7 +232,7 @@ def _survive(chain: ClosedChain, state: State, still: State, sizes: Array, basis
 
 
 def _moved_by(before: State, after: State) -> Array:
-    """Return the way from one state to another in the columns of `ConstraintRows.matrix`."""
+    """Return the displacement from one state to another, ordered as the columns of `ConstraintRows.matrix`."""
     frames = [(before.object_frame, after.object_frame), (before.base_frame, after.base_frame)]
     turns = [_displacement(a, b) for a, b in frames if a is not None and b is not None]
     return np.concatenate([after.q - before.q, *turns])
@@ -250,13 +250,13 @@ def _still(chain: ClosedChain, state: State) -> tuple[State, Array]:
 
 
 def regularity(chain: ClosedChain, state: State, rank: int, generic: int | None = None) -> Regularity:
-    """Return how a configuration of the given rank stands to its neighbours.
+    """Return the classification of a configuration of the given rank.
 
     Args:
         chain: the chain.
         state: a closed state.
         rank: its rank.
-        generic: the generic rank, if known; a rank equal to it is then trusted.
+        generic: the generic rank, if known; an equal rank is then accepted without further checks.
     """
     rows = chain.constraint_row_count
     if rank == rows:
@@ -274,7 +274,7 @@ def regularity(chain: ClosedChain, state: State, rank: int, generic: int | None 
 
 
 def status_at(chain: ClosedChain, state: State, rank: int, generic: int | None = None) -> Status:
-    """Return whether forces are unique at a configuration of the given rank.
+    """Return the status at a configuration of the given rank, which states whether the forces are unique.
 
     Raises:
         SingularChainError: the configuration is singular.

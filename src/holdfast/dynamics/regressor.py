@@ -1,11 +1,11 @@
-"""The regressor: a chain's equations are linear in the ten parameters (m, h, I_O) of every body.
+"""The regressor of a chain, whose equations are linear in the ten inertial parameters (m, h, I_O) of every body.
 
     tau = sum_k Y_k pi_k + armature qdd + damping qd + stiffness (q - rest) - external wrenches + J^T f
     Y_C pi = w + sum A^T f
 
-The power of a body's wrench along virtual joint rates is linear in both, so that Y_k = U_k^T W_k: twists U_k of unit
-rates, and wrenches W_k that unit parameters need (docs/theory/derivatives.md). Nothing is differenced. What stands on a
-trunk loads the trunk's joints too, and a floating base by a wrench, whose rows are those of unit twists of the base.
+The power of a body's wrench along virtual joint rates is linear in both, so Y_k = U_k^T W_k with the twists U_k of unit
+rates and the wrenches W_k for unit parameters (docs/theory/derivatives.md). No differences are taken. Arms on a trunk
+also load the joints of the trunk, and a floating base by a wrench, whose rows belong to unit twists of the base.
 """
 
 from __future__ import annotations
@@ -44,24 +44,24 @@ UNIT_BODIES = [of_parameters(unit) for unit in np.eye(10)]
 
 @dataclass(frozen=True, eq=False)
 class Regressor(Frozen):
-    """A chain's equations at one instant, linear in inertial parameters.
+    """The matrices of a chain's equations at one instant, which are linear in the inertial parameters.
 
-    Parameters are m, hx, hy, hz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz of a body: mass [kg], first moment m c [kg m] and
-    inertia [kg m^2], both about the origin of the body's own frame and in its axes, of the object about C;
+    The parameters of a body are m, hx, hy, hz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz: mass [kg], first moment m c [kg m] and
+    inertia [kg m^2], both about the origin of the body's frame (C for the object) and in its axes.
     `inertial_parameters` returns them.
 
     Attributes:
-        object: (6, 10) Y_C: rows [moment; force] about C, world axes. Y_C pi = w + sum A^T f.
-        object_wrench: (6,) w: external wrench and springs, about C, world axes [N m, N].
-        links: by arm, (N, N, 10): torque of joint j by parameters of link k, [j, k]; 0 where j > k. By "trunk",
-            (n_t, bodies, 10), the bodies in the order of `Trunk.bodies`: a floating base comes first.
-        drives: (n,) torques whatever the links' parameters are: armature, damping, joint springs, less external
-            wrenches on the links [N m or N]. What is left of tau is J^T f.
-        under: by arm on a trunk, (n_t, N, 10): torques of the trunk's joints by the parameters of the arm's links.
-        base: by "trunk" and by arm on it, (6, bodies, 10): the wrench that a floating base would need, [moment; force]
-            about its origin, world axes. Empty without a floating base.
-        base_wrench: (6,) the part of that wrench which depends on no parameter: less external wrenches and springs.
-            With the wrenches of the grasps all of it adds up to zero.
+        object: (6, 10) Y_C with rows [moment; force] about C, world axes. Y_C pi = w + sum A^T f.
+        object_wrench: (6,) w, the external wrench and the wrenches of springs, about C, world axes [N m, N].
+        links: by arm, (N, N, 10): entry [j, k] is the torque of joint j per parameters of link k, 0 for j > k. For
+            "trunk", (n_t, bodies, 10), with the bodies in the order of `Trunk.bodies`: a floating base comes first.
+        drives: (n,) torques that do not depend on the parameters of links: armature, damping and joint springs, minus
+            external wrenches on the links [N m or N]. The remaining part of tau is J^T f.
+        under: by arm on a trunk, (n_t, N, 10): torques of the trunk's joints per parameters of the arm's links.
+        base: for "trunk" and by arm on it, (6, bodies, 10): the wrench on a floating base, [moment; force] about its
+            origin, world axes, per parameters of the bodies. Empty without a floating base.
+        base_wrench: (6,) the part of that wrench that does not depend on the parameters: minus the external wrenches
+            and the wrenches of springs. Together with the wrenches of the grasps, the sum is zero.
     """
 
     object: Array
@@ -82,7 +82,7 @@ class Regressor(Frozen):
         return found
 
     def wrench_under(self, chain: ClosedChain) -> Array:
-        """Return the wrench that a floating base would need if no grasp pulled, (6,), with a chain's parameters."""
+        """Return the wrench that a floating base would need without grasp wrenches, (6,), with a chain's parameters."""
         return sum((_times(Y, bodies_of(chain, name)) for name, Y in self.base.items()), start=self.base_wrench)
 
 
@@ -92,18 +92,18 @@ def bodies_of(chain: ClosedChain, name: str) -> Sequence[Link]:
 
 
 def _times(Y: Array, bodies: Sequence[Link]) -> Array:
-    """Return Y pi of some bodies, (rows,)."""
+    """Return the sum of Y pi over some bodies, (rows,)."""
     return np.einsum("jkp,kp->j", Y, np.array([inertial_parameters(body) for body in bodies]).reshape(-1, 10))
 
 
 def inertial_parameters(body: HeldObject | Link) -> Array:
-    """Return (10,) m, h = m c and I about the body's origin (xx, xy, xz, yy, yz, zz), in its axes. O(1).
+    """Return m, h = m c and I about the body's origin (xx, xy, xz, yy, yz, zz), in its axes, (10,). O(1).
 
     Args:
         body: the object, or a link.
 
     Raises:
-        ModelError: neither of them.
+        ModelError: the argument is neither of them.
     """
     checks.instance(body, (HeldObject, Link), "inertial_parameters: body")
     return body.spatial_inertia.parameters
@@ -120,22 +120,22 @@ def regressor(
     inputs: Inputs | None = None,
     base_acceleration: ArrayLike | None = None,
 ) -> Regressor:
-    """Return the matrices that multiply the inertial parameters of links and object. O(n N), N joints an arm.
+    """Return the matrices that multiply the inertial parameters of links and object. O(n N) for N joints per arm.
 
     Args:
-        chain: arms and object; of their inertias nothing enters.
-        state: positions and velocities, taken as they are (no consistency check).
+        chain: arms and object, whose inertias are not used.
+        state: positions and velocities, which are not checked for consistency.
         qdd: (n,) joint accelerations [rad/s^2 or m/s^2].
         object_acceleration: (6,) [omega_dot; v_dot of C], world axes [rad/s^2, m/s^2].
         inputs: external wrenches and base motion; zero by default.
-        base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; it is needed with one.
+        base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; required if there is one.
 
     Returns:
         A `Regressor`.
 
     Raises:
-        ModelError: no chain.
-        StateError: wrong shapes, or numbers that overflow.
+        ModelError: `chain` is not a ClosedChain.
+        StateError: a shape is wrong, or numbers overflow.
 
     Reference:
         Atkeson, An and Hollerbach 1986; `docs/theory/derivatives.md`.
@@ -170,17 +170,17 @@ def regressor(
 
 
 class MovingPart(NamedTuple):
-    """The bodies of an arm or of a trunk, in their own axes, and what moves them.
+    """The motion of the bodies of an arm or of a trunk, in the axes of each body.
 
     Attributes:
         R: attitudes.
         V: twists.
-        accelerations: with their gradients, as `bias_accelerations` yields them.
-        U: (rows, bodies, 6) twists of unit rates of the trunk's joints below, of unit twists of a floating base, and of
-            unit rates of its own joints.
-        ends: where the first and the second of these end.
-        wrenches: (bodies, 6) external, about the bodies' origins, world axes; None: none.
-        drives: (N,) of its own joints, whatever the bodies are: armature, damping, springs.
+        accelerations: accelerations and their gradients, as `bias_accelerations` yields them.
+        U: (rows, bodies, 6) twists for unit rates of the trunk's joints below, for unit twists of a floating base, and
+            for unit rates of the part's own joints.
+        ends: numbers of rows after the first and after the second of these groups.
+        wrenches: (bodies, 6) external wrenches about the bodies' origins, world axes; None for none.
+        drives: (N,) torques of its own joints that do not depend on the bodies: armature, damping, springs.
     """
 
     R: Sequence[Array]
@@ -192,7 +192,7 @@ class MovingPart(NamedTuple):
     drives: Array
 
     def columns(self) -> Array:
-        """Return (rows, bodies, 10): what unit parameters ask for along unit rates."""
+        """Return the generalised forces for unit parameters, (rows, bodies, 10)."""
         W = [
             np.array([body.wrench(a, v[:3], K) for body in UNIT_BODIES]).T
             for v, (a, K) in zip(self.V, self.accelerations, strict=True)
@@ -200,7 +200,7 @@ class MovingPart(NamedTuple):
         return np.einsum("jki,kip->jkp", self.U, np.array(W).reshape(-1, 6, 10))
 
     def loads(self) -> Array:
-        """Return (rows,) what external wrenches take off."""
+        """Return minus the generalised forces of the external wrenches, (rows,)."""
         if self.wrenches is None:
             return np.zeros(len(self.U))
         own = [unrotate(R, w) for R, w in zip(self.R, self.wrenches, strict=True)]
@@ -208,10 +208,10 @@ class MovingPart(NamedTuple):
 
 
 def moving_parts(motion: ChainMotion, qdd: Array, base: Array | None) -> dict[str, MovingPart]:
-    """Return the trunk, if there is one, and all arms, with accelerations.
+    """Return the moving parts of all arms, and of the trunk if there is one, by name.
 
     Args:
-        motion: the chain in motion.
+        motion: the chain's motion.
         qdd: (n,) joint accelerations.
         base: (6,) true acceleration of a floating base; None without one.
     """
@@ -234,7 +234,7 @@ def moving_parts(motion: ChainMotion, qdd: Array, base: Array | None) -> dict[st
 
 
 def moving_trunk(case: TrunkCase, qdd: Array, base: Array | None) -> MovingPart:
-    """Return a trunk with accelerations of its joints, and of a floating base, (6,)."""
+    """Return the moving part of a trunk for given accelerations of its joints and of a floating base, (6,)."""
     acceleration, R = case.base_acceleration + (np.zeros(6) if base is None else base), case.base.R
     six, n = np.eye(6)[: 0 if base is None else 6], len(qdd)
     by = [(np.zeros(n), unit) for unit in six] + [(unit, np.zeros(6)) for unit in np.eye(n)]
@@ -263,14 +263,14 @@ def of_joints(
     base_acceleration: Array,
     by: Sequence[tuple[Array, Array]],
 ) -> tuple[Sequence[Array], Sequence[Array], list[tuple[Array, Array]], Array]:
-    """Return attitudes, twists, accelerations and unit twists of the links that joints move; see `MovingPart`.
+    """Return the attitudes, twists, accelerations and unit twists of the links of an arm; see `MovingPart`.
 
     Args:
         arm: the joints and links, on their base.
         joints: positions, rates and accelerations, (N,) each.
-        base_twist: (6,) of the base, world axes.
-        base_acceleration: (6,) of the base, less [0; g], world axes.
-        by: of each row, joint rates and the twist of the base.
+        base_twist: (6,) twist of the base, world axes.
+        base_acceleration: (6,) acceleration of the base minus [0; g], world axes.
+        by: for each row, joint rates and the twist of the base.
     """
     q, qd, qdd = joints
     at = forward_kinematics(arm, q)
@@ -281,12 +281,12 @@ def of_joints(
 
 
 def object_columns(frame: Pose, twist: Array, acceleration: Array) -> Array:
-    """Return Y_C, (6, 10), rows along world axes.
+    """Return Y_C, (6, 10), with rows along world axes.
 
     Args:
         frame: pose of the object.
-        twist: (6,) of C, world axes.
-        acceleration: (6,) alpha(C) less [0; g], world axes.
+        twist: (6,) twist of C, world axes.
+        acceleration: (6,) alpha(C) minus [0; g], world axes.
     """
     a, w = unrotate(frame.R, acceleration), twist[:3] @ frame.R
     K = acceleration_gradient(a[:3], w)

@@ -1,4 +1,4 @@
-"""What forward dynamics returns."""
+"""The result of forward dynamics and its status."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from holdfast.spatial.scalar import Array
 
 
 class Status(Enum):
-    """How the answer is to be read."""
+    """The validity of the result of forward dynamics."""
 
     OK = "every quantity is unique"
     INDETERMINATE_FORCES = (
@@ -29,7 +29,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, eq=False)
 class ArmResult(Frozen):
-    """One arm's part of a result; fields as in `ForwardResult`."""
+    """One arm's part of a result, with the fields of `ForwardResult`."""
 
     qdd: Array
     grasp_wrench: Array
@@ -46,26 +46,27 @@ class ForwardResult(Frozen):
         qdd: (n,) joint accelerations, arms in order, base to tip [rad/s^2 or m/s^2].
         grasp_wrench: (arms, 6) [moment; force] of each arm on the object, about the
             contact point; zero for an arm without a grasp [N m, N].
-        object_acceleration: (6,) [omega_dot; v_dot of C], true (gravity in).
-        contact_acceleration: (sum n_g,) W_dot; hinge and soft finger along the contact
-            frame's axes, ball along world axes [rad/s^2, m/s^2].
-        base_wrench: (arms, 6) of the base, or of the trunk, on each arm about the arm's base origin [N m, N].
-        rank: independent rows of the grasp constraint [J, -A, H^T], of 6 a grasp.
-        mobility: dimension of the velocities (qd, V(C), W) that the grasps allow.
-        status: whether the forces are unique. (Only compiled code returns SINGULAR and INVALID,
-            with not-a-number for all else; the reference raises.)
-        condition: how near the chain is to a singular configuration, without units: the inverse of the
-            smallest pivot kept in solving for the grasp forces, each relative to its size before anything
-            was subtracted. Up to about 100 in ordinary configurations; near a singular one it grows as the inverse
-            square of the distance. Velocities, torques and `method` do not enter. (Compiled code returns
-            infinity with SINGULAR.)
-        method: the algorithm's name.
-        held: (grasps, 1 or 2, 6) 1 for the components along each grasp's axes that are held, in velocity and, if
-            others, in position; 0 for those that are free or follow from others. None unless the generic rank was
-            given and is below the constraint's rows.
-        base_acceleration: (6,) [omega_dot; v_dot] of a floating base's origin, true (gravity in); None without one.
-        trunk_base_wrench: (6,) of the base on the trunk about the base origin, 0 below a floating base [N m, N]; None
-            without a trunk.
+        object_acceleration: (6,) [omega_dot; v_dot of C], the true acceleration (including gravity).
+        contact_acceleration: (sum n_g,) W_dot; along the contact frame's axes for a hinge and a soft finger, along
+            world axes for a ball [rad/s^2, m/s^2].
+        base_wrench: (arms, 6) wrench of the base, or of the trunk, on each arm about the arm's base origin [N m, N].
+        rank: number of independent rows of the grasp constraint [J, -A, H^T], which has six rows per grasp.
+        mobility: dimension of the space of velocities (qd, V(C), W) that the grasps allow.
+        status: whether the forces are unique. (Only compiled code returns SINGULAR and INVALID, with NaN for all
+            numbers; the reference raises an error.)
+        condition: dimensionless condition number of the constraint: the inverse of the smallest nonzero pivot in
+            solving for the grasp forces, where each pivot is relative to its size before subtractions. It is up to
+            about 100 in ordinary configurations, and near a singular configuration it grows as the inverse square of
+            the distance. It does not depend on velocities, torques or `method`. (Compiled code returns infinity with
+            SINGULAR.)
+        method: name of the algorithm.
+        held: (grasps, 1 or 2, 6) mask with 1 for the imposed components along each grasp's axes, for velocities and, if
+            they differ, for positions; 0 for components that are free or depend on others. None unless the generic rank
+            was given and is lower than the number of constraint rows.
+        base_acceleration: (6,) [omega_dot; v_dot] of a floating base's origin, the true acceleration (including
+            gravity); None without one.
+        trunk_base_wrench: (6,) wrench of the base on the trunk about the base origin, 0 for a floating base [N m, N];
+            None without a trunk.
     """
 
     chain: ClosedChain
@@ -84,7 +85,7 @@ class ForwardResult(Frozen):
     trunk_base_wrench: Array | None = None
 
     def __repr__(self) -> str:
-        """Return what kind of answer it is, and the wrench of each arm that holds, a line each."""
+        """Return the method, rank, condition and status, and the wrench of each arm with a grasp on a line."""
         if self.qdd.ndim > 1:
             return f"<{type(self).__name__} by {self.method}: {len(self.qdd)} systems of {', '.join(self.chain.names)}>"
         head = f"{type(self).__name__} by {self.method}: rank {self.rank}, mobility {self.mobility}, condition"
@@ -111,14 +112,14 @@ class ForwardResult(Frozen):
 
 
 def require_result_of(chain: ClosedChain, result: Any) -> None:
-    """Refuse a result of another chain, or of a batch.
+    """Check that a result belongs to one system of the given chain.
 
     Args:
         chain: the chain.
         result: a `ForwardResult`, or a `CompiledResult` of one system.
 
     Raises:
-        StateError: naming what differs.
+        StateError: the shapes differ; the message gives them.
     """
     checks.instance(result, ForwardResult, "result", StateError)
     expected = (chain.joint_count,), (len(chain.arms), 6)

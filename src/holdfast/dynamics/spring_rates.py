@@ -1,4 +1,4 @@
-"""How the wrenches of springs between bodies change with a chain's state: the springs' own text, made linear."""
+"""Rates of the wrenches of springs between bodies, from the linearisation of `with_springs`."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ MOVING_ENDS = (
 
 
 def spring_rates(case: VariedCase, names: Sequence[str]) -> LinearText | None:
-    """Return the springs' wrenches made linear in those of the named arguments that they depend on.
+    """Return the linearisation of the springs' wrenches in those of the named arguments on which they depend.
 
     Returns:
-        None where there are no springs, or nothing named moves their ends.
+        The linearisation; None if there are no springs, or if none of the arguments moves their ends.
     """
     names = tuple(name for name in names if name in MOVING_ENDS)
     return linear_text(_springs(case.chain), case, names) if case.chain.springs and names else None
 
 
 def pushed(springs: LinearText | None, tangents: Mapping[str, Array]) -> Mapping[str, Array]:
-    """Return tangents of forward dynamics with the rates of change of the springs' wrenches added."""
+    """Return tangents of forward dynamics with the rates of the springs' wrenches added."""
     if springs is None:
         return tangents
     added = springs.rates({name: tangents[name] for name in springs.names if name in tangents})

@@ -1,6 +1,6 @@
-"""Derivatives of the functions that solve nothing: gradients, rates and Jacobians of their texts.
+"""Gradients, rates and Jacobians of the functions that need no linear solve; see `linear_text`.
 
-A Jacobian is one gradient a row; see `linear_text`.
+A Jacobian is computed with one gradient per row.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from holdfast.state import Inputs, State
 
 
 def case_of(chain: ClosedChain, state: State, inputs: Inputs | None, own: Mapping[str, Array]) -> VariedCase:
-    """Return what a text is given."""
+    """Return the arguments of a function as a case."""
     return VariedCase(chain, state, with_link_wrenches(chain, inputs), own)
 
 
 def text_vjp(
     text: Text, case: VariedCase, result: Any, by: Sequence[str], cotangents: Mapping[str, ArrayLike]
 ) -> Derivatives:
-    """Return gradients of sum(cotangent . result) by some arguments; a few times the text's cost."""
+    """Return the gradients of sum(cotangent . result) by some arguments, at a few times the cost of the function."""
     what = f"{text.name}_vjp"
     require_names(what, cotangents, text.results)
     with np.errstate(all="ignore"):
@@ -39,7 +39,7 @@ def text_vjp(
 
 
 def text_jvp(text: Text, case: VariedCase, result: Any, along: Mapping[str, ArrayLike]) -> Derivatives:
-    """Return how fast the results change while arguments do, in one direction or several."""
+    """Return the rates of the results for given rates of the arguments, in one direction or several."""
     what = f"{text.name}_jvp"
     checks.instance(along, Mapping, f"{what}: along", StateError)
     with np.errstate(all="ignore"):
@@ -55,7 +55,7 @@ def text_jvp(text: Text, case: VariedCase, result: Any, along: Mapping[str, Arra
 
 
 def text_jacobian(text: Text, case: VariedCase, result: Any, of: Sequence[str], by: Sequence[str]) -> Derivatives:
-    """Return the Jacobian, one gradient a row."""
+    """Return the Jacobian, computed with one gradient per row."""
     what = f"{text.name}_jacobian"
     require_names(what, of, text.results)
     parts: dict[tuple[str, str], Array] = {}
@@ -69,25 +69,25 @@ def text_jacobian(text: Text, case: VariedCase, result: Any, of: Sequence[str], 
 
 
 def argument_shapes(case: VariedCase) -> dict[str, Shape]:
-    """Return the shapes of gradients by every argument."""
+    """Return the shapes of the gradients with respect to every argument."""
     return gradient_shapes(case.chain) | {name: x.shape for name, x in case.own.items()}
 
 
 def _linear(text: Text, case: VariedCase, by: Sequence[str], what: str) -> LinearText:
-    """Return a text made linear.
+    """Return the linearisation of a function.
 
     Raises:
-        StateError: an argument that it does not depend on.
+        StateError: the function does not have one of the arguments.
     """
     require_names(what, by, text.arguments_at(case.chain, case.own))
     return linear_text(text, case, by)
 
 
 def _found(text: Text, what: str, result: Any, parts: Mapping[Any, Array]) -> Derivatives:
-    """Return derivatives that are finite.
+    """Return the derivatives after checking that they are finite.
 
     Raises:
-        StateError: naming those that are not.
+        StateError: some are not; the message names them.
     """
     values = np.concatenate([np.zeros(0), *map(np.ravel, _arrays_of(result))])
     finite = np.where(np.isposinf(values), 0.0, values) if text.unlimited else values
@@ -98,7 +98,7 @@ def _found(text: Text, what: str, result: Any, parts: Mapping[Any, Array]) -> De
 
 
 def _arrays_of(result: Any) -> list[Any]:
-    """Return the arrays of a result, of tuples and mappings of them too."""
+    """Return the arrays of a result, which may be nested in tuples and mappings."""
     if isinstance(result, Mapping | tuple):
         parts = result.values() if isinstance(result, Mapping) else result
         return [x for part in parts for x in _arrays_of(part)]

@@ -1,4 +1,4 @@
-"""A chain, its state and its inputs with other numbers in the place of their own: what derivatives of a text vary."""
+"""The arguments of a differentiable function: a chain, its state and its inputs, in which numbers can be replaced."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ OF_STATE = {"q": "q", "qd": "qd", "object_twist": "object_twist", "floating_twis
 
 
 class VariedCase(NamedTuple):
-    """What a text is given.
+    """The arguments of a function to be differentiated.
 
     Attributes:
         chain: the chain.
         state: positions and velocities.
         inputs: shaped inputs, with link wrenches.
-        own: what the text is given besides, by name.
+        own: further arguments of the function, by name.
     """
 
     chain: ClosedChain
@@ -50,7 +50,7 @@ class VariedCase(NamedTuple):
     own: Numbers
 
     def numbers(self, names: Sequence[str]) -> dict[str, Array]:
-        """Return numbers that may be varied, by name; rows are arms, grasps or links, rotations are matrices."""
+        """Return the named numbers; rows are arms, grasps or links, and rotations are matrices."""
         arms, body, frame = list(self.chain.arms.values()), self.chain.held_object, self.state.object_frame
         grasps, links = list(self.chain.grasps.values()), [link for arm in arms for link in arm.links]
         joints, floating = self.chain.all_joints, self.state.base_frame or Pose.identity()
@@ -80,7 +80,7 @@ class VariedCase(NamedTuple):
         return {name: x if x.dtype == object else x.astype(float) for name, x in found.items()}
 
     def varied(self, numbers: Numbers) -> VariedCase:
-        """Return the same with other numbers, of any kind of scalars; nothing is checked."""
+        """Return the case with some numbers replaced by scalars of any kind; nothing is checked."""
         own = {name: numbers.get(name, x) for name, x in self.own.items()}
         return VariedCase(self._chain(numbers), self._state(numbers), self._inputs(numbers), own)
 
@@ -119,7 +119,7 @@ class VariedCase(NamedTuple):
 
 
 def _arm(arm: Arm, base: Pose, numbers: Numbers, rows: slice, first: int) -> Arm:
-    """Return an arm on another base, with other numbers of its joints, at `rows`, and of its links, from `first` on."""
+    """Return an arm with another base and other numbers for its joints (`rows`) and links (rows from `first`)."""
     made = arm.standing_at(base)
     links = enumerate(arm.links, first)
     made.__dict__.update(_of_joints(arm.joints, numbers, rows))
@@ -128,7 +128,7 @@ def _arm(arm: Arm, base: Pose, numbers: Numbers, rows: slice, first: int) -> Arm
 
 
 def _trunk(trunk: Trunk, numbers: Numbers, rows: slice) -> Trunk:
-    """Return a trunk with other numbers of its joints."""
+    """Return a trunk with other numbers for its joints."""
     own = _of_joints(trunk.joints, numbers, rows)
     if not own or trunk.serial is None:
         return trunk
@@ -152,7 +152,7 @@ def _changed(of: Part, numbers: Mapping[str, Any]) -> Part:
 
 
 def _body(body: Body, what: str, numbers: Numbers, row: Any) -> Body:
-    """Return a body of other mass, mass centre or inertia; it is itself where none of them is given."""
+    """Return a body with another mass, mass centre or inertia; the same body if none of them is given."""
     given = {name: numbers[f"{what}_{name}"] for name in ("mass", "com", "inertia") if f"{what}_{name}" in numbers}
     if not given:
         return body

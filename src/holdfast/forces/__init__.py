@@ -1,4 +1,4 @@
-"""Forces at the grasps: margins, the split into motion and internal forces, loads of wrists."""
+"""Forces at the grasps: margins, the split into motion and internal forces, and wrist wrenches."""
 
 import lazy_loader
 

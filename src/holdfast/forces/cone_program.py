@@ -1,11 +1,11 @@
-"""The largest value that the least of several margins can be given: a second-order cone program.
+"""Maximisation of the least of several margins, a second-order cone program.
 
     maximise t  subject to  c_j + a_j.z - t >= |b_j + B_j z|  for every j,  |z| <= reach,
                             and c >= |b + B z|  for every limit
 
-solved along the central path of its logarithmic barrier by Newton's method (Y. Nesterov, A. Nemirovskii,
-Interior-Point Polynomial Algorithms in Convex Programming, 1994): with m cones the t found at weight w is
-within 2 m w of the largest.
+It is solved by Newton's method along the central path of its logarithmic barrier (Y. Nesterov, A. Nemirovskii,
+Interior-Point Polynomial Algorithms in Convex Programming, 1994). With m cones, the solution t at weight w is within
+2 m w of the maximum.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ import numpy as np
 
 from holdfast.spatial.scalar import Array
 
-STEEPEST = 1e-6  # N of margin per N of squeezing: less is rounding
-FARTHEST = 1e6  # of the sizes given: how far z is followed towards a value that is approached but not reached
-PRECISION = 1e-10  # of the sizes given
-INSIDE = 1e-6  # of a limit: nearer to it than this a search does not begin
-CENTRED = 1e-3  # Newton decrement that is near enough to the central path
+STEEPEST = 1e-6  # N of margin per N of squeezing: a smaller slope is rounding
+FARTHEST = 1e6  # largest |z|, relative to the size of the forces, for a supremum that is not attained
+PRECISION = 1e-10  # relative to the size of the forces
+INSIDE = 1e-6  # a search begins only where the limits are satisfied by more than this relative amount
+CENTRED = 1e-3  # Newton decrement below which a point is close enough to the central path
 MOST_STEPS = 200
 NULL_SINGULAR_VALUE = 1e-9
 
 
 class AffineMargin(NamedTuple):
-    """A margin c + a.z - |b + B z| of unknown internal forces z, (k,).
+    """A margin c + a.z - |b + B z| as a function of unknown internal forces z, (k,).
 
     Attributes:
-        c: margin without load at z = 0.
-        a: (k,).
-        b: (rows,).
-        B: (rows, k).
+        c: constant.
+        a: (k,) coefficients of z.
+        b: (rows,) load at z = 0.
+        B: (rows, k) load per z.
     """
 
     c: float
@@ -47,31 +47,31 @@ class AffineMargin(NamedTuple):
         return float(self.c + self.a @ z - np.sqrt(load @ load))
 
     def along(self, basis: Array) -> AffineMargin:
-        """Return the margin of y where z = basis y."""
+        """Return the margin as a function of y with z = basis y."""
         return self._replace(a=self.a @ basis, B=self.B @ basis)
 
     def slope(self) -> AffineMargin:
-        """Return how the margin grows far away along z: its homogeneous part."""
+        """Return the homogeneous part of the margin, which gives its growth for large z."""
         return self._replace(c=0.0, b=0.0 * self.b)
 
     def scaled(self, size: float) -> AffineMargin:
-        """Return the margin over a size, of z over the same size."""
+        """Return the margin divided by a size, as a function of z divided by the same size."""
         return self._replace(c=self.c / size, b=self.b / size)
 
 
 def felt_directions(margins: list[AffineMargin]) -> Array:
-    """Return an orthonormal basis of the directions of z that any of the margins feels, (k, directions)."""
+    """Return an orthonormal basis of the directions of z that change any of the margins, (k, directions)."""
     rows = np.vstack([np.vstack([m.a, m.B]) for m in margins])
     _, sizes, directions = np.linalg.svd(rows, full_matrices=False)
     return directions[sizes > NULL_SINGULAR_VALUE * max(1.0, sizes.max(initial=0.0))].T
 
 
 class Largest(NamedTuple):
-    """The largest value of the least margin, and where it is.
+    """The largest value of the least margin, and the point at which it is attained.
 
     Attributes:
-        value: minus infinity if no z keeps the limits, infinite if it grows for ever.
-        z: (k,) where it is taken; where it is infinite or there is none, zero.
+        value: the supremum; minus infinity if no z satisfies the limits, infinite if it is unbounded.
+        z: (k,) the maximiser; zero if the value is infinite.
     """
 
     value: float
@@ -79,10 +79,10 @@ class Largest(NamedTuple):
 
 
 def largest_least(margins: list[AffineMargin]) -> float:
-    """Return the supremum over z of the least of the margins; infinite if it grows for ever.
+    """Return the supremum over z of the least of the margins; infinite if it is unbounded.
 
-    It grows for ever exactly if some direction has a positive slope in every margin. Good to about
-    1e-9 of the largest constant. Some hundred Newton steps of O(k^3).
+    It is unbounded exactly if all margins have a positive slope in some direction. The result is accurate to about 1e-9
+    of the largest constant. The cost is about a hundred Newton steps of O(k^3).
 
     Args:
         margins: at least one.
@@ -91,11 +91,12 @@ def largest_least(margins: list[AffineMargin]) -> float:
 
 
 def largest_within(margins: list[AffineMargin], limits: list[AffineMargin]) -> Largest:
-    """Return the supremum over z of the least of the margins where all limits are >= 0.
+    """Return the supremum of the least of the margins over all z for which all limits are >= 0.
 
     Args:
         margins: at least one.
-        limits: what is only to be kept, constants > |loads| (a = 0); of any units, as each is scaled by its constant.
+        limits: constraints, constant > |load| (a = 0); each may have its own unit, because it is scaled by its
+            constant.
     """
     k = len(margins[0].a)
     basis = felt_directions([*margins, *limits])
@@ -103,7 +104,7 @@ def largest_within(margins: list[AffineMargin], limits: list[AffineMargin]) -> L
     still = np.zeros(basis.shape[1])
     start = still
     size = max(max(abs(m.c), float(np.abs(m.b).max())) for m in margins) or 1.0
-    # z counts in units of `size`; a limit is of size one by its own constant
+    # z is in units of `size`, and each limit is divided by its constant
     kept = [AffineMargin(1.0, m.a, m.b / m.c, m.B * size / m.c) for m in limits]
     if kept and min(m.at(still) for m in kept) < INSIDE:
         start = _maximum(kept, [], FARTHEST, still) if len(still) else still
@@ -121,7 +122,7 @@ def largest_within(margins: list[AffineMargin], limits: list[AffineMargin]) -> L
 
 
 def _unlimited(limits: list[AffineMargin], k: int) -> Array:
-    """Return an orthonormal basis of the directions of z that no limit ends, |loads| <= constants, (k, directions)."""
+    """Return an orthonormal basis of the directions of z that the limits do not bound, (k, directions)."""
     if not limits:
         return np.eye(k)
     _, sizes, directions = np.linalg.svd(np.vstack([m.B for m in limits]))
@@ -130,13 +131,13 @@ def _unlimited(limits: list[AffineMargin], k: int) -> Array:
 
 
 def _maximum(margins: list[AffineMargin], limits: list[AffineMargin], reach: float, start: Array) -> Array:
-    """Return where the least margin is largest, |z| <= reach, for margins and z of size one.
+    """Return the z, |z| <= reach, for which the least margin is largest; margins and z are scaled to size one.
 
     Args:
         margins: at least one.
-        limits: to be kept.
-        reach: how far z may go.
-        start: z inside all limits.
+        limits: constraints.
+        reach: largest |z|.
+        start: a z that satisfies all limits strictly.
     """
     k = len(start)
     cones = [AffineMargin(m.c, np.r_[m.a, -1.0], m.b, np.c_[m.B, np.zeros(len(m.b))]) for m in margins]
@@ -152,9 +153,9 @@ def _maximum(margins: list[AffineMargin], limits: list[AffineMargin], reach: flo
 
 
 def _centred(cones: list[AffineMargin], x: Array, weight: float) -> Array:
-    """Return the minimiser of -t / weight - sum log(u^2 - v.v), u = c + a.x and v = b + B x, from x inside.
+    """Return the minimiser of -t / weight - sum log(u^2 - v.v) with u = c + a.x and v = b + B x, from an interior x.
 
-    The function is self-concordant: Newton steps shortened to 1 / (1 + decrement) stay inside.
+    The function is self-concordant, so Newton steps scaled by 1 / (1 + decrement) stay in the interior.
     """
     for _ in range(MOST_STEPS):
         gradient, curvature = np.zeros_like(x), np.zeros((len(x), len(x)))
@@ -170,6 +171,6 @@ def _centred(cones: list[AffineMargin], x: Array, weight: float) -> Array:
         decrement = float(np.sqrt(max(-gradient @ step, 0.0)))
         step /= 1.0 + decrement if decrement > 0.25 else 1.0
         if decrement < CENTRED or min(cone.at(x + step) for cone in cones) <= 0.0:
-            break  # as near as rounding allows
+            break  # rounding prevents further progress
         x = x + step
     return x

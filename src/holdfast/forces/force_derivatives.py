@@ -1,7 +1,7 @@
 """Derivatives of the margins of grasps and joints, and of wrist wrenches.
 
-Wrenches are arguments here. Gradients by what decides them, such as torques or the payload, follow in one more step:
-the gradient by `grasp_wrench` is the cotangent that `forward_dynamics_vjp` takes under that name.
+The grasp wrenches are arguments. Gradients with respect to torques or the payload, for example, follow in one more
+step: pass the gradient by `grasp_wrench` to `forward_dynamics_vjp` as the cotangent of that name.
 """
 
 from __future__ import annotations
@@ -44,24 +44,25 @@ def grasp_margins_vjp(
     by: Sequence[str] = OF_MARGINS,
     grasp_margins: ArrayLike,
 ) -> Derivatives:
-    """Return gradients of cotangent . margins of the grasps by some of their arguments. O(l).
+    """Return the gradients of cotangent . margins of the grasps with respect to some arguments. O(l).
 
-    theta_bar = (d margin / d theta)^T margin_bar, of each grasp that condition's which is least; where several are,
-    of one of them. A length |B f| has the derivative 0 where it is 0. Margins that nothing limits are infinite, and
-    their derivatives 0. Names, and what poses turn by, as in `forward_dynamics_vjp`.
+    theta_bar = (d margin / d theta)^T margin_bar. For each grasp, the derivative is that of the condition with the
+    least margin, or of one of them if several are equal. The derivative of a norm |B f| is 0 where the norm is 0.
+    Margins without a limit are infinite, and their derivatives are 0. Names and the derivatives by poses are as in
+    `forward_dynamics_vjp`.
 
     Args:
         chain: the chain.
-        state: where the object is; only its attitude enters.
-        grasp_wrench: (arms, 6) of each arm on the object about the contact point, world axes.
+        state: state with the object's attitude; nothing else is used.
+        grasp_wrench: (arms, 6) wrench of each arm on the object about the contact point, world axes.
         by: the arguments: object_pose, grasp_pose, grasp_wrench.
         grasp_margins: (grasps,) the cotangent.
 
     Returns:
-        By argument its gradient, in its shape; `result` holds the margins [N].
+        The gradients by argument, in the shape of the argument; `result` holds the margins [N].
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _margins_case(chain, state, grasp_wrench)
     return text_vjp(MARGINS, case, found, by, {"grasp_margins": grasp_margins})
@@ -70,21 +71,21 @@ def grasp_margins_vjp(
 def grasp_margins_jvp(
     chain: ClosedChain, state: State, grasp_wrench: ArrayLike, *, along: Mapping[str, ArrayLike]
 ) -> Derivatives:
-    """Return how fast the margins of the grasps change while arguments do. O(l) a direction.
+    """Return the rates of the margins of the grasps for given rates of their arguments. O(l) per direction.
 
-    margin_dot = (d margin / d theta) theta_dot; see `grasp_margins_vjp`, also for kinks.
+    margin_dot = (d margin / d theta) theta_dot; see `grasp_margins_vjp`, also for points without a derivative.
 
     Args:
         chain: the chain.
-        state: where the object is; only its attitude enters.
-        grasp_wrench: (arms, 6) of each arm on the object about the contact point, world axes.
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        state: state with the object's attitude; nothing else is used.
+        grasp_wrench: (arms, 6) wrench of each arm on the object about the contact point, world axes.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
 
     Returns:
         `found.grasp_margins`, (grasps,) or (d, grasps).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _margins_case(chain, state, grasp_wrench)
     return text_jvp(MARGINS, case, found, along)
@@ -102,8 +103,8 @@ def grasp_margins_jacobian(
 
     Args:
         chain: the chain.
-        state: where the object is; only its attitude enters.
-        grasp_wrench: (arms, 6) of each arm on the object about the contact point, world axes.
+        state: state with the object's attitude; nothing else is used.
+        grasp_wrench: (arms, 6) wrench of each arm on the object about the contact point, world axes.
         of: the results; there is one, grasp_margins.
         by: the arguments.
 
@@ -111,7 +112,7 @@ def grasp_margins_jacobian(
         `found["grasp_margins", by]`, (grasps, *shape of the argument's gradient).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _margins_case(chain, state, grasp_wrench)
     return text_jacobian(MARGINS, case, found, of, by)
@@ -127,25 +128,26 @@ def joint_margins_vjp(
     rate: ArrayLike | None = None,
     effort: ArrayLike | None = None,
 ) -> Derivatives:
-    """Return gradients of sum(cotangent . margin) of the joints by some of their arguments. O(n).
+    """Return the gradients of sum(cotangent . margin) of the joints with respect to some arguments. O(n).
 
-    theta_bar = (d margin / d theta)^T margin_bar, margins as in `joint_margins`: of the nearer end of a position's
-    range; half way between them, and of |qd| and |tau| at 0, of one side. Infinite margins do not change.
+    theta_bar = (d margin / d theta)^T margin_bar, with the margins of `joint_margins`. For positions, the derivative is
+    that for the nearer end of the range. Half way between both ends, and at qd = 0 and tau = 0, it is that of one side.
+    The derivatives of infinite margins are 0.
 
     Args:
         chain: the chain.
         state: joint positions and rates.
         tau: (n,) drive torques [N m or N].
         by: the arguments: q, qd, tau.
-        position: (n,) the cotangent of positions' margins.
-        rate: (n,) that of rates'.
-        effort: (n,) that of efforts'.
+        position: (n,) the cotangent of the position margins.
+        rate: (n,) the cotangent of the rate margins.
+        effort: (n,) the cotangent of the effort margins.
 
     Returns:
-        By argument its gradient, in its shape; `result` holds the `JointMargins`.
+        The gradients by argument, in the shape of the argument; `result` holds the `JointMargins`.
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _joints_case(chain, state, tau)
     given = zip(JointMargins._fields, (position, rate, effort), strict=True)
@@ -155,21 +157,21 @@ def joint_margins_vjp(
 def joint_margins_jvp(
     chain: ClosedChain, state: State, tau: ArrayLike, *, along: Mapping[str, ArrayLike]
 ) -> Derivatives:
-    """Return how fast the margins of the joints change while arguments do. O(n) a direction.
+    """Return the rates of the margins of the joints for given rates of their arguments. O(n) per direction.
 
-    margin_dot = (d margin / d theta) theta_dot; see `joint_margins_vjp`, also for kinks.
+    margin_dot = (d margin / d theta) theta_dot; see `joint_margins_vjp`, also for points without a derivative.
 
     Args:
         chain: the chain.
         state: joint positions and rates.
         tau: (n,) drive torques [N m or N].
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
 
     Returns:
         `found.position`, `found.rate` and `found.effort`, (n,) or (d, n).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _joints_case(chain, state, tau)
     return text_jvp(OF_LIMITS, case, found, along)
@@ -196,7 +198,7 @@ def joint_margins_jacobian(
         `found[of, by]`, (n, n).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _joints_case(chain, state, tau)
     return text_jacobian(OF_LIMITS, case, found, of, by)
@@ -210,23 +212,23 @@ def wrist_wrenches_vjp(
     by: Sequence[str] = OF_WRISTS,
     wrist_wrenches: ArrayLike,
 ) -> Derivatives:
-    """Return gradients of cotangent . wrist wrenches by some of their arguments. O(n).
+    """Return the gradients of cotangent . wrist wrenches with respect to some arguments. O(n).
 
-    theta_bar = (d w / d theta)^T w_bar, w as in `wrist_wrenches`; names, and what poses turn by, as in
+    theta_bar = (d w / d theta)^T w_bar, with w as in `wrist_wrenches`. Names and the derivatives by poses are as in
     `forward_dynamics_vjp`.
 
     Args:
         chain: the chain.
         state: a closed state.
-        result: forward dynamics at that state; only its grasp wrenches enter.
+        result: forward dynamics at that state, of which only the grasp wrenches are used.
         by: the arguments: q, base_pose, grasp_wrench; with a floating base also floating_pose.
         wrist_wrenches: (arms, 6) the cotangent.
 
     Returns:
-        By argument its gradient, in its shape; `result` holds the wrist wrenches [N m, N].
+        The gradients by argument, in the shape of the argument; `result` holds the wrist wrenches [N m, N].
 
     Raises:
-        StateError: wrong names, shapes or numbers; a result of another chain.
+        StateError: a name, shape or number is wrong, or the result belongs to another chain.
     """
     case, found = _wrists_case(chain, state, result)
     return text_vjp(WRISTS, case, found, by, {"wrist_wrenches": wrist_wrenches})
@@ -235,21 +237,21 @@ def wrist_wrenches_vjp(
 def wrist_wrenches_jvp(
     chain: ClosedChain, state: State, result: ForwardResult, *, along: Mapping[str, ArrayLike]
 ) -> Derivatives:
-    """Return how fast the wrist wrenches change while arguments do. O(n) a direction.
+    """Return the rates of the wrist wrenches for given rates of their arguments. O(n) per direction.
 
     w_dot = (d w / d theta) theta_dot; see `wrist_wrenches_vjp`.
 
     Args:
         chain: the chain.
         state: a closed state.
-        result: forward dynamics at that state; only its grasp wrenches enter.
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        result: forward dynamics at that state, of which only the grasp wrenches are used.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
 
     Returns:
         `found.wrist_wrenches`, (arms, 6) or (d, arms, 6).
 
     Raises:
-        StateError: wrong names, shapes or numbers; a result of another chain.
+        StateError: a name, shape or number is wrong, or the result belongs to another chain.
     """
     case, found = _wrists_case(chain, state, result)
     return text_jvp(WRISTS, case, found, along)
@@ -268,7 +270,7 @@ def wrist_wrenches_jacobian(
     Args:
         chain: the chain.
         state: a closed state.
-        result: forward dynamics at that state; only its grasp wrenches enter.
+        result: forward dynamics at that state, of which only the grasp wrenches are used.
         of: the results; there is one, wrist_wrenches.
         by: the arguments.
 
@@ -276,14 +278,14 @@ def wrist_wrenches_jacobian(
         `found["wrist_wrenches", by]`, (arms, 6, *shape of the argument's gradient).
 
     Raises:
-        StateError: wrong names, shapes or numbers; a result of another chain.
+        StateError: a name, shape or number is wrong, or the result belongs to another chain.
     """
     case, found = _wrists_case(chain, state, result)
     return text_jacobian(WRISTS, case, found, of, by)
 
 
 def _margins_case(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> tuple[VariedCase, Array]:
-    """Return what the text of margins is given, and the margins there."""
+    """Return the arguments of the differentiated margins, and their values."""
     checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         found = grasp_margins(chain, state, grasp_wrench)
@@ -291,7 +293,7 @@ def _margins_case(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
 
 
 def _joints_case(chain: ClosedChain, state: State, tau: ArrayLike) -> tuple[VariedCase, JointMargins]:
-    """Return what the text of joints' margins is given, and these."""
+    """Return the arguments of the differentiated joint margins, and their values."""
     checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         found = joint_margins(chain, state, tau)
@@ -299,7 +301,7 @@ def _joints_case(chain: ClosedChain, state: State, tau: ArrayLike) -> tuple[Vari
 
 
 def _wrists_case(chain: ClosedChain, state: State, result: ForwardResult) -> tuple[VariedCase, Array]:
-    """Return what the text of wrist wrenches is given, and these."""
+    """Return the arguments of the differentiated wrist wrenches, and their values."""
     checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         found = wrist_wrenches(chain, state, result)

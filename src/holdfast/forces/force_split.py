@@ -1,4 +1,4 @@
-"""Motion and internal parts of the grasp forces, and who carries how much (docs/theory/simulation.md)."""
+"""The split of the grasp forces into motion and internal parts, with load shares (docs/theory/simulation.md)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 from holdfast.state import State, require_fit
 
-SMALLEST_FORCE = 1e-9  # of the sum of the grasp forces: below it no share is defined
+SMALLEST_FORCE = 1e-9  # net forces below this, relative to the sum of the grasp forces, have no load shares
 
 
 class Split(NamedTuple):
-    """Grasp wrenches in two parts; rows are the chain's arms, world axes, about the contacts.
+    """The two parts of grasp wrenches, with one row per arm, in world axes about the contacts.
 
     Attributes:
         motion: (arms, 6) the smallest wrenches with the same effect on the object, in the
             metric sum |moment / length|^2 + |force|^2.
-        internal: (arms, 6) the rest: A^T f_internal = 0.
-        load_share: (arms,) part of the net force that each arm's motion force carries
-            (sums to 1); None where the net force vanishes.
+        internal: (arms, 6) the remainder, A^T f_internal = 0.
+        load_share: (arms,) part of the net force that each arm's motion force carries; the parts add up to 1. None if
+            the net force vanishes.
         length: L of the metric [m].
     """
 
@@ -41,18 +41,18 @@ class Split(NamedTuple):
 
 @np.errstate(all="ignore")  # what overflows is refused below
 def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: float | None = None) -> Split:
-    """Return the motion and internal parts of grasp wrenches, both of which can be transmitted. O(l^3).
+    """Return the motion and internal parts of grasp wrenches, both of which are transmissible. O(l^3).
 
-    A bushing counts as one that transmits all of a wrench.
+    A bushing is treated as a grasp that transmits all components.
 
     Args:
         chain: the chain.
-        state: where the object is.
+        state: state with the object's pose.
         grasp_wrench: (arms, 6) as in `ForwardResult`.
-        length: L of the metric [m]; default the contacts' rms distance from their centroid.
+        length: L of the metric [m]; by default the rms distance of the contacts from their centroid.
 
     Raises:
-        StateError: wrong shape.
+        StateError: a shape is wrong.
     """
     require_fit(chain, state)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
@@ -71,14 +71,14 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
 
 
 class Splitter:
-    """`split` of one chain's wrenches, again and again.
+    """Computes `split` repeatedly for one chain.
 
-    Where no grasp's axes or point follow its tip, the motion part is a linear map of the net wrench that is the same
-    in object axes wherever the object is, found once.
+    If the axes and points of all grasps are fixed in the object, the motion part is a linear function of the net wrench
+    that is constant in object axes. It is then computed once.
     """
 
     def __init__(self, chain: ClosedChain) -> None:
-        """Take the chain, grasps as they are."""
+        """Store the chain with its current grasps."""
         self._chain, self._by_net, self._length = chain, None, 1.0
         grasps = chain.grasps.values()
         if chain.grasps and not any(grasp.of_kind.follows_tip for grasp in grasps):
@@ -102,7 +102,7 @@ class Splitter:
 
 
 def _firm(place: ContactPlace) -> ContactPlace:
-    """Return a bushing's place as a rigid grasp's; any other as it is."""
+    """Return the contact place with a bushing replaced by a rigid grasp."""
     compliant = place.grasp.of_kind.compliant
     return place._replace(grasp=Grasp("rigid", place.grasp.frame)) if compliant else place
 
@@ -114,7 +114,7 @@ def motion_wrenches(places: list[ContactPlace], net: Array, length: float) -> Ar
     W^-1 K A y, where W is diagonal because no two rows of K share a component.
 
     Args:
-        places: where the grasps are.
+        places: axes and contact points of the grasps.
         net: (6,) wrench on the object about C, world axes.
         length: L [m].
     """

@@ -1,8 +1,8 @@
-"""Which margins the grasps can have where their forces are not unique, at the torques of a result.
+"""The range of the grasp margins for given torques, if the grasp forces are not unique.
 
-Grasp forces that no joint and no object motion feels are f + N z, z unknown: what they are depends on
-how the parts were put together. A margin is concave in z, so one that z changes at all has no lower bound.
-Internal forces that load a joint are not among them, because they would need other torques (`largest_margin`).
+Forces without effect on the joints and the object can be added: f + N z with unknown z, which depends on how the parts
+were assembled. A margin is concave in z, so a margin that depends on z has no lower bound. Internal forces that load a
+joint are not included, because they need other torques (`largest_margin`).
 """
 
 from __future__ import annotations
@@ -25,14 +25,13 @@ from holdfast.state import State, require_fit
 
 
 class MarginRange(NamedTuple):
-    """The margins that internal forces which load no joint allow, in the order of `chain.grasps` [N].
+    """The range of margins over the internal forces that load no joint, in the order of `chain.grasps` [N].
 
     Attributes:
-        worst: (grasps,) the smallest of each; minus infinity where internal forces change it at all.
-        best: (grasps,) the largest of each, the others left to themselves; infinite where squeezing harder
-            always helps.
-        together: the largest that the smallest of all can be: below 0 the given torques hold the grasps by no
-            internal force. Other torques may; see `largest_margin`.
+        worst: (grasps,) the smallest margin of each grasp; minus infinity if internal forces change it.
+        best: (grasps,) the largest margin of each grasp alone; infinite if squeezing harder always increases it.
+        together: the largest possible value of the least margin. If it is negative, no internal force holds all grasps
+            with the given torques; other torques may, see `largest_margin`.
     """
 
     worst: Array
@@ -41,12 +40,11 @@ class MarginRange(NamedTuple):
 
 
 def margin_range(chain: ClosedChain, state: State, result: ForwardResult) -> MarginRange:
-    """Return worst and best grasp margins over all grasp forces that the result's torques leave open.
+    """Return the worst and best grasp margins over all grasp forces that are possible with the result's torques.
 
-    Only combinations of forces that load no joint and move nothing vary. Where the forces are unique
-    there are none, and both are `grasp_margins`. The largest margin that other torques can give for the
-    same motion is `largest_margin`. Best values are good to about 1e-9 of the forces and limits. A
-    cone program a grasp: O(l^3) an iteration.
+    Only forces without effect on joints and object vary. If the forces are unique, both results are `grasp_margins`.
+    `largest_margin` gives the largest margin over other torques for the same motion. The best values are accurate to
+    about 1e-9 of the forces and limits. The cost is one cone program per grasp, O(l^3) per iteration.
 
     Args:
         chain: the chain.
@@ -54,7 +52,7 @@ def margin_range(chain: ClosedChain, state: State, result: ForwardResult) -> Mar
         result: forward dynamics at that state.
 
     Raises:
-        StateError: a result of another chain, or one without forces.
+        StateError: the result belongs to another chain, or contains no forces.
     """
     require_fit(chain, state)
     require_result_of(chain, result)
@@ -73,12 +71,12 @@ def margin_range(chain: ClosedChain, state: State, result: ForwardResult) -> Mar
 
 
 def affine_margins(motion: ChainMotion, grasp_wrench: Array, N: Array) -> list[list[AffineMargin]]:
-    """Return per grasp its conditions as functions of z, those that always hold left out.
+    """Return for each grasp its conditions as functions of z, without those that always hold.
 
     Args:
-        motion: the chain.
-        grasp_wrench: (arms, 6) at z = 0, about the contacts, world axes.
-        N: (6l, k) stacked wrenches of the grasps, one column for each entry of z.
+        motion: the chain's motion.
+        grasp_wrench: (arms, 6) wrenches at z = 0, about the contacts, world axes.
+        N: (6l, k) stacked wrenches of the grasps, one column per entry of z.
     """
     chain, count = motion.chain, len(motion.contacts)
     found = []

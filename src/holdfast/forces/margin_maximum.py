@@ -1,7 +1,8 @@
-"""The largest margin that any joint torques can give the grasps, the motion being as it is.
+"""The largest margin of the grasps over all joint torques with the same motion.
 
-All grasp wrenches that move the object alike are f + N z with A^T N z = 0, N z an internal wrench. The joints
-bear it by tau + J^T N z, which changes no acceleration; so the best of all torques is a cone program in z.
+All grasp wrenches with the same effect on the object are f + N z with internal wrenches N z, A^T N z = 0. The torques
+tau + J^T N z balance them at the joints without changing any acceleration. The best torques are therefore given by a
+cone program in z.
 """
 
 from __future__ import annotations
@@ -24,18 +25,19 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
-LOADING = 1e-9  # of wrenches of size 1: less is rounding
+LOADING = 1e-9  # loads below this, for wrenches of size 1, are rounding
 
 
 class LargestMargin(NamedTuple):
-    """The largest least margin, and how it is reached.
+    """The largest possible value of the least margin, and the wrenches and torques that attain it.
 
     Attributes:
-        margin: below 0 no joint torques hold every grasp in this motion; infinite where squeezing harder always
-            helps; minus infinity where no torques within the effort limits give this motion [N].
-        grasp_wrench: (arms, 6) wrenches that have it, of each arm on the object about the contact point, world
-            axes; where it is infinite, those of the result [N m, N].
-        tau: (n,) the joint torques that go with them [N m or N].
+        margin: the margin. If it is negative, no joint torques hold every grasp in this motion. It is infinite if
+            squeezing harder always increases it, and minus infinity if no torques within the effort limits give this
+            motion [N].
+        grasp_wrench: (arms, 6) wrenches with this margin, of each arm on the object about the contact point, world
+            axes; those of the result if the margin is infinite [N m, N].
+        tau: (n,) the corresponding joint torques [N m or N].
     """
 
     margin: float
@@ -52,22 +54,22 @@ def largest_margin(
     inputs: Inputs | None = None,
     effort_limits: bool = False,
 ) -> LargestMargin:
-    """Return the largest value that the smallest grasp margin can have with any joint torques.
+    """Return the largest value that the least grasp margin can have with any joint torques.
 
-    Accelerations stay as in the result; all internal wrenches vary, those that joints have to bear included.
-    `margin_range(...).together` varies only those that load no joint, and is never larger. Friction in the
-    joints is not among the torques. Margins are good to about 1e-9 of the forces and limits.
-    A cone program in the internal wrenches: O(l^3) an iteration.
+    The accelerations are those of the result; all internal wrenches vary, including those that load joints. In
+    `margin_range(...).together` only those that load no joint vary, so its value is never larger. The torques do not
+    include joint friction. Margins are accurate to about 1e-9 of the forces and limits. The cost is one cone program in
+    the internal wrenches, O(l^3) per iteration.
 
     Args:
         chain: the chain.
         state: a closed state.
-        result: forward dynamics at that state, of whatever torques give the motion in question.
+        result: forward dynamics at that state, for any torques that give the motion.
         inputs: the external wrenches and base motion of the result.
         effort_limits: whether the torques must stay within the joints' effort limits.
 
     Raises:
-        StateError: a result of another chain, or one without forces.
+        StateError: the result belongs to another chain, or contains no forces.
     """
     require_fit(chain, state)
     require_result_of(chain, result)
@@ -81,7 +83,7 @@ def largest_margin(
     bounds = _effort_bounds(chain, tau, by_joints) if effort_limits else []
     if every:
         best = largest_within(every, bounds)
-    else:  # nothing can give way
+    else:  # no grasp has a limit
         feasible = not bounds or largest_within(bounds, []).value > 0.0
         best = Largest(float(now.min(initial=math.inf)) if feasible else -math.inf, np.zeros(N.shape[1]))
     f = result.grasp_wrench.copy()
@@ -98,7 +100,7 @@ def internal_wrenches(motion: ChainMotion) -> Array:
 
 
 def undriven(motion: ChainMotion, wrenches: Array) -> Array:
-    """Return a basis of those stacked wrenches (6l, k) that do not load a floating base, which nothing drives."""
+    """Return a basis of the stacked wrenches (6l, k) that do not load a floating base, which has no drive."""
     if motion.trunk is None or not motion.trunk.floats or not wrenches.shape[1]:
         return wrenches
     loads = np.zeros((6, wrenches.shape[1]))
@@ -109,7 +111,7 @@ def undriven(motion: ChainMotion, wrenches: Array) -> Array:
 
 
 def joint_loads(motion: ChainMotion, wrenches: Array) -> Array:
-    """Return J^T f of stacked grasp wrenches, (n, k) for (6l, k)."""
+    """Return J^T f for stacked grasp wrenches, (n, k) for (6l, k)."""
     chain = motion.chain
     loads = np.zeros((chain.joint_count, wrenches.shape[1]))
     for i, (name, arm) in enumerate(zip(chain.grasps, motion.holding, strict=True)):
@@ -121,7 +123,7 @@ def joint_loads(motion: ChainMotion, wrenches: Array) -> Array:
 
 
 def _effort_bounds(chain: ClosedChain, tau: Array, loads: Array) -> list[AffineMargin]:
-    """Return effort limit - |tau + loads z| of every limited joint."""
+    """Return effort limit - |tau + loads z| for every joint with a limit."""
     joints = chain.all_joints
     return [
         AffineMargin(joint.effort_limit, np.zeros(loads.shape[1]), tau[j : j + 1], loads[j : j + 1])

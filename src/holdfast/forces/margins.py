@@ -1,15 +1,15 @@
-"""How far grasps and joints are from what they cannot do: negative is slipped, lifted off or beyond a limit.
+"""The margins of grasps and joints; a negative margin means that a grasp slips or lifts off, or a limit is violated.
 
-A grasp's margin is the least of a few conditions on its wrench f in contact axes (z into the object),
-each of the form c + a.f >= |B f|, in newtons:
+A grasp's margin is the least of a few conditions on its wrench f in contact axes (z into the object), each of the form
+c + a.f >= |B f|, in newtons:
 
     ball, hinge    mu f_n >= |f_t|                        no sliding
     softfinger     mu f_n >= sqrt(|f_t|^2 + (m_n/e)^2)    no sliding, no spinning
-    hinge          f_n >= |m_y| / L                       the edge lies on over its length
+    hinge          f_n >= |m_y| / L                       the edge touches over its whole length
     one-sided      f_n >= 0                               it presses
     limits         F >= |f|,  M/l >= |m|/l                it is strong enough; l: `WrenchLimits.lever`
 
-A hinge's moment about the normal is carried by the edge and not limited here.
+The moment of a hinge about the normal is carried by the edge, and has no limit.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from holdfast.state import State, require_fit
 
 
 class JointMargins(NamedTuple):
-    """How far the joints are from their limits, (n,) each; infinite where there is none.
+    """The margins of the joints, (n,) each; infinite without a limit.
 
     Attributes:
-        position: to the nearer of the two ends [rad or m].
-        rate: rate limit less |qd| [rad/s or m/s].
-        effort: effort limit less |tau| [N m or N].
+        position: distance to the nearer end of the range [rad or m].
+        rate: rate limit minus |qd| [rad/s or m/s].
+        effort: effort limit minus |tau| [N m or N].
     """
 
     position: Array
@@ -46,7 +46,7 @@ class JointMargins(NamedTuple):
 
 
 class JointLimits(NamedTuple):
-    """What the joints of a chain may do, (n,) each; infinite where nothing limits.
+    """The limits of a chain's joints, (n,) each; infinite for no limit.
 
     Attributes:
         low: lowest position [rad or m].
@@ -62,7 +62,7 @@ class JointLimits(NamedTuple):
 
     @property
     def limited(self) -> Array:
-        """(3, n) whether position, rate and effort have a limit."""
+        """(3, n) whether position, rate and effort of each joint have a limit."""
         position = np.isfinite(self.low) | np.isfinite(self.high)
         return np.array([position, np.isfinite(self.rate), np.isfinite(self.effort)])
 
@@ -78,12 +78,12 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
 
     Args:
         chain: the chain.
-        state: where the object is; only its pose enters.
-        grasp_wrench: (arms, 6) of each arm on the object about the contact point, world axes, as in
+        state: state with the object's pose; nothing else is used.
+        grasp_wrench: (arms, 6) wrench of each arm on the object about the contact point, world axes, as in
             `ForwardResult`.
 
     Raises:
-        StateError: wrong shape.
+        StateError: a shape is wrong.
     """
     require_fit(chain, state)
     return margins_of_grasps(
@@ -92,7 +92,7 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
 
 
 def margins_of_grasps(chain: ClosedChain, state: State, f: Array) -> Array:
-    """Return the margin of every grasp, of wrenches as they are; see `grasp_margins`."""
+    """Return the margin of every grasp for wrenches that are not checked; see `grasp_margins`."""
     R = state.object_frame.R
     rows = [chain.names.index(name) for name in chain.grasps]
     return array(
@@ -104,23 +104,23 @@ def margins_of_grasps(chain: ClosedChain, state: State, f: Array) -> Array:
 
 
 def contact_margin(grasp: Grasp, wrench: Array) -> Scalar:
-    """Return the margin of one grasp [N]: infinite if it is two-sided and has no wrench limits.
+    """Return the margin of one grasp [N], infinite if it is two-sided and has no wrench limits.
 
     Args:
         grasp: the grasp.
-        wrench: (6,) of the arm on the object about the contact point, contact axes.
+        wrench: (6,) wrench of the arm on the object about the contact point, contact axes.
     """
     return least_margin(conditions(grasp), wrench)
 
 
 def least_margin(conditions: tuple[Condition, ...], wrench: Array) -> Scalar:
-    """Return the least margin of several conditions on one contact-axes wrench [N]."""
+    """Return the least margin of several conditions on a wrench in contact axes [N]."""
     margins = [condition.margin(wrench) for condition in conditions]
     return reduce(minimum, margins) if margins else math.inf
 
 
 def conditions(grasp: Grasp) -> tuple[Condition, ...]:
-    """Return what a grasp's wrench must satisfy."""
+    """Return the conditions that a grasp's wrench must satisfy."""
     found: tuple[Condition, ...] = ()
     kind, contact, limits = grasp.of_kind, grasp.contact, grasp.wrench_limits
     if contact is not None and kind.friction is not None:
@@ -131,7 +131,7 @@ def conditions(grasp: Grasp) -> tuple[Condition, ...]:
 
 
 def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMargins:
-    """Return how far every joint is from its limits. O(n).
+    """Return the margins of all joints. O(n).
 
     Args:
         chain: the chain.
@@ -139,7 +139,7 @@ def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMarg
         tau: (n,) drive torques, arms in order, base to tip [N m or N].
 
     Raises:
-        StateError: wrong shapes.
+        StateError: a shape is wrong.
     """
     require_fit(chain, state)
     efforts = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
@@ -147,5 +147,5 @@ def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMarg
 
 
 def margins_of_joints(limits: JointLimits, q: Array, qd: Array, tau: Array) -> JointMargins:
-    """Return how far joints are from their limits; positions, rates and torques (..., n) on any leading axes."""
+    """Return the margins of joints for positions, rates and torques (..., n) with any leading axes."""
     return JointMargins(minimum(q - limits.low, limits.high - q), limits.rate - abs(qd), limits.effort - abs(tau))

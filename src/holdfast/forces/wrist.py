@@ -1,4 +1,4 @@
-"""What a force-torque sensor in an arm's wrist carries, at two cuts: the tip frame and the last joint."""
+"""The wrench at a force-torque sensor in an arm's wrist, mounted at the tip frame or at the last joint."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
 def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> Array:
-    """Return what each arm transmits across its tip frame onto what it holds, (arms, 6) [N m, N].
+    """Return the wrench of each arm on the object across its tip frame, (arms, 6) [N m, N].
 
-    The grasp wrench in TIP axes, [moment; force] about the tip's origin: a sensor between the last link and
-    the object, with nothing of its own weight beyond it. Zero for an arm without a grasp. O(n).
+    This is the grasp wrench in TIP axes, [moment; force] about the tip's origin, as a massless sensor between the last
+    link and the object measures it. It is zero for an arm without a grasp. O(n).
 
     Args:
         chain: the chain.
@@ -29,7 +29,7 @@ def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> A
         result: forward dynamics at that state.
 
     Raises:
-        StateError: a state of the wrong shape for the chain, or a result of another chain.
+        StateError: the state has a wrong shape for the chain, or the result belongs to another chain.
     """
     require_fit(chain, state)
     require_result_of(chain, result)
@@ -38,25 +38,25 @@ def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> A
 
 
 def across_tips(chain: ClosedChain, state: State, grasp_wrench: Array) -> Array:
-    """Return the grasp wrenches in tip axes, of numbers as they are; see `wrist_wrenches`."""
+    """Return the grasp wrenches in tip axes, without checks; see `wrist_wrenches`."""
     tips = tip_frames(chain, state, chain.names)
     return array([unrotate(tips[name].R, f) for name, f in zip(chain.names, grasp_wrench, strict=True)])
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
 def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult, inputs: Inputs | None = None) -> Array:
-    """Return what each arm transmits across its last joint onto the last link, (arms, 6) [N m, N].
+    """Return the wrench of each arm on its last link across the last joint, (arms, 6) [N m, N].
 
-    F = phi f + M alpha + b, by Newton and Euler: the grasp wrench, and what the last link's own weight, inertia and
-    external wrench ask for; in the LAST LINK's axes, [moment; force] about that link's origin, which lies on the joint.
-    Its part along the joint's axis is the drive's torque less damping, spring and rotor. An anchor has no joint: what
-    it transmits is then across its base, [moment; force] about the base's origin, in the base's axes. O(n).
+    F = phi f + M alpha + b: the grasp wrench plus the wrench for the last link's weight, inertia and external wrench,
+    in the LAST LINK's axes, [moment; force] about that link's origin, which lies on the joint. Its component along the
+    joint's axis is the torque of the drive minus those of damping, spring and rotor. For an anchor, which has no joint,
+    it is the wrench across its base, [moment; force] about the base's origin, in the base's axes. O(n).
 
     Args:
         chain: the chain.
         state: positions and velocities.
         result: forward dynamics at that state.
-        inputs: as given to forward dynamics.
+        inputs: the inputs of forward dynamics.
 
     Raises:
         StateError: a state or inputs of the wrong shape for the chain, or a result of another chain.
@@ -69,12 +69,12 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
         betas = trunk.accelerations(TrunkAcceleration(result.qdd[chain.joints[TRUNK]], result.base_acceleration))
     for (name, arm), f in zip(motion.arms.items(), result.grasp_wrench, strict=True):
         R, tip = arm.at.end, arm.arm.tip.p
-        across_tip = shift_wrench(tip, unrotate(R, arm.unknown(f)))  # a known one is in the bias
+        across_tip = shift_wrench(tip, unrotate(R, arm.unknown(f)))  # the bias contains known wrenches
         if not arm.arm.joints:
             found.append(across_tip if arm.bias.of_base is None else across_tip + arm.bias.of_base)
             continue
         beta = None if trunk is None else trunk.under(name, betas)
         by_joints = tip_acceleration(arm, result.qdd[chain.joints[name]], beta) - arm.bias.tip_acceleration
-        alpha = shift_twist(-tip, unrotate(R, by_joints))  # of the link's origin; the bias wrench holds the rest
+        alpha = shift_twist(-tip, unrotate(R, by_joints))  # of the link's origin, without the bias
         found.append(across_tip + arm.arm.links[-1].spatial_inertia.apply(alpha) + arm.bias.wrenches[-1])
     return checks.finite(np.array(found), "last joint wrenches")

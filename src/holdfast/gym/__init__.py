@@ -1,4 +1,4 @@
-"""Environments for learning: tasks of arms that hold one object, for Gymnasium; its ids are registered on import.
+"""Gymnasium environments for tasks of arms that hold one object; their ids are registered on import.
 
 Raises:
     MissingExtra: gymnasium is not installed.

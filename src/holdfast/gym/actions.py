@@ -1,6 +1,6 @@
-"""What actions drive: control laws whose parameter `action` is a policy's choice, held for a control step.
+"""Control laws that turn a policy's action into joint torques; their parameter `action` is constant in a control step.
 
-Every entry lies in [-1, 1]; what is beyond is clipped.
+Every entry of an action is clipped to [-1, 1].
 """
 
 from __future__ import annotations
@@ -23,16 +23,17 @@ from holdfast.state import State
 def object_law(
     chain: ClosedChain, acceleration: Array, squeeze: float, squeeze_span: float, joint_damping: float
 ) -> ControlLaw:
-    """Return the law that gives the object an acceleration while the arms squeeze it; 7 actions.
+    """Return the law that gives the object an acceleration while the arms squeeze it; an action has 7 entries.
 
-    alpha = acceleration * a[:6], squeeze + squeeze_span * a[6]: computed torque for the chain as it is modelled.
+    Computed torque for the object acceleration alpha = acceleration * a[:6] and the squeeze force
+    squeeze + squeeze_span * a[6].
 
     Args:
-        chain: as the controller knows it.
+        chain: the controller's model of the chain.
         acceleration: (6,) largest [omega_dot; v_dot] of C, world axes [rad/s^2, m/s^2].
-        squeeze: of every arm along its contact normal at a[6] = 0 [N].
-        squeeze_span: what a[6] = 1 adds [N].
-        joint_damping: of the joint motion that no grasp feels [1/s].
+        squeeze: force of every arm along its contact normal at a[6] = 0 [N].
+        squeeze_span: force that a[6] = 1 adds to it [N].
+        joint_damping: damping of the joint motion that does not move any contact [1/s].
     """
 
     def torque(t: Scalar, now: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -45,15 +46,15 @@ def object_law(
 
 
 def joint_law(chain: ClosedChain, torque: Array, squeeze: float, joint_damping: float) -> ControlLaw:
-    """Return the law that carries the weight, slows joints down and adds torques; n actions.
+    """Return the law that adds an action's torques to gravity compensation and damping; an action has n entries.
 
     tau = `GravityCompensation(chain, squeeze, joint_damping)` + torque * a.
 
     Args:
-        chain: as the controller knows it.
-        torque: (n,) largest torques of an action [N m or N].
-        squeeze: of every arm along its contact normal [N].
-        joint_damping: d, of tau = -d qd [N m s/rad or N s/m].
+        chain: the controller's model of the chain.
+        torque: (n,) torques at an action of 1 [N m or N].
+        squeeze: force of every arm along its contact normal [N].
+        joint_damping: d in tau = -d qd [N m s/rad or N s/m].
 
     Raises:
         MethodNotApplicable: a trunk whose base floats under gravity.
@@ -68,12 +69,12 @@ def joint_law(chain: ClosedChain, torque: Array, squeeze: float, joint_damping: 
 
 
 def clipped(action: Array) -> Array:
-    """Return actions within [-1, 1]."""
+    """Return actions clipped to [-1, 1]."""
     return minimum(maximum(action, -1.0), 1.0)
 
 
 def _keyed(law: Callable[..., Any], size: int, *numbers: Any) -> ControlLaw:
-    """Return a law of `action` (size,), found again on disk by its text and its numbers where these tell all."""
+    """Return a law with the parameter `action` (size,), and a key for the cache if its numbers have a fingerprint."""
     known = exact_fingerprint(list(numbers))
     source = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
     key = f"{law.__qualname__}/{known}/{source}" if known else ""

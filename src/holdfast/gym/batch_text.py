@@ -1,4 +1,4 @@
-"""A text as machine code for a batch: what a task says of a system, observation, reward and end."""
+"""Compiling a Python function for a batch of systems: a task's observation, reward and termination."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from holdfast.spatial.scalar import Array
 
 
 class BatchText:
-    """A function of named arrays to named arrays, written as a control law is; compiled when first called.
+    """A function from named arrays to named arrays, written like a control law and compiled at its first call.
 
-    A system's bits do not depend on how many there are.
+    The results of a system are identical to the bit whatever the size of the batch.
 
     Attributes:
-        text: the function, of one system; it runs on floats too.
-        inputs: shapes of what it takes, by name.
-        outputs: shapes of what it returns.
+        text: the function for one system; it can also be called with numbers.
+        inputs: shapes of its arguments, by name.
+        outputs: shapes of its results, by name.
     """
 
     def __init__(
@@ -34,12 +34,12 @@ class BatchText:
         self._kernel = BatchKernel(self._externals, lambda: traced(self._externals, text))
 
     def __call__(self, count: int, given: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
-        """Return what the text says of every system, (count, *shape) each.
+        """Return the results of the function for every system, (count, *shape) each.
 
         Args:
-            count: how many systems.
-            given: (count, *shape) each, or (*shape) where all share it.
-            threads: how many share the systems.
+            count: number of systems.
+            given: arguments by name, (count, *shape) each, or (*shape) if all systems share it.
+            threads: number of threads.
         """
         arrays = {name: np.asarray(given[name], dtype=float, order="C") for name in self.inputs}
         found = {name: np.empty((count, *shape)) for name, shape in self.outputs.items()}

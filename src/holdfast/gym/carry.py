@@ -32,79 +32,85 @@ from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
 from holdfast.state import State
 
 MARGIN = 100.0  # N: bound of observed margins
-TENFOLD = 10.0  # of the bound on internal forces: that of observed forces
-BESIDE = 1e-6  # rad, m: of the object, where a path may begin
+TENFOLD = 10.0  # bound of observed forces, as a multiple of that of internal forces
+BESIDE = 1e-6  # rad, m: largest distance of a path's beginning from the object
 ACCELERATION = 20.0  # rad/s^2, m/s^2: bound of observed accelerations
 
 
 @dataclass(frozen=True, eq=False)
 class CarryTask(Frozen, Task):
-    """Carry the object along a path, squeezed as little as holds it.
+    """Carry the object along a path with no more squeeze than is needed to hold it.
 
-    Action, every entry within [-1, 1] (beyond, it is clipped), held for a control step. With `commands="object"`, (7,):
+    The action is constant during a control step, and its entries are clipped to [-1, 1].
+    With `commands="object"` it is (7,):
 
-    | 0 to 2 | angular acceleration of the object, world axes, in parts of `acceleration[:3]` [rad/s^2]
-    | 3 to 5 | acceleration of C, world axes, in parts of `acceleration[3:]` [m/s^2]
+    | 0 to 2 | angular acceleration of the object, world axes, as a fraction of `acceleration[:3]` [rad/s^2]
+    | 3 to 5 | acceleration of C, world axes, as a fraction of `acceleration[3:]` [m/s^2]
     | 6      | squeeze of every arm along its contact normal: `squeeze + squeeze_span * a` [N]
 
-    With `commands="joint"`, (n,): torques besides those that carry the weight (with `squeeze`) and damp the joints,
-    arms in order, base to tip, in parts of `joint_torque` [N m or N].
+    With `commands="joint"` it is (n,): torques that are added to gravity compensation (with `squeeze`) and joint
+    damping, arms in order, base to tip, as a fraction of `joint_torque` [N m or N].
 
-    Observation, in SI units, each part within the bounds of `observation_space`, beyond which it is clipped:
+    The observation is in SI units, and each of its parts is clipped to the bounds of `observation_space`:
 
-    | path              | 6   | from the object to where the path is now: [rotation vector; shift], world axes [rad, m]
-    | path_twist        | 6   | the path's twist less the object's, [angular; of C], world axes [rad/s, m/s]
-    | path_acceleration | 6   | of the path now, world axes [rad/s^2, m/s^2]
-    | goal              | 6   | as path, to the path's end
-    | twist             | 6   | of the object, [omega; v of C], world axes [rad/s, m/s]
-    | time              | 1   | parts of the episode that have passed
+    | path              | 6   | from the object to the path's pose: [rotation vector; shift], world axes [rad, m]
+    | path_twist        | 6   | the path's twist minus the object's, [angular; of C], world axes [rad/s, m/s]
+    | path_acceleration | 6   | current acceleration of the path, world axes [rad/s^2, m/s^2]
+    | goal              | 6   | as `path`, but to the path's end
+    | twist             | 6   | twist of the object, [omega; v of C], world axes [rad/s, m/s]
+    | time              | 1   | fraction of the episode that has passed
     | wrench            | 6 a | of each of a arms on the object about its contact, [moment; force], object axes [N m, N]
-    | margin            | g   | of each of g grasps, before it slips or its wrench passes a limit [N]
+    | margin            | g   | of each of g grasps, before it slips or its wrench exceeds a limit [N]
     | q, qd             | n, n| joint positions and rates [rad or m, rad/s or m/s]
 
-    Reward of a control step of length dt: dt times `path_reward` / (1 + (turn / tolerance_angle)^2 + (distance /
-    tolerance)^2) of the way to the path, less dt times `internal_cost` times what the internal force exceeds
-    `largest_internal` by, in parts of it, less dt times `effort_cost` times the mean square of the action; and once,
-    less `failure_cost`, where the episode terminates. The internal force is the largest sqrt(|moment / L|^2 +
-    |force|^2) of any grasp's internal wrench, see `forces.split`.
+    The reward of a control step of length dt is
 
-    Terminated when a grasp slips, a joint passes a limit, the configuration is singular or a step fails; when the
-    internal force exceeds `crushing_internal`; when the object is farther from the path than `lost` or `lost_angle`.
-    Truncated after `duration + settle`.
+        dt path_reward / (1 + (turn / tolerance_angle)^2 + (distance / tolerance)^2)
+        - dt internal_cost max(0, internal_force / largest_internal - 1) - dt effort_cost mean(a^2)
+
+    with the angle and the distance between object and path; when the episode terminates, `failure_cost` is subtracted
+    once. The internal force is the largest sqrt(|moment / L|^2 + |force|^2) of any grasp's internal wrench, see
+    `forces.split`.
+
+    An episode terminates when a grasp slips, a joint exceeds a limit, the configuration is singular or a step fails,
+    when the internal force exceeds `crushing_internal`, or when the object is farther from the path than `lost` or
+    `lost_angle`. It is truncated after `duration + settle`.
 
     `info` has `internal_force` [N], `distance` [m] and `angle` [rad] from the path, `success` (1.0 where both are
     within the tolerances, else 0.0), and `status`, the name of a `RolloutStatus`.
 
     Attributes:
         chain: arms, object and grasps; two Pandas with rubber fingers on a 3 kg box by default.
-        state: closed, where episodes begin; given with `chain`.
+        state: closed state in which episodes begin; must be given with `chain`.
         commands: what actions command, "object" or "joint".
-        path: t [s] -> `control.paths.Target`, or what has such an `at`, written as a control law is; begins where the
-            object is in `state`. By default from there, at rest, by a drawn displacement and turn to rest.
-        displacement: (3,) largest drawn displacement of C, world axes [m].
-        turn: (3,) largest drawn rotation vector, world axes [rad].
-        duration: of the path [s].
-        settle: time after it [s].
-        step: h of the steps within a control step [s].
-        steps_per_action: how many of them an action is held for.
-        mass_spread: the payload's mass lies within 1 +- this times the model's, which the controller believes.
+        path: a function t [s] -> `control.paths.Target`, or an object with such a method `at`, written like a control
+            law. It must begin at the object's pose in `state`. By default it is a rest-to-rest motion from there with
+            a random displacement and rotation.
+        displacement: (3,) largest random displacement of C, world axes [m].
+        turn: (3,) largest random rotation vector, world axes [rad].
+        duration: duration of the path [s].
+        settle: time from the end of the path to the end of the episode [s].
+        step: h of the integration steps within a control step [s].
+        steps_per_action: number of integration steps in a control step.
+        mass_spread: the payload's mass lies within 1 +- this times the model's mass, which the controller assumes.
         push: (6,) largest constant wrench [moment; force] on the object about C, world axes [N m, N].
         stop_at_limits: whether a joint beyond a limit of position, rate or effort terminates the episode.
-        acceleration: (6,) of the object at an action of 1 [rad/s^2, m/s^2].
-        squeeze: of every arm along its contact normal [N].
-        squeeze_span: what an action of 1 adds to it [N].
-        joint_torque: (n,) torques at an action of 1; by default a tenth of the effort limits, 10 where there is none.
-        joint_damping: of joint motion: that no grasp feels [1/s], with `commands="joint"` of all [N m s/rad, N s/m].
-        largest_internal: internal force from which it costs [N].
+        acceleration: (6,) acceleration of the object at an action of 1 [rad/s^2, m/s^2].
+        squeeze: force of every arm along its contact normal [N].
+        squeeze_span: force that an action of 1 adds to it [N].
+        joint_torque: (n,) torques at an action of 1; by default a tenth of the effort limits, or 10 without a limit.
+        joint_damping: damping of the joint motion that does not move any contact [1/s]; with `commands="joint"`, of
+            all joint motion [N m s/rad or N s/m].
+        largest_internal: internal force above which the reward decreases [N].
         crushing_internal: internal force at which the object breaks [N].
         lost: distance from the path at which the object counts as lost [m].
-        lost_angle: angle likewise, below pi [rad].
-        tolerance: distance from the path that counts as being there [m].
-        tolerance_angle: angle likewise [rad].
-        path_reward: of a second on the path.
-        internal_cost: of a second at twice the largest internal force.
-        effort_cost: of a second with all actions at 1.
-        failure_cost: of a termination.
+        lost_angle: angle at which it does, below pi [rad].
+        tolerance: distance from the path within which the object counts as on it [m].
+        tolerance_angle: angle within which it does [rad].
+        path_reward: reward for a second on the path.
+        internal_cost: cost of a second at twice the largest internal force.
+        effort_cost: cost of a second with all actions at 1.
+        failure_cost: cost of a termination.
     """
 
     chain: ClosedChain = NOT_GIVEN
@@ -162,7 +168,7 @@ class CarryTask(Frozen, Task):
             raise ModelError(f"{what}: lost_angle: expected less than pi, got {self.lost_angle:g}")
 
     def _require_beginning(self, what: str) -> None:
-        """Refuse a path that is none, or that begins elsewhere than the object."""
+        """Refuse an object that is not a path, and a path that does not begin at the object's pose."""
         if self.path is None:
             return
         first = self.path(0.0)  # type: ignore[operator]
@@ -178,12 +184,12 @@ class CarryTask(Frozen, Task):
 
     @property
     def action_size(self) -> int:
-        """How many numbers an action has."""
+        """Number of entries of an action."""
         return 7 if self.commands == "object" else self.chain.joint_count
 
     @property
     def observed(self) -> Mapping[str, Array]:
-        """Bounds of the parts of an observation, in order."""
+        """Bounds of the parts of an observation, in the order of the observation."""
         twist, force = np.full(6, terms.TWIST), TENFOLD * self.largest_internal
         return {
             "path": terms.pose_bounds(),
@@ -204,12 +210,12 @@ class CarryTask(Frozen, Task):
 
     @property
     def drawn(self) -> Mapping[str, Shape]:
-        """What differs between episodes: payload, push, and the path's displacement and turn, if these are drawn."""
+        """Shapes of the random quantities of an episode: payload, push and, without a given path, its end."""
         ways: dict[str, Shape] = {} if self.path is not None else {"displacement": (3,), "turn": (3,)}
         return {**super().drawn, **ways}
 
     def draw(self, generator: np.random.Generator) -> dict[str, Array]:
-        """Return what is drawn for an episode, by the names of `drawn`."""
+        """Return random values for an episode, by the names of `drawn`."""
         found = super().draw(generator)
         if self.path is None:
             found["displacement"] = self.displacement * generator.uniform(-1.0, 1.0, 3)
@@ -218,12 +224,12 @@ class CarryTask(Frozen, Task):
 
     @property
     def episode_steps(self) -> int:
-        """Control steps until an episode is truncated."""
+        """Number of control steps after which an episode is truncated."""
         return control_steps(self, self.duration + self.settle)
 
     @property
     def phases(self) -> tuple[Phase, ...]:
-        """The one phase: all arms hold."""
+        """The only phase, in which all grasps are closed."""
         return self._phases
 
     @cached_property
@@ -233,7 +239,7 @@ class CarryTask(Frozen, Task):
 
     @property
     def law(self) -> ControlLaw:
-        """The control law that actions are a parameter of."""
+        """The control law, with the action as a parameter."""
         if self.commands == "object":
             given = self.acceleration, self.squeeze, self.squeeze_span, self.joint_damping
             return object_law(self.chain, *given)
@@ -241,7 +247,7 @@ class CarryTask(Frozen, Task):
         return joint_law(self.chain, self.joint_torque, self.squeeze, self.joint_damping)
 
     def target(self, t: Scalar, given: Given) -> Target:
-        """Return where the path is at a time [s]."""
+        """Return pose, twist and acceleration of the path at a time [s]."""
         if self.path is not None:
             return self.path(t)  # type: ignore[operator]
         s, rate, bend = quintic(t / self.duration)
@@ -250,10 +256,10 @@ class CarryTask(Frozen, Task):
         return Target(pose, rate / self.duration * way, bend / self.duration**2 * way)
 
     def look(self, given: Given) -> dict[str, Any]:
-        """Return observation, reward and end of one system.
+        """Return observation, reward and termination of one system.
 
         Args:
-            given: its state, grasp wrenches and margins, time, action, and what was drawn for it.
+            given: its state, grasp wrenches and margins, time, action, and the random values of its episode.
         """
         chain, t = self.chain, given["t"][()]
         state, target = traced_state(chain, given), self.target(t, given)

@@ -1,4 +1,4 @@
-"""Tasks as single environments of Gymnasium."""
+"""Gymnasium environments that run one episode of a task at a time."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from holdfast.state import State
 
 
 class TaskEnv(gymnasium.Env[Array, Array]):
-    """One episode of a task after the other.
+    """An environment that runs the episodes of a task one after the other.
 
     Attributes:
         task: the task.
-        episodes: one of them, on rollouts.
+        episodes: the current episode, a batch of one.
         observation_space: float64, within the bounds of `task.observed`.
-        action_space: float64, within -1 and 1.
+        action_space: float64, from -1 to 1.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own)
     kind: ClassVar[type[Task]]
 
     def __init__(self, task: Task | None = None, *, render_mode: str | None = None, **setting: Any) -> None:
-        """Take a task, or what one is set up with."""
+        """Make an environment for a task, or for a new task with these attributes."""
         self.task = task_of(self.kind, task, setting)
         require_no_rendering(render_mode)
         self.observation_space, self.action_space = spaces(self.task)
@@ -47,11 +47,11 @@ class TaskEnv(gymnasium.Env[Array, Array]):
         """Begin an episode, and return its first observation and info.
 
         Args:
-            seed: of what is drawn; None: goes on with the generator at hand.
-            options: what is not to be drawn, by the names of `task.drawn`.
+            seed: seed of the random values; None continues with the present generator.
+            options: values to use instead of random ones, by the names of `task.drawn`.
 
         Raises:
-            StateError: an option that the task has not, or a payload that no system can have.
+            StateError: an option is unknown to the task, or the payload is impossible.
         """
         require_seed(seed)
         super().reset(seed=seed)
@@ -63,10 +63,10 @@ class TaskEnv(gymnasium.Env[Array, Array]):
         """Take a control step; return observation, reward, terminated, truncated and info.
 
         Args:
-            action: (size,) within [-1, 1]; what is beyond is clipped.
+            action: (size,), clipped to [-1, 1].
 
         Raises:
-            StateError: an action of another shape or not finite; an episode that is over, or none.
+            StateError: the action has another shape or is not finite, or no episode is under way.
         """
         chosen = self.task.accepted(action)
         if not self._ready:
@@ -77,16 +77,16 @@ class TaskEnv(gymnasium.Env[Array, Array]):
         return self._observation(), float(self.episodes.seen["reward"][0]), terminated, truncated, self._info()
 
     def render(self) -> None:
-        """Refuse: nothing is drawn.
+        """Raise an error, as environments cannot render.
 
         Raises:
-            MethodNotApplicable: always; it names what draws a state.
+            MethodNotApplicable: always; the message says how to draw a state.
         """
         raise not_rendered()
 
     @property
     def state(self) -> State:
-        """The state at hand, as the functions of one state take it."""
+        """The present state."""
         return systems_of(self.episodes, 0).state(0)
 
     def _observation(self) -> Array:
@@ -97,15 +97,15 @@ class TaskEnv(gymnasium.Env[Array, Array]):
 
 
 class Carry(TaskEnv):
-    """Carry an object along a path, squeezed as little as holds it; see `CarryTask`.
+    """Carry an object along a path with no more squeeze than is needed to hold it; see `CarryTask`.
 
         env = hf.gym.Carry(chain=chain, state=state, largest_internal=60.0)
         env = gymnasium.make("holdfast/Carry-v0")  # after `import holdfast.gym`
 
-    Takes a `CarryTask`, or its attributes by name; `render_mode` must be None.
+    The arguments are a `CarryTask`, or its attributes by name; `render_mode` must be None.
 
     Raises:
-        ModelError, StateError: no task, or one that cannot be; the message names what.
+        ModelError, StateError: the task is not a `CarryTask`, or an attribute is invalid; the message names it.
     """
 
     kind = CarryTask
@@ -117,20 +117,20 @@ class HandOver(TaskEnv):
         env = hf.gym.HandOver(chain=chain, state=state, giver="left", receiver="right")
         env = gymnasium.make("holdfast/HandOver-v0")  # after `import holdfast.gym`
 
-    Takes a `HandOverTask`, or its attributes by name; `render_mode` must be None.
+    The arguments are a `HandOverTask`, or its attributes by name; `render_mode` must be None.
 
     Raises:
-        ModelError, StateError: no task, or one that cannot be; the message names what.
+        ModelError, StateError: the task is not a `HandOverTask`, or an attribute is invalid; the message names it.
     """
 
     kind = HandOverTask
 
 
 def task_of(kind: type[Any], task: Any, setting: Mapping[str, Any]) -> Any:
-    """Return a task as given, or of its kind with a setting.
+    """Return the given task, or a new one of the given kind with the attributes in `setting`.
 
     Raises:
-        ModelError: a task of another kind, or beside a setting; a name that it has not.
+        ModelError: the task is of another kind, both a task and attributes are given, or an attribute is unknown.
     """
     what, known = kind.__name__, [f.name for f in fields(kind)]
     for name in setting:
@@ -151,7 +151,7 @@ def spaces(task: Task) -> tuple[Box, Box]:
 
 
 def systems_of(episodes: Episodes, row: int) -> RolloutSystems:
-    """Return the system of one episode, in its phase."""
+    """Return the rollout system of one episode."""
     return episodes.systems[episodes.phase[row]].copy([row])
 
 
@@ -167,7 +167,7 @@ def require_seed(seed: Any) -> None:
 
 
 def require_no_rendering(render_mode: str | None) -> None:
-    """Refuse a render mode."""
+    """Refuse any render mode other than None."""
     if render_mode is not None:
         raise MethodNotApplicable(f"render_mode: expected None, got {checks.short(render_mode)}; {NOT_RENDERED}")
 
@@ -176,5 +176,5 @@ NOT_RENDERED = "environments draw nothing; try holdfast.simulate(...).show() or 
 
 
 def not_rendered() -> MethodNotApplicable:
-    """Return the refusal to draw."""
+    """Return the error that `render` raises."""
     return MethodNotApplicable(f"render: {NOT_RENDERED}")

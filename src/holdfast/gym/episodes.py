@@ -1,4 +1,4 @@
-"""Episodes of one task, side by side: one environment has one, a vector environment has many."""
+"""A batch of episodes of one task: a single environment has one, a vector environment has many."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ LARGEST = 1e9  # in SI units, as in scenes: far beyond what means anything, and 
 
 
 class Episodes:
-    """Episodes of a task: each has its systems in the machine code of its phase.
+    """A batch of episodes of a task, each of which is stepped by the machine code of its current phase.
 
-    What becomes of one depends on what was drawn for it and on its actions alone: to the bit, how many others there
-    are has no part in it.
+    The course of an episode depends only on its random values and its actions; it is identical to the bit whatever
+    the number of other episodes in the batch.
 
     Attributes:
         task: the task.
-        count: how many there are.
-        threads: how many share them.
-        drawn: (count, ...) what was drawn for each.
-        steps: (count,) control steps so far.
-        phase: (count,) number of the phase each is in.
-        actions: (count, size) the last ones.
-        systems: of each phase, with a row for every episode.
-        seen: what the last look said, (count, ...) each.
+        count: number of episodes.
+        threads: number of threads.
+        drawn: random values of the episodes, (count, ...) each.
+        steps: (count,) control steps taken so far.
+        phase: (count,) index of the current phase.
+        actions: (count, size) last actions.
+        systems: rollout systems of each phase, with a row for every episode.
+        seen: results of the last `look` of the task, (count, ...) each.
     """
 
     def __init__(self, task: Task, count: int, threads: int = 1) -> None:
-        """Compile the task, and begin nothing.
+        """Compile the task; no episode is begun.
 
         Raises:
-            StateError: the task's state is none from which its chain can be stepped.
+            StateError: the task's chain cannot be stepped from its state.
         """
         self.task, self.count, self.threads = task, count, threads
         middle = task.draw(np.random.default_rng(0))
@@ -55,15 +55,16 @@ class Episodes:
     def begin(
         self, rows: Array, generators: Sequence[np.random.Generator], options: Mapping[str, Any] | None = None
     ) -> None:
-        """Begin some episodes anew.
+        """Restart some of the episodes.
 
         Args:
-            rows: which, by number.
-            generators: of random numbers, one for each of them.
-            options: what is not to be drawn, by the names of `Task.drawn`; one value, or a row for every episode.
+            rows: their indices.
+            generators: a random number generator for each of them.
+            options: values to use instead of random ones, by the names of `Task.drawn`; one value, or a row for every
+                episode of the batch.
 
         Raises:
-            StateError: an option that the task has not, or of another shape; a payload that no system can have.
+            StateError: an option is unknown to the task or has the wrong shape, or a payload is impossible.
         """
         given = self._options(options)
         for row, generator in zip(rows, generators, strict=True):
@@ -74,11 +75,11 @@ class Episodes:
         self._look(rows)
 
     def step(self, rows: Array, actions: Array) -> None:
-        """Take a control step with some episodes.
+        """Take a control step in some of the episodes.
 
         Args:
-            rows: which, by number.
-            actions: (rows, size).
+            rows: their indices.
+            actions: (rows, size) their actions.
         """
         self.actions[rows] = actions
         self.task.prepare(self, rows)
@@ -91,17 +92,17 @@ class Episodes:
 
     @property
     def terminated(self) -> Array:
-        """(count,) whether each is over by what happened."""
+        """(count,) whether each episode has terminated."""
         return self.seen["terminated"] > 0.5
 
     @property
     def truncated(self) -> Array:
-        """(count,) whether each has lasted its time and is not over otherwise."""
+        """(count,) whether each episode has reached its time limit without terminating."""
         return (self.steps >= self.task.episode_steps) & ~self.terminated
 
     @property
     def info(self) -> dict[str, Array]:
-        """What else the last look said, (count,) each; `status` tells why a system stands still, or RUNNING."""
+        """Additional results of the last look, (count,) each; `status` is RUNNING, or why the rollout has stopped."""
         info_names = {name: self.seen[name].copy() for name in self.task.info_names}
         codes = np.zeros(self.count, dtype=int)
         for number, systems in enumerate(self.systems):
@@ -109,7 +110,7 @@ class Episodes:
         return info_names | {"status": STATUSES[codes]}
 
     def _options(self, options: Mapping[str, Any] | None) -> dict[str, Array]:
-        """Return what is given instead of drawn, a row for every episode."""
+        """Return the values given instead of random ones, with a row for every episode."""
         given = {} if options is None else options
         if not isinstance(given, Mapping):
             raise StateError(f"options: expected a mapping from a name to a value, got {type(given).__name__}")
@@ -127,11 +128,11 @@ class Episodes:
         return found
 
     def take_over(self, rows: Array, phase: int) -> None:
-        """Bring some episodes, all in the phase before, into a phase: grasps open and close.
+        """Move some episodes from the previous phase into a phase, which opens and closes grasps.
 
         Args:
-            rows: which, by number.
-            phase: the phase.
+            rows: their indices.
+            phase: index of the new phase.
         """
         rollout, systems = self.task.phases[phase].rollout, self.systems[phase - 1].copy(rows)
         given = self._given(phase, rows)
@@ -145,12 +146,12 @@ class Episodes:
         self.phase[rows] = phase
 
     def _given(self, phase: int, rows: Array) -> dict[str, Array]:
-        """Return the arguments of a phase's rollout for some episodes, row by row."""
+        """Return the arguments of a phase's rollout, with a row for each of some episodes."""
         drawn = {name: x[rows] for name, x in self.drawn.items()}
         return self.task.load(drawn, phase) | {"action": self.task.commanded(self.actions[rows])}
 
     def _started(self, phase: int, rows: Array) -> RolloutSystems:
-        """Return systems where episodes begin, all arguments of calls given row by row."""
+        """Return rollout systems at the beginning of episodes, with all arguments given row by row."""
         rollout, given = self.task.phases[phase].rollout, self._given(phase, rows)
         given |= self.task.start({name: x[rows] for name, x in self.drawn.items()}, phase)
 
@@ -168,10 +169,10 @@ class Episodes:
         return fresh
 
     def _advance(self, phase: Phase, systems: RolloutSystems, rows: Array) -> None:
-        """Take a control step with the systems of some episodes, under their actions."""
+        """Take a control step with the systems of some episodes, using their actions."""
         every, task = len(rows) == self.count, self.task
         part = systems if every else systems.copy(rows)
-        part.under = ()  # slopes are found anew in every case: a step's bits depend on state and action alone
+        part.under = ()  # always recompute the slopes, so that a step's bits depend only on state and action
         options: Any = {"least_margin": 0.0, "stop_at_limits": task.stop_at_limits, "threads": self.threads}
         phase.rollout.step(
             part, task.step, steps=task.steps_per_action, action=task.commanded(self.actions[rows]), **options
@@ -180,7 +181,7 @@ class Episodes:
             systems.reset(rows, part)
 
     def _look(self, rows: Array) -> None:
-        """Look at some episodes, each in its phase."""
+        """Evaluate observation, reward and termination of some episodes, each in its phase."""
         for number, phase in enumerate(self.task.phases):
             some = rows[self.phase[rows] == number]
             if not len(some):
@@ -197,14 +198,14 @@ class Episodes:
 
 
 def in_rows(rollout: Rollout, count: int, make: Any) -> RolloutSystems:
-    """Return what a rollout makes of systems, together or, where rows of the constraint are chosen, one by one.
+    """Make rollout systems in one call or, if the rollout selects constraint rows, in one call for each system.
 
-    Such a choice is tried on the first system of a call, so that the others' bits may depend on it.
+    The selection is tried on the first system of a call, so that the bits of the other systems may depend on it.
 
     Args:
-        rollout: whose systems.
-        count: how many.
-        make: rows -> systems.
+        rollout: the rollout.
+        count: number of systems.
+        make: function that makes the systems of given rows.
     """
     together = make(np.arange(count)) if count == 1 or "held_rows" not in rollout.kernel.carried else None
     if together is not None:

@@ -36,87 +36,91 @@ from holdfast.spatial.scalar import Array, array, where
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import State
 
-TENFOLD = 10.0  # of the bound on internal forces: that of observed forces
+TENFOLD = 10.0  # bound of observed forces, as a multiple of that of internal forces
 GIVING, BOTH, TAKEN = range(3)  # phases
 
 
 @dataclass(frozen=True, eq=False)
 class HandOverTask(Frozen, Task):
-    """Hand the object from one arm to another: reach for it, grip, let go, bring it to a place.
+    """Hand the object from one arm to another: reach for it, grasp it, release it, and bring it to a goal.
 
-    In `state` both hold. Episodes begin with the giver holding alone, the receiver's joints away from there by drawn
-    offsets.
+    In `state` both arms hold the object. Episodes begin with only the giver holding it, and with the receiver's joints
+    moved by random offsets.
 
-    Action, (n + 2,), every entry within [-1, 1] (beyond, it is clipped), held for a control step:
+    The action is (n + 2,) and constant during a control step, and its entries are clipped to [-1, 1]:
 
-    | 0 to n-1 | torques besides those that carry the weight and damp the joints, arms in order, base to tip, in
-    |          | parts of `joint_torque` [N m or N]
-    | n        | above 0 the receiver grips where its tip is, if that is within `capture`, `capture_angle`,
-    |          | `capture_speed` and `capture_rate` of its place; what still moves stops by an impulse
-    | n + 1    | above 0 the giver lets go, if the receiver holds
+    | 0 to n-1 | torques added to gravity compensation and joint damping, arms in order, base to tip, as a
+    |          | fraction of `joint_torque` [N m or N]
+    | n        | above 0, the receiver grasps at the present pose of its tip, if this is within `capture`,
+    |          | `capture_angle`, `capture_speed` and `capture_rate` of its place; an impulse stops the relative motion
+    | n + 1    | above 0, the giver releases the object, if the receiver holds it
 
-    Observation, in SI units, each part within the bounds of `observation_space`, beyond which it is clipped:
+    The observation is in SI units, and each of its parts is clipped to the bounds of `observation_space`:
 
-    | gap      | 6   | from the receiver's tip to its place on the object, where it is in `state`: [rotation vector;
-    |          |     | shift], world axes [rad, m]; zero once it holds
-    | gap_twist| 6   | twist of that place less the tip's, world axes [rad/s, m/s]
-    | goal     | 6   | from the object to its goal, as gap [rad, m]
-    | twist    | 6   | of the object, [omega; v of C], world axes [rad/s, m/s]
-    | holds    | 2   | 1 where giver, receiver holds, else 0
-    | time     | 1   | parts of the episode that have passed
+    | gap      | 6   | from the receiver's tip to its place on the object, which is that in `state`: [rotation vector;
+    |          |     | shift], world axes [rad, m]; zero once it holds the object
+    | gap_twist| 6   | twist of that place minus the tip's, world axes [rad/s, m/s]
+    | goal     | 6   | from the object to its goal, as `gap` [rad, m]
+    | twist    | 6   | twist of the object, [omega; v of C], world axes [rad/s, m/s]
+    | holds    | 2   | for giver and receiver: 1 if it holds the object, else 0
+    | time     | 1   | fraction of the episode that has passed
     | wrench   | 6 a | of each of a arms on the object about its contact, [moment; force], object axes [N m, N]
     | q, qd    | n, n| joint positions and rates [rad or m, rad/s or m/s]
 
-    Reward of a control step of length dt: dt times `reach_reward` / (1 + (turn / capture_angle)^2 + (distance /
-    capture)^2) of the gap, all of it once the receiver holds; once the giver has let go, dt times `goal_reward`
-    likewise of the way to the goal, by `tolerance_angle` and `tolerance`, besides; less dt times `internal_cost` times
-    what the internal force exceeds `largest_internal` by, in parts of it; less dt times `effort_cost` times the mean
-    square of the torques' actions. Once, less `impact_cost` times the speed between tip and place as it grips; plus
-    `success_reward` at the goal; less `failure_cost` where the episode terminates otherwise.
+    The reward of a control step of length dt is the sum of
 
-    Terminated with success when the giver has let go and the object is at its goal within the tolerances, slower
-    than `still`; otherwise when a grasp slips, a joint passes a limit, the configuration is singular or a step fails,
-    when the internal force exceeds `crushing_internal`, or the object is farther than `lost` from where it was.
-    Truncated after `duration`.
+    - dt reach_reward / (1 + (turn / capture_angle)^2 + (distance / capture)^2) with the angle and the distance of the
+      gap, or dt reach_reward once the receiver holds the object;
+    - once the giver has released it, dt goal_reward / (1 + (turn / tolerance_angle)^2 + (distance / tolerance)^2) with
+      the angle and the distance from the goal;
+    - -dt internal_cost max(0, internal_force / largest_internal - 1);
+    - -dt effort_cost times the mean square of the torque entries of the action;
+    - once, when the receiver grasps, -impact_cost times the speed between its tip and its place;
+    - once, success_reward at the goal, or -failure_cost if the episode terminates otherwise.
+
+    An episode terminates with success when the giver has released the object and it is at its goal within the
+    tolerances, and slower than `still`. It terminates without success when a grasp slips, a joint exceeds a limit, the
+    configuration is singular or a step fails, when the internal force exceeds `crushing_internal`, or when the object
+    is farther than `lost` from its initial position. It is truncated after `duration`.
 
     `info` has `internal_force` [N], `distance` [m] and `angle` [rad] from the goal, `gap` [m], `speed` [m/s] between
-    tip and place, `within_reach` (1.0 where the receiver would grip), `phase` (0.0: the giver holds, 1.0: both, 2.0:
-    the receiver), `success` (1.0 or 0.0), and `status`, the name of a `RolloutStatus`.
+    tip and place, `within_reach` (1.0 if the receiver could grasp), `phase` (0.0: the giver holds the object, 1.0: both
+    arms, 2.0: the receiver), `success` (1.0 or 0.0), and `status`, the name of a `RolloutStatus`.
 
     Attributes:
         chain: arms, object and grasps, those of giver and receiver among them; two Pandas on a 1 kg box by default.
-        state: closed, both holding; given with `chain`.
-        giver: name of the arm that holds at first; by default the first with a grasp.
-        receiver: name of the arm that takes over; by default the next one.
-        retreat: (N,) largest drawn offsets of the receiver's joints [rad or m]; 0.15 rad, 0.05 m by default.
-        displacement: (3,) largest drawn displacement of C from `state` to the goal, world axes [m].
-        turn: (3,) largest drawn rotation vector likewise [rad].
-        duration: of an episode [s].
-        step: h of the steps within a control step [s].
-        steps_per_action: how many of them an action is held for.
-        mass_spread: the payload's mass lies within 1 +- this times the model's, which the controller believes.
+        state: closed state in which both arms hold the object; must be given with `chain`.
+        giver: name of the arm that holds the object first; by default the first with a grasp.
+        receiver: name of the arm that takes over; by default the next one with a grasp.
+        retreat: (N,) largest random offsets of the receiver's joints [rad or m]; 0.15 rad, 0.05 m by default.
+        displacement: (3,) largest random displacement of C from `state` to the goal, world axes [m].
+        turn: (3,) largest random rotation vector from `state` to the goal, world axes [rad].
+        duration: duration of an episode [s].
+        step: h of the integration steps within a control step [s].
+        steps_per_action: number of integration steps in a control step.
+        mass_spread: the payload's mass lies within 1 +- this times the model's mass, which the controller assumes.
         push: (6,) largest constant wrench [moment; force] on the object about C, world axes [N m, N].
         stop_at_limits: whether a joint beyond a limit of position, rate or effort terminates the episode.
-        joint_torque: (n,) torques at an action of 1; by default a tenth of the effort limits, 10 where there is none.
-        joint_damping: of all joints [N m s/rad or N s/m].
-        squeeze: of every arm that holds, along its contact normal, while two or more do [N].
-        capture: distance of the tip from its place on the object within which it grips [m].
-        capture_angle: angle likewise [rad].
-        capture_speed: speed likewise [m/s].
-        capture_rate: angular rate likewise [rad/s].
-        largest_internal: internal force from which it costs [N].
+        joint_torque: (n,) torques at an action of 1; by default a tenth of the effort limits, or 10 without a limit.
+        joint_damping: damping of all joints [N m s/rad or N s/m].
+        squeeze: force of every holding arm along its contact normal, while two or more arms hold the object [N].
+        capture: largest distance of the tip from its place on the object at which the receiver can grasp [m].
+        capture_angle: largest angle between them at which it can [rad].
+        capture_speed: largest speed between them at which it can [m/s].
+        capture_rate: largest angular rate between them at which it can [rad/s].
+        largest_internal: internal force above which the reward decreases [N].
         crushing_internal: internal force at which the object breaks [N].
-        lost: distance of the object from where it was at which it counts as lost [m].
-        tolerance: distance from the goal that counts as being there [m].
-        tolerance_angle: angle likewise [rad].
-        still: speed at the goal that counts as resting [m/s].
-        reach_reward: of a second at the grasp.
-        goal_reward: of a second at the goal.
-        internal_cost: of a second at twice the largest internal force.
-        effort_cost: of a second with all torques at 1.
-        impact_cost: of gripping at 1 m/s.
-        success_reward: of reaching the goal.
-        failure_cost: of a termination otherwise.
+        lost: distance from its initial position at which the object counts as lost [m].
+        tolerance: distance within which the object counts as at its goal [m].
+        tolerance_angle: angle within which it does [rad].
+        still: speed below which the object counts as at rest at its goal [m/s].
+        reach_reward: reward for a second at the grasp.
+        goal_reward: reward for a second at the goal.
+        internal_cost: cost of a second at twice the largest internal force.
+        effort_cost: cost of a second with all torques at 1.
+        impact_cost: cost of grasping at 1 m/s.
+        success_reward: reward for reaching the goal.
+        failure_cost: cost of a termination without success.
     """
 
     chain: ClosedChain = NOT_GIVEN
@@ -176,12 +180,12 @@ class HandOverTask(Frozen, Task):
 
     @property
     def action_size(self) -> int:
-        """How many numbers an action has."""
+        """Number of entries of an action."""
         return self.chain.joint_count + 2
 
     @property
     def observed(self) -> Mapping[str, Array]:
-        """Bounds of the parts of an observation, in order."""
+        """Bounds of the parts of an observation, in the order of the observation."""
         twist = np.full(6, terms.TWIST)
         return {
             "gap": terms.pose_bounds(),
@@ -201,17 +205,17 @@ class HandOverTask(Frozen, Task):
 
     @property
     def drawn(self) -> Mapping[str, Shape]:
-        """What differs between episodes: payload, push, the goal's displacement and turn, the receiver's offsets."""
+        """Shapes of the random quantities of an episode: payload, push, goal, and the receiver's joint offsets."""
         joints = self.chain.arms[self.receiver].joint_count
         return {**super().drawn, "displacement": (3,), "turn": (3,), "retreat": (joints,)}
 
     @property
     def kept(self) -> Mapping[str, Shape]:
-        """What episodes keep besides: where the grasps are on the object, and how fast one closed just now."""
+        """Shapes of the memory of an episode: the grasp poses on the object, and the speed at which one just closed."""
         return {"grasp_pose": (len(self.chain.grasps), 7), "impact": ()}
 
     def draw(self, generator: np.random.Generator) -> dict[str, Array]:
-        """Return what is drawn for an episode, and what it keeps at first."""
+        """Return random values for an episode, and the initial values of its memory."""
         found = super().draw(generator)
         for name in ("displacement", "turn", "retreat"):
             largest = getattr(self, name)
@@ -220,7 +224,7 @@ class HandOverTask(Frozen, Task):
         return found | {"grasp_pose": np.array(poses), "impact": np.array(0.0)}
 
     def start(self, drawn: Mapping[str, Array], phase: int) -> dict[str, Array]:
-        """Return the states in which episodes begin: the receiver's joints away, within their limits."""
+        """Return initial states of episodes, with the receiver's joints moved by their offsets within their limits."""
         found = super().start(drawn, phase)
         if phase != GIVING:
             return found
@@ -230,17 +234,17 @@ class HandOverTask(Frozen, Task):
         return found
 
     def load(self, drawn: Mapping[str, Array], phase: int) -> dict[str, Array]:
-        """Return payload and push of episodes, and where their grasps are, as parameters of a phase's rollout."""
+        """Return payload, push and grasp poses of episodes as parameters of a phase's rollout."""
         held = [row for row, name in enumerate(self.chain.grasps) if name in self.chains[phase].grasps]
         return super().load(drawn, phase) | {"grasp_pose": drawn["grasp_pose"][:, held]}
 
     def commanded(self, actions: Array) -> Array:
-        """Return the part of actions that the control law takes."""
+        """Return the entries of actions that are passed to the control law."""
         return actions[:, :-2]
 
     @property
     def episode_steps(self) -> int:
-        """Control steps until an episode is truncated."""
+        """Number of control steps after which an episode is truncated."""
         return control_steps(self, self.duration)
 
     @cached_property
@@ -250,7 +254,7 @@ class HandOverTask(Frozen, Task):
 
     @property
     def phases(self) -> tuple[Phase, ...]:
-        """The giver holds, both do, the receiver does."""
+        """The three phases: the giver holds the object, both arms hold it, the receiver holds it."""
         return self._phases
 
     @cached_property
@@ -268,7 +272,7 @@ class HandOverTask(Frozen, Task):
 
     @property
     def frames(self) -> Mapping[str, Array]:
-        """Where the bases are, by the machine code's names."""
+        """Base poses, with the names of the machine code."""
         return self._bases
 
     @cached_property
@@ -278,12 +282,12 @@ class HandOverTask(Frozen, Task):
 
     @cached_property
     def tip_on_object(self) -> Pose:
-        """Pose of the receiver's tip in the object's frame where both hold, in `state`."""
+        """Pose of the receiver's tip in the object's frame, in `state`."""
         tip = tip_frames(self.chain, self.state, [self.receiver])[self.receiver]
         return self.state.object_frame.inverse() @ tip
 
     def prepare(self, episodes: Episodes, rows: Array) -> None:
-        """Close the receiver's grasp and open the giver's, as the actions say."""
+        """Close the receiver's grasp and open the giver's, where the actions command it."""
         phase, actions = episodes.phase[rows], episodes.actions[rows]
         grips = (phase == GIVING) & (actions[:, -2] > 0.0) & (episodes.seen["within_reach"][rows] > 0.5)
         lets_go = (phase == BOTH) & (actions[:, -1] > 0.0)
@@ -299,11 +303,11 @@ class HandOverTask(Frozen, Task):
                 episodes.take_over(some, to)
 
     def look(self, phase: int, given: Given) -> dict[str, Any]:
-        """Return observation, reward and end of one system in a phase.
+        """Return observation, reward and termination of one system in a phase.
 
         Args:
-            phase: which.
-            given: its state, grasp wrenches, frames, time, action, what was drawn for it and what it keeps.
+            phase: index of the phase.
+            given: its state, grasp wrenches, frames, time, action, and the random values and memory of its episode.
         """
         t, dt = given["t"][()], self.step * self.steps_per_action
         state, motion = traced_state(self.chain, given), self._motion(self.chains[phase], given)
@@ -364,7 +368,7 @@ class HandOverTask(Frozen, Task):
         }
 
     def _motion(self, chain: ClosedChain, given: Given) -> ChainMotion:
-        """Return a chain in motion, its grasps where an episode has them."""
+        """Return the motion of a chain whose grasps are at the poses of an episode."""
         rows = [row for row, name in enumerate(self.chain.grasps) if name in chain.grasps]
         poses = given["grasp_pose"]
         places = {
@@ -377,7 +381,7 @@ class HandOverTask(Frozen, Task):
 
 
 def _all(*conditions: Any) -> Any:
-    """Return 1 where all conditions hold, else 0."""
+    """Return 1 if all conditions hold, else 0."""
     found = 1.0
     for condition in conditions:
         found = where(condition, found, 0.0)
@@ -385,10 +389,10 @@ def _all(*conditions: Any) -> Any:
 
 
 def _holding(chain: ClosedChain, name: str, what: str, other: str) -> str:
-    """Return the name of an arm with a grasp, the first other one if none is given.
+    """Return the given name of an arm with a grasp; without one, the first such arm other than `other`.
 
     Raises:
-        ModelError: there is none of that name, or it is a bushing, which does not open.
+        ModelError: there is no such arm, or its grasp is a bushing, which cannot open.
     """
     known = [arm for arm in chain.grasps if arm != other]
     found = name or (known[0] if known else "")

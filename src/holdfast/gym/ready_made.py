@@ -1,4 +1,4 @@
-"""The chains that tasks have unless they are given one: two Pandas and a box."""
+"""The default chains of the tasks: two Pandas and a box."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def two_fingers() -> tuple[ClosedChain, State]:
 
 
 def two_hands() -> tuple[ClosedChain, State]:
-    """Return two arms whose hands hold a 1 kg box, each firmly: one of them could hold it alone."""
+    """Return two arms with rigid grasps of a 1 kg box, so that each could hold it alone."""
     left = Grasp("rigid", contact_frame([-0.15, 0, 0], into=[1, 0, 0]))
     right = Grasp("rigid", contact_frame([0.15, 0, 0], into=[-1, 0, 0]))
     box = HeldObject.box(1.0, 0.3, 0.1, 0.1)
@@ -32,6 +32,6 @@ def two_hands() -> tuple[ClosedChain, State]:
 
 
 def _arms(apart: float) -> dict[str, Arm]:
-    """Return two Pandas that face each other, their drives' inertia included."""
+    """Return two Pandas that face each other, with armature."""
     at = {"left": (1, 0, 0, 0, -apart, 0, 0), "right": (0, 0, 0, 1, apart, 0, 0)}
     return {name: panda(base, armature=0.3) for name, base in at.items()}

@@ -1,4 +1,4 @@
-"""The ids of the environments, as `gymnasium.make` and `make_vec` take them."""
+"""Registration of the environments under the ids that `gymnasium.make` and `make_vec` accept."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ IDS = {"holdfast/Carry-v0": ("Carry", "CarryVector"), "holdfast/HandOver-v0": ("
 
 
 def register_ids() -> None:
-    """Register the environments with Gymnasium, once.
+    """Register the environments with Gymnasium, unless this has been done before.
 
     Raises:
-        MissingExtra: it is not installed.
+        MissingExtra: gymnasium is not installed.
     """
     try:
         from gymnasium.envs.registration import register, registry

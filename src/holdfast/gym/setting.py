@@ -1,4 +1,4 @@
-"""Checks of what tasks are set up with."""
+"""Checks of the attributes of tasks."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
 
-TENTH = 0.1  # of an effort limit: torque at an action of 1 unless said otherwise
-UNLIMITED = 10.0  # N m or N: the same where there is no limit
+TENTH = 0.1  # default torque at an action of 1, as a fraction of the effort limit
+UNLIMITED = 10.0  # N m or N: default torque at an action of 1 without an effort limit
 
 
 def common_setting(task: Any, what: str) -> None:
-    """Check and convert in place what every task is set up with.
+    """Check and convert in place the attributes that all tasks have.
 
     Raises:
-        ModelError: naming what cannot be.
+        ModelError: an attribute is invalid; the message names it.
     """
     put = object.__setattr__
     for name in ("step", "tolerance", "tolerance_angle"):
@@ -39,17 +39,17 @@ def common_setting(task: Any, what: str) -> None:
 
 
 def positive(task: Any, name: str, what: str) -> float:
-    """Return a number above zero that a task is set up with."""
+    """Return an attribute of a task, which must be a positive number."""
     return checks.number(getattr(task, name), f"{what}: {name}", above=0.0)
 
 
 def not_negative(task: Any, name: str, what: str) -> float:
-    """Return a number of at least zero that a task is set up with."""
+    """Return an attribute of a task, which must be a number >= 0."""
     return checks.number(getattr(task, name), f"{what}: {name}", at_least=0.0)
 
 
 def spread(value: Any, count: int, what: str) -> Array:
-    """Return the largest deviations from a middle, (count,); none of them negative."""
+    """Return largest deviations from a mean, (count,), none of which may be negative."""
     x = checks.numbers(value, (count,), what)
     if (x < 0.0).any():
         raise ModelError(f"{what}: expected numbers >= 0, each a largest deviation to both sides, got {x.min():g}")
@@ -65,5 +65,5 @@ def torques(value: Any, chain: ClosedChain, what: str) -> Array:
 
 
 def control_steps(task: Any, duration: float) -> int:
-    """Return how many control steps a duration is, at least one."""
+    """Return the number of control steps in a duration, at least one."""
     return max(1, round(duration / (task.step * task.steps_per_action)))

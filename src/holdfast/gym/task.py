@@ -1,4 +1,4 @@
-"""What every task has: phases of machine code, what differs between episodes, and how it is observed."""
+"""The base class of tasks: phases with their machine code, random values of episodes, and observations."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 class Phase(NamedTuple):
-    """Part of a task with one set of grasps.
+    """A part of a task in which the set of closed grasps does not change.
 
     Attributes:
-        rollout: its steps.
-        look: what is observed, rewarded and over in it.
+        rollout: the compiled integration steps.
+        look: the compiled observation, reward and termination.
     """
 
     rollout: Rollout
@@ -36,13 +36,13 @@ class Phase(NamedTuple):
 
 
 class Task(ABC):
-    """What is to be done, for one environment or many.
+    """A task for one environment or many.
 
     Attributes:
         chain: arms, object and grasps.
-        state: closed, where episodes begin.
-        step: h of the steps within a control step [s].
-        steps_per_action: how many of them an action is held for.
+        state: closed state in which episodes begin.
+        step: h of the integration steps within a control step [s].
+        steps_per_action: number of integration steps in a control step.
         mass_spread: the payload's mass lies within 1 +- this times the model's.
         push: (6,) largest constant wrench [moment; force] on the object about C, world axes [N m, N].
         stop_at_limits: whether a joint beyond a limit of position, rate or effort ends an episode.
@@ -59,12 +59,12 @@ class Task(ABC):
     @property
     @abstractmethod
     def action_size(self) -> int:
-        """How many numbers an action has."""
+        """Number of entries of an action."""
 
     @property
     @abstractmethod
     def observed(self) -> Mapping[str, Array]:
-        """Bounds of the parts of an observation, in order: each lies within +- them, beyond which it is clipped."""
+        """Bounds of the parts of an observation, in order; each part is clipped to +- its bounds."""
 
     @property
     @abstractmethod
@@ -74,96 +74,96 @@ class Task(ABC):
     @property
     @abstractmethod
     def phases(self) -> Sequence[Phase]:
-        """The phases in order; episodes begin in the first."""
+        """The phases in order; episodes begin in the first one."""
 
     @property
     @abstractmethod
     def episode_steps(self) -> int:
-        """Control steps until an episode is truncated."""
+        """Number of control steps after which an episode is truncated."""
 
     @property
     def drawn(self) -> Mapping[str, Shape]:
-        """Shapes of what is drawn for every episode, and may be given as options of `reset`."""
+        """Shapes of the random quantities of an episode, which can also be given as options of `reset`."""
         return {"mass_factor": (), "push": (6,)}
 
     def draw(self, generator: np.random.Generator) -> dict[str, Array]:
-        """Return what is drawn for an episode, by the names of `drawn`."""
+        """Return random values for an episode, by the names of `drawn`."""
         spread = self.mass_spread
         factor = np.array(1.0 + spread * generator.uniform(-1.0, 1.0))
         return {"mass_factor": factor, "push": self.push * generator.uniform(-1.0, 1.0, 6)}
 
     def start(self, drawn: Mapping[str, Array], phase: int) -> dict[str, Array]:
-        """Return the states in which episodes begin, (episodes, ...) each; see `Rollout.start`.
+        """Return initial states of episodes, (episodes, ...) each; see `Rollout.start`.
 
         Args:
-            drawn: what was drawn for them, (episodes, ...) each.
-            phase: by number; where it is not the first, any state in which its grasps hold.
+            drawn: random values of the episodes, (episodes, ...) each.
+            phase: index of the phase; for later phases, any state that satisfies the grasps is returned.
         """
         count = len(drawn["mass_factor"])
         fields = state_fields(self.chain).items()
         return {name: np.tile(getattr(self.state, field), (count, 1)) for name, field in fields}
 
     def load(self, drawn: Mapping[str, Array], phase: int) -> dict[str, Array]:
-        """Return payload and push of episodes, as parameters of a phase's rollout, (episodes, ...) each."""
+        """Return payload and push of episodes as parameters of a phase's rollout, (episodes, ...) each."""
         body, factor = self.chain.held_object, drawn["mass_factor"]
         inertia = factor[:, None, None] * body.inertia
         return {"object_mass": factor * body.mass, "object_inertia": inertia, "object_wrench": drawn["push"]}
 
     def prepare(self, episodes: Episodes, rows: Array) -> None:
-        """Change what an action changes at once, before a control step: grasps, for one.
+        """Apply the immediate effects of actions before a control step, for example on grasps.
 
         Args:
-            episodes: those under way.
-            rows: which of them are about to be stepped; their actions are set.
+            episodes: the batch of episodes.
+            rows: indices of the episodes to be stepped, whose actions are already set.
         """
         return
 
     def commanded(self, actions: Array) -> Array:
-        """Return the part of actions, (episodes, size), that the control law takes."""
+        """Return the entries of actions, (episodes, size), that are passed to the control law."""
         return actions
 
     @property
     def kept(self) -> Mapping[str, Shape]:
-        """Shapes of what episodes keep besides; `draw` says what it is at first."""
+        """Shapes of the memory of an episode; `draw` returns its initial values."""
         return {}
 
     @property
     def frames(self) -> Mapping[str, Array]:
-        """What all episodes share and a look takes."""
+        """Arrays that all episodes share and that `look` takes."""
         return {}
 
     def looked_at(self, chain: ClosedChain) -> dict[str, Shape]:
-        """Return shapes of what is looked at in a phase, by name."""
+        """Return the shapes of the arguments of a phase's `look`, by name."""
         every = shapes(self.chain)
         own = {name: every[name] for name in (*state_fields(chain), "grasp_wrench")}
         own |= {"margin": (len(chain.grasps),), "code": (), "t": (), "action": (self.action_size,)}
         return own | {**self.drawn, **self.kept}
 
     def says(self) -> dict[str, Shape]:
-        """Return shapes of what a look returns, by name."""
+        """Return the shapes of the results of `look`, by name."""
         size = sum(len(bound) for bound in self.observed.values())
         return {"observation": (size,), "reward": (), "terminated": ()} | dict.fromkeys(self.info_names, ())
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled: the setting; machine code is compiled, or found on disk."""
+        """Return the attributes for pickling; machine code is compiled again or loaded from the cache."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
 
     def accepted(self, given: Any, count: int | None = None) -> Array:
-        """Return an action, or (count, ...) of them, as numbers.
+        """Return an action, or (count, ...) actions, as an array.
 
         Raises:
-            StateError: another shape, or numbers that are not finite.
+            StateError: the shape is wrong, or a number is not finite.
         """
         shape = (self.action_size,) if count is None else (count, self.action_size)
         return checks.numbers(given, shape, "action", StateError)
 
 
 def chain_and_state(chain: Any, state: Any, default: Any, what: str) -> tuple[ClosedChain, State]:
-    """Return a task's chain and state: the user's, or the default's where neither is given.
+    """Return a task's chain and state, which are those of the default if neither is given.
 
     Raises:
-        ModelError: one of them alone, or something else.
-        StateError: a state of another chain.
+        ModelError: only one of them is given, or one is of another type.
+        StateError: the state does not belong to the chain.
     """
     if chain is None and state is None:
         return default()

@@ -1,4 +1,4 @@
-"""What tasks look at: parts of an observation and of a reward, as texts."""
+"""Parts of observations and rewards of tasks, as functions that can be compiled."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, 
 from holdfast.spatial.spatial_vector import shift_wrench, unrotate
 from holdfast.state import State
 
-FASTEST = 10.0  # rad/s or m/s: bound of observed rates where nothing limits them
-FARTHEST_SLIDE = 10.0  # m: bound of observed positions likewise
+FASTEST = 10.0  # rad/s or m/s: bound of observed rates of joints without a limit
+FARTHEST_SLIDE = 10.0  # m: bound of observed positions of prismatic joints without a limit
 TURN, SHIFT = np.pi, 2.0  # bounds of observed pose errors [rad, m]
 TWIST = 5.0  # bound of observed twists [rad/s, m/s]
 
 
 def away(to: Pose, at: Pose) -> Array:
-    """Return what brings a frame to another, (6,): [rotation vector; shift], world axes [rad, m]."""
+    """Return the displacement from the frame `at` to the frame `to`, (6,): [rotation vector; shift], world axes."""
     return concatenate([log_below_pi(to.R @ at.R.T), to.p - at.p])
 
 
@@ -36,19 +36,19 @@ def size(v: Array) -> Scalar:
 
 
 def nearness(e: Array, angle: float, distance: float) -> Scalar:
-    """Return 1 / (1 + (turn / angle)^2 + (shift / distance)^2) of a pose error (6,): 1 there, 1/2 a tolerance away."""
+    """Return 1 / (1 + (turn / angle)^2 + (shift / distance)^2) of a pose error (6,), which is 1 at zero error."""
     return 1.0 / (1.0 + (e[:3] @ e[:3]) / angle**2 + (e[3:] @ e[3:]) / distance**2)
 
 
 def internal_force(chain: ClosedChain, state: State, wrenches: Array, length: float) -> Scalar:
     """Return the largest internal wrench of any grasp [N].
 
-    sqrt(|moment / L|^2 + |force|^2) of f - f_motion, see `forces.split`.
+    The size of a wrench is sqrt(|moment / L|^2 + |force|^2) of f - f_motion, see `forces.split`.
 
     Args:
-        chain: the chain; its grasps hold.
-        state: where it is.
-        wrenches: (arms, 6) of each arm on the object about its contact, world axes.
+        chain: the chain with its closed grasps.
+        state: its state.
+        wrenches: (arms, 6) wrench of each arm on the object about its contact, world axes.
         length: L, see `moment_length` [m].
     """
     if len(chain.grasps) < 2:
@@ -64,17 +64,17 @@ def internal_force(chain: ClosedChain, state: State, wrenches: Array, length: fl
 
 
 def moment_length(chain: ClosedChain) -> float:
-    """Return the length by which moments count as forces: the contacts' rms distance from their centroid [m]."""
+    """Return the length that converts moments to forces: the rms distance of the contacts from their centroid [m]."""
     return length_scale([grasp.frame.p for grasp in chain.grasps.values()])
 
 
 def excess(force: Scalar, largest: float) -> Scalar:
-    """Return what a force exceeds a bound by, in parts of the bound."""
+    """Return the amount by which a force exceeds a bound, relative to the bound; 0 below it."""
     return maximum(force / largest - 1.0, 0.0)
 
 
 def in_object_axes(state: State, wrenches: Array) -> Array:
-    """Return wrenches about the contacts in the object's axes, (6 k,) in a row."""
+    """Return wrenches about the contacts in the object's axes, as one vector (6 k,)."""
     return concatenate([unrotate(state.object_frame.R, f) for f in wrenches])
 
 
@@ -85,21 +85,21 @@ def effort(action: Array) -> Scalar:
 
 
 def bounded(parts: Mapping[str, Array], bounds: Mapping[str, Array]) -> Array:
-    """Return the parts of an observation in a row, each within +- its bounds."""
+    """Return the parts of an observation as one vector, each clipped to +- its bounds."""
     assert list(parts) == list(bounds)
     every = [minimum(maximum(array(x), -bounds[name]), bounds[name]) for name, x in parts.items()]
     return concatenate(every)
 
 
 def joint_bounds(chain: ClosedChain) -> dict[str, Array]:
-    """Return bounds of observed joint positions and rates: the limits, or 2 pi, 10 m, and 10 rad/s or m/s."""
+    """Return bounds of observed joint positions and rates: the limits or, without one, 2 pi, 10 m, 10 rad/s or m/s."""
     limits = joint_limits(chain)
     q = [_farthest(joint, *ends) for joint, *ends in zip(chain.all_joints, limits.low, limits.high, strict=True)]
     return {"q": np.array(q), "qd": np.where(np.isfinite(limits.rate), limits.rate, FASTEST)}
 
 
 def _farthest(joint: Joint, low: float, high: float) -> float:
-    """Return the bound of one joint's position."""
+    """Return the bound of the observed position of one joint."""
     end = max(abs(low), abs(high))
     return float(end) if np.isfinite(end) else 2 * np.pi if joint.turns else FARTHEST_SLIDE
 

@@ -1,4 +1,4 @@
-"""Tasks as vector environments of Gymnasium: many episodes in one batch of machine code."""
+"""Gymnasium vector environments that step many episodes of a task in one batch of machine code."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Infos = dict[str, Any]
 
 
 class TaskVectorEnv(VectorEnv[Array, Array, Array]):
-    """Many episodes of a task at once, to the bit as that many single environments are.
+    """A vector environment, whose results are identical to the bit to those of as many single environments.
 
     Attributes:
         task: the task.
-        episodes: all of them, on rollouts.
-        autoreset_mode: when an episode that is over begins anew.
+        episodes: the batch of episodes.
+        autoreset_mode: when an episode that has ended is reset.
     """
 
     kind: ClassVar[type[Task]]
@@ -45,7 +45,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         render_mode: str | None = None,
         **setting: Any,
     ) -> None:
-        """Take a task, or what one is set up with, and how many there are."""
+        """Make environments for a task, or for a new task with these attributes."""
         self.num_envs = whole_number("num_envs", num_envs)
         self.task = task_of(self.kind, task, setting)
         require_no_rendering(render_mode)
@@ -62,16 +62,16 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Array, Infos]:
-        """Begin episodes, and return all observations, and the infos of those begun.
+        """Begin episodes; return the observations of all environments and the infos of those that were reset.
 
         Args:
-            seed: one for each environment, or the first one's, the next ones' being one more each; None: go on with
-                the generators at hand.
-            options: what is not to be drawn, by the names of `task.drawn`, one value or a row for each environment;
-                `reset_mask` (num_envs,) says which environments begin anew, all by default.
+            seed: a seed for each environment, or the seed of the first one, which increases by one from each to the
+                next; None continues with the present generators.
+            options: values to use instead of random ones, by the names of `task.drawn`, one value or a row for each
+                environment; `reset_mask` (num_envs,) selects the environments to reset, all by default.
 
         Raises:
-            StateError: seeds of another number, a mask of another shape, an option that the task has not.
+            StateError: the number of seeds or the shape of the mask is wrong, or an option is unknown to the task.
         """
         given = {} if options is None else options
         checks.instance(given, Mapping, "options", StateError)
@@ -84,11 +84,11 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         """Take a control step; return observations, rewards, terminations, truncations and infos.
 
         Args:
-            actions: (num_envs, size) within [-1, 1]; what is beyond is clipped.
+            actions: (num_envs, size), clipped to [-1, 1].
 
         Raises:
-            StateError: actions of another shape or not finite; an episode that is over where nothing begins it
-                anew, or none.
+            StateError: the actions have another shape or are not finite, no episode is under way, or an episode has
+                ended and is not reset automatically.
         """
         chosen = self.task.accepted(actions, self.num_envs)
         if not self._begun.all():
@@ -116,21 +116,21 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         return self._observations(), reward, terminated, truncated, infos | self._infos(every)
 
     def render(self) -> None:
-        """Refuse: nothing is drawn.
+        """Raise an error, as environments cannot render.
 
         Raises:
-            MethodNotApplicable: always; it names what draws a state.
+            MethodNotApplicable: always; the message says how to draw a state.
         """
         raise not_rendered()
 
     def state(self, number: int) -> State:
-        """Return the state of one environment, as the functions of one state take it.
+        """Return the state of one environment.
 
         Args:
-            number: of the environment, from 0.
+            number: index of the environment, from 0.
 
         Raises:
-            StateError: there is no such one.
+            StateError: there is no such environment.
         """
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < self.num_envs:
             raise StateError(f"number: expected one from 0 to {self.num_envs - 1}, got {checks.short(number)}")
@@ -138,18 +138,18 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """The environments' generators."""
+        """The random number generators of the environments."""
         self._seed(None, np.arange(self.num_envs))
         return tuple(self._generators)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """What they began with."""
+        """The seeds of the random number generators."""
         self._seed(None, np.arange(self.num_envs))
         return tuple(self._seeds)
 
     def _masked(self, mask: Any) -> Array:
-        """Return which environments a reset is of, by number."""
+        """Return the indices of the environments to reset."""
         if mask is None:
             return np.arange(self.num_envs)
         if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
@@ -160,7 +160,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         return np.flatnonzero(mask)
 
     def _seed(self, seed: Any, rows: Array) -> None:
-        """Make generators for some environments of new seeds, and for all that have none yet."""
+        """Make generators with new seeds for some environments, and generators for all that have none yet."""
         if isinstance(seed, int | np.integer) and not isinstance(seed, bool):
             seed = [int(seed) + k for k in range(self.num_envs)]
         seeds = [None] * self.num_envs if seed is None else list(seed) if isinstance(seed, Sequence) else seed
@@ -186,7 +186,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         return self.episodes.seen["reward"].copy(), self.episodes.terminated, self.episodes.truncated
 
     def _infos(self, rows: Array) -> Infos:
-        """Return what is told of some environments, as Gymnasium lays it out: zeros, or None, for the others."""
+        """Return the infos of some environments in the layout of Gymnasium, with zeros or None for the others."""
         there = np.zeros(self.num_envs, dtype=bool)
         there[rows] = True
         found: Infos = {}
@@ -197,7 +197,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         return found
 
     def _final(self, rows: Array) -> Infos:
-        """Return the last observations and infos of episodes that are over."""
+        """Return the final observations and infos of episodes that have ended."""
         there, last = np.zeros(self.num_envs, dtype=bool), np.full(self.num_envs, None, dtype=object)
         there[rows] = True
         for row in rows:
@@ -211,11 +211,11 @@ class CarryVector(TaskVectorEnv):
         envs = hf.gym.CarryVector(256, chain=chain, state=state, autoreset_mode="SameStep")
         envs = gymnasium.make_vec("holdfast/Carry-v0", num_envs=256)  # after `import holdfast.gym`
 
-    Takes how many, a `CarryTask` or its attributes by name, an `AutoresetMode` (NEXT_STEP by default) and how many
-    `threads` share them; `render_mode` must be None.
+    The arguments are the number of environments, a `CarryTask` or its attributes by name, an `AutoresetMode` (NEXT_STEP
+    by default) and the number of `threads`; `render_mode` must be None.
 
     Raises:
-        ModelError, StateError: no task, or one that cannot be; the message names what.
+        ModelError, StateError: the task is not a `CarryTask`, or an attribute is invalid; the message names it.
     """
 
     kind = CarryTask
@@ -227,21 +227,21 @@ class HandOverVector(TaskVectorEnv):
         envs = hf.gym.HandOverVector(256, autoreset_mode="SameStep")
         envs = gymnasium.make_vec("holdfast/HandOver-v0", num_envs=256)  # after `import holdfast.gym`
 
-    Takes how many, a `HandOverTask` or its attributes by name, an `AutoresetMode` (NEXT_STEP by default) and how many
-    `threads` share them; `render_mode` must be None.
+    The arguments are the number of environments, a `HandOverTask` or its attributes by name, an `AutoresetMode`
+    (NEXT_STEP by default) and the number of `threads`; `render_mode` must be None.
 
     Raises:
-        ModelError, StateError: no task, or one that cannot be; the message names what.
+        ModelError, StateError: the task is not a `HandOverTask`, or an attribute is invalid; the message names it.
     """
 
     kind = HandOverTask
 
 
 def mode_of(value: AutoresetMode | str) -> AutoresetMode:
-    """Return an autoreset mode, by its value too.
+    """Return an autoreset mode, which can be given by its value.
 
     Raises:
-        ModelError: there is no such one.
+        ModelError: there is no such mode.
     """
     try:
         return AutoresetMode(value)

@@ -1,4 +1,4 @@
-"""Identification: the payload, sensor offsets, gravity and grasp frames, from what was recorded."""
+"""Identification of the payload, sensor offsets, gravity and grasp frames from recorded motions."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
-"""Base parameters: the combinations of inertial parameters that a motion can tell.
+"""Base parameters: the combinations of inertial parameters that a motion can identify.
 
-A stacked regressor Y of rank r has p - r combinations that no row contains. Its columns are taken one after the other,
-the largest that is left first (QR with pivots): r of them are independent, the others are K of these,
+A stacked regressor Y with p columns and rank r leaves p - r combinations of parameters undetermined. A QR decomposition
+with column pivoting chooses r independent columns; the others are linear combinations of these,
 
     Y pi = Y_1 (pi_1 + K pi_2),   K = R_11^-1 R_12
 
@@ -23,17 +23,18 @@ from holdfast.model import checks
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
-NEGLIGIBLE = 1e-6  # of a combination's largest term, in columns of unit length: what is smaller is rounding
+NEGLIGIBLE = 1e-6  # terms smaller than this, relative to a combination's largest one, are rounding (unit columns)
 
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters(Frozen):
-    """What the rows of a regressor can tell.
+    """The combinations of parameters that a regressor can identify.
 
     Attributes:
-        names: (p,) of the parameters.
-        combinations: (r, p): combinations @ parameters are the base parameters; each has 1 at a parameter of its own.
-        absent: names of the parameters that no row contains.
+        names: (p,) names of the parameters.
+        combinations: (r, p); the base parameters are combinations @ parameters. In each combination, a parameter that
+            is in no other one has the weight 1.
+        absent: names of the parameters on which no row depends.
     """
 
     names: tuple[str, ...]
@@ -42,30 +43,30 @@ class BaseParameters(Frozen):
 
     @property
     def rank(self) -> int:
-        """r, how many combinations the rows can tell."""
+        """r, the number of identifiable combinations."""
         return len(self.combinations)
 
     def in_words(self) -> list[str]:
-        """Return the combinations, such as `m` or `Ixx - 1 Iyy`."""
+        """Return the combinations as text, such as `m` or `Ixx - 1 Iyy`."""
         return [combination(row, self.names) for row in self.combinations]
 
     def __str__(self) -> str:
-        """Return the combinations, one a line, and what is absent."""
+        """Return the combinations, one per line, and the absent parameters."""
         lines = [f"{self.rank} of {len(self.names)} parameters or combinations:", *self.in_words()]
         return "\n  ".join(lines) + (f"\nabsent: {', '.join(self.absent)}" if self.absent else "")
 
 
 def base_parameters(matrix: ArrayLike, names: Sequence[str], tolerance: float = 1e-9) -> BaseParameters:
-    """Return which combinations of parameters the rows of a regressor can tell.
+    """Return the combinations of parameters that a regressor can identify.
 
     Args:
         matrix: (rows, p) regressors of many samples, one below the other.
-        names: (p,) of the parameters.
-        tolerance: what is left of a column, of unit length before, counts as nothing below this; so does a column that
-            is as much shorter than the longest, in SI units.
+        names: (p,) names of the parameters.
+        tolerance: a column, scaled to unit length, is dependent on others if its pivot is below this; a column is
+            treated as zero if its length, relative to that of the longest column in SI units, is below this.
 
     Raises:
-        ModelError: no matrix of finite numbers, or not a name a column.
+        ModelError: it is not a matrix of finite numbers, or the number of names is not that of the columns.
     """
     checks.instance(names, (list, tuple), "base_parameters: names")
     for k, name in enumerate(names):
@@ -91,13 +92,13 @@ def base_parameters(matrix: ArrayLike, names: Sequence[str], tolerance: float = 
 
 
 def pivoted(matrix: Array) -> tuple[Array, Array]:
-    """Return the triangle of a QR decomposition with pivots, and the columns' order. O(rows p^2)."""
+    """Return the triangle of a QR decomposition with column pivoting, and the columns' order. O(rows p^2)."""
     found: Any = qr(matrix, mode="economic", pivoting=True)
     return found[1], found[2]
 
 
 def combination(weights: Array, names: Sequence[str]) -> str:
-    """Return a sum of named terms in words, one of weight 1 first."""
+    """Return a weighted sum of names as text, with a term of weight 1 first."""
     order = sorted(np.flatnonzero(weights).tolist(), key=lambda k: weights[k] != 1.0)
     first, *others = order
     lead = names[first] if weights[first] == 1.0 else f"{weights[first]:.3g} {names[first]}"

@@ -1,4 +1,4 @@
-"""What a recording does not hold and its chain implies: rates, accelerations, and the object's motion."""
+"""Completing a recording with rates, accelerations and the object's motion, which follow from its positions."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def completed(chain: ClosedChain, given: Recording) -> Recording:
     """Return a recording with rates, accelerations and the object's motion.
 
     Args:
-        chain: what was recorded.
+        chain: the recorded chain.
         given: the recording.
 
     Raises:
-        StateError: another number of joints or arms, too few samples for a spline, a floating base whose motion was
-            not recorded, or an object whose motion neither was recorded nor follows from a rigid grasp.
+        StateError: the number of joints or arms is wrong, there are too few samples for a spline, the motion of a
+            floating base was not recorded, or the object's motion was neither recorded nor follows from a rigid grasp.
     """
     if given.q.shape[1] != chain.joint_count:
         raise StateError(f"recording: q: expected {chain.joint_count} joints, got {given.q.shape[1]}")
@@ -61,9 +61,9 @@ def completed(chain: ClosedChain, given: Recording) -> Recording:
 
 
 def _object_motion(chain: ClosedChain, rigid: list[str], given: Recording, k: int) -> tuple[Array, Array, Array]:
-    """Return pose, twist and acceleration of the object in a sample, of the tips that hold it rigidly.
+    """Return pose, twist and acceleration of the object in a sample, from the tips that hold it rigidly.
 
-    The pose is that of the first of them; velocities and accelerations are the nearest to all.
+    The pose follows from the first of these tips; twist and acceleration are least-squares fits to all of them.
     """
     assert given.qd is not None and given.qdd is not None
     inputs = (given.inputs or Inputs()).shaped(chain)

@@ -1,19 +1,21 @@
-"""The equations that identification solves: rows that are linear in products of what is unknown.
+"""The equations of the identification, which are linear in features: the unknowns and some of their products.
 
-With gravity known, features are [pi; b; 1], else [pi; g_x pi; g_y pi; g_z pi; b; 1; g]:
+With known gravity the features are [pi; b; 1], otherwise [pi; g_x pi; g_y pi; g_z pi; b; 1; g]:
 
     rows @ features(x) = -maps @ noise,    x = [pi; b; tilt]
 
-pi are the object's ten parameters about the mass centre that the model has, object axes, so that rows are well
-conditioned; b offsets of the wrist sensors; tilt turns gravity. From wrists six rows a sample, about C,
+Here pi are the object's ten inertial parameters about the model's mass centre, object axes, so that the rows are well
+conditioned; b are the offsets of the wrist sensors; tilt rotates gravity. Wrist wrenches give six rows per sample,
+about C,
 
     Y_C pi + sum X_i b_i - (sum X_i m_i + w) = -sum X_i noise_i,     X_i from the tip of arm i to C
 
-and from torques as many as the chain has freedoms: N spans its motions, and no grasp force does work along them,
+and torques give as many rows as the chain has degrees of freedom. With N, a basis of the chain's motions, along which
+grasp forces do no work, these are
 
     N_C^T (Y_C pi - w) + N_q^T (M qdd + C + damping qd + ... - tau) = -N_q^T noise
 
-and with a floating base also N_b^T times the wrench that its motion would need of a drive.
+With a floating base, N_b^T times the wrench that would be needed to drive the base is added on the left.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ from holdfast.state import Inputs, State
 
 
 @dataclass(frozen=True)
-class Asked:
+class Settings:
     """What is to be found besides the payload.
 
     Attributes:
@@ -56,10 +58,11 @@ class Equations:
     """The rows of all samples.
 
     Attributes:
-        rows: (samples, r, features).
-        maps: (samples, r, channels) of the channels' noise to the rows.
-        measured: (samples, channels) [N m, N].
-        left_out: samples at singular configurations, which have other freedoms.
+        rows: (samples, r, features) coefficients of the features.
+        maps: (samples, r, channels) from the noise of the channels to the rows.
+        measured: (samples, channels) measurements [N m, N].
+        left_out: number of samples that are left out because their configuration is singular, so that the number of
+            degrees of freedom differs.
     """
 
     rows: Array
@@ -68,18 +71,18 @@ class Equations:
     left_out: int = 0
 
 
-def equations(chain: ClosedChain, recordings: list[Recording], asked: Asked) -> Equations:
-    """Return the rows of complete recordings. O(samples n), from torques O(samples n^3)."""
-    of_sample = wrist_rows if asked.source == "wrist_wrench" else torque_rows
-    found = [of_sample(chain, recording, k, asked) for recording in recordings for k in range(len(recording))]
+def equations(chain: ClosedChain, recordings: list[Recording], settings: Settings) -> Equations:
+    """Return the equations of completed recordings. O(samples n), with torques O(samples n^3)."""
+    of_sample = wrist_rows if settings.source == "wrist_wrench" else torque_rows
+    found = [of_sample(chain, recording, k, settings) for recording in recordings for k in range(len(recording))]
     usual = Counter(len(rows) for rows, _, _ in found).most_common(1)[0][0]
     kept = [one for one in found if len(one[0]) == usual]
     rows, maps, measured = (np.array(part) for part in zip(*kept, strict=True))
     return Equations(rows, maps, measured, len(found) - len(kept))
 
 
-def wrist_rows(chain: ClosedChain, recording: Recording, k: int, asked: Asked) -> tuple[Array, Array, Array]:
-    """Return rows, maps and what was measured of a sample, from wrists."""
+def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
+    """Return rows, maps and measurements of a sample, from wrist wrenches."""
     assert recording.wrist_wrench is not None
     state, alpha, inputs = _sample(chain, recording, k)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
@@ -92,14 +95,14 @@ def wrist_rows(chain: ClosedChain, recording: Recording, k: int, asked: Asked) -
         for c, arm in zip(motion.contacts, motion.holding, strict=True)
     ])  # fmt: skip
     right = known + X @ measured.ravel()
-    bias = X if asked.sensor_bias else np.zeros((6, 0))
-    columns = _object_columns(chain, state, alpha, asked)
-    last = [-right[:, None]] + ([np.zeros((6, 3))] if asked.gravity else [])
+    bias = X if settings.sensor_bias else np.zeros((6, 0))
+    columns = _object_columns(chain, state, alpha, settings)
+    last = [-right[:, None]] + ([np.zeros((6, 3))] if settings.gravity else [])
     return np.hstack([*columns, bias, *last]), X, measured.ravel()
 
 
-def torque_rows(chain: ClosedChain, recording: Recording, k: int, asked: Asked) -> tuple[Array, Array, Array]:
-    """Return rows, maps and what was measured of a sample, from joint torques."""
+def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
+    """Return rows, maps and measurements of a sample, from joint torques."""
     assert recording.tau is not None and recording.qdd is not None
     state, alpha, inputs = _sample(chain, recording, k)
     qdd, tau, n = recording.qdd[k], recording.tau[k], chain.joint_count
@@ -110,45 +113,45 @@ def torque_rows(chain: ClosedChain, recording: Recording, k: int, asked: Asked) 
     base = None if recording.base_acceleration is None else recording.base_acceleration[k]
 
     def needed(motion: ChainMotion) -> Array:
-        """Return what trunk and arms alone ask for: torques, and with a floating base its wrench."""
+        """Return the torques, and with a floating base the wrench, that trunk and arms need without the object."""
         none = np.zeros((len(chain.arms), 6))
         if motion.trunk is None:
             return torques(motion, qdd, none)
         found = trunk_torques(motion, qdd, none, base)
         return found.tau if base is None else np.concatenate([found.tau, found.base])
 
-    motion = moved(np.zeros(3) if asked.gravity else chain.gravity)
+    motion = moved(np.zeros(3) if settings.gravity else chain.gravity)
     assert motion.object_case is not None
     N = constraint_rows(motion).motions
     joints, free = N[:n].T, N[n : n + 6].T
     moving = np.vstack([N[:n], N[n + 6 :]]).T  # of joints and floating base
     here = needed(motion)
     last = [(moving @ here - joints @ tau - free @ motion.object_case.wrench)[:, None]]
-    if asked.gravity:
+    if settings.gravity:
         last += [np.array([moving @ (needed(moved(axis)) - here) for axis in np.eye(3)]).T]
-    columns = [free @ part for part in _object_columns(chain, state, alpha, asked)]
+    columns = [free @ part for part in _object_columns(chain, state, alpha, settings)]
     return np.hstack([*columns, *last]), joints, tau
 
 
 def _sample(chain: ClosedChain, recording: Recording, k: int) -> tuple[State, Array, Inputs]:
-    """Return the state, the object's acceleration and shaped inputs of a sample."""
+    """Return the state, the object's acceleration, and the inputs of a sample."""
     assert recording.object_acceleration is not None
     return recording.state(k), recording.object_acceleration[k], (recording.inputs or Inputs()).shaped(chain)
 
 
 def about_mass_centre(chain: ClosedChain) -> Array:
-    """Return (10, 10): parameters about C of those about the mass centre that the model has."""
+    """Return (10, 10), which maps parameters about the model's mass centre to parameters about C."""
     return np.array([body.moved(np.eye(3), chain.held_object.com).parameters for body in UNIT_BODIES]).T
 
 
-def _object_columns(chain: ClosedChain, state: State, alpha: Array, asked: Asked) -> list[Array]:
-    """Return the columns that multiply pi, and g_x pi .. g_z pi where gravity is unknown."""
+def _object_columns(chain: ClosedChain, state: State, alpha: Array, settings: Settings) -> list[Array]:
+    """Return the columns that multiply pi and, if gravity is unknown, g_x pi .. g_z pi."""
     frame, twist, to_C = state.object_frame, state.object_twist, about_mass_centre(chain)
 
     def columns(gravity: Array) -> Array:
         return object_columns(frame, twist, alpha - np.concatenate([np.zeros(3), gravity])) @ to_C
 
-    if not asked.gravity:
+    if not settings.gravity:
         return [columns(chain.gravity)]
     without = columns(np.zeros(3))
     return [without, *(columns(axis) - without for axis in np.eye(3))]

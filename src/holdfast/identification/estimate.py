@@ -1,16 +1,18 @@
-"""The estimate: what the rows can tell by weighted least squares, among possible bodies; the rest stays the model's.
+"""Weighted least squares over physically possible bodies; unidentifiable combinations keep the model's values.
 
-Whitened rows are taken together to a triangle (QR). In units of what counts as one of each unknown, the triangle's
-singular values are one over standard deviations of combinations: those below a limit are told. The others are held,
+The whitened rows are reduced to a triangle R (QR). With each unknown scaled by its size, the singular values of R are
+the inverses of the standard deviations of combinations of unknowns. Combinations with a standard deviation below a
+limit are estimated. The others, Q, are fixed,
 
     min |R features(x)|^2    with    Q^T (xi - xi_model) / sizes = 0
 
-over log-Cholesky numbers, so that every iterate is a possible body. With Z a basis of the changes that are held to,
+over log-Cholesky parameters, so that every iterate is a possible body. With Z, a basis of the changes that leave the
+fixed combinations unchanged,
 
     cov = Z G^-1 (sum_blocks u u^T) G^-1 Z^T,    u = Z^T sum J^T e,   G = Z^T J^T J Z
 
-which is right whatever the noise's distribution, also where weights are not (White 1980); with given noise cov = Z
-G^-1 Z^T. Blocks are as long as what is left stays correlated from sample to sample.
+which is valid for any distribution of the noise, even if the weights are wrong (White 1980). With given noise,
+cov = Z G^-1 Z^T. Blocks are as long as the residuals are correlated from sample to sample.
 """
 
 from __future__ import annotations
@@ -30,30 +32,30 @@ from holdfast.spatial.inertia import of_parameters
 from holdfast.spatial.log_cholesky import numbers_of
 from holdfast.spatial.scalar import Array
 
-HARDLY = 0.01  # of what is measured: the noise that is taken first
-ROUNDS = 3  # of weights and estimate
-FIRM = 1e3  # of the largest singular value: how firmly what cannot be told is held
-NARROWEST = 5.0  # e-folds of the spread of mass that an estimate may be off from the model
+HARDLY = 0.01  # initial guess of the noise, relative to the measurements
+ROUNDS = 3  # alternations of weights and estimate
+FIRM = 1e3  # weight of the fixed combinations, relative to the largest singular value
+NARROWEST = 5.0  # largest deviation from the model of the log-Cholesky parameters for the spread of mass
 MOST_STEPS, MOST_HALVINGS = 100, 30
-NO_GAIN = 1e-8  # of a sum of squares whose terms are 1 on average
-BOUNDED = 1e-2  # of it, that the rows would gain by what no body has
-CORRELATED = 0.1  # from one sample to the next: from here on samples are taken in blocks
-LEAST_LEFT = 0.05  # of a residual, where a sample decides a coefficient alone
+NO_GAIN = 1e-8  # smallest decrease of the sum of squares, whose terms are about 1, that counts as progress
+BOUNDED = 1e-2  # decrease of that sum by an impossible body, above which the estimate is on the bound
+CORRELATED = 0.1  # correlation of successive samples above which samples are combined into blocks
+LEAST_LEFT = 0.05  # lower bound of 1 - h, which is near 0 if one sample alone determines a coefficient
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """An estimate and how sure it is.
+    """An estimate and its uncertainty.
 
     Attributes:
-        plain: (p,) xi.
-        covariance: (p, p) of it; 0 along what was held.
-        held: (p, d) an orthonormal basis of the combinations, each in units of its size, that keep the model's values.
-        residuals: (samples, r) rows at the estimate.
-        noise: (channels,) standard deviations that the weights are of.
-        misfit: mean square of the whitened residuals: 1 where the noise is what it should be.
-        correlation: of a sample's whitened residuals with those of the next; 0 where it may be chance.
-        possible: whether some body has what the rows alone ask for.
+        plain: (p,) the estimate xi.
+        covariance: (p, p) covariance of xi; 0 along the fixed combinations.
+        held: (p, d) orthonormal basis of the combinations that keep the model's values, with unknowns scaled by size.
+        residuals: (samples, r) residuals of the rows.
+        noise: (channels,) standard deviations that define the weights.
+        misfit: mean square of the whitened residuals, which is 1 if the noise has these standard deviations.
+        correlation: correlation of the whitened residuals of successive samples; 0 if it is not significant.
+        possible: whether the unconstrained minimum is a physically possible body.
     """
 
     plain: Array
@@ -70,11 +72,11 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
     """Return the estimate.
 
     Args:
-        system: the rows.
+        system: the equations.
         look: the unknowns.
-        kinds: (channels,) which channels share their noise.
-        given: (channels,) standard deviations; None: they are estimated.
-        largest: standard deviation of a combination, in units of its size, above which it is not told.
+        kinds: (channels,) labels; channels with the same label have the same noise.
+        given: (channels,) standard deviations of the noise; None to estimate them.
+        largest: standard deviation of a combination, relative to its size, above which it is not estimated.
     """
     for x in (system.rows, system.measured, system.maps):
         checks.finite(x, "identify: recordings")
@@ -92,18 +94,18 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
             noise = estimated(W @ system.maps, rows @ values, kinds, sizes)
     if held.shape[0] == held.shape[1]:
         raise StateError(
-            "identify: expected a recording that tells something of the payload, got one in which all that shows is"
-            " below the noise; try larger and faster motions, turns above all"
+            "identify: expected a recording that identifies some part of the payload, got one in which all its effects"
+            " are below the noise; try larger and faster motions, above all rotations"
         )
     values, slopes = look.features(look.linear(theta))
     e, J = rows @ values, rows @ slopes * look.linear_sizes
     correlation = float((e[1:] * e[:-1]).sum() / max((e * e).sum(), 1e-300))
-    if correlation < max(CORRELATED, 3.0 / np.sqrt(e.size)):  # as of independent samples
+    if correlation < max(CORRELATED, 3.0 / np.sqrt(e.size)):  # not significant
         correlation = 0.0
     to_x, to_plain = look.slopes(theta)
     change = (to_plain @ np.linalg.inv(to_x)) * look.linear_sizes / look.sizes[:, None]
     Z = null_space(held.T @ change)
-    pull = np.einsum("srj,sr->j", J @ Z, e)  # zero at a minimum that possible bodies do not bound
+    pull = np.einsum("srj,sr->j", J @ Z, e)  # zero unless the estimate is on the bound of possible bodies
     gain = float(pull @ np.linalg.solve(np.einsum("srj,srk->jk", J @ Z, J @ Z), pull))
     spread = change @ Z @ variance(J @ Z, e, correlation, given is not None) @ Z.T @ change.T
     covariance = spread * np.outer(look.sizes, look.sizes)
@@ -115,7 +117,7 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
 
 
 def combinations(J: Array, largest: float) -> tuple[Array, Array]:
-    """Return bases of what cannot be told, (p, d), and of what can, (p, k)."""
+    """Return bases of the combinations that cannot be identified, (p, d), and of those that can, (p, k)."""
     checks.finite(J, "identify: what the recordings tell")
     _, singular, Vt = np.linalg.svd(J, full_matrices=True)
     count = int((singular * largest >= 1.0).sum())
@@ -123,13 +125,13 @@ def combinations(J: Array, largest: float) -> tuple[Array, Array]:
 
 
 def solved(R: Array, look: Unknowns, held: Array, told: Array) -> Array:
-    """Return theta of the best possible body.
+    """Return theta of the physically possible body with the least sum of squares.
 
     Args:
         R: (.., features) triangle of the whitened rows.
         look: the unknowns.
         held: basis of the combinations that keep the model's values.
-        told: basis of the others.
+        told: basis of the other combinations.
     """
     firm = FIRM * float(np.linalg.norm(R[:, :10] * look.linear_sizes[:10], ord=2)) or 1.0
 
@@ -148,7 +150,7 @@ def solved(R: Array, look: Unknowns, held: Array, told: Array) -> Array:
     step = -told @ (np.linalg.pinv(J @ told) @ (R @ values))
     x = look.linear(start) + step * look.linear_sizes
     begin = start
-    with contextlib.suppress(ValueError):  # a step to what no body has
+    with contextlib.suppress(ValueError):  # the step leads to an impossible body
         begin = np.concatenate([numbers_of(of_parameters(x[:10])), x[10:]])
     width = np.full(len(start), np.inf)
     width[1:4] = NARROWEST
@@ -158,7 +160,7 @@ def solved(R: Array, look: Unknowns, held: Array, told: Array) -> Array:
 def gauss_newton(
     rows_at: Callable[[Array], Array], slopes_at: Callable[[Array], Array], theta: Array, low: Array, high: Array
 ) -> Array:
-    """Return where whitened rows are least, within bounds; rows are nearly linear, so that few steps are needed."""
+    """Return the minimiser of the whitened rows within bounds; as they are nearly linear, a few steps suffice."""
     theta = np.clip(theta, low, high)
     rows = rows_at(theta)
     for _ in range(MOST_STEPS):
@@ -182,21 +184,22 @@ def gauss_newton(
 
 
 def null_space(rows: Array) -> Array:
-    """Return an orthonormal basis of what independent rows take to zero."""
+    """Return an orthonormal basis of the null space of independent rows."""
     return np.linalg.svd(rows, full_matrices=True)[2][len(rows) :].T if len(rows) else np.eye(rows.shape[1])
 
 
 def variance(J: Array, e: Array, correlation: float, known: bool) -> Array:
-    """Return (k, k) the covariance of coefficients whose slopes J, (samples, r, k), whitened residuals e leave.
+    """Return the covariance (k, k) of estimated coefficients from the slopes J and the whitened residuals e.
 
-    Residuals are smaller than the noise, as the estimate follows it: a sample's by (1 - h)^1/2, h its part of the
-    projection on the slopes (Bell and McCaffrey 2002). Only whole samples are corrected so; blocks by their number.
+    The residuals are smaller than the noise, because the estimate is fitted to it: those of a sample by (1 - h)^1/2,
+    where h is the leverage of the sample (Bell and McCaffrey 2002). This correction is used for single samples; blocks
+    are corrected by their number.
 
     Args:
-        J: (samples, r, k).
-        e: (samples, r).
-        correlation: of a sample's residuals with the next.
-        known: whether residuals are of unit noise; else their own size and correlation count.
+        J: (samples, r, k) derivatives of the rows by the coefficients.
+        e: (samples, r) whitened residuals.
+        correlation: correlation of the residuals of successive samples.
+        known: whether the noise is known, so that it has unit variance; else size and correlation of e are used.
     """
     samples, r, k = J.shape
     inverse = np.linalg.inv(np.einsum("srj,srk->jk", J, J))

@@ -1,4 +1,4 @@
-"""Where the arms hold, from where their tips are: no force is needed for that."""
+"""Identification of grasp frames from the poses of the tips, which needs no force measurement."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from holdfast.state import State
 
 
 def measured_grasps(chain: ClosedChain, recordings: list[Recording]) -> tuple[ClosedChain, dict[str, Array]]:
-    """Return the chain with the mean frames of its rigid grasps, and how sure they are.
+    """Return the chain with the mean frames of its rigid grasps, and their standard deviations.
 
-    Where the object's pose was not recorded, the first of these arms says where the object is, and keeps its frame.
+    If the object's pose was not recorded, it is computed from the first of these arms, which keeps its frame.
 
     Args:
-        chain: with the model's frames.
-        recordings: all with the object's pose, or none.
+        chain: the chain with the model's frames.
+        recordings: recordings of which all or none have the object's pose.
 
     Returns:
-        The chain; and by arm (6,) standard deviations [turn; shift] of the mean, object axes [rad, m].
+        The chain, and by arm the standard deviations (6,) of the mean, [turn; shift], object axes [rad, m].
 
     Raises:
-        StateError: the pose is in some recordings only, or no frame could be found.
+        StateError: only some recordings have the object's pose, or no frame can be identified.
     """
     rigid = [name for name, grasp in chain.grasps.items() if not grasp.free]
     posed = [recording.object_pose is not None for recording in recordings]

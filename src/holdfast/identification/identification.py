@@ -1,4 +1,4 @@
-"""What identification returns."""
+"""The result of an identification."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ from holdfast.spatial.scalar import Array
 
 @dataclass(frozen=True, eq=False)
 class Identification(Frozen):
-    """A payload and what else was asked for, and how sure they are.
+    """The estimated payload, the other estimated quantities, and their uncertainty.
 
     Attributes:
-        chain: the chain with all that was found in the place of the model's values.
-        names: (p,) what was looked for: mass, com x .. z from C, inertia xx, xy, xz, yy, yz, zz about the mass centre,
-            all in object axes; then sensor offsets and gravity's tilt, if they were asked for.
-        values: (p,) [kg, m, kg m^2, ...].
-        covariance: (p, p) of the values; 0 along combinations that keep the model's values.
-        deviations: by name, standard deviations; infinite where a value is the model's, or rests on it in part.
-        kept: the names whose values are the model's, because the motion cannot tell them.
-        partly: the names whose values rest on the model in part, because only combinations with others are told.
-        undetermined: what the motion cannot tell, in words; there the model is kept.
-        notes: what else is to be known of the estimate, in words.
-        sensor_bias: (arms, 6) what each wrist sensor shows too much, tip axes [N m, N]; None if not asked for.
-        grasp_deviations: by arm whose grasp frame was asked for, (6,) of [turn; shift] in object axes [rad, m].
-        residuals: (samples, rows) left of the equations: [moment; force] about C along world axes, from torques the
-            power along an orthonormal basis of motions.
-        noise: (channels,) standard deviations of what was measured, by which rows are weighted [N m, N].
+        chain: the chain with the estimates in place of the model's values.
+        names: (p,) names of the unknowns: mass, com x .. z from C, inertia xx, xy, xz, yy, yz, zz about the mass
+            centre, all in object axes; then sensor offsets and the tilt of gravity, if they were requested.
+        values: (p,) their values [kg, m, kg m^2, ...].
+        covariance: (p, p) covariance of the values; 0 along combinations that keep the model's values.
+        deviations: standard deviations by name; infinite for values that are entirely or partly the model's.
+        kept: names of the values that are the model's, because the motion does not identify them.
+        partly: names of the values that are partly the model's, because only combinations of them are identified.
+        undetermined: combinations that the motion does not identify and that keep the model's values, as text.
+        notes: remarks on the estimate, as text.
+        sensor_bias: (arms, 6) offset of each wrist sensor, tip axes [N m, N]; None if it was not requested.
+        grasp_deviations: standard deviations (6,) of estimated grasp frames by arm, [turn; shift], object axes [rad,
+            m].
+        residuals: (samples, rows) residuals of the equations: [moment; force] about C along world axes, or with
+            torques the power along an orthonormal basis of motions.
+        noise: (channels,) standard deviations of the measurements, by which the rows are weighted [N m, N].
         misfit: mean square of the residuals in units of that noise.
     """
 
@@ -51,16 +52,16 @@ class Identification(Frozen):
 
     @property
     def held_object(self) -> HeldObject:
-        """The payload: a body that some distribution of mass has."""
+        """The payload, which is a physically possible body."""
         return self.chain.held_object
 
     @property
     def gravity(self) -> Array:
-        """(3,) world axes [m/s^2]."""
+        """(3,) gravity, world axes [m/s^2]."""
         return self.chain.gravity
 
     def __str__(self) -> str:
-        """Return a table, and below it what cannot be told and what is to be known."""
+        """Return a table of the values, followed by undetermined combinations and notes."""
         width, said = max(map(len, self.names)), dict.fromkeys(self.kept, "the model's")
         said |= dict.fromkeys(self.partly, "in part the model's")
         lines = [

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.consistency import closure
 from holdfast.errors import ModelError, StateError
 from holdfast.identification.completed import completed
-from holdfast.identification.equations import Asked, Equations, equations
+from holdfast.identification.equations import Equations, Settings, equations
 from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.grasp_frames import measured_grasps
 from holdfast.identification.identification import Identification
@@ -30,9 +30,9 @@ from holdfast.spatial.log_cholesky import numbers_of
 from holdfast.spatial.scalar import Array
 
 SOURCES = ("wrist_wrench", "tau")
-FAR, LOOKS = 0.01, 10  # m or rad that tips may be off, in so many samples of a recording
-ROUNDING = 1e-3  # mean square of residuals: these are not noise
-POORLY = 2.0  # mean square of residuals in units of a given noise: more is said
+FAR, LOOKS = 0.01, 10  # tip errors [m or rad] above this are reported; number of samples in which they are checked
+ROUNDING = 1e-3  # mean square of whitened residuals below which these are rounding rather than noise
+POORLY = 2.0  # mean square of residuals, in units of a given noise, above which a note is added
 Source = Recording | Trajectory | Result | str | PathLike[str]
 
 
@@ -48,37 +48,39 @@ def identify(
     noise: ArrayLike | None = None,
     largest_deviation: float = 0.3,
 ) -> Identification:
-    """Return mass, mass centre and inertia of the payload by weighted least squares; always a possible body.
+    """Estimate mass, mass centre and inertia of the payload by weighted least squares over possible bodies.
 
-    Of what the motion cannot tell, the model's values are kept, and named. O(samples n), from torques O(samples n^3).
+    Combinations of parameters that the motion does not identify keep the model's values and are listed in the result.
+    O(samples n), with torques O(samples n^3).
 
     Args:
-        chain: arms, grasps and the object as the model has them.
-        recordings: a `Recording`, a simulated run, what `load_result` returned, or the path of a result folder, a .csv
+        chain: model of arms, grasps and object.
+        recordings: a `Recording`, a simulated run, a result of `load_result`, or the path of a result folder, a .csv
             or a .parquet file; or a list of these.
-        by: "wrist_wrench", from what the wrists' sensors show, six rows a sample; or "tau", from the joint torques, in
-            which no grasp force appears: as many rows a sample as the chain has freedoms.
-        sensor_bias: whether each wrist's sensor has a constant offset, to be found too.
-        gravity: whether the direction of gravity is to be found too, as where a base may be tilted.
-        grasp_frames: whether the frames of rigid grasps are to be found first, from the poses of tips and object.
-        noise: standard deviations: of wrists (6,) or (arms, 6) [N m, N], of torques (n,) or one number [N m or N].
-            None: they are estimated, and the covariance is one that holds for unequal and, from sample to sample,
-            correlated noise.
-        largest_deviation: a combination is told if its standard deviation is below this part of its usual size: of the
-            model's mass m, its radius of gyration r, m r^2.
+        by: the measurements: "wrist_wrench", wrenches of wrist sensors, which give six equations per sample; or "tau",
+            joint torques, which give as many equations per sample as the chain has degrees of freedom, without grasp
+            forces.
+        sensor_bias: whether to estimate a constant offset of each wrist sensor too.
+        gravity: whether to estimate the direction of gravity too, for example if the base may be tilted.
+        grasp_frames: whether to estimate the frames of rigid grasps first, from the poses of tips and object.
+        noise: standard deviations of the measurements: (6,) or (arms, 6) for wrists [N m, N], (n,) or one number for
+            torques [N m or N]. With None they are estimated, and the covariance remains valid for noise that is
+            unequal, or correlated from sample to sample.
+        largest_deviation: a combination is estimated if its standard deviation, relative to its typical size, is below
+            this; the sizes are those of the model's mass m, its radius of gyration r, and m r^2.
 
     Returns:
         An `Identification`.
 
     Raises:
-        ModelError: no chain, a payload that is flat or no possible body, or options that do not fit.
-        StateError: a recording that does not fit, lacks what is needed, is too short or tells nothing.
-        ResultError: a file that cannot be read.
+        ModelError: it is not a chain, the payload is flat or not a possible body, or options contradict each other.
+        StateError: a recording does not match the chain, lacks measurements, is too short, or identifies nothing.
+        ResultError: a file cannot be read.
 
     Reference:
         Atkeson, An and Hollerbach 1986; Rucker and Wensing 2022; `docs/theory/derivatives.md`.
     """
-    asked = _asked(chain, by, {"sensor_bias": sensor_bias, "gravity": gravity, "grasp_frames": grasp_frames})
+    settings = _settings(chain, by, {"sensor_bias": sensor_bias, "gravity": gravity, "grasp_frames": grasp_frames})
     largest = checks.number(largest_deviation, "identify: largest_deviation", above=0.0)
     listed = isinstance(recordings, list | tuple)
     given = [recording_of(one, chain) for one in (recordings if listed else [recordings])]
@@ -90,10 +92,10 @@ def identify(
     if grasp_frames:
         chain, frames = measured_grasps(chain, given)
     whole = [completed(chain, one) for one in given]
-    system = equations(chain, whole, asked)
+    system = equations(chain, whole, settings)
     wrists = np.tile([0, 0, 0, 1, 1, 1], len(chain.grasps))
     kinds = wrists if by == "wrist_wrench" else np.arange(chain.joint_count)
-    look = unknowns(chain, asked, _wrench_sizes(system, by))
+    look = unknowns(chain, settings, _wrench_sizes(system, by))
     rows, p = system.rows[..., 0].size, len(look.names)
     if rows < 2 * p:
         raise StateError(
@@ -101,11 +103,11 @@ def identify(
         )
     found = estimate(system, look, kinds, _given_noise(noise, chain, by), largest)
     notes = [*_notes(found, system, noise is not None), *_notes_on_grasps(chain, whole, frames)]
-    return _identification(chain, look, found, asked, frames, tuple(notes))
+    return _identification(chain, look, found, settings, frames, tuple(notes))
 
 
-def _asked(chain: Any, by: Any, flags: dict[str, Any]) -> Asked:
-    """Return what is unknown; refuse chains and options that do not fit."""
+def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
+    """Return the measurements and the unknowns; refuse options that do not match the chain."""
     checks.instance(chain, ClosedChain, "identify: chain")
     if by not in SOURCES:
         raise ModelError(f"identify: by: expected {' or '.join(map(repr, SOURCES))}, got {checks.short(by)}")
@@ -126,7 +128,7 @@ def _asked(chain: Any, by: Any, flags: dict[str, Any]) -> Asked:
             "identify: object: expected principal moments of which any two sum to more than the third; got a flat or an"
             " impossible body; try HeldObject.box with three edges as a first guess"
         ) from cause
-    return Asked(by, flags["sensor_bias"], flags["gravity"])
+    return Settings(by, flags["sensor_bias"], flags["gravity"])
 
 
 def _moments(body: HeldObject) -> Array:
@@ -134,7 +136,7 @@ def _moments(body: HeldObject) -> Array:
 
 
 def _require(chain: ClosedChain, one: Recording, by: str) -> None:
-    """Refuse a recording without what was measured, or of other arms."""
+    """Refuse a recording without the measurements, or with another number of arms."""
     measured = getattr(one, by)
     if measured is None:
         other = next((name for name in SOURCES if getattr(one, name) is not None), None)
@@ -145,7 +147,7 @@ def _require(chain: ClosedChain, one: Recording, by: str) -> None:
 
 
 def _given_noise(noise: Any, chain: ClosedChain, by: str) -> Array | None:
-    """Return given standard deviations, (channels,), or None."""
+    """Return the given standard deviations for each channel, (channels,), or None."""
     if noise is None:
         return None
     given = checks.numbers(noise, None, "identify: noise")
@@ -173,19 +175,19 @@ def _identification(
     chain: ClosedChain,
     look: Unknowns,
     found: Estimate,
-    asked: Asked,
+    settings: Settings,
     frames: dict[str, Array],
     notes: tuple[str, ...],
 ) -> Identification:
-    """Return the estimate in the terms of the model."""
+    """Return the result of an estimate, with a chain that has the estimated values."""
     values = np.array(found.plain)
     values[1:4] += chain.held_object.com
     payload = HeldObject(values[0], of_parameters(values[:10]).I, values[1:4])
     bias = None
-    if asked.sensor_bias:
+    if settings.sensor_bias:
         bias = np.zeros((len(chain.arms), 6))
         bias[[chain.names.index(name) for name in chain.grasps]] = values[10 : 10 + look.biases].reshape(-1, 6)
-    g = look.tilted_gravity(values[-2:])[0] if asked.gravity else chain.gravity
+    g = look.tilted_gravity(values[-2:])[0] if settings.gravity else chain.gravity
     model, partly = parts_kept(found.held)
     sizes = np.where(model | partly, np.inf, np.sqrt(np.maximum(np.diag(found.covariance), 0.0)))
     return Identification(
@@ -207,10 +209,10 @@ def _identification(
 
 
 def _notes(found: Estimate, system: Equations, noise_given: bool) -> list[str]:
-    """Return what a reader should know of the estimate."""
+    """Return remarks on the quality of the estimate."""
     notes = []
     if not found.possible:
-        notes.append("the rows alone ask for what no body has; the estimate is the nearest possible one")
+        notes.append("the unconstrained estimate is not a possible body; the nearest possible body is returned")
     if noise_given and found.misfit > POORLY:
         notes.append(
             f"residuals are {np.sqrt(found.misfit):.2g} times the given noise: the model lacks something, such as"
@@ -225,7 +227,7 @@ def _notes(found: Estimate, system: Equations, noise_given: bool) -> list[str]:
 
 
 def _notes_on_grasps(chain: ClosedChain, recordings: list[Recording], frames: dict[str, Array]) -> list[str]:
-    """Return what a reader should know of grasps: frames that were not found, and tips that are elsewhere."""
+    """Return remarks on the grasps: frames that were not estimated, and tips that are away from their grasps."""
     notes = []
     if frames and (others := [name for name in chain.grasps if name not in frames]):
         notes.append(f"the grasp frames of {', '.join(map(repr, others))} are the model's")

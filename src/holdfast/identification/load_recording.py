@@ -1,4 +1,4 @@
-"""Recordings from files: result folders, and tables with the titles that exports have."""
+"""Loading recordings from result folders, and from tables with the column titles of exports."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ OF_MOTION = {"pose": POSE, "twist": TWIST, "acceleration": ACCELERATION}
 
 
 def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inputs | None = None) -> Recording:
-    """Return what a file recorded of a chain.
+    """Return the recording of a chain in a file.
 
-    Tables have the titles of `export_csv`: `t [s]`, `q left/joint1 [rad]`, `tau left/joint1 [N m]`, `wrist_wrench left
-    moment_x [N m]`, `object_pose qw` and so on; units may be left out. Other columns are not read; of an array that is
-    there all columns are needed.
+    Tables have the column titles of `export_csv`: `t [s]`, `q left/joint1 [rad]`, `tau left/joint1 [N m]`,
+    `wrist_wrench left moment_x [N m]`, `object_pose qw` and so on; units may be omitted. Other columns are ignored. If
+    one column of an array is present, all of its columns are required.
 
     Args:
         path: a result folder, or a file that ends in .csv or .parquet.
-        chain: whose arms and joints are named.
-        inputs: external wrenches and base motion of the recording, which files do not hold.
+        chain: the chain whose arms and joints are named in the titles.
+        inputs: external wrenches and base motion of the recording, which files do not contain.
 
     Raises:
-        ResultError: a file that cannot be read, or lacks columns.
-        StateError: arrays that are no recording.
-        MissingExtra: a Parquet file, and pyarrow is not installed.
+        ResultError: the file cannot be read, or lacks columns.
+        StateError: the arrays are not a valid recording.
+        MissingExtra: it is a Parquet file, and pyarrow is not installed.
     """
     checks.instance(chain, ClosedChain, "load_recording: chain")
     path = file_path(path, "path")
@@ -71,7 +71,7 @@ def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inp
 
 
 def recording_of(given: Any, chain: ClosedChain) -> Recording:
-    """Return whatever holds a recording as one: a `Recording`, a run, a result, or a path."""
+    """Return the recording in a `Recording`, a run, a result, or the file at a path."""
     if isinstance(given, Recording):
         return given
     return load_recording(given, chain) if isinstance(given, str | PathLike) else Recording.of_run(given)

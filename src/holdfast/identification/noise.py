@@ -1,4 +1,4 @@
-"""How noisy the channels are, from what is left of the rows."""
+"""Estimating the noise of the measured channels from the residuals."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from scipy.optimize import nnls
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
-LEAST = 1e-6  # of a channel's size: noise below this is not believed
-UNEVEN = 0.2  # of the usual noise relative to the channels' sizes: no channel gets more weight than that
+LEAST = 1e-6  # lower bound of the noise, relative to a channel's size
+UNEVEN = 0.2  # lower bound of a channel's relative noise, as a fraction of the typical one; limits its weight
 
 
 def channel_sizes(measured: Array, kinds: Array) -> Array:
-    """Return the root mean square of each kind of channel, (channels,); no kind is smaller than a thousandth of all.
+    """Return the root mean square of each kind of channel, (channels,), at least a thousandth of the largest one.
 
     Args:
-        measured: (samples, channels).
-        kinds: (channels,) which channels share their noise.
+        measured: (samples, channels) measurements.
+        kinds: (channels,) labels; channels with the same label have the same noise.
     """
     found = np.array([np.sqrt(np.mean(measured[:, kinds == kind] ** 2)) for kind in kinds])
     return np.maximum(found, 1e-3 * found.max()) if found.max() > 0.0 else np.ones(len(kinds))
 
 
 def estimated(maps: Array, residuals: Array, kinds: Array, sizes: Array) -> Array:
-    """Return the channels' standard deviations, (channels,), one a kind.
+    """Return the estimated standard deviations of the channels, (channels,), which are equal within a kind.
 
-    Of rows r = -P noise the products r r^T are, on average, sum var p p^T over the columns p of P. The variances >= 0
-    whose sum is nearest to the products are found by least squares (Rao 1971); repeated with rows whitened by what
-    was found before, that is the most likely of normal noise.
+    For residuals r = -P noise, the mean of r r^T is the sum of var p p^T over the columns p of P. Variances >= 0 are
+    fitted to r r^T by least squares (Rao 1971). Repeated with rows that are whitened by the previous result, this
+    converges to the maximum-likelihood estimate for normal noise.
 
     Args:
         maps: (samples, r, channels) P, whitened.
-        residuals: (samples, r), whitened.
-        kinds: (channels,).
-        sizes: (channels,) of what is measured.
+        residuals: (samples, r) whitened residuals.
+        kinds: (channels,) labels of the channels.
+        sizes: (channels,) sizes of the measurements.
     """
     members = (kinds[:, None] == np.unique(kinds)).astype(float)
     scaled = maps * sizes
@@ -48,11 +48,11 @@ def estimated(maps: Array, residuals: Array, kinds: Array, sizes: Array) -> Arra
 
 
 def whitener(maps: Array, deviations: Array) -> Array:
-    """Return (samples, r, r) what makes rows independent, of unit noise.
+    """Return matrices (samples, r, r) that whiten the rows: their noise becomes independent with unit variance.
 
     Args:
-        maps: (samples, r, channels).
-        deviations: (channels,).
+        maps: (samples, r, channels) from the noise of the channels to the rows.
+        deviations: (channels,) standard deviations of the noise.
     """
     spread = maps * deviations
     V = np.einsum("src,stc->srt", spread, spread)

@@ -1,4 +1,4 @@
-"""What was recorded of a chain: joints, and torques or wrenches, at a row of instants."""
+"""Recordings of a chain: joint positions, and torques or wrenches, in a sequence of samples."""
 
 from __future__ import annotations
 
@@ -15,31 +15,32 @@ from holdfast.spatial.converted import NOT_GIVEN, REQUIRED, ArrayField, Optional
 from holdfast.spatial.frozen import Frozen
 from holdfast.state import Inputs, State
 
-FEWEST = 6  # samples that a spline of fifth order needs
+FEWEST = 6  # samples required by a quintic spline
 FREE_BODIES = ("object", "base")
 
 
 @dataclass(frozen=True, eq=False)
 class Recording(Frozen):
-    """A recording; the first axis of every array is the sample. What is None was not recorded.
+    """A recording; the first axis of every array is the sample. Arrays that were not recorded are None.
 
-    Rates and accelerations of joints that were not recorded are those of a spline of fifth order through the positions
-    (or rates), which smooths nothing: filter noisy positions beforehand. The object's motion that was not recorded is
-    that of the tips which hold it rigidly.
+    Joint rates and accelerations that were not recorded are computed from a quintic spline through the positions (or
+    rates). This does not smooth, so that noisy positions should be filtered beforehand. An object motion that was not
+    recorded is computed from the tips that hold the object rigidly.
 
     Attributes:
         t: (samples,) increasing times [s].
         q: (samples, n) joint positions [rad or m].
-        qd: (samples, n) their rates.
-        qdd: (samples, n) their accelerations.
+        qd: (samples, n) joint rates.
+        qdd: (samples, n) joint accelerations.
         tau: (samples, n) joint torques [N m or N].
-        wrist_wrench: (samples, arms, 6) [moment; force] of each arm across its tip frame on what it holds, about the
-            tip's origin, tip axes [N m, N], as `forces.wrist_wrenches` returns it; what the object does to the
-            sensor has its sign turned.
+        wrist_wrench: (samples, arms, 6) [moment; force] that each arm exerts across its tip frame on the held body,
+            about the tip's origin, tip axes [N m, N], as `forces.wrist_wrenches` returns it. The wrench of the object
+            on the sensor has the opposite sign.
         object_pose: (samples, 7) wxyz_xyz of the object frame in the world.
         object_twist: (samples, 6) [omega; v of C], world axes.
         object_acceleration: (samples, 6) [omega_dot; v_dot of C], world axes.
-        base_pose: (samples, 7) wxyz_xyz of a trunk's floating base in the world; it and its motion are needed with one.
+        base_pose: (samples, 7) wxyz_xyz of a trunk's floating base in the world; a chain with such a base requires it
+            and the base's twist and acceleration.
         base_twist: (samples, 6) [omega; v of its origin], world axes.
         base_acceleration: (samples, 6) [omega_dot; v_dot of its origin], world axes.
         inputs: external wrenches and base motion, the same for all samples; zero by default.
@@ -88,14 +89,14 @@ class Recording(Frozen):
 
     @staticmethod
     def of_run(run: Trajectory | Result, inputs: Inputs | None = None) -> Recording:
-        """Return a simulated run, or one that `load_result` read, as a recording.
+        """Return a simulated run, or a result of `load_result`, as a recording.
 
         Args:
-            run: a run whose grasps stay as they are.
-            inputs: what it was given, which a run does not hold.
+            run: a run in which no grasp closes or opens.
+            inputs: the inputs of the run, which it does not contain.
 
         Raises:
-            StateError: no run, or one in which grasps close or open.
+            StateError: it is not a run, or grasps close or open in it.
         """
         if isinstance(run, Result):
             run = run.trajectory
@@ -113,13 +114,13 @@ class Recording(Frozen):
         return Recording(**given, inputs=inputs)
 
     def state(self, k: int) -> State:
-        """Return the state in a sample of a recording that has the object's motion."""
+        """Return the state in a sample; the recording must have the object's motion."""
         pose, twist = self.object_pose, self.object_twist
         assert self.qd is not None and pose is not None and twist is not None
         return self.on_base(k, State(self.q[k], self.qd[k], pose[k], twist[k]))
 
     def on_base(self, k: int, state: State) -> State:
-        """Return a state with the floating base where it is in a sample, if it was recorded."""
+        """Return a state with the pose and twist of the floating base in a sample, if they were recorded."""
         if self.base_pose is None:
             return state
         twist = None if self.base_twist is None else self.base_twist[k]

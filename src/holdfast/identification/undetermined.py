@@ -1,4 +1,4 @@
-"""What a motion cannot tell, in words."""
+"""Describing the unknowns that a motion does not identify."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from holdfast.identification.base_parameters import pivoted
 from holdfast.identification.unknowns import Unknowns
 from holdfast.spatial.scalar import Array
 
-WHOLLY, PARTLY = 0.99, 0.01  # of an unknown's square in what is held: it is the model's; it rests on the model too
-ALONE = 0.05  # of a combination's largest term, each in units of its size: what is smaller is not named
+WHOLLY, PARTLY = 0.99, 0.01  # squared share of an unknown in the fixed combinations above which it is so the model's
+ALONE = 0.05  # terms smaller than this, relative to a combination's largest one, are not named
 
 
 def parts_kept(held: Array) -> tuple[Array, Array]:
-    """Return which unknowns are the model's, and which rest on the model in part, (p,) each."""
+    """Return which unknowns keep the model's value entirely, and which partly, (p,) each."""
     part = (held**2).sum(axis=1)
     return part > WHOLLY, (part > PARTLY) & (part <= WHOLLY)
 
 
 def sentences(held: Array, look: Unknowns) -> tuple[str, ...]:
-    """Return one sentence for each combination that cannot be told.
+    """Return a sentence for each combination that cannot be identified.
 
     Args:
-        held: (p, d) an orthonormal basis of them, in units of sizes.
+        held: (p, d) an orthonormal basis of these combinations, with unknowns scaled by their sizes.
         look: the unknowns.
     """
     d = held.shape[1]

@@ -1,10 +1,10 @@
-"""What identification looks for, in the coordinates of three purposes.
+"""The unknowns of the identification, in three sets of coordinates.
 
-    free    theta = [log-Cholesky numbers; b; tilt]    any ten numbers are a body
-    linear  x = [pi; b; tilt]                          the rows are linear in its products
-    plain   xi = [m; c; I about c; b; tilt]            what the model says, and a motion that cannot tell it keeps
+    free    theta = [log-Cholesky parameters; b; tilt]   any values are a possible body
+    linear  x = [pi; b; tilt]                            the equations are linear in products of its entries
+    plain   xi = [m; c; I about c; b; tilt]              the model's parameters, which unidentified ones keep
 
-pi and c are about the mass centre that the model has. Gravity is tilted by g = |g| (n + E tilt) / |n + E tilt|.
+pi and c are relative to the model's mass centre. Gravity is tilted by g = |g| (n + E tilt) / |n + E tilt|.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.identification.equations import Asked
+from holdfast.identification.equations import Settings
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.differentiation import linearised
 from holdfast.spatial.inertia import PARAMETERS, RigidInertia, of_parameters
@@ -28,16 +28,16 @@ AXES = ("moment x", "moment y", "moment z", "force x", "force y", "force z")
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The unknowns of a chain, and what the model says of them.
+    """The unknowns of a chain, and their values in the model.
 
     Attributes:
-        names: of the entries of xi.
-        units: of them.
-        sizes: what counts as one of each.
+        names: names of the entries of xi.
+        units: units of the entries of xi.
+        sizes: typical sizes of the entries of xi, by which they are scaled.
         model: xi of the model; offsets and tilt are 0.
-        gravity: (3,) of the model.
-        across: (2, 3) E, unit vectors across gravity.
-        biases: how many offsets there are.
+        gravity: (3,) gravity of the model.
+        across: (2, 3) E, unit vectors perpendicular to gravity.
+        biases: number of sensor offsets.
         tilted: whether gravity's direction is unknown.
     """
 
@@ -52,7 +52,7 @@ class Unknowns:
 
     @property
     def linear_sizes(self) -> Array:
-        """What counts as one of each entry of x: first moments take the place of the mass centre."""
+        """Typical sizes of the entries of x, in which first moments replace the mass centre."""
         return np.concatenate([self.sizes[:1], self.sizes[0] * self.sizes[1:4], self.sizes[4:]])
 
     @property
@@ -80,14 +80,14 @@ class Unknowns:
         return found[0], found[1]
 
     def tilted_gravity(self, tilt: Array) -> tuple[Array, Array]:
-        """Return gravity (3,) and its slope (3, 2) by the tilt."""
+        """Return gravity (3,) and its derivative (3, 2) by the tilt."""
         size = float(np.linalg.norm(self.gravity))
         v = self.gravity / size + tilt @ self.across
         s = float(np.linalg.norm(v))
         return size * v / s, size * (self.across.T / s - np.outer(v, tilt) / s**3)
 
     def features(self, x: Array) -> tuple[Array, Array]:
-        """Return the features that rows multiply, and their slopes by x."""
+        """Return the features, by which the rows are multiplied, and their derivatives by x."""
         pi, b, one = x[:10], x[10 : 10 + self.biases], np.ones(1)
         p = len(x)
         of_b = np.eye(p)[10 : 10 + self.biases]
@@ -100,35 +100,35 @@ class Unknowns:
         return values, np.vstack([np.eye(10, p), of_products, of_b, np.zeros((1, p)), of_g])
 
 
-def unknowns(chain: ClosedChain, asked: Asked, wrench_sizes: Array) -> Unknowns:
+def unknowns(chain: ClosedChain, settings: Settings, wrench_sizes: Array) -> Unknowns:
     """Return the unknowns of a chain.
 
     Args:
-        chain: with the model's values.
-        asked: what is unknown.
-        wrench_sizes: (6,) what counts as one of a sensor's offset [N m, N].
+        chain: chain with the model's values.
+        settings: which unknowns are requested.
+        wrench_sizes: (6,) typical sizes of a sensor offset [N m, N].
     """
     body, names, units = chain.held_object, list(NAMES), list(UNITS)
     m, radius = body.mass, float(np.sqrt(np.trace(body.inertia) / (2.0 * body.mass)))
     sizes = [m, *[radius] * 3, *[m * radius**2] * 6]
     model = [m, 0.0, 0.0, 0.0, *body.inertia[np.triu_indices(3)]]
-    holding = list(chain.grasps) if asked.sensor_bias else []
+    holding = list(chain.grasps) if settings.sensor_bias else []
     for name in holding:
         names += [f"sensor offset of '{name}', {axis}" for axis in AXES]
         units += ["N m"] * 3 + ["N"] * 3
         sizes += wrench_sizes.tolist()
     across = np.zeros((2, 3))
-    if asked.gravity:
+    if settings.gravity:
         across = np.linalg.svd(chain.gravity[None, :])[2][1:]
         names += ["gravity's tilt, first", "gravity's tilt, second"]
         units, sizes = [*units, "rad", "rad"], [*sizes, 1.0, 1.0]
     model += [0.0] * (len(names) - 10)
     arrays = (np.array(sizes), np.array(model), chain.gravity, across)
-    return Unknowns(tuple(names), tuple(units), *arrays, 6 * len(holding), asked.gravity)
+    return Unknowns(tuple(names), tuple(units), *arrays, 6 * len(holding), settings.gravity)
 
 
 def plain_parameters(numbers: Array) -> Array:
-    """Return (10,) m, c and I about c of ten log-Cholesky numbers."""
+    """Return (10,) m, c and I about c for ten log-Cholesky parameters."""
     body = inertia_of(numbers)
     c = numbers[7:]
     about_c = body.I - body.m * (dot(c, c) * np.eye(3) - outer(c, c))
@@ -136,7 +136,7 @@ def plain_parameters(numbers: Array) -> Array:
 
 
 def plain_body(plain: Array) -> RigidInertia:
-    """Return the inertia about the origin that m, c and I about c stand for."""
+    """Return the inertia about the origin for given m, c and I about c."""
     m, c = float(plain[0]), plain[1:4]
     I = of_parameters(plain[:10]).I
     return RigidInertia(m, m * c, I + m * (c @ c * np.eye(3) - np.outer(c, c)))

@@ -1,4 +1,4 @@
-"""To and from other libraries: MuJoCo's MJCF, Pinocchio's orders, functions for SciPy and JAX."""
+"""Interfaces to other libraries: MuJoCo's MJCF, the conventions of Pinocchio, functions for SciPy and JAX, MCAP files."""
 
 import lazy_loader
 

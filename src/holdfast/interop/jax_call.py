@@ -1,4 +1,4 @@
-"""Machine code as an operation of JAX's programs, a batch under vmap."""
+"""Calling machine code from JAX programs; under vmap, a batch is computed in one call."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
 Route = Literal["ffi", "callback"]
-Run = Callable[[int | None, Sequence[Any]], tuple[Any, ...]]  # how many systems or None, the given arrays; the results
+Run = Callable[[int | None, Sequence[Any]], tuple[Any, ...]]  # (number of systems or None, given arrays) -> results
 Host = Callable[[int | None, Sequence[Array]], tuple[Array, ...]]  # the same on NumPy's arrays
 _TARGET = "holdfast"
 
 
 @functools.cache
 def available_route() -> Route:
-    """Return how JAX's programs reach machine code: by its address, or through Python where JAX cannot do that."""
+    """Return how JAX programs call machine code: by its address or, if JAX does not support this, through Python."""
     jax = require_jax()
     if jax.default_backend() != "cpu":
         return "callback"
@@ -37,13 +37,13 @@ def available_route() -> Route:
 def operation(
     compiled: CompiledChain, code: ForeignCode, given: Sequence[str], route: Route
 ) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
-    """Return machine code as a function of arrays by name, to results by name; vmap makes it one call of a batch.
+    """Return machine code as a JAX function from named arrays to named results; vmap makes it one call for a batch.
 
     Args:
-        compiled: the chain whose code it is.
+        compiled: the chain to which the code belongs.
         code: the machine code.
-        given: the names of the arrays it will be called with; the others are the chain's own.
-        route: how it is reached.
+        given: names of the arrays with which the function will be called; the others are taken from the chain.
+        route: how the code is called.
     """
     run = _by_address(code, given) if route == "ffi" else _through_python(compiled, code, given)
     call = batched(run, [len(code.externals[name].shape) for name in given])
@@ -55,7 +55,7 @@ def operation(
 
 
 def _by_address(code: ForeignCode, given: Sequence[str]) -> Run:
-    """Return calls of the code from within a program of XLA."""
+    """Return a function that calls the code from within an XLA program."""
     ffi, key = require_jax().ffi, np.int64(code.publish())
     inputs = [name for name, external in code.externals.items() if external.role != "output"]
     outputs = [name for name, external in code.externals.items() if external.role == "output"]
@@ -71,7 +71,7 @@ def _by_address(code: ForeignCode, given: Sequence[str]) -> Run:
 
 
 def _through_python(compiled: CompiledChain, code: ForeignCode, given: Sequence[str]) -> Run:
-    """Return calls of the code by callbacks into Python, which every backend of JAX has."""
+    """Return a function that calls the code by callbacks into Python, which every backend of JAX supports."""
     outputs = list(code.results.values())
 
     def host(batch: int | None, values: Sequence[Array]) -> tuple[Array, ...]:
@@ -133,7 +133,7 @@ def batched(run: Run, ranks: Sequence[int]) -> Callable[..., tuple[Any, ...]]:
         def flat(x: Any, rank: int, is_batched: bool) -> Any:
             own = x.shape[x.ndim - rank :]
             if not is_batched and x.ndim == rank + 1:
-                return x[0]  # one for all systems
+                return x[0]  # shared by all systems
             rows = x if x.ndim == rank + 2 else x[:, None]
             return jnp.broadcast_to(rows, (size, inner, *own)).reshape(size * inner, *own)
 

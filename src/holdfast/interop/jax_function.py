@@ -1,4 +1,4 @@
-"""Forward dynamics as a function of JAX, with gradients."""
+"""Forward dynamics as a JAX function with gradients."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")
 
 
 class JaxFunction:
-    """Forward dynamics as a function of JAX; made by `to_jax`.
+    """Forward dynamics as a JAX function; made by `to_jax`.
 
     Attributes:
-        of: the results.
-        parameters: what is given by name at each call.
-        route: how the machine code is reached: "ffi", by its address, or "callback", through Python, where JAX has no
-            FFI for it or computes elsewhere than on the processor: the same numbers, some 0.2 ms later.
+        of: names of the results.
+        parameters: names of the parameters that are given at each call.
+        route: how the machine code is called: "ffi", by its address; or "callback", through Python, if JAX has no
+            suitable FFI or does not compute on the CPU. The results are the same, about 0.2 ms later.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class JaxFunction:
             **parameters: those named in `to_jax`, and of a floating base floating_pose and floating_twist.
 
         Raises:
-            StateError: a name that is missing or not there, a wrong shape, numbers that are not real.
+            StateError: a parameter is missing or unknown, a shape is wrong, or numbers are not real.
         """
         values = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True)) | parameters
         return self._function(*checked(values, self._shapes, len(STATE_AND_TORQUES)))
@@ -99,14 +99,14 @@ class JaxFunction:
 
     @cached_property
     def _vjp(self) -> Any:
-        """Machine code of the gradient, made when JAX first takes one."""
+        """Machine code of the gradient, compiled when JAX first takes one."""
         self._require_unique_forces()
         code = derivative_code(self._compiled, "vjp", self.of, self._names)
         return self._operation_of(code, self.of)
 
     @cached_property
     def _jvp(self) -> Any:
-        """Machine code of the directional derivative, made when JAX first takes one."""
+        """Machine code of the directional derivative, compiled when JAX first takes one."""
         self._require_unique_forces()
         code = derivative_code(self._compiled, "jvp", self.of, self._names)
         return self._operation_of(code, self._names)
@@ -116,7 +116,7 @@ class JaxFunction:
         return operation(self._compiled, code, [name for name in arrays if name in code.externals], self.route)
 
     def _require_unique_forces(self) -> None:
-        """Refuse derivatives of forces that are one choice among many, which mean nothing."""
+        """Refuse derivatives of forces that are not unique, because they are meaningless."""
         rank, forces = self._compiled.generic_rank, [name for name in self.of if name in _FORCES]
         if forces and rank is not None and rank < self._compiled.chain.constraint_row_count:
             others = ", ".join(name for name in results_of(self._compiled.chain) if name not in _FORCES)
@@ -129,11 +129,11 @@ class JaxFunction:
         return zip(self._names, values, strict=True)
 
     def _arrays_of(self, names: Sequence[str]) -> list[str]:
-        """Return the machine code's names of arguments."""
+        """Return the names of arguments in the machine code."""
         return [own for name in names for own in _POSES.get(name, (name,))]
 
     def _arrays(self, values: Sequence[Any]) -> dict[str, Any]:
-        """Return arguments by the machine code's names."""
+        """Return arguments with the names of the machine code."""
         found: dict[str, Any] = {}
         for name, x in self._named(values):
             if name in _POSES:
@@ -148,5 +148,5 @@ def _is_pose(name: str) -> bool:
 
 
 def _varied(name: str, rate: Any) -> Any:
-    """Return how an argument changes; inertias stay symmetric."""
+    """Return the rate of an argument; that of an inertia is made symmetric."""
     return (rate + rate.swapaxes(-1, -2)) / 2.0 if name.endswith("inertia") else rate

@@ -1,4 +1,4 @@
-"""JAX, loaded when first needed; it is an extra."""
+"""Importing JAX, an optional dependency, when it is first needed."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from holdfast.errors import MissingExtra, StateError
 
 
 def require_jax() -> Any:
-    """Return the module `jax`, which must compute in 64 bits.
+    """Return the module `jax`, after checking that 64-bit numbers are enabled.
 
     Raises:
-        MissingExtra: it is not installed, or too old.
-        StateError: its 64-bit numbers are off.
+        MissingExtra: JAX is not installed, or too old.
+        StateError: 64-bit numbers are disabled.
     """
     try:
         import jax
@@ -30,7 +30,7 @@ def require_jax() -> Any:
 
 
 def jax_numpy() -> Any:
-    """Return `jax.numpy`, for functions that run within a program of JAX."""
+    """Return `jax.numpy`, for functions that run within a JAX program."""
     import jax.numpy
 
     return jax.numpy

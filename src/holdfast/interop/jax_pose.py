@@ -1,4 +1,4 @@
-"""Poses of JAX's programs: seven numbers (w, x, y, z, x, y, z) to rotations, and their gradients and tangents."""
+"""Poses in JAX programs: from seven numbers (w, x, y, z, x, y, z) to rotations, with gradients and tangents."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from holdfast.model.checks import ROTATION_TOLERANCE
 
 
 def rotation_and_origin(pose: Any) -> tuple[Any, Any]:
-    """Return rotation matrices (.., 3, 3) and origins (.., 3); not-a-number for quaternions not of unit length.
+    """Return rotation matrices (.., 3, 3) and origins (.., 3); NaN for quaternions that do not have unit length.
 
     Args:
         pose: (.., 7) wxyz_xyz.
@@ -24,7 +24,7 @@ def rotation_and_origin(pose: Any) -> tuple[Any, Any]:
 
 
 def pose_gradient(pose: Any, turn_and_shift: Any) -> Any:
-    """Return the gradient by a pose's seven numbers: quaternion_bar = 2 (0, turn_bar) q / |q|^2, none along q.
+    """Return the gradient by a pose's seven numbers, with 2 (0, turn_bar) q / |q|^2 for the quaternion q.
 
     Args:
         pose: (.., 7) wxyz_xyz.
@@ -38,11 +38,11 @@ def pose_gradient(pose: Any, turn_and_shift: Any) -> Any:
 
 
 def pose_tangent(pose: Any, rate: Any) -> Any:
-    """Return (.., 6) [turn; shift] of a change of a pose's seven numbers: turn = 2 vec(dq q*) / |q|^2.
+    """Return (.., 6) [turn; shift] for given rates of a pose's seven numbers: turn = 2 vec(dq q*) / |q|^2.
 
     Args:
         pose: (.., 7) wxyz_xyz.
-        rate: (.., 7) how it changes.
+        rate: (.., 7) rates of these numbers.
     """
     jnp = jax_numpy()
     q, dq = pose[..., :4], rate[..., :4]

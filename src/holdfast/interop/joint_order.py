@@ -1,4 +1,4 @@
-"""Between our orders and those of other libraries: halves of spatial vectors, joints of flat arrays, quaternions."""
+"""Conversion between our order and that of other libraries, for spatial vectors, joints and quaternions."""
 
 from __future__ import annotations
 
@@ -15,17 +15,16 @@ FREE_FLYERS = (TRUNK, "root_joint")
 
 
 def linear_first(spatial: Any, axis: int = -1) -> Array:
-    """Return twists [v; omega] or wrenches [force; moment] of ours, [omega; v] or [moment; force].
+    """Return twists [v; omega] or wrenches [force; moment] from our [omega; v] or [moment; force].
 
-    Pinocchio, ROS and MuJoCo's free joints put the linear half first. The point and the
-    axes of the vector stay as they are.
+    Pinocchio, ROS and MuJoCo's free joints put the linear half first. The reference point and the axes are not changed.
 
     Args:
-        spatial: an array with six along the axis.
-        axis: where; the rows of a Jacobian or of an inertia: 0.
+        spatial: an array of size six along the axis.
+        axis: axis of the spatial vectors; 0 for the rows of a Jacobian or of an inertia.
 
     Raises:
-        ModelError: not six along the axis.
+        ModelError: the size along the axis is not six.
     """
     array = np.asarray(spatial)
     if not array.ndim or array.shape[axis] != 6:
@@ -34,39 +33,39 @@ def linear_first(spatial: Any, axis: int = -1) -> Array:
 
 
 def angular_first(spatial: Any, axis: int = -1) -> Array:
-    """Return our twists [omega; v] or wrenches [moment; force] of those with the linear half first.
+    """Return our twists [omega; v] or wrenches [moment; force] from vectors with the linear half first.
 
     Args:
-        spatial: an array with six along the axis.
-        axis: where; the rows of a Jacobian or of an inertia: 0.
+        spatial: an array of size six along the axis.
+        axis: axis of the spatial vectors; 0 for the rows of a Jacobian or of an inertia.
 
     Raises:
-        ModelError: not six along the axis.
+        ModelError: the size along the axis is not six.
     """
-    return linear_first(spatial, axis)  # halves swapped twice are back
+    return linear_first(spatial, axis)  # the swap is its own inverse
 
 
 def xyzw(wxyz: Any) -> Array:
-    """Return quaternions (..., 4) with the scalar last, as Pinocchio and ROS have it."""
+    """Return quaternions (..., 4) with the scalar part last, as in Pinocchio and ROS."""
     return np.roll(np.asarray(wxyz), -1, -1)
 
 
 def wxyz(xyzw: Any) -> Array:
-    """Return quaternions (..., 4) with the scalar first, as we and MuJoCo have it."""
+    """Return quaternions (..., 4) with the scalar part first, as in holdfast and MuJoCo."""
     return np.roll(np.asarray(xyzw), 1, -1)
 
 
 def free_flyer(pose: Any, twist: Any) -> tuple[Array, Array]:
-    """Return what Pinocchio has for the free flyer of a body: q (7,), v (6,).
+    """Return q (7,) and v (6,) of Pinocchio's free-flyer joint for the pose and twist of a body.
 
-    Its q is [p, quaternion with the scalar last]; its v is [v; omega] of the body's origin in the body's own axes.
+    q is [p, quaternion with the scalar part last]; v is [v; omega] of the body's origin in the body's own axes.
 
     Args:
-        pose: of the body, a Pose or wxyz_xyz.
+        pose: pose of the body, a Pose or wxyz_xyz.
         twist: (6,) [omega; v] of its origin, world axes.
 
     Raises:
-        ModelError: a pose that is none, or a twist of another shape.
+        ModelError: `pose` is not a pose, or the twist has another shape.
     """
     at = checks.pose(pose, "free_flyer: pose")
     omega, v = np.split(checks.numbers(twist, (6,), "free_flyer: twist") @ np.kron(np.eye(2), at.R), 2)
@@ -74,16 +73,16 @@ def free_flyer(pose: Any, twist: Any) -> tuple[Array, Array]:
 
 
 class PinocchioOrder(NamedTuple):
-    """Where our joints lie in a Pinocchio model's vectors.
+    """Indices of our joints in the vectors of a Pinocchio model.
 
-    `v[order.v] = qd` puts our rates into its v, `tau[order.v]` takes our torques out of its tau,
-    `M[np.ix_(order.v, order.v)]` our block out of its mass matrix; `q[order.q]` is our q.
+    `v[order.v] = qd` writes our rates to its v, `tau[order.v]` are our torques in its tau,
+    `M[np.ix_(order.v, order.v)]` is our block of its mass matrix, and `q[order.q]` is our q.
 
     Attributes:
-        v: (n,) whole numbers, places in v, tau and the like.
-        q: (n,) whole numbers, places in q.
-        base_v: (6,) places in v of the free flyer of a floating base, see `free_flyer`; (0,) without one.
-        base_q: (7,) its places in q; (0,) without one.
+        v: (n,) indices into v, tau and other vectors of that size.
+        q: (n,) indices into q.
+        base_v: (6,) indices into v of the free flyer of a floating base, see `free_flyer`; (0,) without one.
+        base_q: (7,) its indices into q; (0,) without one.
     """
 
     v: Array
@@ -93,17 +92,17 @@ class PinocchioOrder(NamedTuple):
 
 
 def pinocchio_order(chain: ClosedChain, model: Any) -> PinocchioOrder:
-    """Return where the chain's joints lie in a Pinocchio model's vectors.
+    """Return the indices of the chain's joints in the vectors of a Pinocchio model.
 
     Args:
         chain: the chain.
-        model: a `pinocchio.Model` with our joints, called "arm/joint", or as in the arm where
-            no other joint has that name; free flyers and other joints may be there besides. A trunk's are called
-            "trunk/joint", the free flyer of its floating base "trunk" or "root_joint".
+        model: a `pinocchio.Model` with our joints, which must be called "arm/joint", or as in the arm if this name is
+            unique. It may have free flyers and other joints too. The joints of a trunk are called "trunk/joint", and
+            the free flyer of its floating base "trunk" or "root_joint".
 
     Raises:
-        ModelError: a joint, or a floating base's free flyer, that is not there; a joint that has not one velocity,
-            or that turns without limits (Pinocchio gives it a cosine and a sine for q).
+        ModelError: a joint, or the free flyer of a floating base, does not exist in the model; or a joint does not have
+            one position and one velocity, such as a continuous joint (for which q has a cosine and a sine).
     """
     known = list(model.names)
     v_places, q_places = [], []
@@ -126,7 +125,7 @@ def pinocchio_order(chain: ClosedChain, model: Any) -> PinocchioOrder:
 
 
 def _base_places(chain: ClosedChain, model: Any) -> tuple[Array, Array]:
-    """Return where a floating base's free flyer lies in v and q."""
+    """Return the indices of a floating base's free flyer in v and q."""
     if not chain.floats:
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
     for k, name in enumerate(model.names):

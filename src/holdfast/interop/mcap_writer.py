@@ -1,4 +1,4 @@
-"""A run as an MCAP file of ROS 2 messages, for Foxglove, PlotJuggler, rosbags and ROS itself."""
+"""Writing a run as an MCAP file of ROS 2 messages, for Foxglove, PlotJuggler, rosbags and ROS itself."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WRENCH = "geometry_msgs/msg/WrenchStamped"
 POSE = "geometry_msgs/msg/PoseStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
-# What each message is made of; a definition in a file has those of its parts after it.
+# Fields of the messages; in a file, the definition of a message is followed by those of its parts.
 FIELDS = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
@@ -50,32 +50,31 @@ Message = tuple[str, str, dict[str, Any]]  # topic, kind, content
 def write_mcap(
     chain: ClosedChain, run: Trajectory, path: str | PathLike[str], base_motion: Mapping[str, BaseMotion] | None = None
 ) -> None:
-    """Write a run as an MCAP file; what is there is replaced. A message of each topic for every sample.
+    """Write a run as an MCAP file with one message per topic and sample; an existing file is replaced.
 
-    | topic | message | holds |
+    | topic | message | content |
     |---|---|---|
     | `/joint_states` | JointState | all joints as 'arm/joint': q, qd, tau |
     | `/object_pose` | PoseStamped | the object's frame in `world` |
-    | `/ARM/grasp_wrench` | WrenchStamped | of the arm on the object, about the tip's origin, in `ARM/tip` axes |
-    | `/ARM/internal_wrench` | WrenchStamped | the part of it that moves nothing |
+    | `/ARM/grasp_wrench` | WrenchStamped | wrench of the arm on the object, about the tip's origin, `ARM/tip` axes |
+    | `/ARM/internal_wrench` | WrenchStamped | its internal part, which does not move the object |
     | `/base_pose` | PoseStamped | the frame of a trunk's floating base in `world`, if there is one |
     | `/tf` | TFMessage | `world` > `ARM` > `ARM/link1` ... > `ARM/tip`; `world` > `object` > `object/ARM` (contact) |
 
-    A trunk's frames are `world` > `trunk` > `trunk/link1` ...; an arm on it hangs on the link that it stands on.
-
-    Times are the run's, from 0 on, to the nanosecond. In names of topics, what ROS does not
-    allow there becomes '_'. Numbers are bit for bit those of the run.
+    A trunk's frames are `world` > `trunk` > `trunk/link1` ...; the parent of an arm on it is the link on which the arm
+    is mounted. Times are those of the run, starting from 0, in nanoseconds. Characters that ROS does not allow in topic
+    names are replaced by '_'. Numbers are bit for bit those of the run.
 
     Args:
         chain: the chain that was simulated.
         run: its run.
-        path: of the file.
+        path: path of the file.
         base_motion: as for `simulate`.
 
     Raises:
         MissingExtra: mcap-ros2-support is not installed.
-        ModelError: a moving base of no arm.
-        StateError: what is no run, or not of this chain.
+        ModelError: a base motion is given for an arm that does not exist.
+        StateError: `run` is not a run of this chain.
         ResultError: the file cannot be written.
     """
     try:
@@ -102,10 +101,10 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
     """Yield the messages of sample k.
 
     Args:
-        chain: the chain, its bases where they are then.
+        chain: the chain, with its bases at their poses in the sample.
         run: the run.
-        k: the sample.
-        time: [ns].
+        k: index of the sample.
+        time: time of the sample [ns].
     """
     names = chain.joint_names()
     yield "/joint_states", JOINT_STATE, _joint_state(time, names, run.q[k], run.qd[k], run.tau[k])
@@ -134,7 +133,7 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
 
 
 def trunk_frames(chain: ClosedChain) -> list[str]:
-    """Return the frame of each of a trunk's bodies, base outward: "trunk" of one that floats, then "trunk/..."."""
+    """Return the frame names of a trunk's bodies, base outward: "trunk" for a floating base, then "trunk/..."."""
     if chain.trunk is None:
         return []
     links = [f"{TRUNK}/{link.name or f'link{i + 1}'}" for i, link in enumerate(chain.trunk.links)]
@@ -151,9 +150,9 @@ def _frames(name: str, joints: Sequence[Joint], links: Sequence[Link], q: Array)
 
 
 def definition(message: str) -> str:
-    """Return the definition of a message with those of all its parts, as MCAP files carry it."""
+    """Return the definition of a message, followed by those of all its parts, as in MCAP files."""
     parts = [message]
-    for part in parts:  # grows
+    for part in parts:  # the loop appends to this list
         kinds = (line.split()[0].removesuffix("[]") for line in FIELDS[part].splitlines())
         parts += [kind for kind in dict.fromkeys(kinds) if kind in FIELDS and kind not in parts]
     texts = [FIELDS[message], *(f"MSG: {part}\n{FIELDS[part]}" for part in parts[1:])]
@@ -161,7 +160,7 @@ def definition(message: str) -> str:
 
 
 def _header(nanoseconds: int, frame: str) -> dict[str, Any]:
-    """Return the header of something at a time [ns], in the axes of a frame."""
+    """Return a message header with a time [ns] and a frame."""
     sec, nanosec = divmod(nanoseconds, 1_000_000_000)
     return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
 
@@ -192,7 +191,7 @@ def _pose(nanoseconds: int, frame: str, wxyz_xyz: Array) -> dict[str, Any]:
 
 
 def _transform(nanoseconds: int, parent: str, child: str, at: Pose) -> dict[str, Any]:
-    """Return a TransformStamped: where a child frame is in its parent."""
+    """Return a TransformStamped: the pose of a child frame in its parent."""
     placed = {"translation": _xyz(at.p), "rotation": _xyzw(rotation.to_quaternion(at.R))}
     return {"header": _header(nanoseconds, parent), "child_frame_id": child, "transform": placed}
 

@@ -1,4 +1,4 @@
-"""Bodies of a compiled MuJoCo model, grouped by the joint that moves them: each group is a link of ours."""
+"""Grouping the bodies of a compiled MuJoCo model by the joint that moves them; each group becomes one link."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ KINDS: dict[str, Any] = {row.mjcf: kind for kind, row in JOINT_TYPES.items() if 
 
 
 class MjcfRobot(NamedTuple):
-    """A compiled model, some of whose joints are held.
+    """A compiled model with some locked joints.
 
     Attributes:
-        source: its name, for messages.
+        source: name of the model, for messages.
         model: MuJoCo's `MjModel`.
-        held: positions of the joints that are held [rad or m], by the joint's number.
-        lock_others: whether joints off every path are held where the model has them.
+        held: positions of the locked joints [rad or m], by joint index.
+        lock_others: whether joints that are on no path are locked at their positions in the model.
     """
 
     source: str
@@ -40,17 +40,17 @@ class MjcfRobot(NamedTuple):
     lock_others: bool
 
     def moving(self, bodies: Iterable[int]) -> list[int]:
-        """Return the numbers of the joints that move some bodies and are not held, in their order."""
+        """Return the indices of the joints of some bodies that are not locked, in their order."""
         return [j for j in joints_of(self.model, bodies) if j not in self.held]
 
 
 @dataclass(eq=False)
 class BodyGroup:
-    """Bodies that move as one, growing while the tree is walked.
+    """Bodies that move together; the group is filled while the tree is traversed.
 
     Attributes:
-        joint: moves them; None for bodies that float, or stand in the world.
-        bodies: number and pose of each, in the joint's frame, or in the frame of the first.
+        joint: the joint that moves them; None for bodies that float or are fixed in the world.
+        bodies: index and pose of each body, in the joint's frame, or without a joint in the frame of the first body.
     """
 
     joint: Joint | None
@@ -62,10 +62,10 @@ class BodyGroup:
 
 
 def held_joints(source: str, model: Any, locked: Mapping[str, float] | None) -> dict[int, float]:
-    """Return the positions to hold joints at, by the joint's number.
+    """Return the positions of locked joints, by joint index.
 
     Raises:
-        SceneError: no such joint, one that cannot be held, or no position.
+        SceneError: a joint does not exist or cannot be locked, or a position is not a number.
     """
     checks.instance(locked, (Mapping, type(None)), f"{source}: locked", SceneError)
     names = {joint_name(model, j): j for j in range(model.njnt)}
@@ -79,10 +79,10 @@ def held_joints(source: str, model: Any, locked: Mapping[str, float] | None) -> 
 
 
 def along(robot: MjcfRobot, path: list[int]) -> tuple[list[BodyGroup], Pose]:
-    """Return what each joint on a path moves, without side branches, and the last body's pose in the last group.
+    """Return the body groups along a path, without side branches, and the last body's pose in the last group.
 
     Raises:
-        SceneError: a joint that an arm cannot have.
+        SceneError: a joint has a type that an arm cannot have.
     """
     model, at, groups = robot.model, Pose.identity(), []
     for body in path:
@@ -94,7 +94,7 @@ def along(robot: MjcfRobot, path: list[int]) -> tuple[list[BodyGroup], Pose]:
             _require_one_freedom(robot.source, model, j)
             require_plain(robot.source, model, j)
             anchor = Pose.translation(*model.jnt_pos[j])
-            reference = _turned(model, j, 0.0)  # q counts from 0, the body stands at its reference
+            reference = _turned(model, j, 0.0)  # the body is given at the reference position, our frame at q = 0
             groups.append(BodyGroup(_joint(model, j, at @ reference @ anchor)))
             at = anchor.inverse()
         if groups:
@@ -103,10 +103,10 @@ def along(robot: MjcfRobot, path: list[int]) -> tuple[list[BodyGroup], Pose]:
 
 
 def add_branches(robot: MjcfRobot, group: BodyGroup, elsewhere: Container[int]) -> None:
-    """Add to a group the bodies that hang on it, but those that belong elsewhere and what hangs on these.
+    """Add to a group its descendants, except for the bodies in `elsewhere` and their descendants.
 
     Raises:
-        SceneError: a joint there that is not held.
+        SceneError: a joint in a side branch is not locked.
     """
     model, waiting = robot.model, list(group.bodies)
     while waiting:
@@ -141,7 +141,7 @@ def link_of(model: Any, group: BodyGroup) -> Link:
 
 
 def standing(robot: MjcfRobot, body: int) -> Pose:
-    """Return where a body stands in the world, joints that are not held being where the model has them."""
+    """Return the pose of a body in the world, with joints that are not locked at their positions in the model."""
     model, pose = robot.model, Pose.identity()
     while body:
         at = _placed(model, body)
@@ -153,12 +153,12 @@ def standing(robot: MjcfRobot, body: int) -> Pose:
 
 
 def _placed(model: Any, body: int) -> Pose:
-    """Return the pose of a body in its parent's axes, in the model's reference configuration."""
+    """Return the pose of a body in its parent's frame, in the model's reference configuration."""
     return Pose.from_wxyz_xyz(np.r_[model.body_quat[body], model.body_pos[body]])
 
 
 def _turned(model: Any, j: int, q: float) -> Pose:
-    """Return what a joint at position q does to its body, in body axes: a turn about its anchor, or a shift."""
+    """Return the displacement of a body by its joint at q, body axes: a rotation about the anchor or a shift."""
     axis, travel = model.jnt_axis[j], q - model.qpos0[model.jnt_qposadr[j]]
     if _slides(model, j):
         return Pose(np.eye(3), travel * axis)

@@ -1,4 +1,4 @@
-"""MJCF files as MuJoCo compiles them, and how much they may ask for: it makes room for whatever counts it is given."""
+"""Compiling MJCF files with MuJoCo, after checking the sizes in them, for which MuJoCo allocates memory unchecked."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from holdfast.errors import MissingExtra, SceneError
 from holdfast.io.files import read_bounded, reason_of
 from holdfast.robots.urdf.document import LARGEST_FILE, Element, parse_document
 
-MOST = 2**24  # of what an element asks for: pixels, heights, copies, keys
+MOST = 2**24  # largest count in an element: pixels, heights, copies, keys
 MOST_COPIES = 10_000
 MOST_INCLUDED = 1000
-# what elements ask for: the largest of these products of their attributes
+# the count of an element is the largest of these products of its attributes
 SIZES = ("njmax", "nconmax", "nstack", "nuserdata", "nkey", "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site")
 COUNTS = {
     "texture": [("width", "height")],
@@ -31,7 +31,7 @@ def mujoco_module() -> Any:
     """Return MuJoCo's Python package, which has no types.
 
     Raises:
-        MissingExtra: it is not installed.
+        MissingExtra: MuJoCo is not installed.
     """
     try:
         import mujoco
@@ -41,13 +41,13 @@ def mujoco_module() -> Any:
 
 
 def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any]:
-    """Return a name for messages and MuJoCo's compiled model of an MJCF file or text (it begins with `<`).
+    """Return a name for messages and MuJoCo's compiled model of an MJCF file or text (which begins with `<`).
 
-    Bodies that stand still keep their names. Geoms whose files cannot be found are left out
-    where the body's inertia does not depend on them.
+    Static bodies keep their names. Geoms whose files cannot be found are left out if the body's inertia does not depend
+    on them.
 
     Raises:
-        SceneError: what MuJoCo refuses, or a file that is no MJCF.
+        SceneError: MuJoCo cannot compile the file, or it is not MJCF.
         MissingExtra: MuJoCo is not installed.
     """
     mujoco = mujoco_module()
@@ -64,7 +64,7 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any]:
         found.compiler.fusestatic = False
         return found
 
-    with warnings.catch_warnings(action="ignore"):  # of attributes that MuJoCo will drop one day: it still obeys them
+    with warnings.catch_warnings(action="ignore"):  # deprecation warnings for attributes that still work
         try:
             return source, spec().compile()
         except (ValueError, TypeError) as cause:
@@ -76,7 +76,7 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any]:
 
 
 def _require_mjcf(given: Any, is_text: bool, source: str) -> None:
-    """Refuse what cannot be read, and other formats that MuJoCo would take for its own."""
+    """Refuse files that cannot be read, and other formats that MuJoCo would accept."""
     try:
         text = given.strip("\ufeff \t\r\n") if is_text else read_bounded(Path(given), LARGEST_FILE)
     except OSError as cause:
@@ -92,7 +92,7 @@ def _require_mjcf(given: Any, is_text: bool, source: str) -> None:
 
 
 def _without_meshes(mujoco: Any, spec: Any) -> Any:
-    """Return the specification without meshes, on bodies whose inertia is given."""
+    """Return the specification without the meshes of bodies whose inertia is given."""
     if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
         return spec
     kept = set()
@@ -110,13 +110,13 @@ def _without_meshes(mujoco: Any, spec: Any) -> Any:
 
 
 def _bounded_mjcf(text: bytes | str, source: str, folder: Path) -> Element:
-    """Return the root element of an MJCF file, after a look at it and at all that it includes.
+    """Return the root element of an MJCF file, after checking it and all files that it includes.
 
     Raises:
-        SceneError: not well-formed, a DOCTYPE, too large, or a count beyond the bounds.
+        SceneError: the XML is not well-formed, has a DOCTYPE or is too large, or a count exceeds its bound.
     """
     documents = [parse_document(text, source)]
-    for document in documents:  # grows
+    for document in documents:  # the loop appends to this list
         for element, copies in _with_copies(document):
             if copies > MOST_COPIES:
                 raise element.refuse(f"expected at most {MOST_COPIES:,} copies of it (replicate), got {copies:g}")
@@ -124,7 +124,7 @@ def _bounded_mjcf(text: bytes | str, source: str, folder: Path) -> Element:
             if asked > MOST:
                 raise element.refuse(f"expected counts up to {MOST:,}, got {asked:g}")
             path = folder / element.attributes.get("file", "")
-            if element.tag != "include" or not os.path.isfile(path):  # a file that is not there is MuJoCo's to refuse
+            if element.tag != "include" or not os.path.isfile(path):  # MuJoCo reports missing files
                 continue
             if len(documents) == MOST_INCLUDED:
                 raise element.refuse(f"expected at most {MOST_INCLUDED} included files, got more")
@@ -133,9 +133,9 @@ def _bounded_mjcf(text: bytes | str, source: str, folder: Path) -> Element:
 
 
 def _with_copies(root: Element) -> list[tuple[Element, float]]:
-    """Return every element with how many copies of it are asked for."""
+    """Return every element and the number of copies of it that replicate elements make."""
     found = [(root, _replicas(root))]
-    for element, copies in found:  # grows
+    for element, copies in found:  # the loop appends to this list
         found += [(child, copies * _replicas(child)) for child in element.children]
     return found
 
@@ -145,7 +145,7 @@ def _replicas(element: Element) -> float:
 
 
 def _product(element: Element, names: tuple[str, ...]) -> float:
-    """Return the product of all numbers in some attributes; what is no number is MuJoCo's to refuse."""
+    """Return the product of all numbers in some attributes, or 0 if one is not a number, which MuJoCo reports."""
     words = [word for name in names for word in element.attributes.get(name, "").split()[:10]]
     try:
         product = math.prod(abs(float(word)) for word in words) if words else 0.0

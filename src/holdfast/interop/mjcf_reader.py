@@ -1,4 +1,4 @@
-"""Arms from MJCF, by way of MuJoCo's own compiler: defaults, includes and geoms become what MuJoCo makes of them."""
+"""Loading arms from MJCF with MuJoCo's own compiler, which resolves defaults, includes and geoms."""
 
 from __future__ import annotations
 
@@ -33,30 +33,28 @@ def load_mjcf(
 ) -> Arm:
     """Return the arm between two bodies of an MJCF file. O(bodies).
 
-    Bodies that are fixed to one another become one. What hangs on the base does not matter
-    and is left out; what hangs on the arm belongs to it, so joints off the path from base to
-    tip (fingers, another arm) must be held. Several joints in one body get massless links
-    between them.
+    Bodies that are fixed to one another become one link. Other bodies on the base are left out, because they do not
+    affect the arm. Other bodies on the arm are part of it, so that joints off the path from base to tip (fingers,
+    another arm) must be locked. Several joints in one body are connected by massless links.
 
-    Hinges and slides keep axis, range, damping, spring, armature and friction loss; the effort limit
-    is the joint's `actuatorfrcrange`, or else the force range of its one actuator times the
-    gear, the smaller side of each. MJCF has no rate limits. What belongs to the scene is not
-    read: gravity, contacts, actuators and what they do, equalities with bodies that are not of
-    the arm. `load_mjcf_arms` and `load_mjcf_trunk` read several arms of one file.
+    Hinges and slides keep their axis, range, damping, spring, armature and friction loss. The effort limit is the
+    joint's `actuatorfrcrange`, or otherwise the force range of its only actuator times the gear; of an asymmetric range
+    it is the smaller side. MJCF has no rate limits. Properties of the scene are not read: gravity, contacts, actuators
+    and their control, and equalities with bodies outside the arm. `load_mjcf_arms` and `load_mjcf_trunk` load several
+    arms of one file.
 
     Args:
-        path_or_text: a file, or the text itself (it begins with `<`).
-        base: name of the body that stands still; default: the world.
-        tip: name of the site or body whose frame is the tip; default: the only end body.
-        locked: positions to hold joints at [rad or m], by name.
-        lock_others: hold every joint that hangs on the arm where the model has it.
-        mount: pose of the base body in the world (a Pose or wxyz_xyz); default: where the model
-            has it.
+        path_or_text: a file, or the text itself (which begins with `<`).
+        base: name of the fixed body; by default the world.
+        tip: name of the site or body whose frame is the tip; by default the only end body.
+        locked: positions at which to lock joints [rad or m], by name.
+        lock_others: whether to lock all other joints on the arm at their positions in the model.
+        mount: pose of the base body in the world (a Pose or wxyz_xyz); by default its pose in the model.
 
     Raises:
-        SceneError: what MuJoCo refuses; free and ball joints on the path, springs, gravity
-            compensation, couplings and loops within the arm, by name.
-        ModelError: a mount that is no pose.
+        SceneError: MuJoCo cannot compile the file; or the arm has free or ball joints on the path, nonlinear springs,
+            gravity compensation, couplings or loops, which the message names.
+        ModelError: `mount` is not a pose.
         MissingExtra: MuJoCo is not installed.
     """
     source, model = compiled_mjcf(path_or_text)
@@ -76,22 +74,22 @@ def load_mjcf_arms(
     lock_others: bool = False,
     mount: Any = None,
 ) -> dict[str, Arm]:
-    """Return several arms of one MJCF file, each where it stands. O(arms bodies).
+    """Return several arms of one MJCF file, each at its base pose. O(arms bodies).
 
         load_mjcf_arms("robot.xml", {"left": ("torso", "left_hand"), "right": ("torso", "right_hand")})
 
-    Bodies that stand still may be shared. A joint that moves two arms must be held; so must one that moves an arm's
-    base, as `lock_others` does where the model has it. Where shared joints shall move, `load_mjcf_trunk` reads them.
+    Arms may share static bodies. A joint that moves two arms or an arm's base must be locked, for the latter also by
+    `lock_others`. To keep shared joints movable, use `load_mjcf_trunk`.
 
     Args:
-        path_or_text: a file, or the text itself (it begins with `<`).
-        arms: name of the base body, and of the site or body whose frame is the tip, by arm.
+        path_or_text: a file, or the text itself (which begins with `<`).
+        arms: by arm, the names of the base body and of the site or body whose frame is the tip.
         locked: as for `load_mjcf`, for all arms.
-        lock_others: as for `load_mjcf`; also holds joints below the bases that are on no arm's path.
-        mount: pose of the model's world in the world (a Pose or wxyz_xyz); default: the same.
+        lock_others: as for `load_mjcf`; also locks joints below the bases that are on no arm's path.
+        mount: pose of the model's world frame in the world (a Pose or wxyz_xyz); by default they coincide.
 
     Raises:
-        SceneError: as for `load_mjcf`; a joint that moves two arms or an arm's base and is not held.
+        SceneError: as for `load_mjcf`; or a joint that moves two arms or an arm's base is not locked.
         ModelError, MissingExtra: as for `load_mjcf`.
     """
     source, model = compiled_mjcf(path_or_text)
@@ -111,17 +109,17 @@ def load_mjcf_arms(
 
 
 def arm_along(robot: MjcfRobot, path: list[int], tip_frame: Pose, base: Pose, name: str) -> Arm:
-    """Return the arm whose bodies a path has, with what hangs on them.
+    """Return the arm along a path of bodies, including the other bodies attached to these.
 
     Args:
         robot: the model.
-        path: numbers of its bodies, base outward.
-        tip_frame: the tip's pose in the axes of the last.
-        base: where the first body's parent stands.
-        name: of the arm.
+        path: indices of the bodies, base outward.
+        tip_frame: pose of the tip in the frame of the last body.
+        base: pose of the first body's parent in the world.
+        name: name of the arm.
 
     Raises:
-        SceneError: nothing moves; joints, ties and bodies that an arm cannot have.
+        SceneError: no joint moves, or there are joints, couplings or bodies that an arm cannot have.
     """
     groups, tip = along(robot, path)
     if not groups:
@@ -134,7 +132,7 @@ def arm_along(robot: MjcfRobot, path: list[int], tip_frame: Pose, base: Pose, na
 
 
 def _require_apart(robot: MjcfRobot, bases: Mapping[str, int], paths: Mapping[str, list[int]]) -> None:
-    """Refuse joints that move two arms, and those below a base that are not held."""
+    """Refuse joints that move two arms, and joints below a base that are not locked."""
     source, model = robot.source, robot.model
     of_arm: dict[int, str] = {}
     for name, path in paths.items():

@@ -1,4 +1,4 @@
-"""Bodies, joints and drives of a compiled MuJoCo model: by name, along the tree, and those that no arm of ours has."""
+"""Finding bodies, joints and actuators in a compiled MuJoCo model, and refusing features that arms cannot have."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from holdfast.spatial.scalar import Array
 
 
 def body_name(model: Any, body: int) -> str:
-    """Return a body's name, or its number where it has none."""
+    """Return a body's name, or its index if it has none."""
     return model.body(body).name or f"body {body}"
 
 
 def joint_name(model: Any, joint: int) -> str:
-    """Return a joint's name, or its number where it has none."""
+    """Return a joint's name, or its index if it has none."""
     return model.joint(joint).name or f"joint {joint}"
 
 
 def joints_of(model: Any, bodies: Iterable[int]) -> list[int]:
-    """Return the numbers of the joints that move bodies, in their order."""
+    """Return the indices of the joints of some bodies, in their order."""
     return [int(model.body_jntadr[b]) + k for b in bodies for k in range(int(model.body_jntnum[b]))]
 
 
@@ -35,17 +35,17 @@ def joint_kind(model: Any, joint: int) -> str:
 
 
 def drives_of(model: Any, joint: int) -> Array:
-    """Return the numbers of the actuators on a joint."""
+    """Return the indices of the actuators of a joint."""
     kinds = mujoco_module().mjtTrn
     on_joint = np.isin(model.actuator_trntype, (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT)))
     return np.flatnonzero(on_joint & (model.actuator_trnid[:, 0] == joint))
 
 
 def find_base(source: str, model: Any, name: str | None) -> int:
-    """Return the number of the base body; None is the world.
+    """Return the index of the base body; the name None stands for the world.
 
     Raises:
-        SceneError: no such body.
+        SceneError: there is no such body.
     """
     if name is None:
         return 0
@@ -58,10 +58,10 @@ def find_base(source: str, model: Any, name: str | None) -> int:
 
 
 def find_tip(source: str, model: Any, base: int, name: str | None) -> tuple[int, Pose]:
-    """Return the number of the tip's body, and the tip's pose in its axes.
+    """Return the index of the tip's body, and the tip's pose in its frame.
 
     Raises:
-        SceneError: no such site or body, or no name and several ends.
+        SceneError: there is no such site or body, or no name is given and there are several ends.
     """
     if name is None:
         ends = [b for b in range(1, model.nbody) if b not in model.body_parentid and _beyond(model, b, base)]
@@ -83,10 +83,10 @@ def find_tip(source: str, model: Any, base: int, name: str | None) -> tuple[int,
 
 
 def bodies_between(source: str, model: Any, base: int, tip: int) -> list[int]:
-    """Return the numbers of the bodies after the base up to the tip's, base to tip.
+    """Return the indices of the bodies from the one after the base to that of the tip.
 
     Raises:
-        SceneError: the tip does not hang on the base.
+        SceneError: the tip is not a descendant of the base.
     """
     path, body = [], tip
     while body != base and body != 0:
@@ -101,17 +101,17 @@ def bodies_between(source: str, model: Any, base: int, tip: int) -> list[int]:
 
 
 def _beyond(model: Any, body: int, base: int) -> bool:
-    """Return whether a body hangs on the base."""
+    """Return whether a body is the base or a descendant of it."""
     while body != base and body != 0:
         body = int(model.body_parentid[body])
     return body == base
 
 
 def require_plain(source: str, model: Any, j: int) -> None:
-    """Refuse a joint with a spring or damping that is not linear, or with a drive's own damping or armature.
+    """Refuse a joint with a nonlinear spring or damping, or whose actuator has its own damping or armature.
 
     Raises:
-        SceneError: naming the joint and what it has.
+        SceneError: the joint has one of these, which the message names.
     """
     dof, drives = model.jnt_dofadr[j], drives_of(model, j)
     excess = {
@@ -130,16 +130,16 @@ def require_plain(source: str, model: Any, j: int) -> None:
 
 
 def require_serial(source: str, model: Any, bodies: set[int], joints: set[int]) -> None:
-    """Refuse what ties the arm to itself or to the ground, and what lifts its bodies.
+    """Refuse couplings of the arm to itself or to fixed bodies, and gravity compensation of its bodies.
 
     Args:
-        source: for messages.
+        source: name of the model, for messages.
         model: the compiled model.
-        bodies: numbers of the arm's moving bodies.
-        joints: numbers of its joints that move.
+        bodies: indices of the arm's moving bodies.
+        joints: indices of its moving joints.
 
     Raises:
-        SceneError: gravity compensation, an equality or a tendon with forces of its own, by name.
+        SceneError: there is gravity compensation, an equality, or a tendon with its own forces; the message names it.
     """
     for b in sorted(bodies):
         if model.body_gravcomp[b]:
@@ -160,7 +160,7 @@ def require_serial(source: str, model: Any, bodies: set[int], joints: set[int]) 
 
 
 def _binds(model: Any, e: int, bodies: set[int], joints: set[int]) -> bool:
-    """Return whether an equality holds the arm to itself or to something that stands still."""
+    """Return whether an equality couples the arm to itself or to a static body."""
     mujoco, pair = mujoco_module(), [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
     kind = mujoco.mjtEq(int(model.eq_type[e])).name
     if kind == "mjEQ_JOINT":
@@ -175,7 +175,7 @@ def _binds(model: Any, e: int, bodies: set[int], joints: set[int]) -> bool:
 
 
 def _wraps(model: Any, t: int, bodies: set[int], joints: set[int]) -> bool:
-    """Return whether a tendon runs over a joint or a site of the arm."""
+    """Return whether a tendon passes over a joint or a site of the arm."""
     for w in range(int(model.tendon_adr[t]), int(model.tendon_adr[t] + model.tendon_num[t])):
         kind, number = mujoco_module().mjtWrap(int(model.wrap_type[w])).name, int(model.wrap_objid[w])
         if kind == "mjWRAP_JOINT" and number in joints:

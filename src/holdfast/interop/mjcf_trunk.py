@@ -1,4 +1,4 @@
-"""Arms on a common trunk out of an MJCF file: the joints that several arms share are the trunk."""
+"""Loading arms on a common trunk from an MJCF file; the trunk consists of the joints that several arms share."""
 
 from __future__ import annotations
 
@@ -45,29 +45,29 @@ def load_mjcf_trunk(
     lock_others: bool = False,
     mount: Any = None,
 ) -> ArmsOnTrunk:
-    """Return arms of one robot and the joints that they share, as the trunk that they stand on. O(arms bodies).
+    """Return arms of one robot and the trunk that they share. O(arms bodies).
 
         load_mjcf_trunk("robot.xml", {"left": "left_hand", "right": "right_hand"}, lock_others=True)
 
-    From the base on, the joints on the way to more than one tip are the trunk, as far as they move; each arm
-    begins where no other goes along. Arms may leave the trunk at different bodies, or stand on the base; a trunk
-    that branches is refused. Bodies that are fixed to the trunk count for it. What hangs on trunk and arms by
-    joints of its own (a head, fingers; legs on a base that floats) must be held, as for `load_mjcf`.
+    The trunk consists of the movable joints from the base that are on the paths to more than one tip; each arm begins
+    at the first joint that moves it alone. Arms may be mounted on different bodies of the trunk or on the base, but the
+    trunk must not branch. Bodies that are fixed to the trunk are part of it. Other joints on trunk and arms (a head,
+    fingers, legs on a floating base) must be locked, as for `load_mjcf`.
 
     Args:
-        path_or_text: a file, or the text itself (it begins with `<`).
-        tips: name of the site or body whose frame is the tip, by arm; or such names alone, which are the arms' names
-            then.
-        base: name of the body that stands still, or floats; default: the world.
-        floating: whether the base is a free body, as it also is where the model's first joint on the way to tips
-            is a free one; its pose is in the state then. Other arms may stand in the world.
-        locked: positions to hold joints at [rad or m], by name.
-        lock_others: hold every joint that hangs on trunk and arms where the model has it.
-        mount: pose of the base in the world (a Pose or wxyz_xyz); default: where the model has it.
+        path_or_text: a file, or the text itself (which begins with `<`).
+        tips: by arm, the name of the site or body whose frame is the tip; or only these names, which are then also the
+            names of the arms.
+        base: name of the body that is fixed or floats; by default the world.
+        floating: whether the base is a free body. It also is one if the model's first joint on the paths to the tips is
+            a free joint. Its pose is then in the state. Other arms may be fixed in the world.
+        locked: positions at which to lock joints [rad or m], by name.
+        lock_others: whether to lock all other joints on trunk and arms at their positions in the model.
+        mount: pose of the base in the world (a Pose or wxyz_xyz); by default its pose in the model.
 
     Raises:
-        SceneError: as for `load_mjcf`; no joint that moves two arms, on a base that stands still; a trunk that
-            branches; an arm without a joint of its own; a mount of a base that floats, or a world that does.
+        SceneError: as for `load_mjcf`; or the base is fixed and no joint moves two arms, the trunk branches, an arm has
+            no joint of its own, a floating base has a mount, or the world is to float.
         ModelError, MissingExtra: as for `load_mjcf`.
     """
     source, model = compiled_mjcf(path_or_text)
@@ -112,7 +112,7 @@ def load_mjcf_trunk(
 
 
 def _ends(robot: MjcfRobot, root: int, tips: Mapping[str, str] | Iterable[str]) -> dict[str, tuple[int, Pose]]:
-    """Return the body of each arm's tip, and the tip's pose in its axes."""
+    """Return the index of the body of each arm's tip, and the tip's pose in its frame."""
     source = robot.source
     if not checks.is_listed(tips) or not (given := [*tips]):
         raise SceneError(f"{source}: tips: expected sites or bodies by arm, such as {{'left': 'left_hand', ...}}")
@@ -121,10 +121,10 @@ def _ends(robot: MjcfRobot, root: int, tips: Mapping[str, str] | Iterable[str]) 
 
 
 def _free_body(robot: MjcfRobot, root: int, paths: Mapping[str, list[int]], floating: bool) -> int | None:
-    """Return the body that floats: one with a free joint that arms hang on, or the base by request; None if none does.
+    """Return the floating body, which has a free joint or is the base by request; None if no body floats.
 
     Raises:
-        SceneError: the world is to float; arms on several bodies that do.
+        SceneError: the world is to float, or the arms are on several floating bodies.
     """
     source, model = robot.source, robot.model
     jointed = {next((b for b in path if joints_of(model, [b])), 0) for path in paths.values()}
@@ -140,7 +140,7 @@ def _free_body(robot: MjcfRobot, root: int, paths: Mapping[str, list[int]], floa
 
 
 def _trunk(model: Any, bodies: list[BodyGroup], stand: Pose) -> Trunk:
-    """Return the trunk of a body that floats, if any, and those that joints move; else it stands somewhere."""
+    """Return the trunk of a floating body, if any, and of the bodies that joints move; else with a fixed base pose."""
     base, *groups = bodies
     free = link_of(model, base) if base.bodies else None
     joints = [group.joint for group in groups if group.joint is not None]
@@ -148,10 +148,10 @@ def _trunk(model: Any, bodies: list[BodyGroup], stand: Pose) -> Trunk:
 
 
 def _shared(robot: MjcfRobot, moving: Mapping[str, list[int]]) -> dict[str, int]:
-    """Return how many of its joints each arm shares with another.
+    """Return the number of joints that each arm shares with another arm.
 
     Raises:
-        SceneError: an arm without a joint of its own; a trunk that branches.
+        SceneError: an arm has no joint of its own, or the trunk branches.
     """
     source, model, counts = robot.source, robot.model, shared_counts(moving)
     for name, joints in moving.items():
@@ -168,16 +168,16 @@ def _shared(robot: MjcfRobot, moving: Mapping[str, list[int]]) -> dict[str, int]
 
 
 def _own_path(robot: MjcfRobot, path: list[int], shared: set[int]) -> list[int]:
-    """Return a path's bodies from the first joint on that moves this arm alone."""
+    """Return the bodies of a path from the first joint that moves only this arm."""
     first = next(k for k, body in enumerate(path) if set(robot.moving([body])) - shared)
     return path[first:]
 
 
 def _locked(robot: MjcfRobot, bodies: set[int], moving: set[int]) -> dict[str, float]:
-    """Return where joints on some bodies and on what hangs on them are held, by name."""
+    """Return the positions of locked joints on some bodies and their descendants, by name."""
     model, found = robot.model, {}
     within = set(bodies)
-    for body in range(1, model.nbody):  # a parent comes before its children
+    for body in range(1, model.nbody):  # parents come before their children
         if int(model.body_parentid[body]) in within:
             within.add(body)
         if body in within:

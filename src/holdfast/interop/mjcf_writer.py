@@ -1,7 +1,8 @@
-"""A closed chain as MJCF, so that MuJoCo computes the same mechanism.
+"""Writing a closed chain as MJCF, so that MuJoCo can simulate the same mechanism.
 
-Every rigid grasp is a weld, a ball a connect, a hinge two connects on its axis, a soft finger one connect (its
-moment about the normal is lost). MuJoCo's equalities are soft; they are written at their hardest.
+A rigid grasp becomes a weld, a ball grasp a connect, a hinge two connects on its axis, and a soft finger one connect,
+which does not transmit the moment about the normal. MuJoCo's equalities are soft; they are written with the largest
+impedance.
 """
 
 from __future__ import annotations
@@ -32,40 +33,39 @@ from holdfast.state import State, require_fit
 
 HARDEST = 0.9999  # the largest impedance MuJoCo accepts; its default, 0.95, is far softer
 SMALLEST = 1e-15  # kg and kg m^2: MuJoCo's own bound on masses and principal moments of moving bodies
-ENDLESS = 1e10  # rad or m: a range with one end needs some number for the other
-HINGE_LENGTH = 0.1  # m: from the hinge's first connect to the second, along its axis
+ENDLESS = 1e10  # rad or m: written for the missing end of a range with only one limit
+HINGE_LENGTH = 0.1  # m: distance between the two connects of a hinge, along its axis
 
 
 def to_mjcf(chain: ClosedChain, state: State | None = None, *, visuals: bool = True) -> str:
     """Return the chain as the text of an MJCF file.
 
-    Body "left" is where the arm of that name stands; its links and joints are
-    "left/link1", "left/joint1" by their own names, its tip the site "left/tip"; the object is
-    the free body "object" with a site "object/left" at the contact of each arm. A trunk is the body "trunk", which has
-    a free joint of that name if its base floats, with "trunk/link1", "trunk/joint1" inside; arms that stand on one of
-    its bodies are inside that. A spring between bodies
-    is a tendon "spring1", counted from 1, between sites "spring1/a" and "spring1/b". Inertias are
-    exact; damping, springs, armature, Coulomb friction, position and effort limits go along, rate
-    limits have no place. A motor on every joint takes its torque. A massless link shares the next
-    one's body. An anchor is a body without joints. No geom collides.
+    The body "left" is the base of the arm of that name. Its links and joints are "left/link1", "left/joint1" with their
+    own names, and its tip is the site "left/tip". The object is the free body "object" with a site "object/left" at the
+    contact of each arm. A trunk is the body "trunk", which has a free joint of that name if its base floats, and
+    contains "trunk/link1", "trunk/joint1"; arms are inside the trunk body on which they are mounted. A spring between
+    bodies is a tendon "spring1", numbered from 1, between the sites "spring1/a" and "spring1/b". Inertias, damping,
+    springs, armature, Coulomb friction, position and effort limits are written exactly; MJCF has no rate limits. Every
+    joint has a motor for its torque. A massless link shares the body of the next link. An anchor is a body without
+    joints. No geom collides.
 
-    Not the same in MuJoCo: equalities are soft; a hinge has a sixth, redundant row; a soft
-    finger passes no moment about its normal; friction cones are not written; Coulomb
-    friction acts at rest too (`forward_dynamics` leaves it out); bases do not move.
+    MuJoCo's model differs in these points: equalities are soft; a hinge has a sixth, redundant row; a soft finger
+    transmits no moment about its normal; friction cones are not written; Coulomb friction also acts at rest
+    (`forward_dynamics` neglects it there); bases do not move.
 
     Args:
         chain: the chain.
-        state: written as the keyframe "state"; None: none.
-        visuals: give the bodies solids to look at, as `holdfast.robots.visuals.visuals_of` has them.
+        state: state to write as the keyframe "state"; None for no keyframe.
+        visuals: whether to give the bodies visible solids, those of `holdfast.robots.visuals.visuals_of`.
 
     Raises:
-        ModelError: a link MuJoCo cannot have: no rotational inertia, or principal moments that no
-            mass distribution has; a massless last link; a spring on a massless link; two bodies of one name.
-        StateError: a state of another chain.
+        ModelError: MuJoCo does not support a link, because it has no rotational inertia or impossible principal
+            moments, or is massless and the last of its arm or the end of a spring; or two bodies have the same name.
+        StateError: the state does not belong to the chain.
     """
     root = document(chain, visuals=visuals)
     drives = _add(root, "actuator")
-    for name in chain.joint_names():  # in our order, whatever MuJoCo makes of the bodies'
+    for name in chain.joint_names():  # motors are in our joint order, whatever the order of bodies in MuJoCo
         _add(drives, "motor", name=name, joint=name)
     if state is not None:
         require_fit(chain, state)
@@ -105,10 +105,10 @@ def document(chain: ClosedChain, *, visuals: bool) -> Element:
 
 
 def coordinates(chain: ClosedChain, state: State) -> tuple[Array, Array]:
-    """Return MuJoCo's qpos (n + 7,) and qvel (n + 6,), 7 and 6 more of a floating base.
+    """Return MuJoCo's qpos (n + 7,) and qvel (n + 6,), with a floating base (n + 14,) and (n + 12,).
 
-    They are in the order of the bodies in the file: a floating base, the joints in `nested_order`, the object. A free
-    body's velocity is linear in world axes, then angular in its own.
+    They are in the order of the bodies in the file: a floating base, the joints in `nested_order`, the object. The
+    velocity of a free body is [v in world axes; omega in body axes].
     """
     parts = [chain.joints[name] for name in nested_order(chain)]
     positions, rates = [state.q[part] for part in parts], [state.qd[part] for part in parts]
@@ -125,9 +125,9 @@ def _free(wxyz_xyz: Array, twist: Array) -> tuple[Array, Array]:
 
 
 def nested_order(chain: ClosedChain) -> list[str]:
-    """Return "trunk" and the arms as MuJoCo counts their joints: depth first.
+    """Return "trunk" and the arms in MuJoCo's order of joints, which is depth first.
 
-    Arms on a trunk come after all of its joints, those on its outermost body first; then those in the world.
+    Arms on a trunk come after all of its joints, with those on its outermost body first; arms in the world are last.
     """
     below = [] if chain.trunk is None else [TRUNK]
     mounted = sorted(chain.mounted_on, key=lambda name: -chain.mounted_on[name])
@@ -135,12 +135,12 @@ def nested_order(chain: ClosedChain) -> list[str]:
 
 
 def digits(numbers: Any) -> str:
-    """Return numbers with every digit they have, blanks between."""
+    """Return numbers in full precision, separated by blanks."""
     return " ".join(repr(float(x)) for x in numbers)
 
 
 def _add_trunk(world: Element, chain: ClosedChain, visuals: bool) -> list[Element]:
-    """Append the trunk and return the element of each of its bodies, base outward; none without one."""
+    """Append the trunk and return the elements of its bodies, base outward; an empty list without a trunk."""
     trunk = chain.trunk
     if trunk is None:
         return []
@@ -162,7 +162,7 @@ def _add_trunk(world: Element, chain: ClosedChain, visuals: bool) -> list[Elemen
 
 
 def _add_arm(holder: Element, name: str, arm: Arm, visuals: bool) -> None:
-    """Append the base and, each inside the one before, the links of an arm."""
+    """Append the base of an arm and its links, each nested in the previous one."""
     solids = visuals_of(arm) if visuals else [[] for _ in range(arm.joint_count + 1)]
     body = _add(holder, "body", name=name, **_placed(arm.base))
     _add_solids(body, solids[0], Pose.identity())
@@ -173,9 +173,9 @@ def _add_arm(holder: Element, name: str, arm: Arm, visuals: bool) -> None:
 def _add_links(
     body: Element, name: str, what: str, joints: Sequence[Joint], links: Sequence[Link], solids: list[list[Primitive]]
 ) -> list[Element]:
-    """Append links to a base, each inside the one before, and return the elements of those with mass."""
+    """Append links to a base, each nested in the previous one, and return the elements of links with mass."""
     made = []
-    waiting: list[tuple[str, Joint, Pose, list[Primitive]]] = []  # joints of massless links, and where their frames are
+    waiting: list[tuple[str, Joint, Pose, list[Primitive]]] = []  # joints of massless links, with their frames
     at, joint_names, link_names = Pose.identity(), _names(joints, "joint"), _names(links, "link")
     for joint_name, link_name, joint, link, shapes in zip(joint_names, link_names, joints, links, solids, strict=True):
         at = at @ joint.placement
@@ -197,7 +197,7 @@ def _add_links(
 
 
 def _add_object(world: Element, chain: ClosedChain, visuals: bool) -> None:
-    """Append the object with a site at every contact."""
+    """Append the object, with a site at every contact."""
     held = chain.held_object
     _require_possible("object", held)
     body = _add(world, "body", name="object")
@@ -210,7 +210,7 @@ def _add_object(world: Element, chain: ClosedChain, visuals: bool) -> None:
 
 
 def _object_solid(held: HeldObject) -> Primitive:
-    """Return the object as a sphere or a cylinder if it is one, else as the box of its inertia."""
+    """Return a sphere or a cylinder if the object is one, else the box with the same inertia."""
     match held.shape:
         case Sphere(radius):
             return Primitive("sphere", Pose.identity(), (radius,), "orange")
@@ -220,7 +220,7 @@ def _object_solid(held: HeldObject) -> Primitive:
 
 
 def _add_grasp(equality: Element, world: Element, chain: ClosedChain, name: str) -> None:
-    """Append the equality of one grasp, and what sites it needs besides."""
+    """Append the equality of one grasp, and the additional sites that it needs."""
     hard = {"solimp": f"{HARDEST} {HARDEST} 0.001 0.5 2"}
     kind = chain.grasps[name].of_kind
     if kind.equality is None:
@@ -258,7 +258,7 @@ def _add_spring(root: Element, world: Element, chain: ClosedChain, name: str, sp
 
 
 def _body_of(chain: ClosedChain, name: str, end: SpringEnd) -> str:
-    """Return the name of the body that a spring ends on; nothing for the world."""
+    """Return the name of the body to which a spring end is attached; an empty string for the world."""
     if end.on_trunk and chain.trunk is not None:
         k = chain.trunk.body(end.link, name) - (1 if chain.floats else 0)
         return TRUNK if k < 0 else f"{TRUNK}/{_names(chain.trunk.links, 'link')[k]}"
@@ -274,7 +274,7 @@ def _body_of(chain: ClosedChain, name: str, end: SpringEnd) -> str:
 
 
 def _add_joint(body: Element, name: str, joint: Joint, frame: Pose) -> None:
-    """Append a joint whose frame at q = 0 stands so in the body's axes."""
+    """Append a joint; `frame` is its frame at q = 0 in the body's frame."""
     if joint.type.mjcf is None:
         raise ModelError(f"joint '{name}': to_mjcf: MJCF has no {joint.kind} joint; try without it")
     made = _add(body, "joint", name=name, type=joint.type.mjcf, pos=digits(frame.p), axis=digits(frame.R @ joint.axis))
@@ -306,7 +306,7 @@ def _add_inertial(body: Element, inertial: Link | HeldObject) -> None:
 
 
 def _add_solids(body: Element, solids: list[Primitive], frame: Pose) -> None:
-    """Append geoms that are only looked at."""
+    """Append geoms that are visible but do not collide."""
     for solid in solids:
         size = {"box": [0.5 * x for x in solid.size], "sphere": solid.size}.get(
             solid.kind, [solid.size[0], 0.5 * solid.size[-1]]
@@ -329,7 +329,7 @@ def _names(parts: Any, kind: str) -> list[str]:
 
 
 def _require_possible(what: str, inertial: Link | HeldObject) -> None:
-    """Refuse an inertia that MuJoCo refuses, by name."""
+    """Refuse an inertia that MuJoCo would refuse, with the name of its body."""
     a, b, c = np.linalg.eigvalsh(inertial.inertia).tolist()
     if inertial.mass < SMALLEST or a < SMALLEST:
         raise ModelError(
@@ -344,7 +344,7 @@ def _require_possible(what: str, inertial: Link | HeldObject) -> None:
 
 
 def _require_distinct(root: Element) -> None:
-    """Refuse two bodies, joints, sites or equalities of one name."""
+    """Refuse two bodies, joints, sites or equalities with the same name."""
     for tags in (("body",), ("joint", "freejoint"), ("site",), ("weld", "connect")):
         names = sorted(part.get("name", "") for tag in tags for part in root.iter(tag) if part.get("name"))
         for one, next_one in itertools.pairwise(names):

@@ -1,4 +1,4 @@
-"""The Jacobian of forward dynamics as an operator of SciPy: products only, for optimisers of many unknowns."""
+"""The Jacobian of forward dynamics as a SciPy linear operator, for optimisers with many unknowns."""
 
 from __future__ import annotations
 
@@ -23,20 +23,21 @@ def jacobian_operator(
 ) -> LinearOperator:
     """Return J = d of / d by of forward dynamics for one system: J x is a JVP, J^T y a VJP, O(n) + O(l) each.
 
-    For `scipy.optimize.least_squares` with a function as `jac`, or for `trust-krylov` and other solvers of SciPy.
+    It can be returned by the function `jac` of `scipy.optimize.least_squares`, or used in `trust-krylov` and other
+    solvers of SciPy.
 
     Args:
-        compiled: what `holdfast.compile` returned.
-        of: the result whose rows J has, as in `forward_dynamics_jvp`.
-        by: the arguments whose columns J has, one after the other, as in `forward_dynamics_vjp`; poses as [turn;
-            shift].
+        compiled: chain returned by `holdfast.compile`.
+        of: the result to which the rows of J belong, as in `forward_dynamics_jvp`.
+        by: the arguments to which the columns of J belong, one after the other, as in `forward_dynamics_vjp`; poses
+            as [turn; shift].
         **arguments: q, qd, tau, object_pose, object_twist, and parameters, of one system.
 
     Returns:
-        The operator; wrong numbers are refused when it is first used.
+        The operator; invalid numbers are refused when it is first used.
 
     Raises:
-        StateError: names that are not there, or a state that is not whole.
+        StateError: a name is unknown, or the state is incomplete.
     """
     from scipy.sparse.linalg import LinearOperator
 
@@ -46,7 +47,7 @@ def jacobian_operator(
     lacking = [name for name in ("q", "qd", "tau", "object_pose", "object_twist") if name not in arguments]
     if lacking:
         raise StateError(f"jacobian_operator: expected q, qd, tau, object_pose, object_twist, got no {lacking[0]}")
-    compiled._derivatives("jvp", [of], by, arguments)  # refuses names
+    compiled._derivatives("jvp", [of], by, arguments)  # refuses unknown names
     shapes = derivative_shapes(compiled.chain)
     sizes = [math.prod(shapes[name]) for name in by]
 

@@ -1,1 +1,1 @@
-"""Joints, links, arms, the held object, grasps and the closed chain: frozen plain data."""
+"""The model: joints, links, arms, the held object, grasps and the closed chain, as frozen dataclasses."""

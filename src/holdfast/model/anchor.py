@@ -14,18 +14,19 @@ from holdfast.spatial.pose import Pose, PoseField
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Anchor(Arm):
-    """An arm without joints: by its grasp the object is pinned to the world, to a body of a trunk or to a moving place.
+    """An arm without joints, whose grasp attaches the object to the world, to a body of a trunk or to a moving frame.
 
-    It stands where an arm stands, `ClosedChain(arms={"pin": Anchor(pose)}, grasps={"pin": Grasp("ball", ...)})`, and is
-    answered by the wrench of the grasp and by that of its base, which is the same wrench about the base's origin. It
-    moves as arms' bases do: in a mounted chain with its body, else as `Inputs.base_twists` says or, in a run, as
-    `base_motion` does; then it does work. It has no part in q, and does not yield: Lambda = 0 and alpha(0) is known.
+    It is used like an arm: `ClosedChain(arms={"pin": Anchor(pose)}, grasps={"pin": Grasp("ball", ...)})`. The results
+    contain the wrench of its grasp and that of its base, which is the same wrench about the base's origin. Its base
+    moves like those of arms: with the trunk's body on which it is mounted, or as prescribed by `Inputs.base_twists` or,
+    in a run, by `base_motion`; it then does work. It has no entries in q, and its mobility is zero: Lambda = 0, and
+    alpha(0) is known.
 
     Attributes:
-        base: pose of the anchor in the world, or in the axes of the trunk's link that it is mounted on.
-        name: for messages.
-        tip: where it touches, in its base's axes: at its base unless something else is said.
-        joints, links: none.
+        base: pose of the anchor in the world, or relative to the trunk's link on which it is mounted.
+        name: name in messages.
+        tip: pose of the tip frame relative to the base; by default the base frame.
+        joints, links: empty.
     """
 
     joints: Sequence[Joint] = field(default=(), init=False)
@@ -40,5 +41,5 @@ class Anchor(Arm):
         self._check_frames()
 
     def of(self, joints: Sequence[Joint] | None = None, links: Sequence[Link] | None = None) -> Anchor:
-        """Return the anchor, which has no joints and no links to be replaced."""
+        """Return the anchor itself, because it has no joints or links to replace."""
         return self

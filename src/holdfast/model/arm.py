@@ -23,15 +23,16 @@ from holdfast.spatial.scalar import Array
 
 @dataclass(frozen=True, eq=False)
 class Arm(Frozen):
-    """A serial chain of joints and links, ordered base to tip.
+    """A serial chain of joints and links, ordered from base to tip.
 
     Attributes:
-        joints: N >= 1 joints; joint k moves link k. One of several degrees of freedom becomes as many joints of one.
+        joints: N >= 1 joints; joint k moves link k. A joint with several degrees of freedom is replaced by as many
+            joints with one.
         links: N links; those between the parts of such a joint have no mass.
-        tip: pose of the tip frame in the last link's axes; where the arm touches.
+        tip: pose of the tip frame, which attaches to the object, relative to the last link.
         base: pose of the base frame in the world.
-        name: for messages.
-        visuals: what its file says it looks like, for the viewer; dropped where it is of another number of links.
+        name: name in messages.
+        visuals: appearance according to its file, for the viewer; discarded if the number of links differs.
     """
 
     joints: Sequence[Joint]
@@ -68,7 +69,7 @@ class Arm(Frozen):
         put(self, "visuals", fitting_visuals(self.visuals, len(self.links), label))
 
     def _check_frames(self) -> str:
-        """Check name, tip and base, and return what messages call the arm."""
+        """Check name, tip and base, and return the label of the arm in messages."""
         kind = type(self).__name__.lower()
         checks.instance(self.name, str, f"{kind}: name")
         label = f"{kind} '{self.name}'" if self.name else kind
@@ -77,39 +78,39 @@ class Arm(Frozen):
         return label
 
     def __repr__(self) -> str:
-        """Return name, joints and place, on one line."""
+        """Return the name, the number of joints and the base's position, on one line."""
         joints = f"{self.joint_count} joint{'' if self.joint_count == 1 else 's'}, " if self.joints else ""
         name = f" '{self.name}'" if self.name else ""
         return f"<{type(self).__name__}{name}: {joints}base at {checks.place(self.base.p)} m>"
 
     @property
     def joint_count(self) -> int:
-        """N."""
+        """Number of joints N."""
         return len(self.joints)
 
     @frozen_property
     def length(self) -> float:
-        """Distances from joint to joint and on to the tip, added up; strokes not included [m]."""
+        """Sum of the distances from joint to joint and to the tip, without strokes of sliding joints [m]."""
         return math.fsum(math.hypot(*p) for p in (*(j.placement.p for j in self.joints[1:]), self.tip.p))
 
     def at(self, base: Any) -> Arm:
-        """Return the same arm mounted at a world pose (a Pose or wxyz_xyz)."""
+        """Return the same arm with its base at another pose in the world (a Pose or wxyz_xyz)."""
         return replace(self, base=checks.pose(base, "base"))
 
     def standing_at(self, base: Pose) -> Arm:
-        """Return the same arm on a base that is known to be sound, for algorithms; nothing is checked or copied."""
+        """Return the same arm with its base at a valid pose, for algorithms; nothing is checked or copied."""
         arm = object.__new__(type(self))
         arm.__dict__.update(vars(self), base=base)
         return arm
 
     def of(self, joints: Sequence[Joint] | None = None, links: Sequence[Link] | None = None) -> Arm:
-        """Return the same arm with other joints, or other links, as many as it has; None keeps them."""
+        """Return the same arm with other joints or links, of the same number; None keeps them."""
         return replace(
             self, joints=self.joints if joints is None else joints, links=self.links if links is None else links
         )
 
     def with_tip(self, tip: Any) -> Arm:
-        """Return the same arm with another tip pose in the last link's axes (a tool)."""
+        """Return the same arm with another tip pose relative to the last link, for example that of a tool."""
         return replace(self, tip=checks.pose(tip, "tip"))
 
     @frozen_property
@@ -119,7 +120,7 @@ class Arm(Frozen):
 
     @frozen_property
     def armature(self) -> Array:
-        """(N,) drive inertia felt at the joints [kg m^2 or kg]."""
+        """(N,) inertia of the drives, reflected to the joints [kg m^2 or kg]."""
         return np.array([j.armature for j in self.joints])
 
     @frozen_property
@@ -129,7 +130,7 @@ class Arm(Frozen):
 
     @frozen_property
     def stiffness(self) -> Array:
-        """(N,) of the joints' springs [N m/rad or N/m]."""
+        """(N,) stiffness of the joints' springs [N m/rad or N/m]."""
         return np.array([j.stiffness for j in self.joints])
 
     @frozen_property
@@ -139,15 +140,15 @@ class Arm(Frozen):
 
 
 def fitting_visuals(visuals: Any, links: int, label: str) -> Visuals | None:
-    """Return the visuals of a base and so many links; None if they are of other links.
+    """Return the visuals if they belong to a base and `links` links; otherwise None.
 
     Raises:
-        ModelError: what are no visuals.
+        ModelError: the argument is not of type Visuals.
     """
     checks.instance(visuals, (Visuals, type(None)), f"{label}: visuals")
     return visuals if visuals is not None and len(visuals.bodies) == links + 1 else None
 
 
 def _links(joint: Joint, link: Link) -> tuple[Link, ...]:
-    """Return the links that a joint's parts move: all but the last without mass."""
+    """Return the links after each part of a joint; all but the last have no mass."""
     return *(Link(0.0) for _ in joint.parts[1:]), link

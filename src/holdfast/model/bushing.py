@@ -1,4 +1,4 @@
-"""What a bushing is made of: the stiffness and the damping of a grasp that holds by force, not by constraint."""
+"""The stiffness and damping of a bushing, a compliant grasp that exerts a force instead of imposing a constraint."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
-SEMIDEFINITE = 1e-9  # of a matrix of unit diagonal: an eigenvalue above minus this is not negative
+SEMIDEFINITE = 1e-9  # eigenvalues above minus this, for a matrix scaled to unit diagonal, count as >= 0
 Rows = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
 class Bushing:
-    """A spring and damper in six directions, tip axes about the tip's origin.
+    """A spring and damper in six directions, in tip axes about the tip's origin.
 
     Attributes:
-        stiffness: (6, 6) symmetric, over [turn; shift] [N m, N, N/m].
-        damping: (6, 6) symmetric, over their rates [N m s, N s, N s/m].
+        stiffness: (6, 6) symmetric matrix for [turn; shift] [N m, N, N/m].
+        damping: (6, 6) symmetric matrix for their rates [N m s, N s, N s/m].
     """
 
     stiffness: Rows
@@ -32,11 +32,11 @@ def bushing(stiffness: Any, damping: Any) -> Bushing:
     """Return a bushing.
 
     Args:
-        stiffness: (6,) along the axes, turns first, or (6, 6) symmetric and positive semidefinite.
-        damping: likewise; None: none.
+        stiffness: (6,) along the axes, rotations first, or (6, 6) symmetric and positive semidefinite.
+        damping: likewise; None for no damping.
 
     Raises:
-        ModelError: another shape, or a matrix that would give energy away.
+        ModelError: a shape is wrong, or a matrix is not symmetric and positive semidefinite.
     """
     none = np.zeros(6)
     return Bushing(_rows(stiffness, "stiffness"), _rows(none if damping is None else damping, "damping"))
@@ -59,7 +59,7 @@ def _require_semidefinite(matrix: Array, what: str) -> None:
     diagonal = np.diag(matrix)
     if (diagonal < 0).any():
         raise ModelError(f"{what}: expected numbers >= 0 on the diagonal, got {diagonal.min():.6g}")
-    unit = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # turns and shifts have different units
+    unit = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # rotations and translations have different units
     least = float(np.linalg.eigvalsh(matrix / unit / unit[:, None])[0])
     if least < -SEMIDEFINITE:
         raise ModelError(

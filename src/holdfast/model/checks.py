@@ -1,4 +1,4 @@
-"""Checks that turn what a caller gave into read-only arrays, or refuse it by name."""
+"""Checks of arguments, which return read-only arrays or raise an error that names the argument."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from holdfast.spatial.real_numbers import rotation_matrix as rotation_matrix
 from holdfast.spatial.real_numbers import short as short
 from holdfast.spatial.scalar import Array
 
-ROUNDED = 1e-15  # so near to unit length is what was normalised before
-INERTIA_TOLERANCE = 1e-6  # relative violation of the triangle inequality that is still rounding
+ROUNDED = 1e-15  # vectors this close to unit length have been normalised before
+INERTIA_TOLERANCE = 1e-6  # relative violation of the triangle inequality that counts as rounding
 
 
 def vector(value: Any, what: str, error: type[HoldfastError] = ModelError) -> Array:
-    """Return a read-only finite array of one axis, as `numbers` does."""
+    """Return a one-dimensional read-only array of finite numbers; see `numbers`."""
     a = numbers(value, None, what, error)
     if a.ndim != 1:
         raise error(f"{what}: expected shape ({a.size},), got shape {a.shape}")
@@ -34,10 +34,10 @@ def vector(value: Any, what: str, error: type[HoldfastError] = ModelError) -> Ar
 
 
 def finite(found: Array, what: str) -> Array:
-    """Return numbers that an algorithm found, if they are finite; symbolic ones are returned as they are.
+    """Return the result of an algorithm after checking that it is finite; traced numbers are not checked.
 
     Raises:
-        StateError: some of them overflow float64.
+        StateError: some numbers have overflowed float64.
     """
     if np.asarray(found).dtype != object and not np.isfinite(found).all():
         raise StateError(
@@ -51,7 +51,7 @@ def number(value: Any, what: str, *, at_least: float | None = None, above: float
     """Return a finite number within the bounds."""
     x = numbers(value, (), what)[()]
     if not isinstance(x, float):
-        return x  # a traced scalar: its value is not known here
+        return x  # the value of a traced scalar is not known
     if at_least is not None and x < at_least:
         raise ModelError(f"{what}: expected >= {at_least:g}, got {float(x)!r}")
     if above is not None and x <= above:
@@ -60,7 +60,7 @@ def number(value: Any, what: str, *, at_least: float | None = None, above: float
 
 
 def unit_vector(value: Any, what: str) -> Array:
-    """Return a unit 3-vector; one that is off by more than 1e-6 is refused."""
+    """Return a unit 3-vector; a length that differs from 1 by more than 1e-6 is refused."""
     a = numbers(value, (3,), what)
     length = math.hypot(*a)
     if abs(length - 1) > ROTATION_TOLERANCE:
@@ -79,8 +79,8 @@ def pose(value: Any, what: str) -> Pose:
 def rotational_inertia(value: Any, what: str, *, definite: bool = False, physical: bool = True) -> Array:
     """Return a physically possible inertia about the mass centre, (3, 3) symmetric [kg m^2].
 
-    The principal moments of any mass distribution satisfy A + B >= C and are >= 0;
-    `physical=False` asks only that they are >= 0.
+    The principal moments of any mass distribution are >= 0 and satisfy A + B >= C. With `physical=False` only the first
+    condition is checked.
     """
     J = symmetric_matrix(value, what)
     if J.dtype == object:
@@ -99,7 +99,7 @@ def rotational_inertia(value: Any, what: str, *, definite: bool = False, physica
 
 
 def symmetric_matrix(value: Any, what: str) -> Array:
-    """Return a symmetric (3, 3) matrix; asymmetry above 1e-9 of its size is refused."""
+    """Return a symmetric (3, 3) matrix; an asymmetry of more than 1e-9 of its size is refused."""
     J = numbers(value, (3, 3), what)
     if J.dtype == object:
         return J
@@ -111,7 +111,7 @@ def symmetric_matrix(value: Any, what: str) -> Array:
 
 
 def instance(value: Any, kind: type | tuple[type, ...], what: str, error: type[HoldfastError] = ModelError) -> None:
-    """Refuse a value of another type."""
+    """Check the type of a value."""
     if not isinstance(value, kind):
         kinds = kind if isinstance(kind, tuple) else (kind,)
         expected = " or ".join("None" if k is type(None) else k.__name__ for k in kinds)
@@ -131,13 +131,13 @@ def is_listed(value: Any) -> bool:
 
 
 def limit(value: Any, what: str) -> float:
-    """Return a limit > 0, infinite where there is none."""
+    """Return a limit, which must be > 0 and may be infinite."""
     infinite = isinstance(value, float | np.floating) and value == math.inf
     return math.inf if infinite else number(value, what, above=0.0)
 
 
 def place(p: Any) -> str:
-    """Return a position, a force or a moment as text of four digits, rounding as 0; what is traced has no numbers."""
+    """Return a position, force or moment as text with four digits; rounding errors are shown as 0."""
     x = np.asarray(p)
     if x.dtype == object:
         return "(...)"
@@ -146,7 +146,7 @@ def place(p: Any) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ' Did you mean ...?' or a list of what is known."""
+    """Return ' Did you mean ...?' with the closest known name, or a list of all known names."""
     known = list(known)
     near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
     return f" Did you mean '{near[0]}'?" if near else f" Known: {', '.join(known) or 'none'}."

@@ -1,4 +1,4 @@
-"""The whole system: arms, the object they hold, and the grasps between them."""
+"""The closed chain: arms, the object that they hold, and the grasps between them."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True, eq=False)
 class ClosedChain(Frozen):
-    """Named arms that hold one object, in a fixed order, each on a base of its own or on a common trunk.
+    """Named arms that hold one object, in a fixed order, each on its own base or on a common trunk.
 
     Attributes:
-        arms: arm by name; their order is the order of every flat array, the trunk's joints before them.
+        arms: arms by name. Their order is that of every flat array, in which the trunk's joints come first.
         held_object: the object.
-        grasps: grasp by arm name; an arm without one moves freely.
-        gravity: (3,) world axes [m/s^2].
-        trunk: what the arms in `mounts` stand on, or None.
-        mounts: by arm name, the trunk's link that it stands on: its name or index, or "base" for a floating body;
-            the arm's base is then a pose in that link's axes. Other arms stand in the world.
-        springs: between points of world, links and object.
+        grasps: grasps by arm name; an arm without one moves freely.
+        gravity: (3,) gravitational acceleration, world axes [m/s^2].
+        trunk: the trunk on which the arms in `mounts` are mounted, or None.
+        mounts: by arm name, the trunk's link on which the arm is mounted: its name or index, or "base" for a floating
+            body. The base of such an arm is a pose relative to that link. The bases of other arms are in the world.
+        springs: springs between points of the world, links and the object.
     """
 
     arms: Mapping[str, Arm]
@@ -74,7 +74,7 @@ class ClosedChain(Frozen):
         put(self, "mounts", FrozenDict({name: self.mounts[name] for name in self.arms if name in self.mounts}))
 
     def _check_trunk(self) -> None:
-        """Refuse a trunk or mounts that do not fit the arms."""
+        """Check that the trunk and the mounts fit the arms."""
         if not isinstance(self.trunk, Trunk | None):
             raise ModelError(f"trunk: expected a Trunk or None, got {type(self.trunk).__name__}")
         if not isinstance(self.mounts, Mapping):
@@ -91,20 +91,20 @@ class ClosedChain(Frozen):
             self.trunk.body(mount, f"mount of '{name}'")
 
     def __repr__(self) -> str:
-        """Return arms, grasps and object, a line each."""
+        """Return the arms with their grasps and the object, one per line."""
         lines = [f"ClosedChain: {_count(len(self.arms), 'arm')}, {_count(self.joint_count, 'joint')}"]
         lines += [f"  {name}: {', '.join(filter(None, row))}" for name, *row in self._table()]
         return f"<{chr(10).join(lines)}>"
 
     def _repr_html_(self) -> str:
-        """Return arms, grasps and object as a table, for notebooks."""
+        """Return a table of the arms with their grasps and of the object, for notebooks."""
         titles = ("", "", "stands", "grasp")
         head = "".join(f"<th>{title}</th>" for title in titles)
         body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self._table())
         return f"<table><tr>{head}</tr>{body}</table>"
 
     def _table(self) -> list[tuple[str, str, str, str]]:
-        """Return name, joints, place and grasp of trunk, arms and object."""
+        """Return the name, joints, base and grasp of trunk, arms and object."""
         rows = []
         if self.trunk is not None:
             place = "floats" if self.floats else f"base at {checks.place(self.trunk.base.p)} m"
@@ -126,7 +126,7 @@ class ClosedChain(Frozen):
 
     @frozen_property
     def joints(self) -> Mapping[str, slice]:
-        """Where each arm's joints lie in the flat arrays q, qd, tau; those of "trunk" come first."""
+        """The slice of each arm's joints in the flat arrays q, qd, tau; that of "trunk" comes first."""
         counts = {} if self.trunk is None else {TRUNK: self.trunk.joint_count}
         counts |= {name: arm.joint_count for name, arm in self.arms.items()}
         ends = np.cumsum([*counts.values()])
@@ -134,12 +134,12 @@ class ClosedChain(Frozen):
 
     @property
     def arm_joints(self) -> list[slice]:
-        """Where the joints of each arm lie, in the arms' order."""
+        """The slices of the joints of all arms, in order."""
         return [self.joints[name] for name in self.arms]
 
     @frozen_property
     def mounted_on(self) -> Mapping[str, int]:
-        """By name of a mounted arm, the place of its body in `Trunk.bodies`."""
+        """By name of a mounted arm, the index of its body in `Trunk.bodies`."""
         if self.trunk is None:
             return {}
         return {name: self.trunk.body(at, f"mount of '{name}'") for name, at in self.mounts.items()}
@@ -151,7 +151,7 @@ class ClosedChain(Frozen):
 
     @frozen_property
     def contact_freedoms(self) -> Mapping[str, slice]:
-        """Where each grasp's relative rates lie in the flat arrays W and W_dot."""
+        """The slice of each grasp's relative rates in the flat arrays W and W_dot."""
         ends = np.cumsum([len(grasp.free) for grasp in self.grasps.values()], dtype=int)
         return {
             name: slice(int(end) - len(grasp.free), int(end))
@@ -160,29 +160,29 @@ class ClosedChain(Frozen):
 
     @frozen_property
     def bushings(self) -> tuple[str, ...]:
-        """The names of the arms whose grasp is a bushing: known wrenches, no constraints."""
+        """The names of the arms whose grasp is a bushing, which exerts a known wrench and imposes no constraint."""
         return tuple(name for name, grasp in self.grasps.items() if grasp.of_kind.bushing is not None)
 
     @frozen_property
     def joint_count(self) -> int:
-        """n, over trunk and all arms; a floating base is not among them."""
+        """Number of joints n of the trunk and all arms, without a floating base."""
         return sum(arm.joint_count for arm in self.arms.values()) + (
             0 if self.trunk is None else self.trunk.joint_count
         )
 
     @frozen_property
     def contact_freedom_count(self) -> int:
-        """Sum of n_g over all grasps: the length of W."""
+        """Sum of n_g over all grasps, the length of W."""
         return sum(len(grasp.free) for grasp in self.grasps.values())
 
     @property
     def velocity_count(self) -> int:
-        """n + 6, and 6 more of a floating base: the length of (twist of the base, qd, V(C))."""
+        """Length of (twist of a floating base, qd, V(C)), which is n + 6, or n + 12 with a floating base."""
         return self.joint_count + 6 + (6 if self.floats else 0)
 
     @property
     def constraint_row_count(self) -> int:
-        """Six velocity rows a grasp; the relative rates W are unknowns among the velocities."""
+        """Number of rows of [J, -A, H^T], six per grasp; the relative rates W count as unknown velocities."""
         return 6 * len(self.grasps)
 
     @property
@@ -205,7 +205,7 @@ class ClosedChain(Frozen):
         return [joint for joints in self.joints_of.values() for joint in joints]
 
     def with_bases(self, bases: Mapping[str, object]) -> ClosedChain:
-        """Return the chain with the named arms mounted elsewhere (Pose or wxyz_xyz)."""
+        """Return the chain with the bases of the named arms at other poses (Pose or wxyz_xyz)."""
         checks.instance(bases, Mapping, "bases")
         for name in bases:
             if name not in self.arms:
@@ -213,7 +213,7 @@ class ClosedChain(Frozen):
         return replace(self, arms={n: a.at(bases[n]) if n in bases else a for n, a in self.arms.items()})
 
     def with_grasp(self, name: str, grasp: Grasp) -> ClosedChain:
-        """Return the chain with one more grasp, of an arm that has none."""
+        """Return the chain with an additional grasp of an arm that has none."""
         checks.instance(name, str, "grasp: name of the arm")
         if name not in self.arms:
             raise ModelError(f"grasp '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
@@ -225,7 +225,7 @@ class ClosedChain(Frozen):
         return replace(self, grasps={**self.grasps, name: grasp})
 
     def without_grasp(self, name: str) -> ClosedChain:
-        """Return the chain with one grasp opened; the arm goes on alone."""
+        """Return the chain without the grasp of the named arm, which then moves freely."""
         checks.instance(name, str, "grasp: name of the arm")
         if name not in self.grasps:
             raise ModelError(f"grasp '{name}': no such grasp.{checks.did_you_mean(name, self.grasps)}")

@@ -8,17 +8,18 @@ from holdfast.spatial.pose import Pose
 
 
 def contact_frame(point: ArrayLike, into: ArrayLike, x: ArrayLike | None = None) -> Pose:
-    """Return the contact frame at a point of the object, its z axis along the normal into the object.
+    """Return the contact frame at a point of the object, with its z axis along the normal into the object.
 
-    A rigid grasp's tip frame comes to lie in it; a hinge turns about its x axis.
+    The tip frame of a rigid grasp coincides with this frame; a hinge rotates about its x axis.
 
     Args:
-        point: (3,) the contact point, object axes from C [m].
+        point: (3,) the contact point from C, object axes [m].
         into: (3,) the normal INTO the object, object axes, of any length.
-        x: (3,) the direction that x is as near to as it can be. By default x and y are a camera's that
-            looks along `into`: to the right, and down, the object's -z; the object's x where `into` is along its z.
+        x: (3,) direction to which the x axis is as close as possible. By default, x and y are the axes of a camera that
+            looks along `into`, with x to the right and y downwards (the object's -z); if `into` is parallel to the
+            object's z axis, x is the object's x axis.
 
     Raises:
-        ModelError: a direction of length zero, or an `x` along `into`.
+        ModelError: a direction has zero length, or `x` is parallel to `into`.
     """
     return Pose.looking(point, z=into, x=x)

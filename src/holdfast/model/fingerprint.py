@@ -1,4 +1,4 @@
-"""One short text for all numbers of a model: two models with the same one give the same run."""
+"""Fingerprints of models: two models with the same fingerprint give the same run."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from typing import Any
 
 import numpy as np
 
-# of a field that earlier versions did not have: at its default it has no part, so that their models keep their text
+# marks a field that was added in a later version; its default is not included, so that fingerprints do not change
 ADDED = {"added": True}
-PICTURE = {"picture": True}  # of a field that nothing is computed from: it has no part
+PICTURE = {"picture": True}  # marks a field without influence on results; it is not included
 
 
 def fingerprint(model: Any) -> str:
-    """Return the SHA-256 of a model's names and numbers, hexadecimal.
+    """Return the SHA-256 of a model's names and numbers, in hexadecimal.
 
     Args:
-        model: a dataclass of numbers, texts, arrays, and of dataclasses, mappings and sequences
-            of these. Anything else in it (a function, a picture) has no part.
+        model: a dataclass of numbers, strings, arrays, and of dataclasses, mappings and sequences
+            of these. Anything else in it, such as functions and visuals, is ignored.
     """
     return _digest(_parts(model, exact=False))
 
 
 def exact_fingerprint(value: Any) -> str | None:
-    """Return the same of all that decides what a call of the value computes, or None if the library cannot know.
+    """Return a fingerprint of everything that determines the result of calling `value`; None if it is not known.
 
-    Types have a part in it, and methods. A function or a class of the user's has a text that may change meanwhile.
+    The fingerprint includes types and methods. It is None for functions and classes of the user, whose code may change.
 
     Args:
-        value: an object of this library's, or a method of one.
+        value: an object of this library, or a method of one.
     """
     try:
         return _digest(_parts(value, exact=True))
@@ -42,7 +42,7 @@ def exact_fingerprint(value: Any) -> str | None:
 def _digest(parts: Iterator[bytes]) -> str:
     digest = hashlib.sha256()
     for part in parts:
-        digest.update(len(part).to_bytes(8, "little"))  # ("ab", "c") is not ("a", "bc")
+        digest.update(len(part).to_bytes(8, "little"))  # distinguishes ("ab", "c") from ("a", "bc")
         digest.update(part)
     return digest.hexdigest()
 

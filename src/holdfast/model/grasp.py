@@ -1,4 +1,4 @@
-"""Grasps: how an arm's tip is attached to the object (paper, Appendix A)."""
+"""Grasps, the attachments of arm tips to the object (paper, Appendix A)."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ LEAST_PITCH = 1e-6  # [m/rad]
 
 @dataclass(frozen=True)
 class Friction(Frozen):
-    """A one-sided contact: it can only press, and holds within a friction cone.
+    """The friction of a one-sided contact, which can only press and holds within a friction cone.
 
     Attributes:
         mu: friction coefficient, > 0.
-        torsion_radius: e [m]; a soft finger holds |m_n| <= e mu f_n without tangential force.
-        half_length: L [m]; half the length of a hinge's edge.
+        torsion_radius: e [m]; without a tangential force, a soft finger holds |m_n| <= e mu f_n.
+        half_length: L [m], half the length of the edge of a hinge.
     """
 
     mu: float
@@ -58,7 +58,7 @@ class Friction(Frozen):
 
 @dataclass(frozen=True)
 class WrenchLimits(Frozen):
-    """The largest wrench a grasp takes before it gives way, e.g. a gripper's rating.
+    """The largest wrench that a grasp can hold, for example the rating of a gripper.
 
     Attributes:
         moment: largest |moment| about the contact point, > 0 or inf [N m].
@@ -74,7 +74,7 @@ class WrenchLimits(Frozen):
 
     @property
     def lever(self) -> float:
-        """Length at which a moment counts as a force: moment / force, or 1 m where one is unlimited [m]."""
+        """Length by which moments are divided to compare with forces: moment / force, or 1 m if one is infinite [m]."""
         return self.moment / self.force if math.isfinite(self.moment) and math.isfinite(self.force) else 1.0
 
 
@@ -82,27 +82,28 @@ class WrenchLimits(Frozen):
 class Grasp(Frozen):
     """The attachment of one arm's tip frame to the contact frame on the object.
 
-    The contact frame's z axis is the normal INTO the object: an arm that presses has
-    f.z >= 0. A hinge turns about the frame's x axis, a soft finger about x and y, a universal joint about the
-    tip's x and the frame's y. A slider slides along x, a cylinder does and turns about it, a screw does
-    both at once; a planar grasp slides along x and y and turns about z. A subspace is any of these, or another
-    group of motions, given by hand. A bushing constrains nothing: a spring and damper in all six directions, slack
-    where the tip is at the contact frame, whose wrench is known from the state.
+    The contact frame's z axis is the normal INTO the object, so an arm that presses has f.z >= 0. A hinge rotates about
+    the frame's x axis, a soft finger about x and y, and a universal joint about the tip's x and the frame's y. A slider
+    slides along x, a cylinder slides along x and rotates about it, and a screw couples these two motions. A planar
+    grasp slides along x and y and rotates about z. A subspace is any of these, or another group of motions, given by a
+    matrix. A bushing imposes no constraint: it is a spring and damper in all six directions, unstretched if the tip is
+    at the contact frame, and its wrench follows from the state.
 
     Attributes:
         kind: "rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "screw", "planar",
             "subspace" or "bushing".
         frame: pose of the contact frame in object axes.
         contact: None for a two-sided grasp, or a `Friction` for a one-sided one.
-        wrench_limits: the largest moment and force it takes, or None.
-        pitch: how far the object travels along x with every radian it turns about x, for a screw [m/rad];
-            negative for a left-handed one.
-        motion: (6, k) twists [turn; slide] of the object against the tip that are free, tip axes about the tip's
-            origin, for a subspace; closed under the bracket, as those of a joint are.
-        stiffness: K of a bushing, (6,) or (6, 6), tip axes: it stores 1/2 x . K x, and its wrench is the exact gradient
-            of that; x = [2 sin(t / 2) axis; shift] of the contact frame, turned by t, against the tip [N m, N, N/m].
-        damping: C of a bushing, likewise: V . C V is lost, V = [turn; slide] the rates of the object against the tip at
-            the contact's origin, tip axes [N m s, N s, N s/m]; None: none.
+        wrench_limits: the largest moment and force that the grasp can hold, or None.
+        pitch: translation of the object along x per radian of rotation about x, for a screw [m/rad]; negative for a
+            left-handed screw.
+        motion: (6, k) free twists [turn; slide] of the object relative to the tip, in tip axes about the tip's origin,
+            for a subspace. They must be closed under the Lie bracket, like those of a joint.
+        stiffness: K of a bushing, (6,) or (6, 6), tip axes. The stored energy is 1/2 x . K x, and the wrench is its
+            exact gradient; x = [2 sin(t / 2) axis; shift] for a contact frame rotated by t relative to the tip [N m, N,
+            N/m].
+        damping: C of a bushing, likewise. The dissipated power is V . C V with the rates V = [turn; slide] of the
+            object relative to the tip at the contact's origin, tip axes [N m s, N s, N s/m]; None for no damping.
     """
 
     kind: GraspName
@@ -134,7 +135,7 @@ class Grasp(Frozen):
             raise ModelError(f"grasp: a {self.kind} grasp {needed}")
         if self.motion is not None:
             object.__setattr__(self, "motion", checks.numbers(self.motion, None, "grasp: motion"))
-            _ = self.of_kind  # refuses what is no group's
+            _ = self.of_kind  # raises an error if the motions do not form a group
         self._check_bushing()
 
     def _check_pitch(self) -> None:
@@ -161,7 +162,7 @@ class Grasp(Frozen):
             if given is not None:
                 object.__setattr__(self, name, checks.numbers(given, None, f"grasp: {name}"))
         if compliant:
-            _ = self.of_kind  # refuses what stores or loses less than nothing
+            _ = self.of_kind  # raises an error if a matrix is not positive semidefinite
 
     def _check_contact(self, contact: Friction) -> None:
         if self.of_kind.friction is None:
@@ -174,14 +175,14 @@ class Grasp(Frozen):
                 raise ModelError(f"grasp: a {self.kind} contact {verb} {name}")
 
     def standing_at(self, frame: Pose) -> Grasp:
-        """Return the same grasp at a frame that is known to be sound, for algorithms; nothing is checked or copied."""
+        """Return the same grasp at another valid frame, for algorithms; nothing is checked or copied."""
         grasp = object.__new__(Grasp)
         grasp.__dict__.update(vars(self), frame=frame)
         return grasp
 
     @frozen_property
     def of_kind(self) -> GraspKind:
-        """The row of its kind, with its pitch, its motion or its bushing."""
+        """The properties of its kind, with its pitch, its motion or its bushing."""
         row = GRASP_KINDS[self.kind]
         if self.motion is not None:
             return row.with_motion(motion_subspace(self.motion))
@@ -191,12 +192,12 @@ class Grasp(Frozen):
 
     @property
     def transmitted(self) -> tuple[int, ...]:
-        """Components of a wrench along its kind's `directions` that the grasp transmits; their number is 6 - n_g."""
+        """Indices of the transmitted components of a wrench along its kind's `directions`; their number is 6 - n_g."""
         return self.of_kind.transmitted
 
     @property
     def free(self) -> tuple[int, ...]:
-        """Contact axes that are free, of turns 0, 1, 2 and of slides 3, 4, 5; their number is n_g."""
+        """Indices of the free contact axes, 0 to 2 for rotations and 3 to 5 for translations; their number is n_g."""
         return self.of_kind.free
 
     @property
@@ -206,6 +207,6 @@ class Grasp(Frozen):
 
     @property
     def contact_size(self) -> float | None:
-        """The length that a one-sided contact of its kind has: torsion radius or half length [m]; None without one."""
+        """Torsion radius or half length of a one-sided contact of its kind [m]; None if the kind has none."""
         name = self.of_kind.size
         return None if self.contact is None or name is None else getattr(self.contact, name)

@@ -1,4 +1,4 @@
-"""The kinds of grasps: one row each, and nothing else in the library compares their names (paper, Appendix A)."""
+"""The kinds of grasps, as one table; no other code depends on their names (paper, Appendix A)."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, cos, sin, sqrt
 from holdfast.spatial.vector import cross
 
-PERPENDICULAR = 1e-6  # sine below which a tip's hinge axis lies along the contact's normal
+PERPENDICULAR = 1e-6  # sine of the angle below which two directions count as parallel
 
 X, _, Z = np.eye(3)
 
 
 def no_turn(tip: Array) -> Array:
-    """Return (..., 3) zeros: no attitude of the tip (..., 3, 3) opens the grasp."""
+    """Return zeros (..., 3), because the attitude of the tip (..., 3, 3) is free."""
     return np.zeros(tip.shape[:-1])
 
 
@@ -33,7 +33,7 @@ def full_turn(tip: Array) -> Array:
 
 
 def full_opening(tip: Array) -> Array:
-    """Return the rotation vector from the contact frame to the tip's attitude, its length as a sine, (3,)."""
+    """Return the rotation vector from the contact frame to the tip's attitude, with the sine as its length, (3,)."""
     return 0.5 * array([tip[2, 1] - tip[1, 2], tip[0, 2] - tip[2, 0], tip[1, 0] - tip[0, 1]])
 
 
@@ -43,7 +43,7 @@ def axis_turn(tip: Array) -> Array:
 
 
 def axis_opening(tip: Array) -> Array:
-    """Return the shortest rotation vector from the contact frame's x axis to the tip's, its length as a sine, (3,)."""
+    """Return the shortest rotation vector from the contact frame's x axis to the tip's, with length sine, (3,)."""
     return cross(X, tip[:, 0])
 
 
@@ -53,23 +53,23 @@ def normal_turn(tip: Array) -> Array:
 
 
 def normal_opening(tip: Array) -> Array:
-    """Return the shortest rotation vector from the contact frame's z axis to the tip's, its length as a sine, (3,)."""
+    """Return the shortest rotation vector from the contact frame's z axis to the tip's, with length sine, (3,)."""
     return cross(Z, tip[:, 2])
 
 
 def cross_turn(tip: Array) -> Array:
-    """Return the turn about z, in the axes of a cardan cross, that makes its arms perpendicular, (3,) [rad]."""
+    """Return the rotation about z that makes the arms of a cardan cross perpendicular, in its axes, (3,) [rad]."""
     sine = tip[..., 1, 0]
     return np.stack([0.0 * sine, 0.0 * sine, -np.arcsin(np.clip(sine, -1.0, 1.0))], -1)
 
 
 def cross_opening(tip: Array) -> Array:
-    """Return the opposite turn, as a sine, (3,)."""
+    """Return the opposite rotation, with the sine as its length, (3,)."""
     return concatenate([np.zeros(2), [tip[1, 0]]])
 
 
 def cross_axes(contact: Array, tip: Array) -> Array:
-    """Return the axes of a cardan cross: the tip's x, where it is perpendicular, and the contact frame's y."""
+    """Return the axes of a cardan cross: y of the contact frame, and x along the tip's x if that is perpendicular."""
     z = cross(tip[:, 0], contact[:, 1])
     z = z / sqrt(z @ z)
     return array([cross(contact[:, 1], z), contact[:, 1], z]).T
@@ -86,7 +86,7 @@ def tip_attitude(contact: Array, tip: Array) -> Array:
 
 
 def attitude_about_tip_axis(contact: Array, tip: Array) -> Array | None:
-    """Return the attitude nearest to the contact frame's whose x axis is the tip's, or None along its normal."""
+    """Return the attitude with the tip's x axis nearest to the contact frame's; None if x is along its normal."""
     x, normal = tip[:, 0], contact[:, 2]
     across = normal - (normal @ x) * x
     sine = math.sqrt(across @ across)
@@ -97,7 +97,7 @@ def attitude_about_tip_axis(contact: Array, tip: Array) -> Array | None:
 
 
 def attitude_about_tip_normal(contact: Array, tip: Array) -> Array | None:
-    """Return the attitude nearest to the contact frame's whose z axis is the tip's, or None along its x."""
+    """Return the attitude with the tip's z axis that is nearest to the contact frame's; None if z is along its x."""
     z, x = tip[:, 2], contact[:, 0]
     across = x - (x @ z) * z
     sine = math.sqrt(across @ across)
@@ -108,7 +108,7 @@ def attitude_about_tip_normal(contact: Array, tip: Array) -> Array | None:
 
 
 def attitude_across_tip_axis(contact: Array, tip: Array) -> Array | None:
-    """Return the attitude nearest to the contact frame's whose y axis is across the tip's x, or None along it."""
+    """Return the attitude nearest to the contact frame's with y perpendicular to the tip's x; None if y is along it."""
     x, y = tip[:, 0], contact[:, 1]
     across = y - (y @ x) * x
     sine = math.sqrt(across @ across)
@@ -134,33 +134,35 @@ def sliding_or_tipping(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
 
 @dataclass(frozen=True)
 class GraspKind(Frozen):
-    """What distinguishes one kind of grasp from another.
+    """The properties of one kind of grasp.
 
-    The object moves against the tip within a motion subspace that is constant in contact axes, about the tip's
-    point: the columns of H^T. The tip's pose seen from the contact frame decides whether the grasp is closed. Where a
-    transmitted moment has no closed angle, the grasp constrains a rate only: it is nonholonomic.
+    The object moves relative to the tip within a motion subspace that is constant in contact axes, about the tip's
+    point; it is spanned by the columns of H^T. The grasp is closed or not depending on the tip's pose relative to the
+    contact frame. If a transmitted moment has no closed angle, the grasp constrains a rate only, and is nonholonomic.
 
     Attributes:
-        free: contact axes about which (0, 1, 2) and along which (3, 4, 5) the object moves against the tip.
-        carried_by: the body on which each of these axes is fixed; g follows from it.
-        closed_angles: contact axes about which the tip may not be turned while the grasp is closed.
-        turn: tip's attitude in contact axes (..., 3, 3) -> rotation vector that closes the angles (..., 3) [rad].
-        opening: tip's attitude in contact axes (3, 3) -> the opposite of `turn`, its length replaced by its
-            sine (3,); on traced numbers too.
-        axes: attitudes of contact frame and tip in the world -> axes of freedom and transmission in the world (3, 3).
-        regrasped: attitudes of contact frame and tip on the object -> attitude of the nearest contact frame that
-            this tip closes (3, 3), or None where there is no nearest one.
-        size: the length that a one-sided contact needs, a field of `Friction`.
-        friction: friction coefficient and that length -> conditions on the wrench of a one-sided contact; None for
-            a grasp that is always two-sided.
+        free: contact axes about which (0, 1, 2) and along which (3, 4, 5) the object can move relative to the tip.
+        carried_by: the body in which each of these axes is fixed; it determines g.
+        closed_angles: contact axes about which the tip must not be rotated if the grasp is closed.
+        turn: function of the tip's attitude in contact axes (..., 3, 3) that returns the rotation vector that closes
+            the angles (..., 3) [rad].
+        opening: function of the tip's attitude in contact axes (3, 3) that returns the opposite of `turn`, with the
+            sine as its length (3,); it also accepts traced numbers.
+        axes: function of the attitudes of contact frame and tip in the world that returns the axes of the free and
+            transmitted directions in the world (3, 3).
+        regrasped: function of the attitudes of contact frame and tip relative to the object that returns the attitude
+            of the nearest contact frame for which this tip closes the grasp (3, 3), or None if it is not unique.
+        size: the field of `Friction` with the length that a one-sided contact needs.
+        friction: function of the friction coefficient and that length that returns the conditions on the wrench of a
+            one-sided contact; None for a grasp that is always two-sided.
         listed_axes: number of unit vectors that a case file lists for such a grasp.
-        equality: what an MJCF file says of it: a weld, a connect of two points, or two of them along x; None if it
-            cannot be written.
-        threaded: whether the object travels along x as it turns about it, by the grasp's pitch.
-        pitch: that travel [m/rad].
-        by_hand: whether the grasp's own motion subspace takes the place of free axes.
-        given: that subspace, carried by the tip.
-        compliant: whether it holds by the force of the grasp's own bushing, and constrains nothing.
+        equality: corresponding MJCF equality constraint: a weld, a connect of two points, or two connects along x; None
+            if there is none.
+        threaded: whether the object moves along x when it rotates about x, by the grasp's pitch.
+        pitch: translation per rotation [m/rad].
+        by_hand: whether the grasp has its own motion subspace instead of free axes.
+        given: that subspace, which moves with the tip.
+        compliant: whether the grasp is a bushing, which exerts a force and imposes no constraint.
         bushing: that bushing.
     """
 
@@ -183,35 +185,35 @@ class GraspKind(Frozen):
     bushing: Bushing | None = None
 
     def with_motion(self, given: MotionSubspace) -> GraspKind:
-        """Return the kind with a motion subspace given by hand."""
+        """Return the kind with a motion subspace given by the user."""
         k = len(given.columns)
         return replace(self, free=tuple(range(k)), carried_by=("tip",) * k, given=given)
 
     @property
     def transmitted(self) -> tuple[int, ...]:
-        """Components of a wrench along `directions` that the grasp transmits: the rows of K."""
+        """Indices of the transmitted components of a wrench along `directions`, which are the rows of K."""
         return tuple(i for i in range(6) if i not in self.free)
 
     @property
     def position_rows(self) -> tuple[int, ...]:
-        """Components of a displacement [turn; shift] along `directions` that vanish while the grasp is closed."""
+        """Indices of the components of displacements [turn; shift] along `directions` that vanish in a closed grasp."""
         if self.given is not None:
             return self.transmitted
         return *self.closed_angles, *(i for i in (3, 4, 5) if i not in self.free)
 
     @property
     def rate_rows(self) -> tuple[int, ...]:
-        """Transmitted components that constrain rates only, as no position row belongs to them."""
+        """Indices of the transmitted components that constrain rates only, because they have no position row."""
         return tuple(i for i in self.transmitted if i not in self.position_rows)
 
     @property
     def oriented(self) -> bool:
-        """Whether the attitude of the contact frame matters: not where all free axes are the world's."""
+        """Whether the attitude of the contact frame matters; it does not if all free axes are those of the world."""
         return self.carried_by != ("world", "world", "world")
 
     @property
     def slides(self) -> bool:
-        """Whether the object's point at the tip moves: the grasp's wrench is about the tip's point then."""
+        """Whether the object slides along the tip; the wrench of the grasp is then about the tip's point."""
         return self.threaded or self.by_hand or any(i > 2 for i in self.free)
 
     @property
@@ -221,11 +223,11 @@ class GraspKind(Frozen):
 
     @property
     def follows_tip(self) -> bool:
-        """Whether its axes, or the point that its wrench is about, are not fixed on the object."""
+        """Whether its axes, or the reference point of its wrench, are not fixed in the object."""
         return self.slides or self.axes is not contact_axes
 
     def row_scales(self, length: float) -> list[float]:
-        """Return how large a wrench along each row of K counts 1 N, moments by a length [m]."""
+        """Return the size of a wrench along each row of K equivalent to 1 N; moments are divided by `length`."""
         if self.aligned:
             return [length if i < 3 else 1.0 for i in self.transmitted]
         rows = self.directions[list(self.transmitted)] / np.repeat([length, 1.0], 3)
@@ -233,7 +235,7 @@ class GraspKind(Frozen):
 
     @frozen_property
     def angular(self) -> tuple[bool, ...]:
-        """Which of the `directions` are moments rather than forces, (6,)."""
+        """Whether each of the `directions` is a moment rather than a force, (6,)."""
         return tuple(math.hypot(*row[:3]) > math.hypot(*row[3:]) for row in self.directions)
 
     @frozen_property
@@ -246,14 +248,14 @@ class GraspKind(Frozen):
 
     @frozen_property
     def rate_map(self) -> Array:
-        """(n_g, 6) from the object's twist against the tip, contact axes, to the relative rates W."""
+        """(n_g, 6) matrix from the object's twist relative to the tip, in contact axes, to the relative rates W."""
         return np.linalg.pinv(self.motion)
 
     @frozen_property
     def directions(self) -> Array:
-        """(6, 6) orthonormal rows in contact axes: the free ones span H^T, the transmitted ones are K.
+        """(6, 6) orthonormal rows in contact axes: the free ones span H^T, and the transmitted ones are K.
 
-        A thread's are those of its contact axes, the first and the fourth turned towards each other.
+        For a screw, these are the unit vectors with the first and the fourth rotated in their plane.
         """
         if self.given is not None:
             return np.array(self.given.rows)
@@ -264,41 +266,42 @@ class GraspKind(Frozen):
         return rows
 
     def along(self, x: Array) -> Array:
-        """Return the components of contact-axes 6-vectors (..., 6) along `directions`."""
+        """Return the components of 6-vectors (..., 6) in contact axes along `directions`."""
         return x if self.aligned else x @ self.directions.T
 
     def back(self, x: Array) -> Array:
-        """Return the contact-axes 6-vectors (..., 6) of components along `directions`."""
+        """Return the 6-vectors (..., 6) in contact axes from components along `directions`."""
         return x if self.aligned else x @ self.directions
 
     def gap(self, tip: Array, p: Array) -> Array:
-        """Return the displacement [turn; shift] of the object against the tip that its free motions do not explain.
+        """Return the displacement [turn; shift] of the object relative to the tip, without its free motions.
 
         Args:
-            tip: (..., 3, 3) the tip's attitude, contact axes.
+            tip: (..., 3, 3) the tip's attitude in contact axes.
             p: (..., 3) the tip's origin, along its `axes` [m].
 
         Returns:
-            (..., 6) along its `axes`.
+            The displacement (..., 6), along its `axes`.
         """
         if self.given is not None:
             return self.given.gap(tip, p)
         return np.concatenate([self.turn(tip), -self.across(p, tip)], -1)
 
     def small_gap(self, tip: Array, p: Array) -> Array:
-        """Return the opposite, of the tip against the object, angles as sines, (6,); on traced numbers too."""
+        """Return the opposite displacement, with sines of angles, (6,); it also accepts traced numbers."""
         if self.given is not None:
             return self.given.small_gap(tip, p)
         return concatenate([self.opening(tip), self.small_across(p, tip)])
 
     def across(self, p: Array, tip: Array) -> Array:
-        """Return how far a tip's origin is from where its free slides can take it, contact axes, (..., 3) [m].
+        """Return the displacement of a tip's origin without its free translations, contact axes, (..., 3) [m].
 
-        On a thread that is its travel less what it has turned; the nearest of the thread's turns, which look alike.
+        For a screw, the component along x is the translation minus that which belongs to the rotation. The nearest of
+        the screw's turns is used, because they cannot be distinguished.
 
         Args:
             p: (..., 3) the tip's origin, contact axes [m].
-            tip: (..., 3, 3) its attitude, contact axes.
+            tip: (..., 3, 3) the tip's attitude, contact axes.
         """
         if not self.threaded:
             return p * self._closed_lengths if self.slides else p
@@ -307,7 +310,7 @@ class GraspKind(Frozen):
         return np.concatenate([left[..., None], p[..., 1:]], -1)
 
     def small_across(self, p: Array, tip: Array) -> Array:
-        """Return the same with the angle's sine in its place, (3,); on traced numbers too."""
+        """Return the same with the sine in place of the angle, (3,); it also accepts traced numbers."""
         if not self.threaded:
             return p * self._closed_lengths if self.slides else p
         sine, _ = _sine_cosine_past_thread(p, tip, self.pitch)
@@ -318,12 +321,12 @@ class GraspKind(Frozen):
         return np.array([0.0 if i in self.free else 1.0 for i in (3, 4, 5)])
 
     def axes_carried_by(self, body: str) -> list[int]:
-        """Return which of the free axes are fixed on a body."""
+        """Return the indices of the free axes that are fixed in a body."""
         return [k for k, one in enumerate(self.carried_by) if one == body]
 
 
 def _sine_cosine_past_thread(p: Array, tip: Array, pitch: float) -> tuple[Scalar, Scalar]:
-    """Return sine and cosine, up to a factor, of a tip's travel over the pitch less its turn about x."""
+    """Return sine and cosine, up to a factor, of a tip's translation divided by the pitch minus its rotation."""
     s, c = tip[..., 2, 1] - tip[..., 1, 2], tip[..., 1, 1] + tip[..., 2, 2]
     angle = p[..., 0] / pitch
     return 0.5 * (sin(angle) * c - cos(angle) * s), 0.5 * (cos(angle) * c + sin(angle) * s)

@@ -1,4 +1,4 @@
-"""The object that the arms hold."""
+"""The rigid object that the arms hold."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class HeldObject(Frozen):
     """A rigid body with origin C, which need not be its mass centre.
 
     Attributes:
-        mass: > 0 [kg].
+        mass: mass, > 0 [kg].
         com: (3,) mass centre from C, object axes [m].
-        inertia: (3, 3) about the mass centre, object axes, positive definite [kg m^2].
+        inertia: (3, 3) inertia about the mass centre, object axes, positive definite [kg m^2].
         physical: False accepts principal moments that no mass distribution has.
-        shape: what it is drawn as, about C; None: as the box of the same inertia. Nothing is computed from it.
+        shape: shape for drawings, about C; None for the box with the same inertia. It does not affect results.
     """
 
     mass: float
@@ -79,14 +79,14 @@ class HeldObject(Frozen):
         """Return the solid of uniform density inside a closed surface; C is the origin of the mesh's frame.
 
         Args:
-            path: an .stl, .obj or .dae file. Its faces turn counter-clockwise seen from outside.
-            mass: [kg]; or
-            density: [kg/m^3].
-            scale: of the file's lengths, such as 0.001 for millimetres.
+            path: an .stl, .obj or .dae file with faces that are counter-clockwise seen from outside.
+            mass: mass [kg]; either this or `density` must be given.
+            density: density [kg/m^3].
+            scale: factor for the lengths in the file, such as 0.001 for millimetres.
 
         Raises:
-            ModelError: both or neither of mass and density, or numbers that are not > 0.
-            SceneError: a file that cannot be read, or whose surface is open, inside out or flat.
+            ModelError: both or neither of mass and density are given, or a number is not > 0.
+            SceneError: the file cannot be read, or its surface is open, inside out or flat.
         """
         from holdfast.robots.mesh_files.solid import held_object_from_mesh
 
@@ -94,15 +94,15 @@ class HeldObject(Frozen):
 
     @staticmethod
     def from_urdf(path_or_text: str | PathLike[str], link: str | None = None, *, physical: bool = True) -> HeldObject:
-        """Return a link of a URDF file with all that is fixed to it; C is the origin of the link's frame.
+        """Return a link of a URDF file with everything that is fixed to it; C is the origin of the link's frame.
 
         Args:
-            path_or_text: a file, or the text itself.
-            link: its name; by default the root, if nothing in the file moves.
+            path_or_text: path of the file, or its text.
+            link: name of the link; by default the root, if the file has no movable joints.
             physical: False accepts principal moments that no mass distribution has.
 
         Raises:
-            SceneError: what is wrong in the file, an unknown link, or one on which joints move others.
+            SceneError: the file has an error, the link is unknown, or other links move relative to it.
         """
         from holdfast.robots.urdf.held_object import held_object_from_urdf
 
@@ -110,5 +110,5 @@ class HeldObject(Frozen):
 
     @frozen_property
     def spatial_inertia(self) -> RigidInertia:
-        """M(C): the inertia about C, object axes."""
+        """M(C), the inertia about C, in object axes."""
         return spatial_inertia.about_origin(self.mass, self.com, self.inertia)

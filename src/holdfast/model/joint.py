@@ -1,4 +1,4 @@
-"""Joints: a link's freedom to move against its parent."""
+"""Joints between links."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import outer, skew
 
 PER_FREEDOM = ("rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
-UNBOUNDED: Any = (-np.inf, np.inf)  # to a type checker no tuple is a `Converted`
+UNBOUNDED: Any = (-np.inf, np.inf)  # Any, because type checkers do not accept a tuple as a `Converted`
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,22 +28,22 @@ class Joint(Frozen):
 
     Revolute: R = R_parent R0 Rot(axis, q), p = p_parent + R_parent p0.
     Prismatic: R = R_parent R0, p = p_parent + R_parent (p0 + R0 axis q).
-    Other types of `JOINT_TYPES` combine both; see `JointType`. A joint of several degrees of freedom
-    becomes as many joints in an `Arm`, the links between them without mass; a limit, the armature, the
-    damping, the friction and the spring are then one value for all of them or a sequence of one each.
+    Other types of `JOINT_TYPES` combine both; see `JointType`. In an `Arm`, a joint with several degrees of freedom is
+    replaced by as many joints, with massless links between them. Its limits, armature, damping, friction and spring are
+    then one value for all of them, or a sequence with one value each.
 
     Attributes:
         kind: "revolute" [rad] or "prismatic" [m].
-        axis: (3,) unit vector in the axes of the link it moves.
+        axis: (3,) unit vector in the axes of the link that it moves.
         placement: pose of that link's frame at q = 0 in the parent frame (R0, p0).
-        name: for messages.
+        name: name in messages.
         position_limits: lowest and highest q [rad or m].
         rate_limit: largest |qd| [rad/s or m/s].
         effort_limit: largest |tau| [N m or N].
-        armature: inertia of the drive felt at the joint, >= 0 [kg m^2 or kg].
+        armature: inertia of the drive, reflected to the joint, >= 0 [kg m^2 or kg].
         damping: viscous damping, >= 0 [N m s/rad or N s/m].
         friction: Coulomb friction, >= 0 [N m or N]; used by simulation only.
-        stiffness: k of a spring in the joint, torque -k (q - rest), >= 0 [N m/rad or N/m].
+        stiffness: stiffness k of a spring in the joint with the torque -k (q - rest), >= 0 [N m/rad or N/m].
         rest: q at which that spring is slack [rad or m].
     """
 
@@ -89,7 +89,7 @@ class Joint(Frozen):
 
     @property
     def parts(self) -> tuple[Joint, ...]:
-        """The joints of one degree of freedom that follow each other from the parent to the link."""
+        """The joints with one degree of freedom that replace this one, in order from the parent to the link."""
         chain = self.type.parts
         if not chain:
             return (self,)
@@ -108,7 +108,7 @@ class Joint(Frozen):
         )
 
     def _require_parts(self, label: str) -> None:
-        """Check a joint of several degrees of freedom: each value is one for all of them, or a sequence of one each."""
+        """Check a joint with several degrees of freedom, whose values are one for all of them or one for each."""
         object.__setattr__(self, "axis", checks.unit_vector(self.axis, f"{label}: axis"))
         count = len(self.type.parts)
         for name in (*PER_FREEDOM, "position_limits"):
@@ -120,17 +120,17 @@ class Joint(Frozen):
 
     @property
     def type(self) -> JointType:
-        """The row of its kind."""
+        """The properties of its kind."""
         return JOINT_TYPES[self.kind]
 
     @property
     def turns(self) -> bool:
-        """Whether q is an angle [rad]; else it is a length [m]."""
+        """Whether q is an angle [rad]; otherwise it is a length [m]."""
         return self.type.turns
 
     @frozen_property
     def motion_subspace(self) -> tuple[Any, Any]:
-        """H^T = [h; s] in link axes: (3,) angular and (3,) linear part, None where it is zero."""
+        """H^T = [h; s] in link axes: angular part (3,) and linear part (3,), None for a part that is zero."""
         h = self.axis if self.type.turns else None
         return h, self.type.travel * self.axis if self.type.travel else None
 
@@ -138,7 +138,7 @@ class Joint(Frozen):
     def rotation_parts(self) -> tuple[Array, Array, Array]:
         """(F, C, S) with R0 Rot(axis, q) = F + cos(q) C + sin(q) S.
 
-        F = R0 a a^T keeps entries that do not turn free of `1 - cos q`.
+        With F = R0 a a^T, constant entries do not contain 1 - cos(q).
         """
         a, R0 = self.axis, self.placement.R
         fixed = outer(a, a)
@@ -146,10 +146,10 @@ class Joint(Frozen):
 
     @frozen_property
     def parent_shift(self) -> Array:
-        """(3,) how far the link shifts per unit of q, in the parent's axes."""
+        """(3,) translation of the link per unit of q, in the parent's axes."""
         return self.placement.R @ (self.type.travel * self.axis)
 
 
 def _one_each(value: Any, count: int) -> list[Any]:
-    """Return a value for each degree of freedom, given as one for all or as a sequence."""
+    """Return one value per degree of freedom from one value for all or a sequence."""
     return [value] * count if np.ndim(value) == 0 else list(value)

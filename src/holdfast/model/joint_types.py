@@ -1,9 +1,9 @@
-"""The types of joints: one row each, and nothing else in the library compares their names.
+"""The types of joints, as one table; no other code depends on their names.
 
-A joint of one degree of freedom is a screw about its axis a: its motion subspace is H^T = [t a; s a] in the axes of
-the link it moves, t = 1 where the link turns with q, s its travel along the axis per unit of q. A joint of several
-degrees is a chain of those, the links between them without mass: the filter's scalar divisions by D, one after the
-other, are the factorisation of the block that such a joint would have.
+A joint with one degree of freedom is a screw about its axis a: its motion subspace is H^T = [t a; s a] in the axes of
+the link that it moves, where t = 1 if the link rotates with q, and s is its translation along the axis per unit of q. A
+joint with several degrees of freedom is a chain of these with massless links. The successive scalar divisions by D in
+the filter are then equivalent to the factorisation of the matrix D of such a joint.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from holdfast.spatial.scalar import Array
 
 @dataclass(frozen=True)
 class JointType:
-    """What distinguishes one type of joint from another.
+    """The properties of one type of joint.
 
     Attributes:
-        turns: whether the link turns with q, which is an angle then [rad]; else q is a length [m].
-        travel: how far the link shifts along the axis per unit of q [m/rad or 1].
-        parts: for several degrees of freedom: names of the types of one degree that follow each other from the parent
-            to the link, each with a function from the joint's axis to its own axis, both in link axes.
-        urdf: the types of a URDF file that are read as this one.
+        turns: whether the link rotates with q, which is then an angle [rad]; otherwise q is a length [m].
+        travel: translation of the link along the axis per unit of q [m/rad or 1].
+        parts: for several degrees of freedom, the names of the types with one degree that replace this one, in order
+            from the parent to the link, each with a function from the joint's axis to its own axis, both in link axes.
+        urdf: the joint types in URDF files that are read as this one.
         mjcf: type of the MJCF joint; None if there is none.
     """
 

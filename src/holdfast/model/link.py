@@ -16,13 +16,13 @@ from holdfast.spatial.inertia import RigidInertia
 
 @dataclass(frozen=True, eq=False)
 class Link(Frozen):
-    """A rigid body moved by one joint; its frame's origin lies on that joint.
+    """A rigid body moved by one joint; the origin of its frame lies on that joint.
 
     Attributes:
-        mass: >= 0 [kg].
+        mass: mass, >= 0 [kg].
         com: (3,) mass centre in link axes [m].
-        inertia: (3, 3) about the mass centre, link axes [kg m^2]; semidefinite is allowed.
-        name: for messages.
+        inertia: (3, 3) inertia about the mass centre, link axes, positive semidefinite [kg m^2].
+        name: name in messages.
         physical: False accepts principal moments that no mass distribution has
             (identified parameters sometimes violate the triangle inequality).
     """
@@ -39,7 +39,7 @@ class Link(Frozen):
         label = f"link '{self.name}'" if self.name else "link"
         put = object.__setattr__
         put(self, "mass", checks.number(self.mass, f"{label}: mass"))
-        if isinstance(self.mass, float) and self.mass < 0:  # a traced mass is not known here
+        if isinstance(self.mass, float) and self.mass < 0:  # the value of a traced mass is not known
             raise ModelError(f"{label}: mass: expected > 0, got {self.mass!r} (0 is allowed for a massless link)")
         put(self, "com", checks.numbers(self.com, (3,), f"{label}: com"))
         what = f"{label}: inertia"
@@ -47,5 +47,5 @@ class Link(Frozen):
 
     @frozen_property
     def spatial_inertia(self) -> RigidInertia:
-        """M(k): the inertia about the link's origin, link axes."""
+        """M(k), the inertia about the link's origin, in link axes."""
         return spatial_inertia.about_origin(self.mass, self.com, self.inertia)

@@ -1,8 +1,8 @@
-"""A motion subspace given by hand: the group of rigid motions it belongs to, and how far a pose is from that group.
+"""Motion subspaces given by the user: the corresponding group of rigid motions, and the distance of a pose from it.
 
-A constant subspace has positions of its own only where it is closed under the bracket of twists: then moving along it
-in any way never leads out of a group of as many dimensions. Such a group turns about nothing, about one axis (with a
-pitch), or about one point.
+A constant subspace of twists corresponds to a set of poses only if it is closed under the Lie bracket: motions along it
+then stay in a group of the same dimension. The rotations of such a group are none, those about one axis (with a pitch),
+or those about one point.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, cos, sin
 from holdfast.spatial.vector import cross
 
-CLOSED = 1e-9  # of unit twists: what is left of a bracket, or of a dependent column
+CLOSED = 1e-9  # tolerance, for unit twists, of dependent columns and of brackets outside the span
 Rows = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
 class MotionSubspace:
-    """Twists of the object against the tip that a grasp leaves free, tip axes about the tip's origin.
+    """The free twists of the object relative to the tip, in tip axes about the tip's origin.
 
     Attributes:
-        columns: of H^T, as given.
-        rows: (6, 6) orthonormal: as many as there are columns span them, the others are K. No two rows of K share a
-            component, whatever length moments are measured by.
-        turning: 0, 1 or 3: of how many dimensions its turns are.
-        axis: (3,) the axis of one turn.
-        point: (3,) on that axis, or the point that all turns leave in its place [m].
-        pitch: travel along the axis with each radian [m/rad].
+        columns: columns of H^T, as given.
+        rows: (6, 6) orthonormal rows: the first ones span the columns, and the others are K. The rows of K are
+            orthogonal for any length by which moments are divided.
+        turning: dimension of its rotations, 0, 1 or 3.
+        axis: (3,) axis of the rotation if there is one.
+        point: (3,) a point on that axis, or the centre of all rotations [m].
+        pitch: translation along the axis per radian [m/rad].
     """
 
     columns: Rows
@@ -44,14 +44,14 @@ class MotionSubspace:
     pitch: float
 
     def gap(self, tip: Array, p: Array) -> Array:
-        """Return the displacement [turn; shift] of the object against the tip from the nearest pose of the group.
+        """Return the displacement [turn; shift] of the object relative to the tip from the nearest pose of the group.
 
         Args:
-            tip: (..., 3, 3) the tip's attitude, contact axes.
-            p: (..., 3) the tip's origin from the contact frame's, tip axes [m].
+            tip: (..., 3, 3) the tip's attitude in contact axes.
+            p: (..., 3) the tip's origin relative to that of the contact frame, tip axes [m].
 
         Returns:
-            (..., 6) along K, tip axes, about the tip's origin.
+            The displacement (..., 6) along K, in tip axes about the tip's origin.
         """
         R, n = np.swapaxes(tip, -1, -2), np.array(self.axis)
         turn = rotation.log(R) if self.turning == 0 else np.zeros(p.shape)
@@ -68,7 +68,7 @@ class MotionSubspace:
         return self._transmitted(np.concatenate([turn, shift - np.cross(turn, at)], -1))
 
     def small_gap(self, tip: Array, p: Array) -> Array:
-        """Return the opposite, angles as sines, (6,); on traced numbers too."""
+        """Return the opposite displacement, with sines of angles, (6,); it also accepts traced numbers."""
         R, n = tip.T, np.array(self.axis)
         turn = np.zeros(3)
         if self.turning == 0:
@@ -84,7 +84,7 @@ class MotionSubspace:
         return -self._transmitted(concatenate([turn, shift - cross(turn, at)]))
 
     def _past_thread(self, R: Array, travel: Array) -> tuple[Scalar, Scalar]:
-        """Return sine and cosine, up to a factor, of the travel over the pitch less the turn about the axis."""
+        """Return sine and cosine, up to a factor, of the translation divided by the pitch, minus the rotation."""
         axial = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
         s, c = 0.5 * (axial @ np.array(self.axis)), 0.5 * (R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0)
         angle = travel / self.pitch
@@ -96,13 +96,13 @@ class MotionSubspace:
 
 
 def motion_subspace(motion: Any) -> MotionSubspace:
-    """Return a subspace of twists that is a group's.
+    """Return the motion subspace spanned by given twists, which must be that of a group.
 
     Args:
         motion: (6, k) columns [turn; slide], 1 <= k <= 5.
 
     Raises:
-        ModelError: another shape, columns that depend on each other, or twists that are not closed under the bracket.
+        ModelError: the shape is wrong, the columns are dependent, or the twists are not closed under the Lie bracket.
     """
     S = checks.numbers(motion, None, "grasp: motion")
     if S.ndim != 2 or len(S) != 6 or not 1 <= S.shape[1] <= 5:
@@ -141,7 +141,7 @@ def _rows(x: Array) -> Rows:
 
 
 def _require_closed(Q: Array) -> None:
-    """Refuse an orthonormal basis (6, k) of twists whose brackets lie outside of what it spans."""
+    """Refuse an orthonormal basis (6, k) of twists whose Lie brackets lie outside its span."""
     for a in Q.T:
         for b in Q.T:
             bracket = np.concatenate([np.cross(a[:3], b[:3]), np.cross(a[:3], b[3:]) + np.cross(a[3:], b[:3])])
@@ -154,14 +154,14 @@ def _require_closed(Q: Array) -> None:
 
 
 def _complement(vectors: Array) -> Array:
-    """Return orthonormal columns (3, 3 - m) across orthonormal ones (3, m)."""
+    """Return orthonormal columns (3, 3 - m) that are perpendicular to given orthonormal ones (3, m)."""
     if not vectors.shape[1]:
         return np.eye(3)
     return np.linalg.svd(vectors)[0][:, vectors.shape[1] :]
 
 
 def _begun_with(v: Array, basis: Array) -> Array:
-    """Return an orthonormal basis of the same span, its first column along a vector in it unless that is 0."""
+    """Return an orthonormal basis of the same span with its first column along v, unless v is 0."""
     size = float(np.linalg.norm(v))
     if size <= CLOSED or basis.shape[1] < 2:
         return basis
@@ -170,5 +170,5 @@ def _begun_with(v: Array, basis: Array) -> Array:
 
 
 def _plain(x: Array) -> Array:
-    """Return an array whose rounding beside zero is zero, so that machine code folds it."""
+    """Return an array with rounding errors replaced by exact zeros, so that the compiler can drop them."""
     return np.where(np.abs(x) < 1e-15, 0.0, x) + 0.0

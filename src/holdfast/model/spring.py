@@ -1,4 +1,4 @@
-"""Springs and dampers between two points of world, links and object."""
+"""Springs and dampers between two points of the world, links and the object."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ WORLD, OBJECT = "world", "object"
 
 @dataclass(frozen=True, eq=False)
 class SpringEnd(Frozen):
-    """A point of a body that a spring ends at.
+    """An end of a spring, a point on a body.
 
     Attributes:
-        body: "world", "object", or an arm's name, or "trunk", beside one of its links.
-        point: (3,) from the body's origin, in its axes: of the world, the object frame, or the link's frame [m].
-        link: of an arm or trunk: its name, or its number from 0 at the base; "base": a trunk's floating body; None:
-            world or object.
+        body: "world", "object", the name of an arm, or "trunk".
+        point: (3,) position in the frame of the world, the object or the link [m].
+        link: link of an arm or trunk: its name, or its number from 0 at the base, or "base" for the floating body of a
+            trunk; None for the world and the object.
     """
 
     body: str
@@ -48,24 +48,24 @@ class SpringEnd(Frozen):
 
     @property
     def on_arm(self) -> bool:
-        """Whether it is on a link of an arm."""
+        """Whether the end is on a link of an arm."""
         return self.link is not None and not self.on_trunk
 
     @property
     def on_trunk(self) -> bool:
-        """Whether it is on a body of a trunk."""
+        """Whether the end is on a body of a trunk."""
         return self.body == TRUNK
 
     def link_number(self) -> int:
-        """Return the link's number, of an end on an arm of a chain."""
+        """Return the number of the link of an end on an arm, after `found`."""
         assert isinstance(self.link, int)
         return self.link
 
     def found(self, arms: Mapping[str, Arm], trunk: Trunk | None = None) -> SpringEnd:
-        """Return the same end, the link of an arm by number; a trunk's stays as it is.
+        """Return the same end with the link of an arm given by its number; a link of a trunk is not changed.
 
         Raises:
-            ModelError: no such arm, or no such link.
+            ModelError: there is no such arm, or no such link.
         """
         if self.link is None:
             return self
@@ -90,15 +90,15 @@ class SpringEnd(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Spring(Frozen):
-    """A massless spring and damper along the line between two points, which it pulls together or pushes apart.
+    """A massless spring and damper along the line between two points.
 
-    Its tension is k (s - L) + c ds/dt for points s apart. One of natural length 0 is a linear spring in every
-    direction; another has no direction while its ends coincide, and no force then.
+    Its tension is k (s - L) + c ds/dt with the distance s of the points. With natural length 0 it is a linear spring in
+    every direction. With another length it exerts no force while its ends coincide, because it has no direction then.
 
     Attributes:
-        a, b: its ends: ("world", point), ("object", point), (arm, link, point) or ("trunk", link, point), the link by
-            name or by its number from 0 at the base, "base" for a floating one; points in the axes of what they are
-            on [m].
+        a, b: its ends: ("world", point), ("object", point), (arm, link, point) or ("trunk", link, point). The link is
+            given by its name or its number from 0 at the base, or is "base" for a floating body. The point is in the
+            frame of its body [m].
         stiffness: k >= 0 [N/m].
         length: natural length L >= 0 [m].
         damping: c >= 0 [N s/m].
@@ -119,20 +119,20 @@ class Spring(Frozen):
 
     @property
     def ends(self) -> tuple[SpringEnd, SpringEnd]:
-        """Both ends."""
+        """Both ends of the spring."""
         return self.a, self.b
 
     def found(self, arms: Mapping[str, Arm], trunk: Trunk | None = None) -> Spring:
-        """Return the same spring, the links of arms it is on by number.
+        """Return the same spring with links of arms given by their numbers.
 
         Raises:
-            ModelError: no such arm, or no such link.
+            ModelError: there is no such arm, or no such link.
         """
         return replace(self, a=self.a.found(arms, trunk), b=self.b.found(arms, trunk))
 
 
 def _end(given: Any, side: str) -> SpringEnd:
-    """Return an end, given as one or as a tuple."""
+    """Return an end that is given as a `SpringEnd` or as a tuple."""
     if isinstance(given, SpringEnd):
         return given
     if not isinstance(given, tuple | list) or len(given) not in (2, 3):

@@ -1,4 +1,4 @@
-"""Whether the z axis of an arm's tip, along which its hand presses, points out of the hand."""
+"""A check whether the z axis of an arm's tip, the direction in which its hand presses, points out of the hand."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.scalar import Array
 
-SHORT = 1e-3  # of the arm's length: a tip nearer to the last joint lies on it
-LIKE = 0.7  # cosine with the last axis from which the tip's z axis goes along it
-ALONG = 0.1  # cosine with the last axis from which a direction tells which way along it is outward
+SHORT = 1e-3  # tips nearer to the last joint than this fraction of the arm's length count as on it
+LIKE = 0.7  # least cosine between the tip's z axis and the last joint's axis for which z counts as along it
+ALONG = 0.1  # least cosine with the last joint's axis for which a direction determines its outward sense
 
 
 class _Turn(NamedTuple):
-    """A turn of the tip by quarters that brings its z axis to where another axis was.
+    """A rotation of the tip by quarter turns that moves its z axis to another of its axes.
 
     Attributes:
         axis: that axis.
-        wxyz: its quaternion, as code.
-        rpy: roll, pitch and yaw [rad], as code.
+        wxyz: quaternion of the rotation, as code.
+        rpy: roll, pitch and yaw of the rotation [rad], as code.
     """
 
     axis: str
@@ -43,12 +43,12 @@ _TURNS = (
 
 
 def way_to_tip(arm: Arm) -> Array | None:
-    """Return the direction out of the hand as the arm's geometry has it: a unit vector in tip axes, (3,), or None.
+    """Return the direction out of the hand according to the arm's geometry, a unit vector in tip axes, (3,), or None.
 
-    The way from the last joint to the tip. Where the tip lies on that joint, as a UR's does, or where both
-    this way and the tip's z axis go along the joint's axis, as with an angled tool on a wrist that rolls,
-    it is the axis itself, outward. None where the tip lies on the last joint and the joint before tells no
-    outward sense of the axis: such a frame is no hand. Nor is an anchor.
+    This is the direction from the last joint to the tip. It is the outward axis of the last joint instead if the tip
+    lies on that joint, as for a UR, or if both the direction and the tip's z axis are along the joint's axis, as for an
+    angled tool on a wrist that rolls. The result is None if the tip lies on the last joint and the joint before does
+    not determine the outward sense of the axis, because such a frame is not a hand, and for an anchor.
     """
     if not arm.joints:
         return None
@@ -58,7 +58,7 @@ def way_to_tip(arm: Arm) -> Array | None:
     if on_joint := lengths[-1] <= short:
         offset = (
             joint.placement.R.T @ joint.placement.p
-        )  # from the joint before; `along` is the same in any configuration
+        )  # from the joint before; `along` does not depend on the configuration
     distance = float(np.linalg.norm(offset))
     along = float(joint.axis @ offset) / distance if distance > short else 0.0
     if on_joint and abs(along) <= ALONG:
@@ -69,13 +69,13 @@ def way_to_tip(arm: Arm) -> Array | None:
 
 
 def tip_angle(arm: Arm) -> float:
-    """Return the angle from the way to the tip to the tip's z axis, 0 to pi [rad]; nan where there is no such way."""
+    """Return the angle between the direction out of the hand and the tip's z axis, 0 to pi [rad]; NaN without one."""
     way = way_to_tip(arm)
     return math.nan if way is None else math.atan2(math.hypot(way[0], way[1]), way[2])
 
 
 def tip_advice(arm: Arm) -> str:
-    """Return what to say of a tip whose z axis points sideways or backwards, with the turn as code; or nothing."""
+    """Return advice for a tip whose z axis points sideways or backwards, with the rotation as code; otherwise ''."""
     turn = _turn(arm)
     if turn.axis == "+z":
         return ""
@@ -87,11 +87,11 @@ def tip_advice(arm: Arm) -> str:
 
 
 def advice_for(arm: Arm, grasp: Grasp) -> str:
-    """Return the same where the grasp feels how the tip is turned; a ball without friction does not."""
+    """Return `tip_advice` if the tip's attitude matters for the grasp; it does not for a ball without friction."""
     return "" if not grasp.of_kind.oriented and grasp.contact is None else tip_advice(arm)
 
 
 def _turn(arm: Arm) -> _Turn:
-    """Return the turn to the tip's axis that is nearest to the way."""
+    """Return the rotation to the tip's axis that is nearest to the direction out of the hand."""
     way = way_to_tip(arm)
     return _NONE if way is None else _TURNS[int(np.argmax(np.concatenate([way, -way])))]

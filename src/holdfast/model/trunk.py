@@ -1,4 +1,4 @@
-"""Trunks: what several arms stand on and move with."""
+"""Trunks, moving structures on which several arms are mounted."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
 
-NAME = "trunk"  # of its joints in flat arrays; no arm may have it
-BASE = "base"  # names the floating body among the bodies that arms stand on
+NAME = "trunk"  # name of its joints in flat arrays, which no arm may have
+BASE = "base"  # name of the floating body as a mount for arms
 
 
 @dataclass(frozen=True, eq=False)
 class Trunk(Frozen):
-    """A serial chain of joints and links that carries arms: a torso, an arm below a hand, a mobile or floating base.
+    """A serial chain of joints and links on which arms are mounted: a torso, an arm with a hand, a floating base.
 
     Attributes:
-        joints: its joints, base outward; joint k moves link k. None are needed on a floating base.
-        links: as many links.
-        base: pose of its base frame in the world; of no meaning with a floating base, whose pose is in the state.
-        floating: the free body that it begins with, e.g. a spacecraft; None for a base in the world.
-        visuals: as those of an `Arm`.
+        joints: its joints from the base outward; joint k moves link k. A trunk with a floating base needs none.
+        links: its links, one per joint.
+        base: pose of its base frame in the world; not used with a floating base, whose pose is part of the state.
+        floating: the free body with which the trunk begins, for example a spacecraft; None for a base in the world.
+        visuals: appearance, as for an `Arm`.
     """
 
     joints: Sequence[Joint] = ()
@@ -56,13 +56,13 @@ class Trunk(Frozen):
             put(self, "links", ())
             put(self, "visuals", fitting_visuals(self.visuals, 0, NAME))
             return
-        serial = Arm(self.joints, self.links, base=self.base, name=NAME)  # checks them, and takes joints apart
+        serial = Arm(self.joints, self.links, base=self.base, name=NAME)  # checks and splits joints
         put(self, "joints", serial.joints)
         put(self, "links", serial.links)
         put(self, "visuals", fitting_visuals(self.visuals, len(serial.links), NAME))
 
     def __repr__(self) -> str:
-        """Return joints and base, on one line."""
+        """Return the number of joints and the base, on one line."""
         base = f"base at {checks.place(self.base.p)} m" if self.floating is None else "a floating base"
         return f"<Trunk: {self.joint_count} joint{'' if self.joint_count == 1 else 's'}, {base}>"
 
@@ -73,28 +73,28 @@ class Trunk(Frozen):
 
     @property
     def joint_count(self) -> int:
-        """Its joints of one degree of freedom; a floating base is not among them."""
+        """Number of its joints with one degree of freedom, without a floating base."""
         return len(self.joints)
 
     @property
     def bodies(self) -> tuple[Link, ...]:
-        """The bodies that arms may stand on, base outward: the floating one first."""
+        """The bodies on which arms can be mounted, from the base outward, beginning with a floating body."""
         return (*([] if self.floating is None else [self.floating]), *self.links)
 
     @property
     def freedoms(self) -> int:
-        """Its degrees of freedom: six of a floating base, and one a joint."""
+        """Number of its degrees of freedom: six for a floating base, and one per joint."""
         return self.joint_count + (6 if self.floating is not None else 0)
 
     def body(self, mount: Any, what: str) -> int:
-        """Return the place of a body in `bodies` that `mount` names: a link's name or index, or "base".
+        """Return the index in `bodies` of the body that `mount` names: a link's name or index, or "base".
 
         Args:
-            mount: as given in `ClosedChain.mounts`.
-            what: is mounted there, for messages.
+            mount: a value of `ClosedChain.mounts`.
+            what: what is mounted there, for messages.
 
         Raises:
-            ModelError: naming what there is.
+            ModelError: there is no such body; the message lists the bodies.
         """
         before = len(self.bodies) - len(self.links)
         names = [link.name for link in self.links]

@@ -1,4 +1,4 @@
-"""What arms and trunks look like, as far as their files say: boxes, cylinders, spheres and mesh files."""
+"""Visuals of arms and trunks according to their files: boxes, cylinders, spheres and mesh files."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Rgba = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Box:
-    """A box, centred.
+    """A box, centred at the origin.
 
     Attributes:
-        size: edges along x, y, z [m].
+        size: edge lengths along x, y, z [m].
     """
 
     size: tuple[float, float, float]
@@ -24,11 +24,11 @@ class Box:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder about z, centred.
+    """A cylinder about the z axis, centred at the origin.
 
     Attributes:
-        radius: [m].
-        length: [m].
+        radius: radius [m].
+        length: length [m].
     """
 
     radius: float
@@ -37,11 +37,11 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Capsule:
-    """A cylinder about z with half spheres on both ends, centred.
+    """A cylinder about the z axis with hemispheres on both ends, centred at the origin.
 
     Attributes:
-        radius: [m].
-        length: of the cylinder alone [m].
+        radius: radius [m].
+        length: length of the cylinder without the hemispheres [m].
     """
 
     radius: float
@@ -50,10 +50,10 @@ class Capsule:
 
 @dataclass(frozen=True)
 class Sphere:
-    """A sphere, centred.
+    """A sphere, centred at the origin.
 
     Attributes:
-        radius: [m].
+        radius: radius [m].
     """
 
     radius: float
@@ -61,11 +61,11 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A mesh in a file of its own.
+    """A mesh in a separate file.
 
     Attributes:
-        filename: as the file says, `package://` and relative paths included.
-        scale: along x, y, z.
+        filename: name as written in the robot's file, which may be a relative path or begin with `package://`.
+        scale: scale factors along x, y, z.
     """
 
     filename: str
@@ -77,13 +77,13 @@ Shape = Box | Cylinder | Capsule | Sphere | Mesh
 
 @dataclass(frozen=True, eq=False)
 class Visual(Frozen):
-    """One piece of what a link looks like.
+    """One visual element of a link.
 
     Attributes:
-        link: name of the URDF link it belongs to.
-        pose: in the frame of the arm's base or link.
-        shape: what it is.
-        rgba: colour, 0 to 1 each; None if the file gives none.
+        link: name of the URDF link to which it belongs.
+        pose: pose in the frame of the arm's base or link.
+        shape: shape of the element.
+        rgba: colour with components from 0 to 1; None if the file gives none.
     """
 
     link: str
@@ -94,11 +94,11 @@ class Visual(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Visuals(Frozen):
-    """What an arm, or a trunk, looks like; nothing that is computed depends on it.
+    """The appearance of an arm or a trunk, which does not affect any results.
 
     Attributes:
-        bodies: what its base, then each of its N links, consists of.
-        folder: that the names of mesh files start from; empty where there is none.
+        bodies: visual elements of its base and of each of its N links.
+        folder: folder to which the names of mesh files are relative; empty if there is none.
     """
 
     bodies: Sequence[Sequence[Visual]]

@@ -1,4 +1,4 @@
-"""A condition that a grasp's wrench must satisfy: a cone, or a bound on a length."""
+"""Conditions on the wrench of a grasp: cones, and bounds on norms."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Condition(NamedTuple):
         constant: c [N].
         pressing: (6,) a.
         loading: (rows, 6) B.
-        broken: what the grasp does where the condition is broken, e.g. "slips".
+        broken: what the grasp does if the condition is violated, for example "slips".
     """
 
     constant: Scalar
@@ -38,14 +38,14 @@ def friction_cone(mu: Scalar, *further: Array) -> tuple[Condition, ...]:
 
     Args:
         mu: friction coefficient.
-        further: (6,) what else uses up friction besides the tangential force, in newtons.
+        further: (6,) further components that use up friction, in addition to the tangential force, in newtons.
     """
     sliding = Condition(0.0, mu * NORMAL, array([FORCE_X, FORCE_Y, *further]), "slips")
     return sliding, Condition(0.0, NORMAL, np.zeros((1, 6)), "lifts off")
 
 
 def largest_force_and_moment(moment: Scalar, force: Scalar, lever: Scalar) -> tuple[Condition, ...]:
-    """Return the conditions of a largest moment [N m] and force [N]; `lever` [m] turns moments into forces."""
+    """Return the conditions for a largest moment [N m] and force [N]; moments are divided by `lever` [m]."""
     none, unit = np.zeros(6), np.eye(6)
     return (
         Condition(force, none, unit[3:], "gives way to the force"),

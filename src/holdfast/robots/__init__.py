@@ -1,4 +1,4 @@
-"""Ready-made arms, by name, from published data only; and two mechanisms of short arms."""
+"""Built-in arms from published data, two mechanisms made of short arms, and the import of URDF files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from holdfast.robots.descriptions import load_robot_description
     from holdfast.robots.urdf import load_urdf_trunk, urdf_chain
 
-# Who asks for a built-in arm has no need of the readers of files.
+# Built-in arms do not need the readers of files, which are therefore imported lazily.
 _FROM_FILES = {"descriptions": ["load_robot_description"], "urdf": ["load_urdf_trunk", "urdf_chain"]}
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs=_FROM_FILES)
 

@@ -1,4 +1,4 @@
-"""Arms and the trunk that they stand on, out of a robot's file: the joints that several arms share are the trunk."""
+"""Arms and the trunk on which they are mounted, from a robot's file; the trunk consists of the shared joints."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from holdfast.spatial.vector import product
 
 @dataclass(frozen=True, eq=False)
 class ArmsOnTrunk:
-    """Arms and the trunk that they stand on: `ClosedChain(arms, object, grasps, trunk=trunk, mounts=mounts)`.
+    """Arms and the trunk on which they are mounted: `ClosedChain(arms, object, grasps, trunk=trunk, mounts=mounts)`.
 
     Attributes:
-        trunk: the joints that arms share, in the file's names; begins with the root's body if that floats.
-        arms: by name; the base of an arm in `mounts` is a pose in the axes of the trunk's link that it stands on.
-        mounts: that link's name or index by arm, "base" for the body that floats; those in the world are missing.
-        locked: where joints within trunk and arms are held [rad or m], by name.
-        notes: what was read differently from what the file states, or not at all, with its line.
+        trunk: the joints that arms share, with the names in the file; it begins with the root's body if that floats.
+        arms: arms by name; the base of an arm in `mounts` is a pose relative to the trunk's link.
+        mounts: name or index of that link by arm, or "base" for the floating body; arms with bases in the world are not
+            included.
+        locked: positions of locked joints within trunk and arms [rad or m], by name.
+        notes: notes, with line numbers, on what was not read, or was interpreted differently from the file.
     """
 
     trunk: Trunk
@@ -34,16 +35,16 @@ class ArmsOnTrunk:
     notes: tuple[str, ...] = ()
 
     def mounted_on(self, arm: Arm, at: Any = None) -> ArmsOnTrunk:
-        """Return the same on the tip of another arm, such as a hand from a file of its own. O(joints).
+        """Return the arms and trunk mounted on the tip of another arm, such as a hand from a separate file. O(joints).
 
-        The arm's joints come first in the trunk; the body that floated is welded to its last link.
+        The joints of the arm come first in the trunk; the floating body is welded to the arm's last link.
 
         Args:
-            arm: the arm, where it stands in the world.
-            at: pose of the base that floated in the arm's tip frame (a Pose or wxyz_xyz); default: on it.
+            arm: the arm, with its base at its pose in the world.
+            at: pose of the floating base relative to the arm's tip frame (a Pose or wxyz_xyz); by default that frame.
 
         Raises:
-            ModelError: a base that does not float, or a pose that is none.
+            ModelError: the base does not float, or the pose is invalid.
         """
         body, last, trunk = self.trunk.floating, arm.links[-1], self.trunk
         if body is None:
@@ -66,11 +67,11 @@ class ArmsOnTrunk:
 
 
 class Branching(NamedTuple):
-    """Where a trunk branches: two joints, of which each moves several arms and neither moves the other.
+    """A branching of shared joints: two joints that each move several arms, and do not move each other.
 
     Attributes:
-        joints: the two.
-        arms: names of the arms that each moves.
+        joints: the two joints.
+        arms: names of the arms that each of them moves.
     """
 
     joints: tuple[Any, Any]
@@ -78,10 +79,10 @@ class Branching(NamedTuple):
 
 
 def shared_counts(moving: Mapping[str, Sequence[Hashable]]) -> dict[str, int]:
-    """Return how many of its joints, from the base on, each arm shares with another.
+    """Return for each arm the number of joints, from the base on, that it shares with another arm.
 
     Args:
-        moving: by arm, the joints that move on the way to its tip, base outward.
+        moving: by arm, the movable joints on the path to its tip, from the base outward.
     """
     return {
         name: max((_alike(steps, other) for key, other in moving.items() if key != name), default=0)
@@ -90,7 +91,7 @@ def shared_counts(moving: Mapping[str, Sequence[Hashable]]) -> dict[str, int]:
 
 
 def branching(moving: Mapping[str, Sequence[Hashable]], counts: Mapping[str, int]) -> Branching | None:
-    """Return where joints that arms share lie beside the longest row of such joints; None if they are one row."""
+    """Return a branching of the joints that arms share; None if these joints form a single chain."""
     shared = {name: [*steps[: counts[name]]] for name, steps in moving.items()}
     longest = max(shared.values(), key=len)
     for steps in shared.values():
@@ -102,12 +103,12 @@ def branching(moving: Mapping[str, Sequence[Hashable]], counts: Mapping[str, int
 
 
 def mount_name(trunk: Trunk, k: int) -> str | int:
-    """Return what `mounts` calls the trunk's link k: its name where that tells it from all others, else k."""
+    """Return the name of the trunk's link k for `mounts`, or k if the name is not unique."""
     name = trunk.links[k].name
     alone = [link.name for link in trunk.links].count(name) == 1
     return name if name and alone and name != BASE else k
 
 
 def _alike(one: Sequence[Hashable], other: Sequence[Hashable]) -> int:
-    """Return how many joints two paths have in common before they part."""
+    """Return the number of joints that two paths have in common at their beginning."""
     return next((k for k, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))

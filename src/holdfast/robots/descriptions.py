@@ -1,4 +1,4 @@
-"""Robots by their names in the `robot_descriptions` package."""
+"""Robots by name from the package `robot_descriptions`."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from holdfast.robots.urdf import load_urdf
 def load_robot_description(
     name: str, *, xacro_args: Mapping[str, str] | None = None, trust_xacro: bool = False, **options: Any
 ) -> Arm:
-    """Return the arm of a description, such as `load_robot_description("panda_description", tip="panda_hand", ...)`.
+    """Return an arm by name, for example `load_robot_description("panda_description", tip="panda_hand", ...)`.
 
     Args:
-        name: a name that `robot_descriptions` knows.
-        xacro_args: values for the <xacro:arg> of a description that is a xacro file.
-        trust_xacro: whether to expand a description that is a xacro file, which runs the Python in it.
+        name: a name in `robot_descriptions`.
+        xacro_args: values for the <xacro:arg> elements, if the description is a xacro file.
+        trust_xacro: whether to expand a xacro file, which runs the Python code in it.
         **options: base, tip, locked, lock_others, mount and physical of `load_urdf`.
 
     Raises:
-        SceneError: an unknown name, or one that cannot be fetched; and as for `load_urdf`.
+        SceneError: the name is unknown, or the description cannot be fetched; and as for `load_urdf`.
         MissingExtra: the extra `robots` is not installed.
     """
     return load_urdf(robot_description_path(name, xacro_args=xacro_args, trust_xacro=trust_xacro), **options)
@@ -34,16 +34,15 @@ def load_robot_description(
 def robot_description_path(name: str, *, xacro_args: Mapping[str, str] | None = None, trust_xacro: bool = False) -> str:
     """Return the path of a description's URDF file, for `load_urdf_arms` and `urdf_chain`.
 
-    The package fetches a description from the network when it is first asked for, and keeps
-    it. Xacro files are expanded into its cache.
+    The package downloads a description when it is first used, and stores it. Xacro files are expanded into its cache.
 
     Args:
-        name: a name that `robot_descriptions` knows, `_description` left out or not.
-        xacro_args: values for the <xacro:arg> of a description that is a xacro file.
-        trust_xacro: whether to expand a description that is a xacro file, which runs the Python in it.
+        name: a name in `robot_descriptions`, with or without `_description`.
+        xacro_args: values for the <xacro:arg> elements, if the description is a xacro file.
+        trust_xacro: whether to expand a xacro file, which runs the Python code in it.
 
     Raises:
-        SceneError: an unknown name, or one that cannot be fetched or expanded.
+        SceneError: the name is unknown, or the description cannot be fetched or expanded.
         MissingExtra: the extra `robots` is not installed.
     """
     try:

@@ -13,7 +13,7 @@ from holdfast.robots.link_table import LinkTable, Row, signed_axes
 from holdfast.robots.primitive import box, capsule, cylinder
 from holdfast.spatial.pose import Pose
 
-# the maker's home position
+# the manufacturer's home position
 GEN3_HOME = checks.read_only(np.deg2rad([0.0, 15.0, 180.0, -130.0, 0.0, 55.0, 90.0]))
 FLANGE = Pose(signed_axes("x -y -z"), np.array([0.0, 0.0, -0.061525]))  # the interface module's face
 
@@ -36,7 +36,7 @@ ROWS = (
 )
 # fmt: on
 
-# base, then link by link
+# visuals of the base and of each link
 LOOKS = (
     (cylinder((0, 0, 0), (0, 0, 0.156), 0.046, "dark"),),
     (
@@ -60,21 +60,21 @@ GEN3 = LinkTable("gen3", ROWS, FLANGE, GEN3_HOME, LOOKS)
 
 
 def gen3(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
-    """Return the Gen3 with 7 joints and vision module, the face of its interface module as tip frame.
+    """Return the Gen3 with 7 joints and vision module; its tip frame is at the face of its interface module.
 
-    Geometry, inertial parameters and limits are the maker's; joints 1, 3, 5 and 7 turn
-    without end. The maker's URDF writes right angles as 1.5708 and 3.1416; here they are
-    exact, as in the user guide's transformation matrices. No drive inertia is published:
-    `armature` is 0 unless given. Joint damping and friction are 0.
+    Geometry, inertial parameters and limits are those of the manufacturer. Joints 1, 3, 5 and 7 have no position
+    limits. The manufacturer's URDF rounds right angles to 1.5708 and 3.1416; here they are exact, as in the
+    transformation matrices of the user guide. The drive inertias are not published: `armature` is 0 unless it is given.
+    Joint damping and friction are 0.
 
     Args:
-        base: pose of the base frame in the world (a Pose or wxyz_xyz); default: the world.
-        tip: pose of a massless tool's tip in the interface frame (a Pose or wxyz_xyz);
-            default: that frame itself.
-        armature: drive inertia felt at the joints, one number or 7 [kg m^2].
+        base: pose of the base frame in the world (a Pose or wxyz_xyz); by default the world frame.
+        tip: pose of a massless tool's tip relative to the interface frame (a Pose or wxyz_xyz);
+            by default that frame.
+        armature: drive inertia reflected to the joints, one number or 7 [kg m^2].
 
     Raises:
-        ModelError: a pose that is none, a negative armature.
+        ModelError: a pose is invalid, or an armature is negative.
 
     Reference:
         Kinova, ros_kortex, kortex_description/arms/gen3/7dof/urdf/gen3_macro.xacro

@@ -53,7 +53,7 @@ def _crosswise(length: float, radius: float) -> tuple[Primitive, ...]:
     )
 
 
-# base, then link by link
+# visuals of the base and of each link
 LOOKS = (
     (cylinder((0, 0, 0), (0, 0, 0.14), 0.09),),
     _upright(0.2025, 0.075),
@@ -68,22 +68,20 @@ IIWA14 = LinkTable("iiwa14", ROWS, FLANGE, IIWA14_HOME, LOOKS)
 
 
 def iiwa14(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
-    """Return the LBR iiwa 14 R820, its media flange as tip frame.
+    """Return the LBR iiwa 14 R820, with its media flange as tip frame.
 
-    Geometry and limits are the maker's. Masses, mass centres and inertias are those of
-    Drake's model, which quotes smaller masses from the maker's drawings beside its own and
-    has each inertia along the link axes; no identified set is published with it. Drive
-    inertia is not published either: `armature` is 0 unless given. Joint damping and
-    friction are 0.
+    Geometry and limits are those of the manufacturer. Masses, mass centres and inertias are those of Drake's model,
+    whose comments also quote smaller masses from the manufacturer's drawings. In that model, the principal axes of
+    inertia are the link axes. No identified parameters and no drive inertias are published: `armature` is 0 unless it
+    is given. Joint damping and friction are 0.
 
     Args:
-        base: pose of the base frame in the world (a Pose or wxyz_xyz); default: the world.
-        tip: pose of a massless tool's tip in the flange frame (a Pose or wxyz_xyz); default:
-            the flange itself.
-        armature: drive inertia felt at the joints, one number or 7 [kg m^2].
+        base: pose of the base frame in the world (a Pose or wxyz_xyz); by default the world frame.
+        tip: pose of a massless tool's tip relative to the flange (a Pose or wxyz_xyz); by default the flange.
+        armature: drive inertia reflected to the joints, one number or 7 [kg m^2].
 
     Raises:
-        ModelError: a pose that is none, a negative armature.
+        ModelError: a pose is invalid, or an armature is negative.
 
     Reference:
         KUKA, "Sensitive robotics: LBR iiwa" (brochure), axis data of the LBR iiwa 14 R820.

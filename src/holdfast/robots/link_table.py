@@ -1,4 +1,4 @@
-"""Arms from a table: one row a joint and the link it moves, as makers publish them."""
+"""Arms from tables as published by manufacturers, with one row per joint and the link that it moves."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Row(NamedTuple):
     """A revolute joint about its link's z axis, and that link.
 
     Attributes:
-        joint, link: names, the maker's where there are any.
-        axes: the link's x, y, z at q = 0 among its parent's axes, such as "x -z y".
-        origin: of the link's frame in its parent's [m].
+        joint, link: names, those of the manufacturer if there are any.
+        axes: directions of the link's x, y, z at q = 0 along its parent's axes, such as "x -z y".
+        origin: origin of the link's frame in its parent's frame [m].
         limits: lowest and highest position [rad].
         rate: highest speed [rad/s].
         effort: highest torque [N m].
-        mass: [kg].
+        mass: mass [kg].
         com: mass centre in link axes [m].
         inertia: xx, yy, zz, xy, xz, yz about the mass centre, link axes [kg m^2].
     """
@@ -48,11 +48,11 @@ class LinkTable(NamedTuple):
     """A built-in robot.
 
     Attributes:
-        name: of the robot.
+        name: name of the robot.
         rows: its joints and links, base to tip.
-        flange: where tools are mounted, in the last link's axes.
-        home: a configuration with room on every side, (N,) [rad].
-        visuals: solids on its base, then on link after link.
+        flange: pose of the flange, on which tools are mounted, relative to the last link.
+        home: a configuration that is far from the joint limits, (N,) [rad].
+        visuals: solids on its base and on each link.
     """
 
     name: str
@@ -65,12 +65,12 @@ class LinkTable(NamedTuple):
         """Return the arm of the table.
 
         Args:
-            base: pose of the base frame in the world (a Pose or wxyz_xyz); None: the world.
-            tip: pose of a massless tool's tip in the flange frame, likewise; None: the flange.
-            armature: drive inertia felt at the joints, one number or one a joint [kg m^2].
+            base: pose of the base frame in the world (a Pose or wxyz_xyz); None for the world frame.
+            tip: pose of a massless tool's tip relative to the flange, likewise; None for the flange.
+            armature: drive inertia reflected to the joints, one number or one per joint [kg m^2].
 
         Raises:
-            ModelError: a pose that is none, a negative armature.
+            ModelError: a pose is invalid, or an armature is negative.
         """
         count = len(self.rows)
         given = [armature] * count if np.ndim(armature) == 0 else armature
@@ -92,12 +92,12 @@ class LinkTable(NamedTuple):
 
 
 def signed_axes(text: str) -> Array:
-    """Return the rotation whose columns are named axes, such as "x -z y"; entries exactly 0 or +-1."""
+    """Return the rotation whose columns are named axes, such as "x -z y", with entries that are exactly 0 or +-1."""
     columns = [np.eye(3)["xyz".index(axis[-1])] * (-1.0 if axis[0] == "-" else 1.0) for axis in text.split()]
     return np.array(columns).T + 0.0  # no -0.0
 
 
 def symmetric(moments: tuple[float, float, float, float, float, float]) -> Array:
-    """Return the (3, 3) matrix of xx, yy, zz, xy, xz, yz."""
+    """Return the symmetric (3, 3) matrix with the entries xx, yy, zz, xy, xz, yz."""
     xx, yy, zz, xy, xz, yz = moments
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -1,4 +1,4 @@
-"""Mechanisms of short arms around one object: a Stewart platform and a three-finger hand."""
+"""Mechanisms made of short arms around one object: a Stewart platform and a three-finger hand."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from holdfast.spatial.scalar import Array
 UP = np.array([0.0, 0.0, 1.0])
 
 # The platform.
-BASE_RADIUS, BASE_SPREAD = 0.35, np.deg2rad(25.0)  # of the lower joints [m]; half the angle within a pair
+BASE_RADIUS, BASE_SPREAD = 0.35, np.deg2rad(25.0)  # radius of the lower joints [m]; half the angle within a pair
 TOP_RADIUS, TOP_SPREAD = 0.22, np.deg2rad(12.0)
-HEIGHT = 0.45  # of the upper joints over the lower ones, drives at mid stroke [m]
-STROKE = 0.12  # each way [m]
-TILT = np.deg2rad(40.0)  # each way
+HEIGHT = 0.45  # height of the upper joints above the lower ones, with drives at mid stroke [m]
+STROKE = 0.12  # in each direction [m]
+TILT = np.deg2rad(40.0)  # in each direction
 CROSS, CYLINDER, ROD = 0.4, 2.0, 1.2  # masses [kg]
 CYLINDER_LENGTH, ROD_LENGTH, ROD_RADIUS = 0.28, 0.3, 0.015  # [m]
 
 # The hand.
-PALM_RADIUS = 0.06  # of the knuckles [m]
+PALM_RADIUS = 0.06  # radius of the knuckles [m]
 PHALANGES = (0.055, 0.05)  # [m]
 FINGER_RADIUS = 0.009  # [m]
-# name, axis in a finger's axes (z along it, x away from the palm's middle), limits [rad], effort [N m];
+# name, axis in a finger's axes (z along it, x away from the centre of the palm), limits [rad], effort [N m];
 # the middle of the limits is a pinch
 JOINTS = (
     ("swing", (1.0, 0.0, 0.0), (-0.4, 0.4), 0.7),
@@ -40,17 +40,17 @@ JOINTS = (
     ("curl", (0.0, -1.0, 0.0), (0.0, 2.5), 0.7),
 )
 LINKS = (("knuckle", 0.02, 0.02), ("base", 0.02, 0.02), ("proximal", 0.05, 0.055), ("distal", 0.035, 0.05))  # kg, m
-FEET = (0.0, 0.0, 0.0, PHALANGES[0])  # of each link along its parent's z [m]
+FEET = (0.0, 0.0, 0.0, PHALANGES[0])  # origin of each link along its parent's z axis [m]
 CONTACT = Friction(mu=0.8, torsion_radius=0.006)
 
 
 class Mechanism(NamedTuple):
-    """Arms, the object they are to hold, and how: `assemble(*mechanism)` closes it.
+    """Arms, an object and grasps; `assemble(*mechanism)` makes a closed chain of them.
 
     Attributes:
-        arms: arm by name, mounted.
+        arms: arms by name, with their bases in place.
         held_object: the object.
-        grasps: grasp by arm name.
+        grasps: grasps by arm name.
     """
 
     arms: dict[str, Arm]
@@ -59,23 +59,23 @@ class Mechanism(NamedTuple):
 
 
 def stewart_platform(payload: float = 20.0) -> Mechanism:
-    """Return a Stewart platform, its base at the world's origin, platform 0.45 m up.
+    """Return a Stewart platform with its base at the world's origin and its platform at a height of 0.45 m.
 
-    Every leg is an arm of three joints: a universal joint at the bottom (two revolute joints,
-    undriven in a real machine: give them no torque), then the drive (prismatic). A ball joins
-    its tip to the platform. All joint positions are 0 where the platform is level and centred.
-    Six mobilities, six drives; the forces are unique though no leg alone can hold anything.
+    Every leg is an arm with three joints: a universal joint at the bottom (two revolute joints, which are passive in a
+    real machine, so their torques should be zero), and a prismatic drive. A ball grasp connects its tip to the
+    platform. All joint positions are 0 if the platform is level and centred. The mobility is six, with six drives. The
+    forces are unique, although no leg can hold the platform alone.
 
     Args:
-        payload: mass of platform and load together, a disc [kg].
+        payload: mass of platform and load together, which form a disc [kg].
 
     Raises:
-        ModelError: a payload that is not positive.
+        ModelError: the payload is not positive.
 
     Reference:
         The arrangement: D. Stewart, "A platform with six degrees of freedom", Proceedings of
-        the Institution of Mechanical Engineers 180(1), 1965. Sizes and masses are our own,
-        those of a table-top machine.
+        the Institution of Mechanical Engineers 180(1), 1965. The sizes and masses are ours,
+        typical of a table-top machine.
     """
     bottoms, tops = _ring(BASE_RADIUS, BASE_SPREAD), _ring(TOP_RADIUS, np.pi / 3 - TOP_SPREAD)
     arms, grasps = {}, {}
@@ -90,13 +90,13 @@ def stewart_platform(payload: float = 20.0) -> Mechanism:
 
 
 def _ring(radius: float, spread: float) -> list[Array]:
-    """Return six points in three pairs around the z axis, two of a pair 2 spread apart."""
+    """Return six points in three pairs around the z axis; the angle within a pair is 2 spread."""
     angles = [2 * np.pi / 3 * pair + side * spread for pair in range(3) for side in (-1, 1)]
     return [np.array([radius * math.cos(a), radius * math.sin(a), 0.0]) for a in angles]
 
 
 def _leg(length: float, base: Pose) -> Arm:
-    """Return a leg that points along z of its base and is so long at mid stroke."""
+    """Return a leg along the z axis of its base with the given length at mid stroke."""
     x, y, z = np.eye(3)
     tilt, stroke = (-TILT, TILT), (-STROKE, STROKE)
     joints = [
@@ -113,23 +113,23 @@ def _leg(length: float, base: Pose) -> Arm:
 
 
 def three_finger_hand(mass: float = 0.15, radius: float = 0.035) -> Mechanism:
-    """Return a hand that opens upward, palm at the world's origin, and a ball for its fingertips.
+    """Return a hand that opens upward, with its palm at the world's origin, and a ball between its fingertips.
 
-    Every finger is an arm of four joints: two at the knuckle swing and twist it, two bend it
-    inward. It touches the ball's equator with a soft fingertip, which presses, holds friction
-    and a little moment about the normal. Six mobilities: the ball can be moved at will.
+    Every finger is an arm with four joints: two at the knuckle swing and twist it, and two bend it inward. It touches
+    the ball's equator with a soft fingertip, which can press, and transmits friction and a small moment about the
+    normal. The mobility of the ball is six.
 
     Args:
-        mass: of the ball, solid and uniform [kg].
-        radius: of the ball [m].
+        mass: mass of the ball, which is solid and uniform [kg].
+        radius: radius of the ball [m].
 
     Raises:
-        ModelError: a mass or radius that is not positive.
+        ModelError: the mass or the radius is not positive.
 
     Reference:
         Three fingertips around an object: J. K. Salisbury, J. J. Craig, "Articulated hands: force
         control and kinematic issues", International Journal of Robotics Research 1(1), 1982.
-        Sizes, masses and friction are our own, those of a large human hand and rubber.
+        The sizes, masses and friction are ours, typical of a large human hand and of rubber.
     """
     arms, grasps = {}, {}
     for k in range(3):
@@ -142,7 +142,7 @@ def three_finger_hand(mass: float = 0.15, radius: float = 0.035) -> Mechanism:
 
 
 def _finger(base: Pose) -> Arm:
-    """Return a finger along z of its base, x pointing away from the palm's middle."""
+    """Return a finger along the z axis of its base, with x pointing away from the centre of the palm."""
     joints = [
         Joint("revolute", np.array(axis), Pose.translation(0.0, 0.0, foot), name, limits, 6.0, effort)
         for (name, axis, limits, effort), foot in zip(JOINTS, FEET, strict=True)

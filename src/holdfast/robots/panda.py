@@ -14,8 +14,8 @@ from holdfast.spatial.pose import Pose
 
 PANDA_HOME = checks.read_only(np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4]))
 
-# Reflected inertia of the drives [kg m^2] that the maker gave out for its successor, the
-# FR3 (in Drake's franka_description). None is published for the Panda itself.
+# Reflected inertia of the drives [kg m^2] of the successor FR3, provided by its manufacturer (in Drake's
+# franka_description). For the Panda itself, none is published.
 FR3_ARMATURE = checks.read_only(
     np.array([0.605721456, 0.605721456, 0.462474144, 0.462474144, 0.205544064, 0.205544064, 0.205544064])
 )
@@ -42,7 +42,7 @@ ROWS = (
 )
 # fmt: on
 
-# base, then link by link: bodies that follow the outline of the real ones
+# visuals of the base and of each link, which follow the outline of the real ones
 LOOKS = (
     (capsule((-0.08, 0, 0.06), (0, 0, 0.06), 0.06, "white"), cylinder((0, 0, 0), (0, 0, 0.14), 0.07)),
     (capsule((0, 0, -0.18), (0, 0, -0.02), 0.06, "white"),),
@@ -61,21 +61,21 @@ PANDA = LinkTable("panda", ROWS, FLANGE, PANDA_HOME, LOOKS)
 
 
 def panda(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
-    """Return the Panda without its hand, the flange (link 8) as its tip frame.
+    """Return the Panda without its hand, with the flange (link 8) as its tip frame.
 
-    Link frames, limits and rate limits are the maker's; masses, mass centres and inertias
-    were identified on a real arm. They were identified from the torque sensors behind the
-    gears, so drive inertia is in none of them, and no published source gives the Panda's:
-    `armature` is 0 unless given. `FR3_ARMATURE` is the successor's. Joint friction is 0.
+    Link frames, position limits and rate limits are those of the manufacturer. Masses, mass centres and inertias were
+    identified on a real arm, from the torque sensors after the gears, so they do not include the drive inertias. These
+    are not published for the Panda: `armature` is 0 unless it is given. `FR3_ARMATURE` contains those of the successor.
+    Joint friction is 0.
 
     Args:
-        base: pose of the base frame in the world (a Pose or wxyz_xyz); default: the world.
-        tip: pose of a massless tool's tip in the flange frame (a Pose or wxyz_xyz); default:
-            the flange itself. The maker's hand ends 0.1034 m out, turned by -pi/4 about z.
-        armature: drive inertia felt at the joints, one number or 7 [kg m^2].
+        base: pose of the base frame in the world (a Pose or wxyz_xyz); by default the world frame.
+        tip: pose of a massless tool's tip relative to the flange (a Pose or wxyz_xyz); by default the flange. The
+            manufacturer's hand is 0.1034 m long, and rotated by -pi/4 about z.
+        armature: drive inertia reflected to the joints, one number or 7 [kg m^2].
 
     Raises:
-        ModelError: a pose that is none, a negative armature.
+        ModelError: a pose is invalid, or an armature is negative.
 
     Reference:
         Franka Emika, "Robot and interface specifications" (Franka Control Interface
@@ -83,6 +83,6 @@ def panda(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
         C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic
         identification of the Franka Emika Panda robot with retrieval of feasible
         parameters using penalty-based optimization", IEEE Robotics and Automation
-        Letters 4(4), 2019: inertial parameters, as the maker's URDF carries them.
+        Letters 4(4), 2019: inertial parameters, as in the manufacturer's URDF.
     """
     return PANDA.arm(base, tip, armature)

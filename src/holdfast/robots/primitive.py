@@ -1,4 +1,4 @@
-"""Simple solids that show what a link looks like: plain data for any viewer."""
+"""Simple solids for drawing links, as plain data for any viewer."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class Primitive(Frozen):
 
     Attributes:
         kind: "capsule", "cylinder" (both along z), "box" or "sphere".
-        pose: of its centre, in link axes.
-        size: capsule and cylinder: radius and length (a capsule's without its caps); box:
-            edges along x, y, z; sphere: radius [m].
-        colour: a name in `COLOURS`, which has its red, green and blue, 0 to 255; "accent" may
-            be shown in a colour of the arm's own instead.
+        pose: pose of its centre, in link axes.
+        size: for a capsule or cylinder, radius and length (without the caps of a capsule); for a box, edge lengths
+            along x, y, z; for a sphere, radius [m].
+        colour: a name in `COLOURS`, which contains red, green and blue from 0 to 255. Viewers may replace "accent" by a
+            colour specific to the arm.
     """
 
     kind: Kind
@@ -67,7 +67,7 @@ def rod(kind: Literal["capsule", "cylinder"], start: Any, end: Any, radius: floa
     """Return a capsule or cylinder between two points of a link, (3,) each [m].
 
     Raises:
-        ModelError: the two points are one.
+        ModelError: the two points are equal.
     """
     start, end = checks.numbers(start, (3,), "rod: start"), checks.numbers(end, (3,), "rod: end")
     axis = end - start

@@ -1,4 +1,4 @@
-"""Which built-in robot an arm is: its visuals and its home configuration go with its joints, not with its name."""
+"""Recognition of built-in robots by their joints, which determines visuals and the home configuration of an arm."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from holdfast.robots.panda import PANDA
 from holdfast.robots.ur5e import UR5E
 from holdfast.spatial.scalar import Array
 
-SAME = 1e-4  # m, and entries of rotations: descriptions round right angles to 1.5708
+SAME = 1e-4  # tolerance of lengths [m] and of rotations, because files round right angles to 1.5708
 BUILT_IN = (PANDA, IIWA14, UR5E, GEN3)
 
 
 def builtin_of(arm: Arm) -> LinkTable | None:
     """Return the built-in robot with the same joints (kinds, axes, placements), or None.
 
-    Names, masses, tools and where it stands do not matter, so an arm from a file is known too.
+    Names, masses, tools and the base pose do not matter, so arms from files are recognised, too.
     """
     return next((robot for robot in BUILT_IN if _same_joints(arm, robot)), None)
 
 
 def home_of(arm: Arm) -> Array | None:
-    """Return the home configuration (N,) of the built-in robot that the arm is [rad], or None."""
+    """Return the home configuration (N,) of the built-in robot with the arm's joints [rad], or None."""
     robot = builtin_of(arm)
     return None if robot is None else robot.home
 

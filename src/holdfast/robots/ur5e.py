@@ -34,7 +34,7 @@ ROWS = (
 )
 # fmt: on
 
-# base, then link by link; the tubes run beside the frames, at the maker's shoulder and elbow offsets
+# visuals of the base and of each link; the tubes are beside the frames, at the shoulder and elbow offsets
 LOOKS = (
     (cylinder((0, 0, 0), (0, 0, 0.1), 0.075),),
     (cylinder((0, 0, -0.06), (0, 0, 0.06), 0.06), cylinder((0, 0, 0), (0, -0.1, 0), 0.06, "accent")),
@@ -56,22 +56,21 @@ UR5E = LinkTable("ur5e", ROWS, Pose.identity(), UR5E_HOME, LOOKS)
 
 
 def ur5e(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
-    """Return the UR5e, the tool flange (the maker's zero tool frame) as its tip frame.
+    """Return the UR5e, with the tool flange (the manufacturer's zero tool frame) as its tip frame.
 
-    The base frame is ROS's `base_link`, x forward; the controller's own base frame is
-    turned by half a turn about z. Geometry, masses, mass centres and limits are the maker's;
-    the elbow is limited to half a turn, where the shoulder gets in its way. A real arm's
-    calibrated geometry differs by millimetres. No drive inertia is published: `armature` is
-    0 unless given. Joint damping and friction are 0.
+    The base frame is `base_link` of ROS, with x forward; the base frame of the robot's controller is rotated by half a
+    turn about z. Geometry, masses, mass centres and limits are those of the manufacturer. The elbow is limited to half
+    a turn in each direction, because it would otherwise collide with the shoulder. The calibrated geometry of a real
+    arm differs by millimetres. The drive inertias are not published: `armature` is 0 unless it is given. Joint damping
+    and friction are 0.
 
     Args:
-        base: pose of the base frame in the world (a Pose or wxyz_xyz); default: the world.
-        tip: pose of a massless tool's tip in the flange frame (a Pose or wxyz_xyz); default:
-            the flange itself.
-        armature: drive inertia felt at the joints, one number or 6 [kg m^2].
+        base: pose of the base frame in the world (a Pose or wxyz_xyz); by default the world frame.
+        tip: pose of a massless tool's tip relative to the flange (a Pose or wxyz_xyz); by default the flange.
+        armature: drive inertia reflected to the joints, one number or 6 [kg m^2].
 
     Raises:
-        ModelError: a pose that is none, a negative armature.
+        ModelError: a pose is invalid, or an armature is negative.
 
     Reference:
         Universal Robots, "DH parameters for calculations of kinematics and dynamics" and "Max.

@@ -1,4 +1,4 @@
-"""What an arm or a trunk looks like: simple solids on its base and on each link."""
+"""Visuals of arms and trunks made of simple solids on the base and on each link."""
 
 from __future__ import annotations
 
@@ -15,39 +15,38 @@ from holdfast.robots.primitive import Primitive, box, capsule, cylinder, sphere
 from holdfast.robots.recognise import builtin_of
 from holdfast.spatial.scalar import Array
 
-THICKNESS = 0.035  # of a rod at the base: radius over the arm's length
-TAPER = 0.6  # of the last rod's radius over the first's
-DRUM = 1.25  # a drum's radius over its rod's
-SMALLEST_EDGE = 1e-3  # of a body's equal box [m]
+THICKNESS = 0.035  # radius of a rod at the base, relative to the arm's length
+TAPER = 0.6  # radius of the last rod, relative to the first
+DRUM = 1.25  # radius of a drum, relative to its rod
+SMALLEST_EDGE = 1e-3  # least edge length of a body's equivalent box [m]
 
 
 def visuals_of(arm: Arm) -> list[list[Primitive]]:
-    """Return the solids that show an arm: N + 1 lists, the base's first, then the links' base to tip.
+    """Return the solids of an arm in N + 1 lists, first for the base, then for the links from base to tip.
 
-    An arm with the joints of a built-in robot looks like it, whatever it is called and
-    whatever it carries; any other is drawn from its kinematics: rods from joint to joint,
-    drums along revolute axes, bars along prismatic ones. An anchor is the rod from its base to where it touches, if
-    that is elsewhere. Poses are in base or link axes.
+    An arm with the joints of a built-in robot has the visuals of that robot. Any other arm is drawn from its
+    kinematics, with rods from joint to joint, drums along revolute axes and bars along prismatic ones. An anchor is
+    drawn as a rod from its base to its tip, if these differ. Poses are in base or link axes.
     """
     robot = builtin_of(arm)
     return _of_kinematics(arm) if robot is None else [list(solids) for solids in robot.visuals]
 
 
 def arm_length(arm: Arm) -> float:
-    """Return the length of the line through all joints to the tip, at q = 0 [m]; 1 m if that is nothing."""
+    """Return the length of the line through all joints to the tip, at q = 0 [m]; 1 m if it is zero."""
     return _length([[end] for end in _ends(arm)])
 
 
 def chain_length(chain: ClosedChain) -> float:
-    """Return the length of the longest arm [m]; where none has joints, the longest edge of the object's equal box."""
+    """Return the length of the longest arm [m], or the longest edge of the object's equivalent box without joints."""
     lengths = [arm_length(arm) for arm in chain.arms.values() if arm.joints]
     return max(lengths) if lengths else max(equal_box(chain.held_object, "grey").size)
 
 
 def visuals_of_trunk(chain: ClosedChain) -> list[list[Primitive]]:
-    """Return the solids that show a chain's trunk: its base's first, then its links' base outward; none without one.
+    """Return the solids of a chain's trunk, first for its base, then for its links; empty without a trunk.
 
-    Drawn as an arm is, with a rod on each link to every arm that stands there; a body that floats is a box of its
+    A trunk is drawn like an arm, with a rod on each link to every arm mounted there; a floating body is a box with its
     mass and inertia. Poses are in base or link axes.
     """
     trunk = chain.trunk
@@ -85,12 +84,12 @@ def _of_kinematics(arm: Arm) -> list[list[Primitive]]:
 
 
 def _of_ends(ends: Sequence[Sequence[Array]], joints: Sequence[Joint], length: float) -> list[list[Primitive]]:
-    """Return the solids of base and links: rods to all ends in their axes, and drums at their joints.
+    """Return the solids of base and links: rods to all ends, and drums at the joints.
 
     Args:
-        ends: of base and links, (3,) each [m].
-        joints: which move the links.
-        length: of the whole, which is as thick accordingly [m].
+        ends: ends of the base and of each link in its axes, (3,) each [m].
+        joints: joints of the links.
+        length: total length, to which the thickness is proportional [m].
     """
     radii = THICKNESS * length * np.linspace(1.0, TAPER, len(ends))
     bodies = [
@@ -105,16 +104,16 @@ def _of_ends(ends: Sequence[Sequence[Array]], joints: Sequence[Joint], length: f
 
 
 def _length(ends: Sequence[Sequence[Array]]) -> float:
-    """Return the length of the line through all ends, of several on one body the farthest; 1 m if that is nothing."""
+    """Return the length of the line through the farthest end of each body; 1 m if it is zero."""
     length = float(sum(max((np.linalg.norm(end) for end in here), default=0.0) for here in ends))
     return length if length > 1e-3 else 1.0
 
 
 def _ends(arm: Arm) -> list[Array]:
-    """Return per base and link where the next joint, or the tip, lies in its axes."""
+    """Return the position of the next joint, or of the tip, in the axes of the base and of each link."""
     return [*(joint.placement.p for joint in arm.joints), arm.tip.p]
 
 
 def _link(end: Array, radius: float) -> list[Primitive]:
-    """Return the rod from the origin to `end`, if there is room for one."""
+    """Return the rod from the origin to `end`, if it is long enough."""
     return [capsule(np.zeros(3), end, radius)] if np.linalg.norm(end) > 0.2 * radius else []

@@ -1,1 +1,1 @@
-"""Scenes: TOML files that say what to simulate, and what becomes of them."""
+"""Scenes: TOML files that describe a simulation, and how a chain, a state and a controller are built from them."""

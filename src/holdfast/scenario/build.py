@@ -1,4 +1,4 @@
-"""From a scene's data to a chain, its closed initial state, and a controller."""
+"""Building a chain, its closed initial state and a controller from a scene's data."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.state import Inputs, State
 
 LARGEST = 1e9
-LARGEST_FILE = 2 * 2**20  # [bytes]; seconds of reading
-DEEPEST = 20  # levels; a scene needs seven
+LARGEST_FILE = 2 * 2**20  # [bytes]; takes seconds to read
+DEEPEST = 20  # levels of nesting; a scene needs seven
 MOST_ARMS, MOST_JOINTS = 64, 1000
 # passed on to `simulate`
 OPTIONS = ("on_slip", "on_limit", "on_singular", "scheme", "rtol", "atol", "largest_drift", "sample_time", "delay")
@@ -52,16 +52,17 @@ class Scenario:
     """A scene ready to simulate.
 
     Attributes:
-        name: of the scene.
-        text: the scene file's own text.
+        name: name of the scene.
+        text: text of the scene file.
         chain: arms, object and grasps.
-        state: initial state, every grasp closed; at rest but for the object and a floating base that move at first.
-        controller: torques.
-        duration, step: [s].
-        robots: what the arms are made from, by name.
+        state: initial state with every grasp closed. The chain is at rest, unless the scene gives the object or a
+            floating base an initial twist.
+        controller: controller of the joint torques.
+        duration, step: duration of the simulation and its step [s].
+        robots: the arms as built, with the files they come from, by arm name.
         options: the other arguments of `simulate`, by keyword.
-        trunk: what the trunk is made from; None without one.
-        sweep: what differs from run to run of a sweep, as the scene has it; None without one.
+        trunk: the trunk as built, with the file it comes from; None without a trunk.
+        sweep: the scene's sweep table, which lists what varies between runs; None without one.
     """
 
     name: str
@@ -78,17 +79,17 @@ class Scenario:
 
     @property
     def made(self) -> dict[str, Robot | SceneTrunk]:
-        """What "trunk", if there is one, and the arms are made from, by name."""
+        """The robots of the scene by name: the arms and, under "trunk", the trunk if there is one."""
         return {**({} if self.trunk is None else {TRUNK: self.trunk}), **self.robots}
 
     @property
     def sources(self) -> dict[str, Source]:
-        """The URDFs that arms and trunk are out of, by name."""
+        """The URDFs from which arms and trunk are loaded, by name."""
         return {name: one.source for name, one in self.made.items() if one.source is not None}
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What of these files was read differently from what they state, or not at all."""
+        """Notes on what in these files was changed or ignored when they were loaded."""
         return tuple(dict.fromkeys(note for one in self.made.values() for note in one.notes))
 
 
@@ -102,15 +103,16 @@ def load_scene(
     """Return the scenario of a TOML file.
 
     Args:
-        path: the file.
-        folder: that relative names of robot files in it start from; None: the one that it is in.
-        trust_xacro: whether to expand xacro files that it names, which runs the Python in them.
-        robots: URDFs to take instead of the files that it names, by the arm's name; "trunk" for the trunk's.
+        path: the scene file.
+        folder: folder to which the file names of robots in the scene are relative; None for the scene's own folder.
+        trust_xacro: whether to expand the xacro files that the scene names, which runs the Python code in them.
+        robots: URDFs to use instead of the files that the scene names, by arm name; "trunk" for the trunk.
 
     Raises:
-        SceneError: unreadable or invalid, with the path of the first fault; a xacro file without `trust_xacro`.
+        SceneError: the file is unreadable or invalid, with the path of the first fault, or it names a xacro file
+            without `trust_xacro`.
         ClosureError: an arm cannot reach its grasp.
-        MissingExtra: it names a xacro file, and xacrodoc is not installed.
+        MissingExtra: the scene names a xacro file, and xacrodoc is not installed.
     """
     file = file_path(path, "path", SceneError)
     home = file.parent if folder is None else file_path(folder, "folder", SceneError)
@@ -122,16 +124,16 @@ def parse_scene(text: bytes, source: str, name: str, files: RobotFiles, changes:
     """Return the scenario of a scene's text.
 
     Args:
-        text: TOML.
-        source: where it comes from, for messages.
-        name: of a scene that has none of its own.
+        text: the scene in TOML.
+        source: where the text comes from, for messages.
+        name: name of the scene, unless the text has one.
         files: where robot files are looked for.
-        changes: `key=value` each, see `overridden`; the scenario's text has them in it.
+        changes: changes `key=value`, see `overridden`; the text of the returned scenario includes them.
 
     Raises:
-        SceneError: invalid, with the path of the first fault.
+        SceneError: the scene is invalid, with the path of the first fault.
         ClosureError: an arm cannot reach its grasp.
-        MissingExtra: it names a xacro file, and xacrodoc is not installed.
+        MissingExtra: the scene names a xacro file, and xacrodoc is not installed.
     """
     raw = typed.parse_toml(text, source)
     require_sensible(raw, Location(source))
@@ -143,7 +145,7 @@ def parse_scene(text: bytes, source: str, name: str, files: RobotFiles, changes:
     return build_scene(data, source, kept, data.name or one_line(name, LONGEST_NAME), files)
 
 
-@np.errstate(all="ignore")  # what overflows is refused where it is found
+@np.errstate(all="ignore")  # overflows are reported by the checks that find them
 def build_scene(
     data: SceneData, source: str = "scene", text: str = "", name: str = "scene", files: RobotFiles | None = None
 ) -> Scenario:
@@ -163,7 +165,7 @@ def build_scene(
     trunk, robots = build_robots(data, files or RobotFiles(), at)
     chain, guess = build_chain(data, trunk, robots, at)
     search = any(arm.q is None and arm.name in chain.grasps for arm in data.arms)
-    led = [arm.name for arm in data.arms if not arm.anchor]  # to where bushings are slack; an anchor stays
+    led = [arm.name for arm in data.arms if not arm.anchor]  # moved to where bushings are unloaded; anchors stay
     try:
         state = closed(with_slack_bushings(chain, led), guess, search)
     except ClosureError as cause:
@@ -176,7 +178,7 @@ def build_scene(
 
 
 def build_robots(data: SceneData, files: RobotFiles, at: Location) -> tuple[SceneTrunk | None, dict[str, Robot]]:
-    """Return what the trunk is made from, None without one, and what the arms are, by name.
+    """Build the trunk, None if the scene has none, and the arms by name.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -198,9 +200,9 @@ def build_robots(data: SceneData, files: RobotFiles, at: Location) -> tuple[Scen
 
 
 def closed(chain: ClosedChain, guess: State, search: bool) -> State:
-    """Return the state with every grasp closed around the object where it is; `search` tries other configurations too.
+    """Return the state in which the arms close their grasps; with `search`, other configurations are tried too.
 
-    Object and trunk stay where they are, and as fast.
+    Object and trunk keep their poses and twists.
 
     Raises:
         ClosureError: an arm cannot reach its grasp.
@@ -219,7 +221,7 @@ def closed(chain: ClosedChain, guess: State, search: bool) -> State:
 
 
 def _require_velocities(chain: ClosedChain, state: State, at: Location) -> None:
-    """Refuse an object or a trunk that moves at first as the arms between them cannot."""
+    """Refuse initial twists of object and trunk that the arms between them cannot follow."""
     try:
         require_closed(chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain)), state)
     except StateError as cause:
@@ -231,7 +233,7 @@ def _require_velocities(chain: ClosedChain, state: State, at: Location) -> None:
 def build_chain(
     data: SceneData, trunk: SceneTrunk | None, robots: Mapping[str, Robot], at: Location
 ) -> tuple[ClosedChain, State]:
-    """Return the chain and the state that it is to be closed from; its joints are at rest.
+    """Return the chain, and the state from which its grasps are to be closed, with joints at rest.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -267,10 +269,11 @@ def build_chain(
 
 
 def build_mounts(arms: Sequence[ArmData], trunk: Trunk | None, at: Location) -> dict[str, str | int]:
-    """Return where the arms that say so stand on the trunk, by name.
+    """Return the trunk links on which arms are mounted, by the names of these arms.
 
     Raises:
-        SceneError: a mount without a trunk or on no link of it, or what a mounted arm cannot be told.
+        SceneError: a mount without a trunk, a mount on a link that the trunk does not have, or a key that a mounted
+            arm cannot have.
     """
     mounts = {}
     for i, arm in enumerate(arms):
@@ -308,14 +311,14 @@ def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str
         "events": build_events(data, chain, at / "events"),
         "base_motion": swaying,
         "inputs": pushed if data.wrenches else None,
-        # a base that has set out moves on with another jerk
+        # the jerk of a base jumps at the end of its smooth start
         "breakpoints": [*how.breakpoints, *pushed.breakpoints, *(base.smooth_start for base in swaying.values())],
         **{name: getattr(how, name) for name in OPTIONS},
     }
 
 
 def build_base_motion(data: SceneData, chain: ClosedChain, at: Location) -> dict[str, SwayingBase]:
-    """Return the motions of bases in the world, by the arm's name; "trunk" for the trunk's.
+    """Return the motions of bases in the world, by arm name; "trunk" for the trunk.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -332,7 +335,7 @@ def build_base_motion(data: SceneData, chain: ClosedChain, at: Location) -> dict
 
 
 def build_events(data: SceneData, chain: ClosedChain, at: Location) -> list[Event]:
-    """Return the events, each checked against those before it.
+    """Return the events, after checking each against those before it.
 
     Raises:
         SceneError: with the path of the event at fault.
@@ -352,15 +355,15 @@ def build_events(data: SceneData, chain: ClosedChain, at: Location) -> list[Even
 
 
 def require_sensible(raw: Any, at: Location, levels: int = DEEPEST) -> None:
-    """Refuse NaN, infinity, astronomical numbers and depths: TOML can express them, but no scene has them.
+    """Refuse NaN, infinity, huge numbers and deep nesting, which are valid TOML but make no sense in a scene.
 
     Args:
-        raw: what the file contains.
-        at: its place.
-        levels: how deep it may go.
+        raw: parsed content of the file, or of a part of it.
+        at: location of `raw` in the scene.
+        levels: largest allowed depth of nesting.
 
     Raises:
-        SceneError: with the path of the first one.
+        SceneError: a value that is refused, with the path of the first one.
     """
     if not levels:
         raise at.refuse(f"expected at most {DEEPEST} levels of tables and arrays")

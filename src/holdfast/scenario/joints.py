@@ -1,4 +1,4 @@
-"""Joints and links that a scene gives itself, and rigid bodies."""
+"""Joints, links and rigid bodies that are defined in the scene itself rather than in a robot file."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ MASSLESS_INERTIA = np.zeros((3, 3))
 
 
 def joints_and_links(data: Sequence[JointData], at: Location) -> tuple[list[Joint], list[Link]]:
-    """Return joints and the links that they move, base outward.
+    """Return joints and the links that they move, from the base outward.
 
     Args:
-        data: at least one.
-        at: their place in the scene.
+        data: the joints in the scene, at least one.
+        at: location of the list in the scene.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -39,10 +39,10 @@ def joints_and_links(data: Sequence[JointData], at: Location) -> tuple[list[Join
 
 
 def body(data: BodyData, at: Location) -> Link:
-    """Return a rigid body; one without mass needs no inertia.
+    """Return a rigid body; a body without mass needs no inertia.
 
     Raises:
-        SceneError: neither a solid nor an inertia of one with mass, several, or impossible ones.
+        SceneError: a body with mass has neither a solid nor an inertia, or it has several of them or an impossible one.
     """
     with at.refusals():
         if data.mass == 0.0 and not _given(data):
@@ -51,11 +51,11 @@ def body(data: BodyData, at: Location) -> Link:
 
 
 def inertia_and_shape(data: BodyData | ObjectData, at: Location) -> tuple[Array, Shape | None]:
-    """Return the inertia about the mass centre, (3, 3) [kg m^2], as given or of a solid, and the round solid's shape.
+    """Return the inertia about the mass centre, (3, 3) [kg m^2], and the shape of a sphere or a cylinder.
 
     Raises:
-        SceneError: no solid and no inertia, several, or a length that is none.
-        ModelError: a mass that no body has.
+        SceneError: there is no solid and no inertia, or more than one of them, or a length is not positive.
+        ModelError: the mass is impossible.
     """
     given = _given(data)
     if len(given) != 1:
@@ -80,7 +80,7 @@ def inertia_and_shape(data: BodyData | ObjectData, at: Location) -> tuple[Array,
 
 
 def _given(data: BodyData | ObjectData) -> list[str]:
-    """Return which keys say how the mass is distributed."""
+    """Return the keys given for the mass distribution: a solid or an inertia."""
     return [key for key in ("box", "sphere", "cylinder", "inertia") if getattr(data, key) is not None]
 
 

@@ -1,4 +1,4 @@
-"""Names in a scene: they stand on lines, in paths 'arm/joint' and in titles of columns."""
+"""Checks of the names in a scene, which appear in messages, in paths 'arm/joint' and in column titles."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ NAME = re.compile(r"\w[\w.-]{0,63}")
 
 
 def require_names(names: Iterable[str], at: Location, *key: str, optional: bool = False) -> None:
-    """Refuse names that repeat, or that would not fit on a line or in a path 'arm/joint'.
+    """Refuse repeated names, and names with characters that would be ambiguous in a path 'arm/joint'.
 
     Args:
-        names: of members of a list.
-        at: the list's place.
-        *key: where a member has its name.
-        optional: whether a member may have none, an empty one.
+        names: names of the members of a list.
+        at: location of the list.
+        *key: keys that lead from a member to its name.
+        optional: whether a member may have no name, that is, an empty one.
 
     Raises:
-        SceneError: with the place of the first fault.
+        SceneError: a name that is refused, with the path of the first one.
     """
     first: dict[str, Location] = {}
     for i, name in enumerate(names):

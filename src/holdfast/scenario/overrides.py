@@ -1,4 +1,4 @@
-"""Keys of a scene set from outside its file: `simulation.step=0.001`, `arms.left.q=[0, 0.5]`."""
+"""Changes of a scene's keys from outside its file: `simulation.step=0.001`, `arms.left.q=[0, 0.5]`."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from holdfast.io.typed import parse_toml, refusal
 from holdfast.model import checks
 
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-LABELS = ("name", "arm")  # keys by which a table in a list can be chosen instead of by its number
+LABELS = ("name", "arm")  # keys whose value can select a table in a list, instead of its index
 
 
 def overridden(raw: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
     """Return a scene's plain data with some of its values replaced or added.
 
     Args:
-        raw: what the file contains; it stays as it is.
-        changes: `key=value` each. A key is dotted; a table in a list is named by its number from 0, or by its
-            `name` or `arm`. A value is TOML.
+        raw: parsed content of the file; it is not modified.
+        changes: changes of the form `key=value`. The key is dotted, and a table in a list is selected by its index
+            from 0 or by its `name` or `arm`. The value is TOML.
 
     Raises:
-        SceneError: a change that is no such thing, or leads nowhere.
+        SceneError: a change that is not of this form, or whose key does not exist in the scene.
     """
     found = copy.deepcopy(raw)
     for change in changes:
@@ -44,10 +44,10 @@ def overridden(raw: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
 
 
 def _position(place: Any, part: str, change: str, above: list[str]) -> str | int:
-    """Return the key of a table's entry, which may be new, or the number of a list's.
+    """Return the key of an entry of a table, which may be new, or the index of an entry of a list.
 
     Raises:
-        SceneError: neither a table nor a list, or the list has no such entry.
+        SceneError: `place` is neither a table nor a list, or the list has no such entry.
     """
     where = ".".join(above)
     if isinstance(place, dict):
@@ -64,10 +64,10 @@ def _position(place: Any, part: str, change: str, above: list[str]) -> str | int
 
 
 def _value(text: str, change: str) -> Any:
-    """Return what a text of TOML stands for.
+    """Return the value of a TOML expression.
 
     Raises:
-        SceneError: it is no single value.
+        SceneError: the text is not a single TOML value.
     """
     try:
         found = parse_toml(f"value = {text.strip()}".encode(), "")
@@ -83,7 +83,7 @@ def _refused(change: str, problem: str) -> SceneError:
 
 
 def toml_text(raw: dict[str, Any]) -> str:
-    """Return TOML that reads as the plain data of a scene: a line for each key, and for each table of a list."""
+    """Return the plain data of a scene as TOML, with one line per key and one per table of a list."""
     return "".join(f"{line}\n" for key, value in raw.items() for line in _lines(key, value))
 
 
@@ -111,5 +111,5 @@ def _key(key: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return a basic string; of what JSON leaves as it is, TOML refuses one control character."""
+    """Return a TOML basic string, which is a JSON string except that DEL must be escaped too."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

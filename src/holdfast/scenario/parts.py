@@ -1,4 +1,4 @@
-"""The parts of a scene from their data: grasps, the object, springs, controllers."""
+"""Building the parts of a scene from their data: grasps, the object, springs, controllers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from holdfast.spatial import rotation
 from holdfast.state import State
 
 GAINS = ("squeeze", "joint_damping", "stiffness", "damping")
-MOST_COEFFICIENTS = 20  # of a polynomial; powers of higher order are noise
+MOST_COEFFICIENTS = 20  # of a polynomial; terms of higher order are lost in rounding
 
 
 def grasp(data: GraspData, at: Location) -> Grasp:
@@ -55,18 +55,18 @@ def grasp(data: GraspData, at: Location) -> Grasp:
 
 
 def spring(data: SpringData, arms: Mapping[str, Arm], trunk: Trunk | None, at: Location) -> Spring:
-    """Return a spring, its ends' links found."""
+    """Return a spring whose ends are resolved to links of the arms or the trunk."""
     with at.refusals():
         a, b = (SpringEnd(end.body, end.point, end.link) for end in (data.a, data.b))
         return Spring(a, b, data.stiffness, data.length, data.damping).found(arms, trunk)
 
 
 def held_object(data: ObjectData, at: Location) -> HeldObject:
-    """Return the object; a solid is of uniform density, with its centre at `com`."""
+    """Return the held object; a solid has uniform density and its centre at `com`."""
     com = np.array(data.com, dtype=float)
     with at.refusals():
         inertia, shape = inertia_and_shape(data, at)
-        return HeldObject(data.mass, inertia, com, shape=None if com.any() else shape)  # shapes are drawn about C
+        return HeldObject(data.mass, inertia, com, shape=None if com.any() else shape)  # drawn about C
 
 
 def controller(
@@ -75,11 +75,11 @@ def controller(
     state: State,
     at: Location,
 ) -> Controller:
-    """Return the controller; a path begins at the initial state's object pose. Without one no joint is driven.
+    """Return the controller, with zero torques if the scene has none; a path begins at the initial object pose.
 
     Raises:
-        SceneError: a negative gain, an impossible path or schedule, no grasp to move the object by, or a chain that
-            the controller does not cover.
+        SceneError: a gain is negative, a path or a schedule is impossible, object tracking has no grasp, or the
+            controller does not support the chain.
     """
     if data is None:
         return TorqueSchedule([0.0], [np.zeros((chain.joint_count, 1))])
@@ -99,10 +99,10 @@ def controller(
 
 
 def object_path(data: PathData, state: State, at: Location) -> RestToRest | PoseSpline:
-    """Return the path of the object from where it is at the start.
+    """Return the path of the object, which begins at its initial pose.
 
     Raises:
-        SceneError: keys that do not go together, or an impossible path.
+        SceneError: keys that exclude each other are given, or the path is impossible.
     """
     if data.through is None:
         if data.duration is None:

@@ -1,4 +1,4 @@
-"""Poses of a scene."""
+"""Building poses from a scene's data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from holdfast.spatial.pose import Pose
 
 
 def pose(data: PoseData | GraspData, at: Location) -> Pose:
-    """Return a pose; without an attitude its axes are the reference frame's."""
+    """Return a pose; without an attitude its axes are parallel to the reference frame's."""
     if data.quaternion is not None and data.rpy is not None:
         raise at.refuse("expected quaternion or rpy, got both")
     if data.quaternion is None:

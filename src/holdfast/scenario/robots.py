@@ -1,4 +1,4 @@
-"""The arms of a scene: built in, out of URDF files, of joints that the scene gives, or anchors."""
+"""Building the arms of a scene: built-in robots, URDF files, joints defined in the scene, or anchors."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class Robot:
     """An arm of a scene.
 
     Attributes:
-        arm: the arm, where it stands, with its tool.
-        q: (N,) joint positions to start from [rad or m].
-        source: the URDF that it is out of; None for any other.
-        links: what became of the file's links; None for any other.
+        arm: the arm at its base pose, with its tool.
+        q: (N,) initial guess of the joint positions [rad or m].
+        source: URDF from which the arm is loaded; None if it is not from a file.
+        links: how the links of the file map to the arm; None if it is not from a file.
     """
 
     arm: Arm
@@ -46,18 +46,18 @@ class Robot:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What of its file was read differently from what the file states, or not at all."""
+        """Notes on what in the file was changed or ignored when it was loaded."""
         return () if self.links is None else self.links.notes
 
 
 @dataclass(frozen=True)
 class RobotFiles:
-    """Where a scene's robots come from.
+    """Where the robot files of a scene are found.
 
     Attributes:
-        folder: that relative names of files start from.
-        trust_xacro: whether xacro files may be expanded, which runs the Python in them.
-        kept: texts that are taken instead of an arm's file, by the arm's name; "trunk" for the trunk's.
+        folder: folder to which relative file names refer.
+        trust_xacro: whether xacro files may be expanded, which runs the Python code in them.
+        kept: URDFs to use instead of an arm's file, by arm name; "trunk" for the trunk.
     """
 
     folder: Path = Path()
@@ -68,23 +68,24 @@ class RobotFiles:
         """Return the URDF of an arm, or of the trunk.
 
         Raises:
-            SceneError: the file cannot be read, or is xacro that may not or cannot be expanded.
-            MissingExtra: a xacro file without xacrodoc.
+            SceneError: the file cannot be read, or it is a xacro file that is not trusted or cannot be expanded.
+            MissingExtra: it is a xacro file, and xacrodoc is not installed.
         """
         return self.kept.get(name) or read_source(self.folder / data.file, data.xacro_args, self.trust_xacro)
 
 
 def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
-    """Return an arm where it stands, and the joint positions to start from.
+    """Return an arm at its base pose, and an initial guess of its joint positions.
 
     Args:
-        data: the arm's.
-        files: where its URDF is, if it has one.
-        at: its place in the scene.
+        data: the arm in the scene.
+        files: where its URDF is found, if it has one.
+        at: location of the arm in the scene.
 
     Raises:
-        SceneError: no robot of that name, a URDF or joints that cannot be that arm, or positions of the wrong number.
-        MissingExtra: a xacro file without xacrodoc.
+        SceneError: there is no robot of that name, the URDF or the joints do not give a valid arm, or the number of
+            joint positions is wrong.
+        MissingExtra: its file is a xacro file, and xacrodoc is not installed.
     """
     require_one_origin(data, at)
     base = Pose.identity() if data.base is None else pose(data.base, at / "base")
@@ -100,10 +101,10 @@ def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
 
 
 def require_one_origin(data: ArmData | TrunkData, at: Location) -> None:
-    """Refuse what is said to be made in no way, or in two; a body that floats needs no joints.
+    """Require exactly one of the keys that define an arm or a trunk; a floating trunk needs none of them.
 
     Raises:
-        SceneError: saying which.
+        SceneError: none of these keys is given, or more than one.
     """
     given = [origin for origin in ORIGINS if getattr(data, origin, None) not in (None, False)]
     floats = isinstance(data, TrunkData) and data.floating is not None
@@ -115,7 +116,7 @@ def require_one_origin(data: ArmData | TrunkData, at: Location) -> None:
 
 
 def finished(found: Robot, data: ArmData, at: Location) -> Robot:
-    """Return an arm with its tool, and with the positions to start from that the scene gives."""
+    """Return an arm with its tool and with the initial joint positions from the scene."""
     if data.tip is not None:
         arm, links = found.arm, found.links
         arm = arm.with_tip(arm.tip @ pose(data.tip, at / "tip"))
@@ -126,10 +127,10 @@ def finished(found: Robot, data: ArmData, at: Location) -> Robot:
 
 
 def starting_positions(given: list[float] | None, otherwise: Array, what: str, at: Location) -> Array:
-    """Return joint positions to start from, (N,) [rad or m].
+    """Return the initial joint positions (N,) [rad or m]: those given, else `otherwise`.
 
     Raises:
-        SceneError: positions of the wrong number.
+        SceneError: the number of positions is wrong.
     """
     if given is None:
         return otherwise
@@ -142,7 +143,7 @@ def built_in(name: str | None, base: Pose, at: Location) -> Arm:
     """Return a built-in robot by its name.
 
     Raises:
-        SceneError: no robot of that name.
+        SceneError: there is no robot of that name.
     """
     if name is None or name not in ROBOTS:
         raise (at / "robot").refuse(f"no robot '{name}'.{checks.did_you_mean(str(name), ROBOTS)}")
@@ -150,10 +151,10 @@ def built_in(name: str | None, base: Pose, at: Location) -> Arm:
 
 
 def chain_of_file(data: UrdfData, source: Source, base: Pose, at: Location) -> UrdfChain:
-    """Return the chain between two links of a file, what the scene says of its drives added.
+    """Return the chain between two links of a file, with the armature and springs that the scene gives its joints.
 
     Raises:
-        SceneError: what cannot be an arm.
+        SceneError: the links between them are not a valid arm.
     """
     with file_refusals(at):
         links = urdf_chain(
@@ -165,18 +166,18 @@ def chain_of_file(data: UrdfData, source: Source, base: Pose, at: Location) -> U
 
 @contextmanager
 def file_refusals(at: Location) -> Iterator[None]:
-    """Name the place of a robot's file in the scene before what is wrong in the file."""
+    """Prefix errors in a robot's file with the location in the scene at which the file is named."""
     try:
         yield
-    except HoldfastError as cause:  # it names file and line
+    except HoldfastError as cause:  # its message names file and line
         raise type(cause)((at / "urdf").message(str(cause))) from cause
 
 
 def with_drives(data: UrdfData, chains: Sequence[Sequence[Joint]], at: Location) -> list[list[Joint]]:
-    """Return the joints of chains with what a file has no place for, such as their drives' inertia, by their names.
+    """Return the joints of chains with armature and springs from the scene, which URDF cannot express.
 
     Raises:
-        SceneError: a joint that is not there, or an impossible quantity.
+        SceneError: a joint does not exist, or a quantity is impossible.
     """
     found = [list(joints) for joints in chains]
     names = [joint.name for joints in found for joint in joints]

@@ -1,4 +1,4 @@
-"""The format of scenes: strict structures of a TOML file. SI units, world axes, +z up."""
+"""The format of scene files: the tables and keys of the TOML file. SI units, world axes, +z up."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ ZEROS: Vector3 = (0.0, 0.0, 0.0)
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """Base of the file's structures."""
+    """Base of all tables; unknown keys are errors."""
 
 
 class PoseData(_Strict):
-    """A pose: position and, as quaternion (w, x, y, z) or as roll, pitch, yaw, an attitude."""
+    """A pose: a position, and an attitude as a quaternion (w, x, y, z) or as roll, pitch, yaw."""
 
     position: Vector3 = ZEROS
     quaternion: Quaternion | None = None
@@ -39,9 +39,9 @@ class SwayData(_Strict):
 
 
 class BaseMotionData(_Strict):
-    """A base that sways about where it stands; it sets out smoothly, within `smooth_start` seconds.
+    """A base that oscillates about its pose; the amplitude grows smoothly from zero within `smooth_start` seconds.
 
-    `shift` in m, `turn` in rad: roll, pitch, yaw about the base's origin.
+    `shift` is in m; `turn` is in rad: roll, pitch, yaw about the base's origin.
     """
 
     shift: SwayData | None = None
@@ -50,9 +50,10 @@ class BaseMotionData(_Strict):
 
 
 class BodyData(_Strict):
-    """A rigid body: mass, and a solid of uniform density about `com` or an inertia about it, in the body's axes.
+    """A rigid body: its mass and either a solid of uniform density centred at `com`, or the inertia about `com`.
 
-    The solid is a box of three edges, a sphere of a radius, or a cylinder about z of a radius and a length.
+    All are in the body's axes. The solid is a box with three edges, a sphere with a radius, or a cylinder about z with
+    a radius and a length.
     """
 
     mass: float
@@ -65,7 +66,7 @@ class BodyData(_Strict):
 
 
 class JointData(PoseData, kw_only=True):
-    """A joint and the link that it moves; the pose is of that link's frame at q = 0, in the axes of the link before."""
+    """A joint and the link that it moves; the pose is of the link's frame at q = 0, in the previous link's frame."""
 
     link: BodyData
     name: str = ""
@@ -82,10 +83,10 @@ class JointData(PoseData, kw_only=True):
 
 
 class UrdfData(_Strict):
-    """An arm out of a URDF or xacro file, see `load_urdf`; `file` starts from the scene's folder.
+    """An arm from a URDF or xacro file, see `load_urdf`; `file` is relative to the scene's folder.
 
-    `armature`: inertia of drives felt at their joints [kg m^2 or kg], which URDF has no place for. `stiffness` [N m/rad
-    or N/m] and `rest` [rad or m]: of springs in joints.
+    `armature` is the inertia of the drives reflected to their joints [kg m^2 or kg], which URDF cannot express.
+    `stiffness` [N m/rad or N/m] and `rest` [rad or m] define springs in the joints.
     """
 
     file: str
@@ -100,10 +101,10 @@ class UrdfData(_Strict):
 
 
 class TrunkUrdfData(UrdfData, kw_only=True):
-    """A trunk out of such a file: the joints from `base` to `tip`, or those that arms with `tips` in the file share.
+    """A trunk from a URDF or xacro file: the joints from `base` to `tip`, or the joints shared by the arms in `tips`.
 
-    `tips` has the link of each arm's tip by the arm's name; see `load_urdf_trunk`. With `floating` the base is a free
-    body with all that is fixed to it.
+    `tips` maps the name of an arm to the link of its tip, see `load_urdf_trunk`. With `floating`, the base link and all
+    links fixed to it are a free-floating body.
     """
 
     tips: dict[str, str] = {}
@@ -111,13 +112,14 @@ class TrunkUrdfData(UrdfData, kw_only=True):
 
 
 class ArmData(_Strict):
-    """An arm: a built-in robot's name, a URDF, joints, or an anchor; where it stands, its tool, where its joints begin.
+    """An arm: a built-in robot, a URDF, joints, or an anchor, with its base, its tool and its joint positions.
 
-    An arm with a `mount` stands on that link of the trunk, its `base` in the link's axes. One that the trunk's
-    file has a tip of is out of that file. `tip` is the pose of a massless tool's tip in the robot's own tip frame,
-    or in the axes of the last link of `joints`. `q` is a guess from which the arm is moved to its grasp. Without it
-    that is the robot's home configuration, or the middle of its joints' ranges, and others are tried where it does not
-    lead to the grasp. An `anchor` has no joints; without a `base` it stands where its grasp is at the start.
+    An arm with a `mount` is mounted on that link of the trunk, and its `base` is in the link's frame. An arm that is
+    listed in the `tips` of the trunk's file is loaded from that file. `tip` is the pose of a massless tool's tip in the
+    robot's own tip frame, or in the frame of the last of the `joints`. `q` is an initial guess from which the arm is
+    moved to its grasp. By default it is the robot's home configuration, or the middle of the joint ranges, and other
+    guesses are tried if the arm does not reach its grasp from there. An `anchor` has no joints; by default its `base`
+    is the initial pose of its grasp.
     """
 
     name: str
@@ -133,10 +135,11 @@ class ArmData(_Strict):
 
 
 class TrunkData(_Strict):
-    """What arms stand on: a built-in robot's name, a URDF, or joints; perhaps on a body that floats.
+    """The trunk on which arms are mounted: a built-in robot's name, a URDF, or joints, possibly on a floating body.
 
-    `base` is where its base frame is, of a floating base at the start, with a `twist` then. Its joints begin, and the
-    arms are led to the object, at `q`: the robot's home configuration, or the middle of the joints' ranges, by default.
+    `base` is the pose of its base frame. For a floating base this is the initial pose, and `twist` its initial twist.
+    `q` has the initial positions of its joints, which are not changed when the arms are moved to their grasps; by
+    default the robot's home configuration, or the middle of the joint ranges.
     """
 
     robot: str | None = None
@@ -150,9 +153,9 @@ class TrunkData(_Strict):
 
 
 class ObjectData(_Strict):
-    """The held object: mass, and a solid or an inertia about the mass centre; how it moves at first.
+    """The held object: its mass, a solid or an inertia about the mass centre, and its initial pose and twist.
 
-    The solid is as in `BodyData`; `twist` is [omega; v of its origin], world axes, at the start.
+    The solid is as in `BodyData`; `twist` is the initial [omega; v of its origin], world axes.
     """
 
     mass: float
@@ -166,7 +169,7 @@ class ObjectData(_Strict):
 
 
 class ContactData(_Strict):
-    """Friction of a one-sided contact."""
+    """Friction of a unilateral contact."""
 
     mu: float
     torsion_radius: float | None = None
@@ -174,14 +177,14 @@ class ContactData(_Strict):
 
 
 class WrenchLimitsData(_Strict):
-    """The largest moment [N m] and force [N] that a grasp takes."""
+    """The largest moment [N m] and force [N] that a grasp can transmit."""
 
     moment: float | None = None
     force: float | None = None
 
 
 class GraspData(_Strict):
-    """A grasp: the contact frame in object axes, z into the object."""
+    """A grasp: its kind, and its contact frame in the object's frame, with z pointing into the object."""
 
     arm: str
     kind: GraspName
@@ -197,21 +200,21 @@ class GraspData(_Strict):
 
 
 class AttachData(GraspData, kw_only=True, tag_field="type", tag="attach"):
-    """An arm grips at time `t`: at the frame given, or, with `here`, where its tip is then."""
+    """An arm grasps the object at time `t`, at the given frame or, with `here`, where its tip is at that time."""
 
     t: float
     here: bool = False
 
 
 class ReleaseData(_Strict, tag_field="type", tag="release"):
-    """An arm lets go at time `t`."""
+    """An arm releases the object at time `t`."""
 
     t: float
     arm: str
 
 
 class SpringEndData(_Strict):
-    """An end of a spring: on "world", "object", or a link of an arm or of "trunk", in their axes [m]."""
+    """An end of a spring: a point of "world", "object", or a link of an arm or of "trunk", in its frame [m]."""
 
     body: str
     point: Vector3 = ZEROS
@@ -238,13 +241,13 @@ class WrenchData(_Strict):
 
 
 class ViaData(PoseData, kw_only=True):
-    """A pose in the world that the object passes at time `t`."""
+    """A world pose through which the object passes at time `t`."""
 
     t: float
 
 
 class PathData(_Strict):
-    """A smooth motion of the object from rest to rest, world axes: a displacement and a turn, or `through` poses."""
+    """A smooth rest-to-rest motion of the object: a displacement and a rotation, or `through` poses; world axes."""
 
     duration: float | None = None
     displacement: Vector3 = ZEROS
@@ -254,7 +257,7 @@ class PathData(_Strict):
 
 
 class GravityCompensationData(_Strict, tag_field="type", tag="gravity_compensation"):
-    """Hold the chain still against gravity."""
+    """Balance gravity."""
 
     squeeze: float = 0.0
     joint_damping: float = 0.0
@@ -271,25 +274,25 @@ class ObjectTrackingData(_Strict, tag_field="type", tag="object_tracking"):
 
 
 class PieceData(_Strict):
-    """Torques from `begin` to the next piece: per joint [c0, c1, ...] of c0 + c1 (t - begin) + ..."""
+    """Torques from `begin` to the next piece: polynomials c0 + c1 (t - begin) + ..., [c0, c1, ...] for each joint."""
 
     begin: float
     torques: list[list[float]]
 
 
 class TorqueScheduleData(_Strict, tag_field="type", tag="torque_schedule"):
-    """Torques as given functions of time, added to those of another controller, if there is one beside."""
+    """Torques as given functions of time; they are added to those of the controller `beside`, if there is one."""
 
     pieces: list[PieceData]
     beside: GravityCompensationData | ObjectTrackingData | None = None
 
 
 class SimulationData(_Strict):
-    """How long, in which steps, and what is done about slipping grasps and passed limits.
+    """Duration, step and scheme of the simulation, and the policies for slipping grasps and exceeded limits.
 
-    At `breakpoints` steps end; knots of a schedule, events and ends of wrenches are such times anyway. `rtol` and
-    `atol` are for an adaptive scheme, `largest_drift` for the others: see `simulate`. With a `sample_time` the
-    controller is asked once a sample, and `delay` after that its torques act.
+    Steps end at `breakpoints`, and in any case at the knots of a schedule, at events, and where wrenches begin or end.
+    `rtol` and `atol` are for an adaptive scheme and `largest_drift` for the others, see `simulate`. With a
+    `sample_time` the controller is evaluated once per sample, and its torques act from `delay` after the sample.
     """
 
     duration: float
@@ -310,28 +313,28 @@ Numbers = float | list[float | list[float]]
 
 
 class UniformData(_Strict, tag_field="type", tag="uniform"):
-    """Every number drawn uniformly between two bounds."""
+    """Every number is drawn uniformly between two bounds."""
 
     low: Numbers
     high: Numbers
 
 
 class NormalData(_Strict, tag_field="type", tag="normal"):
-    """Every number drawn normally."""
+    """Every number is drawn from a normal distribution."""
 
     mean: Numbers
     deviation: Numbers
 
 
 class NearPoseData(_Strict, tag_field="type", tag="near_pose"):
-    """Poses near those that the scene has, turned and shifted in their own axes by up to so much per coordinate."""
+    """Poses near those in the scene, rotated and shifted by up to `turn` and `shift` along each of their own axes."""
 
     turn: float = 0.0
     shift: float = 0.0
 
 
 class SweepData(_Strict):
-    """Many runs of the scene by `holdfast sweep`: how many, what differs from run to run, what is kept of each."""
+    """Many runs of the scene by `holdfast sweep`: their number, the varied parameters, and the recorded outputs."""
 
     count: int
     parameters: dict[str, UniformData | NormalData | NearPoseData | Numbers | Literal["scale"]]
@@ -341,7 +344,7 @@ class SweepData(_Strict):
 
 
 class SceneData(_Strict):
-    """A scene: arms, what they stand on, the object they hold, a controller, and how long to simulate."""
+    """A scene: the arms, their trunk if any, the held object, grasps, a controller, and the simulation settings."""
 
     arms: list[ArmData]
     object: ObjectData

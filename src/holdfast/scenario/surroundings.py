@@ -1,4 +1,4 @@
-"""What acts on a scene's chain from outside: bases that sway, wrenches on the object."""
+"""External influences on a scene's chain: oscillating bases and wrenches on the object."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from holdfast.spatial.scalar import Array, Scalar, concatenate, cos, sin
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs
 
-QUICKEST_START = 1e-6  # [s]; a quicker one jumps
-FASTEST = 1e4  # [Hz]; no base shakes faster
+QUICKEST_START = 1e-6  # [s]; a shorter start would be a jump
+FASTEST = 1e4  # [Hz]; beyond any real base motion
 
 
 @dataclass(frozen=True, eq=False)
 class SwayingBase:
-    """A base that oscillates about a pose: x_k = s(t) a_k sin(2 pi f_k t + phase_k) of six coordinates.
+    """A base that oscillates about a pose in six coordinates: x_k = s(t) a_k sin(2 pi f_k t + phase_k).
 
     The coordinates are roll, pitch, yaw (about world axes through the base's origin, in this order) and the
-    shift along them; s = 10 y^3 - 15 y^4 + 6 y^5, y = t / smooth_start, so that it sets out from rest.
+    shift along these axes; s = 10 y^3 - 15 y^4 + 6 y^5, y = t / smooth_start, so that the motion starts from rest.
 
     Attributes:
-        rest: the pose it sways about.
-        amplitude: (6,) [rad, m].
-        frequency: (6,), sizes up to 10 kHz [Hz].
-        phase: (6,) [rad].
-        smooth_start: at least 1e-6 [s].
-        traceable: it may become part of machine code.
+        rest: the pose about which the base oscillates.
+        amplitude: (6,) amplitudes a [rad, m].
+        frequency: (6,) frequencies f, up to 10 kHz in absolute value [Hz].
+        phase: (6,) phases [rad].
+        smooth_start: duration of the smooth start, at least 1e-6 [s].
+        traceable: whether the motion can be compiled into machine code.
     """
 
     traceable: ClassVar[bool] = True
@@ -83,12 +83,12 @@ class SwayingBase:
 
 @dataclass(frozen=True, eq=False)
 class Pushes:
-    """External wrenches on the object, each for a while.
+    """External wrenches on the object, each acting for an interval of time.
 
     Attributes:
         wrenches: (pushes, 6) [moment; force] about C, world axes [N m, N].
-        begins: (pushes,) [s].
-        ends: (pushes,) [s]; a wrench acts from its begin up to, not at, its end.
+        begins: (pushes,) times at which they begin [s].
+        ends: (pushes,) times at which they end [s]; a wrench no longer acts at its end.
     """
 
     wrenches: Array
@@ -96,12 +96,12 @@ class Pushes:
     ends: Array
 
     def __call__(self, t: float) -> Inputs:
-        """Return what acts at time t."""
+        """Return the wrench that acts at time t."""
         return Inputs(object_wrench=self.wrenches[(self.begins <= t) & (t < self.ends)].sum(axis=0))
 
     @property
     def breakpoints(self) -> list[float]:
-        """Times at which they begin and end [s]."""
+        """Times at which the wrenches begin and end [s]."""
         return [float(t) for t in (*self.begins, *self.ends) if np.isfinite(t)]
 
 
@@ -109,7 +109,7 @@ def swaying_base(data: BaseMotionData, rest: Pose, at: Location) -> SwayingBase:
     """Return a base's motion.
 
     Raises:
-        SceneError: a start that is not smooth.
+        SceneError: `smooth_start` is too short, or a number is impossible.
     """
     still = SwayData(amplitude=(0.0, 0.0, 0.0), frequency=(0.0, 0.0, 0.0))
     turn, shift = data.turn or still, data.shift or still
@@ -127,7 +127,7 @@ def pushes(data: Sequence[WrenchData], at: Location) -> Pushes:
     """Return the wrenches on the object.
 
     Raises:
-        SceneError: one that ends before it begins.
+        SceneError: a wrench ends before it begins.
     """
     for i, push in enumerate(data):
         if push.end is not None and push.end <= push.begin:

@@ -1,4 +1,4 @@
-"""The trunk of a scene, and the arms that come out of its file."""
+"""Building the trunk of a scene, and the arms that are loaded from its file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-OWN_PLACE = ("mount", "base", "base_motion")  # what an arm out of the trunk's file cannot be told
+OWN_PLACE = ("mount", "base", "base_motion")  # keys that an arm from the trunk's file cannot have
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +42,15 @@ class SceneTrunk:
     """The trunk of a scene.
 
     Attributes:
-        trunk: the trunk, where it stands.
-        q: (n_t,) positions of its joints at the start [rad or m].
-        base_pose: of a floating base at the start; None without one.
-        base_twist: (6,) the same.
-        mounts: where the arms out of its file stand on it, by name; those in the world are missing.
-        arms: the arms out of its file, by name.
-        source: the URDF that it is out of; None for any other.
-        links: what became of the file's links; None for any other.
+        trunk: the trunk at its base pose.
+        q: (n_t,) initial positions of its joints [rad or m].
+        base_pose: initial pose of a floating base; None if the base does not float.
+        base_twist: (6,) initial twist of a floating base; None if the base does not float.
+        mounts: trunk links on which the arms from its file are mounted, by arm name; arms fixed in the world are
+            missing.
+        arms: the arms from its file, by name.
+        source: URDF from which the trunk is loaded; None if it is not from a file.
+        links: how the links of the file map to the trunk; None if it is not from a file.
     """
 
     trunk: Trunk
@@ -63,23 +64,23 @@ class SceneTrunk:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What of its file was read differently from what the file states, or not at all."""
+        """Notes on what in the file was changed or ignored when it was loaded."""
         found = self.links.found if isinstance(self.links, UrdfTrunkChain) else self.links
         return () if found is None else found.notes
 
 
 def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: RobotFiles, at: Location) -> SceneTrunk:
-    """Return the trunk where it is at the start.
+    """Return the trunk at its initial pose.
 
     Args:
-        data: the trunk's.
-        arms: those of the scene, some of which may come out of the trunk's file.
-        files: where that is, if it has one.
-        at: the place of the scene.
+        data: the trunk in the scene.
+        arms: arms of the scene, some of which may be loaded from the trunk's file.
+        files: where its URDF is found, if it has one.
+        at: location of the scene.
 
     Raises:
         SceneError: with the path of the first fault.
-        MissingExtra: a xacro file without xacrodoc.
+        MissingExtra: its file is a xacro file, and xacrodoc is not installed.
     """
     here = at / TRUNK
     require_one_origin(data, here)
@@ -106,7 +107,7 @@ def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: RobotFiles, at:
 
 
 def _where_it_floats(found: SceneTrunk, data: TrunkData, base: Pose, at: Location) -> SceneTrunk:
-    """Return the trunk with pose and twist of a floating base; refuse what its base cannot be told."""
+    """Return the trunk with pose and twist of a floating base; refuse keys that do not apply to its base."""
     if found.trunk.floating is None:
         if data.twist is not None:
             raise (at / "twist").refuse(
@@ -119,7 +120,7 @@ def _where_it_floats(found: SceneTrunk, data: TrunkData, base: Pose, at: Locatio
 
 
 def _at_rest(trunk: Trunk) -> SceneTrunk:
-    """Return a trunk with the positions that its joints prefer."""
+    """Return a trunk with its joints at the preferred configuration."""
     return SceneTrunk(trunk, np.zeros(0) if trunk.serial is None else preferred_configuration(trunk.serial))
 
 
@@ -130,7 +131,7 @@ def _carrying(arm: Arm) -> Trunk:
 def _of_file(
     data: TrunkData, base: Pose, floats: bool, arms: Sequence[ArmData], files: RobotFiles, at: Location
 ) -> SceneTrunk:
-    """Return a trunk out of a URDF file; see `scene_trunk`."""
+    """Return a trunk from a URDF file; see `scene_trunk`."""
     urdf, here = data.urdf, at / TRUNK
     assert urdf is not None
     with file_refusals(here):
@@ -173,7 +174,7 @@ def _of_file(
 
 
 def _require_arms_of_file(tips: Mapping[str, str], arms: Sequence[ArmData], at: Location) -> None:
-    """Refuse tips of no arm of the scene, and arms that are to come out of the trunk's file and from elsewhere."""
+    """Refuse tips of arms that the scene does not have, and arms that are also defined outside the trunk's file."""
     places = {arm.name: i for i, arm in enumerate(arms)}
     for name in tips:
         if name not in places:

@@ -1,4 +1,4 @@
-"""Simulation: closed chains through time, always on the constraint."""
+"""Simulation of closed chains in time; every sample satisfies the grasp constraint."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What a run's books say of an instant: energies, momentum and its rate, and what the wrists carry."""
+"""The balance quantities recorded at every sample: energies, momentum and its rate, and the wrist wrenches."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs
 
-WORTH_COMPILING = 250  # instants: the reference is through with fewer in the time that compiling takes
+WORTH_COMPILING = 250  # instants: compiling takes as long as evaluating about this many without machine code
 
 
 class Accounts(NamedTuple):
-    """What the books say of one instant, world axes about the world's origin.
+    """The balance quantities at one instant, in world axes about the world's origin.
 
     Attributes:
-        kinetic: energy [J].
-        potential: energy, of springs too [J].
+        kinetic: kinetic energy [J].
+        potential: potential energy, of gravity and of springs [J].
         momentum: (6,) [angular; linear] [N m s, N s].
-        rate: (6,) [moment; force] of bases, weights and external wrenches [N m, N].
-        wrist: (arms, 6) see `wrist_wrenches`.
+        rate: (6,) [moment; force] that bases, weights and external wrenches exert together [N m, N].
+        wrist: (arms, 6) wrenches at the wrists, see `wrist_wrenches`.
     """
 
     kinetic: float
@@ -44,7 +44,7 @@ class Accounts(NamedTuple):
 
 
 def accounts_of(at: Instant) -> Accounts:
-    """Return the accounts of an instant. O(n)."""
+    """Return the balance quantities at an instant. O(n)."""
     chain, state = at.chain, at.state
     given, every = with_springs(chain, state, at.inputs.shaped(chain)), list(bodies(chain, state, at.inputs))
     return Accounts(
@@ -57,21 +57,23 @@ def accounts_of(at: Instant) -> Accounts:
 
 
 class CompiledAccounts:
-    """The accounts of one chain by machine code, for bases that stand still and wrenches on the object alone.
+    """Computes the balance quantities of one chain with machine code.
+
+    This is possible for chains whose bases stand still and on which external wrenches act at the object only.
 
     Attributes:
         chain: the chain.
     """
 
     def __init__(self, chain: ClosedChain) -> None:
-        """Take the chain; it is compiled at the first instant."""
+        """Store the chain, which is compiled when the first instant is evaluated."""
         self.chain = chain
         self._given: tuple[Array, ...] = (np.zeros(0),) * 4
         self._found: dict[str, Array] = {}
 
     @staticmethod
     def suit(chain: ClosedChain, inputs: Inputs) -> bool:
-        """Return whether nothing else acts on the chain."""
+        """Return whether this class can be used: no trunk, springs between bodies, moving bases or link wrenches."""
         plain = chain.trunk is None and not chain.springs and not chain.bushings
         still = inputs.base_twists is None or not inputs.base_twists.any()
         return plain and still and inputs.link_wrenches is None
@@ -81,17 +83,20 @@ class CompiledAccounts:
         return CompiledFunction("accounts", self.chain, Options(), ACCOUNTS)
 
     def _of_state(self, *given: Array) -> dict[str, Array]:
-        """Return what follows from the state alone; the two sides of a jump have the same."""
+        """Return the quantities that depend on the state only, reused if the state is that of the previous call.
+
+        The two samples at a jump have the same state.
+        """
         if not all(map(np.array_equal, given, self._given)):
             self._found, self._given = self._function(given, {}, 1), given
         return self._found
 
     def of(self, at: Instant) -> Accounts:
-        """Return the accounts of an instant of the chain."""
+        """Return the balance quantities of the chain at an instant."""
         state, result = at.state, at.result
         try:
             x = self._of_state(state.q, state.qd, state.object_pose, state.object_twist)
-        except StateError:  # joints that have turned further than machine code takes
+        except StateError:  # a joint has turned further than machine code accepts
             return accounts_of(at)
         mass, moment, gravity = x["mass_moment"][0], x["mass_moment"][1:], self.chain.gravity
         rate = np.concatenate([cross(moment, gravity), mass * gravity])

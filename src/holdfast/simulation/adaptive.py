@@ -1,4 +1,4 @@
-"""Step-size control: the error allowed in a step, and steps as long as their error estimates allow."""
+"""Step-size control: the tolerance, and steps as long as the estimated error allows."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ SMALLEST_RTOL = 1e-15  # float64 has no more digits
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The error allowed in one step: atol + rtol times the size of what is integrated.
+    """The error allowed in one step: atol + rtol times the size of the integrated quantities.
 
-    Sizes are taken over groups (joint positions, joint rates, position, angular and linear velocity
-    of each free body), so that a joint that happens to stand still asks for no more digits
-    than the others; an attitude counts as 1 rad. The work done is integrated, not controlled.
+    One size is used for each group of quantities (joint positions, joint rates, and the position, angular velocity
+    and linear velocity of each free body), so that a joint that happens to stand still is integrated no more
+    accurately than the others. The size of an attitude is 1 rad. The work done is integrated, but its error is not
+    controlled.
 
     Attributes:
-        rtol: at least 1e-15.
-        atol: > 0 [rad, m, rad/s or m/s]; rtol where it is None.
+        rtol: relative tolerance, at least 1e-15.
+        atol: absolute tolerance, > 0 [rad, m, rad/s or m/s]; None means the same number as rtol.
     """
 
     rtol: float = RTOL
@@ -41,20 +42,20 @@ class Tolerance:
         put(self, "atol", checks.number(atol, "tolerance: atol", above=0.0))
 
     def allowed(self, before: State, after: State) -> Array:
-        """Return the error allowed in each entry of a step's increment but its work, (2 n + 12 bodies,)."""
+        """Return the error allowed in each entry of a step's increment, without the work, (2 n + 12 bodies,)."""
         assert self.atol is not None
         sizes = np.maximum(_sizes(before), _sizes(after))
         n = len(before.q)
         return self.atol + self.rtol * np.repeat(sizes, [n, n, *[3] * (len(sizes) - 2)])
 
     def ratio(self, estimates: Sequence[Array], before: State, after: State) -> float:
-        """Return the estimated error of a step over the allowed one, in the mean square; 0 without estimates.
+        """Return the estimated error of a step divided by the allowed error, in the mean square; 0 without estimates.
 
-        e_5^2 / sqrt(e_5^2 + e_3^2 / 100) of the two estimates' means: Hairer's error of order 7,
-        which no single linear estimate of these stages reaches.
+        With e_5 and e_3 the root mean squares of the two estimates, the error is e_5^2 / sqrt(e_5^2 + e_3^2 / 100).
+        This is Hairer's estimate of order 7; a single linear combination of these stages does not reach that order.
 
         Args:
-            estimates: none, or those of orders 5 and 3, as an `increment` each.
+            estimates: empty, or the estimates of orders 5 and 3, each laid out as an `increment`.
             before: the state at the step's start.
             after: the state at its end.
         """
@@ -66,7 +67,7 @@ class Tolerance:
 
 
 def _sizes(state: State) -> Array:
-    """Return the sizes of q, qd, and attitude, p, omega, v of each free body, (6,) or (10,)."""
+    """Return the sizes of q and qd, and of the attitude, p, omega and v of each free body, (6,) or (10,)."""
     groups = [state.q, state.qd]
     for pose, twist in ((state.object_pose, state.object_twist), (state.base_pose, state.base_twist)):
         if pose is not None and twist is not None:
@@ -79,19 +80,19 @@ if TYPE_CHECKING:
     from holdfast.simulation.stepper import Advance, Stepper
 
 SAFETY = 0.9
-LEAST, MOST = 0.2, 5.0  # a step by its predecessor
-SMALLEST_STEP = 1e-12  # [s]: nothing that a simulated arm does is shorter
-SMALLEST_ERROR = 1e-4  # of the step before, as far as the next one looks at it
-FIRST_STEP = 0.01  # part of the time in which the chain would move by 1 rad or m
+LEAST, MOST = 0.2, 5.0  # limits of the ratio between a step and its predecessor
+SMALLEST_STEP = 1e-12  # [s]: no motion of a simulated arm is faster than this
+SMALLEST_ERROR = 1e-4  # the controller uses at least this as the error of the previous step
+FIRST_STEP = 0.01  # the first step, as a fraction of the time in which the chain would move by 1 rad or m
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """The step to try next, and what the controller remembers.
+    """The step to try next, with the state of the step-size controller.
 
     Attributes:
-        step: [s].
-        last_error: estimated error of the step before over the tolerance.
+        step: length of the step [s].
+        last_error: estimated error of the previous step divided by the tolerance.
     """
 
     step: float
@@ -99,7 +100,7 @@ class Proposal:
 
 
 def first_proposal(now: Instant) -> Proposal:
-    """Return a cautious first step, from the velocities and accelerations at the start."""
+    """Return a cautious first step, chosen from the velocities and accelerations at the start."""
     inverse_time = max(float(np.abs(now.velocities).max()), math.sqrt(float(np.abs(now.accelerations).max())))
     return Proposal(FIRST_STEP / max(inverse_time, FIRST_STEP))  # 1 s where nothing moves
 
@@ -112,9 +113,9 @@ def controlled(step: float, error: float, order: int, last_error: float) -> tupl
 
     Args:
         step: h [s].
-        error: e, estimated error over the tolerance; not a number counts as too large.
-        order: k, the error of one step being estimated as O(h^k).
-        last_error: e of the accepted step before.
+        error: e, the estimated error divided by the tolerance; NaN counts as too large.
+        order: k, where the estimated error of one step is O(h^k).
+        last_error: e of the previous accepted step.
     """
     accepted = error <= 1.0
     if error == 0.0:
@@ -126,7 +127,7 @@ def controlled(step: float, error: float, order: int, last_error: float) -> tupl
 
 
 def smallest_step(t: float) -> float:
-    """Return the shortest step at a time [s]: 1e-12 s, or what float64 tells apart there."""
+    """Return the shortest step at a time [s]: 1e-12 s, or the resolution of float64 at that time if it is coarser."""
     return max(SMALLEST_STEP, 16 * float(np.spacing(abs(t))))
 
 
@@ -139,21 +140,21 @@ def next_step(
 ) -> tuple[Advance, Proposal]:
     """Return the next accepted step and the proposal for the one after it.
 
-    A step that fails, or whose error is above the tolerance, is tried again, shorter. The
-    last two steps before `latest` share what is left, and the last ends there exactly; being
-    cut short does not shorten the proposal.
+    A step that fails, or whose error is above the tolerance, is repeated with a shorter length. The last two steps
+    before `latest` divide the remaining time equally, and the last one ends exactly there. If `latest` shortens a
+    step, the proposal for the step after it is not shortened.
 
     Args:
-        stepper: takes steps of a scheme that estimates its error.
+        stepper: takes the steps, with a scheme that estimates its error.
         now: the last accepted instant.
-        proposed: from `first_proposal` or the call before.
-        latest: time not to be stepped over [s].
-        placed: what length a step is to have instead of the one that it might have [s]; at most that.
+        proposed: from `first_proposal` or from the previous call.
+        latest: time that the step must not pass [s].
+        placed: maps the length that a step could have to the length that it shall have, which is no longer [s].
 
     Raises:
-        StateError: at the shortest step the error is still too large, naming the time.
-        SingularChainError, ClosureError: at the shortest step the chain still cannot go on.
-        ModelError: the scheme estimates no error, or `latest` is not ahead.
+        StateError: the error is too large even with the shortest step; the message gives the time.
+        SingularChainError, ClosureError: even the shortest step fails.
+        ModelError: the scheme does not estimate its error, or `latest` is not later than `now`.
     """
     if not stepper.scheme.adaptive:
         raise ModelError(f"adaptive: scheme '{stepper.scheme.name}' estimates no error; try 'dop853', or a fixed step")
@@ -168,9 +169,9 @@ def next_step(
         (reached,) = stepper.advance(now, [latest if step >= room else now.t + step])
         error = reached.error if reached.failure is None else math.nan
         accepted, proposal = controlled(step, error, stepper.scheme.order, proposed.last_error)
-        if accepted and not rejected and step < proposed.step:  # cut short by `latest`
+        if accepted and not rejected and step < proposed.step:  # `latest` shortened the step
             return reached, Proposal(max(proposal, proposed.step), proposed.last_error)
-        if accepted:  # what has just failed is not tried again at once
+        if accepted:  # a length that has just failed is not tried again in the next step
             return reached, Proposal(min(step, proposal) if rejected else proposal, max(error, SMALLEST_ERROR))
         if proposal < smallest_step(now.t):
             raise _stuck(now.t, reached)

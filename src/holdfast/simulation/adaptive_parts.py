@@ -1,10 +1,12 @@
-"""Fixed steps near a singular configuration, taken in parts where they are too long.
+"""Subdivision of fixed steps that are too long for the motion near a singular configuration.
 
-There a motion turns within the time in which the constraint's strength changes by its own size, and a step of fixed
-length may be longer than that. So where a step changes the strength by more than a fiftieth (or by a thirtieth, where
-it is far from zero), it is believed only if its halves lead to the same. Otherwise it is taken in equal parts, as many
-as the scheme's order says, if halves of these do; where not even they do, in parts of the adaptive scheme, and an
-implicit step in parts of its own scheme, each compared with its halves.
+Near a singular configuration, the motion changes within the time in which the strength of the constraint changes by a
+multiple of itself, and a step of fixed length may be longer than that. A step that changes the strength by more than a
+fiftieth (a thirtieth, if the strength is far from zero) is therefore accepted only if two half steps give the same
+result. If they do not, the step is divided into equal parts. Their number is chosen from the order of the scheme, and
+they are accepted if twice as many parts give the same result. If no such number is found, an explicit step is taken by
+the adaptive scheme instead, and an implicit step is divided into parts of its own scheme that are halved until the
+halves of each part give the same result.
 """
 
 from __future__ import annotations
@@ -23,19 +25,20 @@ from holdfast.simulation.stepper import NO_GAPS, Advance, PartsStepper, Stepper,
 RTOL = 1e-11
 MOST_PARTS, MOST_HALVED = 256, 1024
 MOST_EQUAL_PARTS = 32
-SAME = 1e-7  # of what velocities change by: halves that lead elsewhere by more show a step that is too long
-SAME_IMPLICIT = 1e-5  # the same of implicit steps, which are of second order
+SAME = 1e-7  # largest accepted difference between a step and its halves, relative to the change of the velocities
+SAME_IMPLICIT = 1e-5  # the same for implicit steps, which are of second order
 
 
 def agreeing_parts(stepper: Stepper, now: Instant, later: Instant) -> int | None:
-    """Return in how many equal parts a step has to be taken so that it leads to the same in fewer; None: too many.
+    """Return the number of equal parts in which a step has to be taken; None if it would have to be too large.
 
-    One where the step's halves lead to the same; else twice as many parts as lead to the same as these.
+    The number is 1 if the whole step and its halves give the same result. Otherwise it is an even number of parts that
+    give the same result as half as many.
 
     Args:
-        stepper: takes step and parts.
-        now: the chain at the step's start.
-        later: where the whole step leads.
+        stepper: takes the step and its parts.
+        now: the chain at the start of the step.
+        later: the chain at the end of the whole step.
     """
     scheme, parts, coarse = stepper.scheme, 1, later
     same = _same(stepper)
@@ -65,7 +68,7 @@ class EqualPartsStepper(PartsStepper):
     """Takes steps in equal parts; see `Stepper`.
 
     Attributes:
-        longest: a part at most [s].
+        longest: greatest length of a part [s].
     """
 
     longest: float
@@ -78,10 +81,10 @@ class EqualPartsStepper(PartsStepper):
 
 @dataclass(frozen=True, eq=False)
 class AdaptivePartsStepper(PartsStepper):
-    """Takes steps in parts of a scheme that estimates its error; see `Stepper`."""
+    """Takes each step in parts chosen by a scheme that estimates its error; see `Stepper`."""
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
-        """Return where a step leads, one way for all its ends; see `Stepper`."""
+        """Return the results of steps to the given ends; all of them use the same parts. See `Stepper`."""
         at, proposal, parts = now, first_proposal(now), list[Advance]()
         found: dict[float, Advance] = {}
         for end in sorted(set(ends)):
@@ -91,7 +94,7 @@ class AdaptivePartsStepper(PartsStepper):
                         raise _too_fast(now, MOST_PARTS)
                     part, proposal = next_step(self.whole, at, proposal, end)
                     assert part.instant is not None
-                    at = replace(part.instant, memory=now.memory)  # it moves on once
+                    at = replace(part.instant, memory=now.memory)  # the memory is updated once per step
                     parts.append(part)
             except HoldfastError as cause:
                 found[end] = Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
@@ -102,7 +105,7 @@ class AdaptivePartsStepper(PartsStepper):
 
 @dataclass(frozen=True, eq=False)
 class HalvedPartsStepper(PartsStepper):
-    """Takes steps in parts that are halved until halves of them lead to the same; see `Stepper`."""
+    """Takes each step in parts that are halved until the halves of each part give the same result; see `Stepper`."""
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads; see `Stepper`."""
@@ -120,7 +123,7 @@ class HalvedPartsStepper(PartsStepper):
                 part *= 0.5
                 continue
             assert halves.instant is not None
-            at = replace(halves.instant, memory=now.memory)  # it moves on once
+            at = replace(halves.instant, memory=now.memory)  # the memory is updated once per step
             parts.append(halves)
             if until == end:
                 return together(parts)

@@ -1,12 +1,12 @@
-"""The balances that every run keeps, whatever the step or the grasps: energy and momentum.
+"""The balances of energy and momentum, which hold in every run for any step and any grasps.
 
     (T + V)(t) - (T + V)(0) = W_drives + W_damping + W_base + W_external + E_impacts
     (L, P)(t) - (L, P)(0)   = integral of (bases + weights + external wrenches) dt + base impulses
 
-Work is integrated as further states of the same Runge-Kutta step, so what is left over measures the
-integrator and the projection, not a sampling rule. The integral of the wrenches is taken over the
-samples, by cubics that do not look around corners: what is left of it falls with the fourth power of
-the step like the integrator's error.
+Work is integrated with the state in the same Runge-Kutta steps, so the energy imbalance measures the error of the
+integrator and of the projection, and not that of a quadrature over the samples. The integral of the wrenches is
+computed from the samples, with piecewise cubics that are not fitted across discontinuities of the slope. Its error
+decreases with the fourth power of the step, as the integrator's does.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ GAUSS = (-1.0 / np.sqrt(3.0), 1.0 / np.sqrt(3.0))  # on -1 .. 1
 
 
 class Sums(NamedTuple):
-    """What has gone into the chain since the start.
+    """The work and impulses that the chain has received since the start.
 
     Attributes:
-        work: (4,) see `WORK_TERMS` [J].
-        impact: energy, by impulses [J].
-        base_impulse: (6,) by impulses of the bases, about the world's origin [N m s, N s].
+        work: (4,) in the order of `WORK_TERMS` [J].
+        impact: change of the energy by impulses [J].
+        base_impulse: (6,) impulses of the bases, about the world's origin [N m s, N s].
     """
 
     work: Array
@@ -42,34 +42,34 @@ def work_rates(p: Power, friction: Array, qd: Array) -> Array:
     """Return power in the order of `WORK_TERMS`, (4,) [W].
 
     Args:
-        p: power under the drives' torques.
-        friction: (n,) what friction takes from them.
-        qd: (n,) joint rates; friction's power goes with the damping's.
+        p: power with the torques of the drives.
+        friction: (n,) friction torques, which are subtracted from those of the drives.
+        qd: (n,) joint rates. The power of friction is counted as damping.
     """
     return array([p.drives, p.damping - friction @ qd, p.base, p.external])
 
 
 def imbalance(kinetic: Array, potential: Array, work: Array, impact: Array) -> Array:
-    """Return T + V less its first value and the energy put in since, (samples,) [J].
+    """Return the change of T + V since the first sample that the work and impulses do not explain, (samples,) [J].
 
     Args:
         kinetic: (samples,) T [J].
         potential: (samples,) V [J].
         work: (samples, 4) work done since the first sample [J].
-        impact: (samples,) energy that impulses have added [J].
+        impact: (samples,) energy added by impulses [J].
     """
     energy = kinetic + potential
     return energy - energy[0] - work.sum(axis=1) - impact
 
 
 def momentum_imbalance(t: Array, momentum: Array, rate: Array, base_impulse: Array) -> Array:
-    """Return (L, P) less its first value and all impulses since, (samples, 6) [N m s, N s].
+    """Return the change of (L, P) since the first sample that no impulse explains, (samples, 6) [N m s, N s].
 
     Args:
-        t: (samples,) [s]; neighbours about `stops.JUMP_WIDTH` apart are the two sides of a jump.
+        t: (samples,) [s]; neighbours that are about `stops.JUMP_WIDTH` apart are the two sides of a jump.
         momentum: (samples, 6) [angular; linear] about a fixed point.
-        rate: (samples, 6) the wrenches on the whole chain about it.
-        base_impulse: (samples, 6) of the bases in impacts so far, about it.
+        rate: (samples, 6) sum of the external wrenches on the whole chain, about the same point.
+        base_impulse: (samples, 6) impulses of the bases in all impacts so far, about the same point.
     """
     by_wrenches = np.zeros_like(momentum)
     jumps = np.flatnonzero(np.diff(t) <= np.maximum(4 * np.spacing(t[1:]), 2 * JUMP_WIDTH)) + 1
@@ -80,11 +80,10 @@ def momentum_imbalance(t: Array, momentum: Array, rate: Array, base_impulse: Arr
 
 
 def interval_integrals(t: Array, f: Array) -> Array:
-    """Return the integral of f over every interval, by the smoothest cubic through it, (samples - 1, ...).
+    """Return the integral of f over each interval, computed from the smoothest cubic, (samples - 1, ...).
 
-    Of the cubics through four neighbouring samples that span the interval the one with the smallest third
-    difference is taken, component by component: where f or its slope has a corner at a sample, the one that
-    does not look around it.
+    Up to three cubics through four neighbouring samples span an interval. For each component, the one with the smallest
+    third difference is used. If f or its slope is discontinuous at a sample, this is a cubic that does not cross it.
 
     Args:
         t: (samples,) increasing, at least two.
@@ -94,7 +93,7 @@ def interval_integrals(t: Array, f: Array) -> Array:
     flat = f.reshape(len(t), -1)
     found = np.zeros((last, flat.shape[1]))
     roughness = np.full(found.shape, np.inf)
-    for before in (1, 0, 2):  # samples of the cubic that lie before the interval; of equals the first
+    for before in (1, 0, 2):  # number of nodes before the interval; among equally smooth cubics the first is used
         first = np.clip(np.arange(last) - before, 0, len(t) - size)
         nodes = first[:, None] + np.arange(size)
         total, rough = _through(t, flat, nodes)
@@ -116,7 +115,7 @@ def _through(t: Array, f: Array, nodes: Array) -> tuple[Array, Array]:
     for j in range(nodes.shape[1]):
         others = t[np.delete(nodes, j, axis=1)]
         apart = np.prod(t[nodes[:, j], None] - others, axis=1)
-        # Gauss's two points integrate cubics
+        # Gauss's rule with two points integrates cubics exactly
         values = sum(np.prod((middle + place * half)[:, None] - others, axis=1) for place in GAUSS)
         total += (half * values / apart)[:, None] * f[nodes[:, j]]
         leading += f[nodes[:, j]] / apart[:, None]
@@ -124,6 +123,6 @@ def _through(t: Array, f: Array, nodes: Array) -> tuple[Array, Array]:
 
 
 def energy_moved(kinetic: Array, potential: Array, work: Array, impact: Array) -> float:
-    """Return the largest energy that a run moved about [J]: what an imbalance is compared with."""
+    """Return the largest energy exchanged in a run [J], with which its imbalance is compared."""
     sizes = (kinetic, potential - potential[0], *work.T, impact)
     return max(float(np.abs(size).max()) for size in sizes)

@@ -1,6 +1,6 @@
-"""A function of time between two instants: where it is lowest, and where it becomes negative.
+"""Searches for the minimum and for the zero of a function of time within an interval.
 
-Both searches shrink a bracket and need no derivative, so a kink costs steps, never the answer.
+Both searches shrink a bracket and need no derivative. A discontinuous slope makes them slower, not wrong.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 
 GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
 MOST_TRIES = 100
-ALIKE = 1e-13  # values nearer than this, relative or absolute below 1, differ by rounding
+ALIKE = 1e-13  # values that differ by less (relatively, or absolutely below 1) are considered equal
 
 Function = Callable[[float], float]
 Search = Generator[float, float, tuple[float, float]]
@@ -19,11 +19,11 @@ Search = Generator[float, float, tuple[float, float]]
 def together(
     searches: Sequence[Search], values_at: Callable[[Mapping[int, float]], Sequence[float]]
 ) -> list[tuple[float, float]]:
-    """Return what searches find that go on side by side, so that many places are looked at in one call.
+    """Return the results of several searches that advance together, so that one call evaluates all their points.
 
     Args:
-        searches: each yields places and is sent the values there.
-        values_at: values at places, which are given by the number of the search that asks.
+        searches: each yields points and receives the values of its function there.
+        values_at: returns the values at several points, each given with the number of its search.
     """
     found: dict[int, tuple[float, float]] = {}
     asked = {k: next(search) for k, search in enumerate(searches)}
@@ -38,23 +38,23 @@ def together(
 
 
 def search_lowest(a: float, b: float, c: float, precision: float) -> Search:
-    """Return the search for where a function is lowest in [a, c] (R. P. Brent, 1973).
+    """Return a search for the minimum of a function in [a, c] (R. P. Brent, 1973).
 
-    Parabolas through the three best points, golden sections where these do not shrink the
-    bracket. Ends when two parabolas in a row have found nothing lower, or where the bracket is as
-    small as asked for.
+    The next point is the vertex of the parabola through the three best points, or a golden section if parabolas do not
+    shrink the bracket. The search ends when two parabolas in a row have found no lower value, or when the bracket is as
+    small as the precision.
 
     Args:
         a: the bracket's lower end.
-        b: between a and c, where the function is at most what it is at both.
-        c: its upper end.
-        precision: on the place.
+        b: a point between a and c at which the function is not larger than at either end.
+        c: the bracket's upper end.
+        precision: required precision of the minimum's position.
 
     Yields:
-        Places; each is to be sent the value there.
+        Points; the caller sends back the value of the function at each.
 
     Returns:
-        The place, and the value there.
+        The position of the minimum and the value there.
     """
     points = []
     for place in (a, b, c):
@@ -91,27 +91,27 @@ def search_lowest(a: float, b: float, c: float, precision: float) -> Search:
 
 
 def _parabola_step(x: float, w: float, v: float, fx: float, fw: float, fv: float) -> float | None:
-    """Return the way from x to the vertex of the parabola through three points, if it has one below."""
+    """Return the distance from x to the vertex of the parabola through three points; None if they are collinear."""
     r, q = (x - w) * (fx - fv), (x - v) * (fx - fw)
     p, bend = (x - v) * q - (x - w) * r, 2.0 * (q - r)
     return -p / bend if bend != 0.0 else None
 
 
 def crossing(f: Function, a: float, fa: float, b: float, fb: float, precision: float) -> float:
-    """Return where f changes sign between a and b, on b's side of it (T. R. Chandrupatla's search, 1997).
+    """Return a point at which f has changed sign between a and b (T. R. Chandrupatla's search, 1997).
 
-    Inverse quadratic interpolation where three points allow it, bisection elsewhere.
+    The search uses inverse quadratic interpolation where three points allow it, and bisection elsewhere.
 
     Args:
         f: the function.
         a: one end.
         fa: f(a).
         b: the other end.
-        fb: f(b); one of the two is negative, the other not.
-        precision: on the place; f has b's sign at the place returned.
+        fb: f(b); exactly one of f(a) and f(b) is negative.
+        precision: greatest distance from the zero to the returned point, at which f has the sign of f(b).
     """
     side = fb < 0.0
-    good, bad = b, a  # where f has b's sign, and where it has not
+    good, bad = b, a  # points where f has the sign of f(b), and of f(a)
     x1, f1, x2, f2 = b, fb, a, fa
     t = 0.5
     for _ in range(MOST_TRIES):
@@ -119,7 +119,7 @@ def crossing(f: Function, a: float, fa: float, b: float, fb: float, precision: f
             break
         x = x1 + t * (x2 - x1)
         if x in (good, bad):
-            break  # no number lies between
+            break  # no float64 lies between them
         fx = f(x)
         if (fx < 0.0) == (f1 < 0.0):
             (x3, f3), (x1, f1) = (x1, f1), (x, fx)
@@ -133,7 +133,7 @@ def crossing(f: Function, a: float, fa: float, b: float, fb: float, precision: f
 
 
 def _inverse_quadratic(x1: float, f1: float, x2: float, f2: float, x3: float, f3: float) -> float:
-    """Return which part of the way from x1 to x2 to go next."""
+    """Return the next point as a fraction of the way from x1 to x2."""
     if f3 in (f1, f2):
         return 0.5
     xi, phi = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)

@@ -1,4 +1,4 @@
-"""The motion of a base that stands on something that moves: a table that tilts, a deck, a vehicle."""
+"""The motion of a base that is mounted on a moving frame, such as a tilting table, a deck or a vehicle."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ Motion = Callable[[Any], tuple[Any, ArrayLike, ArrayLike]]
 
 @dataclass(frozen=True, eq=False)
 class CarriedBase(Frozen):
-    """A base fixed to a frame that moves, as `base_motion` of runs and rollouts takes it.
+    """A base fixed to a moving frame, for the argument `base_motion` of runs and rollouts.
 
-    With r from the frame's origin to the base's,
+    With r the vector from the origin of the frame to that of the base,
 
         v_base = v + omega x r,   v_dot_base = v_dot + omega_dot x r + omega x (omega x r).
 
     Attributes:
-        motion: t [s] -> pose, twist (6,) and acceleration (6,) [omega_dot; v_dot] of the frame, world axes; or a path,
-            such as `control.PoseSpline`, whose `at` is taken.
-        frame: where the base is, in the axes of that frame.
+        motion: function of t [s] that returns the pose, twist (6,) and acceleration (6,) [omega_dot; v_dot] of the
+            frame in world axes, or a path such as `control.PoseSpline`, whose method `at` is used.
+        frame: pose of the base in the moving frame.
 
     Raises:
-        ModelError: a motion that is no function and no path.
+        ModelError: the motion is neither a function nor a path.
     """
 
     motion: Motion | ObjectPath
@@ -54,11 +54,11 @@ class CarriedBase(Frozen):
 
     @property
     def traceable(self) -> bool:
-        """Whether it may become part of machine code: a motion of this library's may, a function may do anything."""
+        """Whether it may be compiled to machine code: only motions defined by this library are."""
         return exact_fingerprint(self.motion) is not None
 
     def __call__(self, t: Scalar) -> tuple[Pose, Array, Array]:
-        """Return pose, twist and acceleration of the base at time t, world axes."""
+        """Return the pose, twist and acceleration of the base at time t, in world axes."""
         found, twist, acceleration = cast(Motion, self.motion)(t)
         under = found if isinstance(found, Pose) else Pose.unchecked_seven(array(found))
         twist, acceleration = array(twist), array(acceleration)

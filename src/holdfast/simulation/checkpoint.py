@@ -1,29 +1,25 @@
-"""Everything a run needs to go on, bit for bit as if it had never been left.
+"""Checkpoints, from which a run continues with exactly the samples of an uninterrupted run.
 
-`simulate(..., on_checkpoint=keep)` hands out one `Checkpoint` right after every sample (after
-`on_sample` had that sample). `simulate(..., start=checkpoint)`, called with the same chain,
-controller, duration, step and options as the first time, then yields exactly the samples that
-come after that sample: the arrays of the first part, followed by those of the second, are those
-of an unbroken run. The state that `simulate` asks for is not used then.
+`simulate(..., on_checkpoint=keep)` passes a `Checkpoint` to `keep` after every sample (after `on_sample` has received
+that sample). `simulate(..., start=checkpoint)`, called with the same chain, controller, duration, step and options as
+the first time, returns the samples after that one. The arrays of the first part, followed by those of the second, are
+identical to those of an uninterrupted run. The argument `state` of `simulate` is not used in this case.
 
-On disk a checkpoint is two flat things: arrays by name, for an .npz, and plain data, for JSON
-(no digit is lost in text):
+On disk a checkpoint consists of arrays by name, for an .npz file, and of plain data, for a JSON file. Numbers keep all
+their digits:
 
     arrays, data = checkpoint.to_data()
     checkpoint = Checkpoint.from_data(arrays, data)
 
-What happened on the way (grasps closed, opened, slipped; limits passed) is kept twice: each sample
-carries its own `occurrences` beside its arrays, and `stacked` joins them; a checkpoint has all of them
-since the start, so that the log of a run that was killed is whole too.
+Occurrences (grasps that close, open or slip, and limits that are passed) are stored twice. Each sample carries its own
+`occurrences` beside its arrays, which `stacked` joins; and a checkpoint carries all of them since the start, so that
+the log is complete even if the process was killed.
 
-The chain itself is not in it: what a scene says comes from the scene. Only the grasps are, since
-arms attach and release during a run. A controller's memory may hold None, truth values, integers,
-floats, texts, NumPy arrays of these, and tuples, lists and dicts (with text keys) of all that;
-anything else is refused by name when a checkpoint is written, not when it is made, so a run that
-is not saved may remember what it likes.
-
-
-Plain memories (numbers, arrays, and tuples, lists, dicts of them) as arrays and JSON-able data.
+A checkpoint does not contain the chain, which the caller builds again from its scene. It contains the grasps, because
+arms attach and release during a run. The memory of a controller may consist of None, booleans, integers, floats,
+strings, NumPy arrays of these, and tuples, lists and dicts (with string keys) of all of them. Anything else is refused,
+with its name, when the checkpoint is written, not when it is made. A run that is not saved may therefore use any
+memory.
 """
 
 from __future__ import annotations
@@ -46,17 +42,17 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, exact_state
 
-TRACKER = "ledger"  # what result folders call it
+TRACKER = "ledger"  # its name in result folders
 
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """What an accepted instant was made from; evaluated again, it is that instant again.
+    """The data from which an accepted instant was evaluated, and from which it can be evaluated again.
 
     Attributes:
         t: time [s].
         state: positions and velocities.
-        memory: what the controller was given (not what it returned).
+        memory: the memory passed to the controller, not the memory that it returned.
     """
 
     t: float
@@ -69,21 +65,21 @@ class Checkpoint:
     """A run at one of its samples.
 
     Attributes:
-        now: the sample's time, state and the memory given to the controller.
-        previous: the same of the accepted instant before, from which a minimum of a margin about
-            `now` is refined to the left; None where `now` begins a smooth stretch.
-        tail_time: the last time before `now` at which margins were looked at [s].
-        tail: the margins then; empty without `previous`.
-        stop: how many of the times that steps must end at lie behind.
-        event: how many events have happened.
-        grasps: the grasps that are on the chain.
-        generic_rank: of the chain with these grasps.
+        now: time and state of the sample, and the memory passed to the controller.
+        previous: the same for the previous accepted instant, needed to refine a minimum of a margin that lies before
+            `now`; None if `now` begins a smooth stretch.
+        tail_time: the last time before `now` at which the margins were evaluated [s].
+        tail: the margins at that time; empty without `previous`.
+        stop: number of stop times (see `Stops`) that have been passed.
+        event: number of events that have happened.
+        grasps: the grasps that are closed.
+        generic_rank: generic rank of the constraint with these grasps.
         implicit: whether steps are linearly implicit, see `Segment`.
-        sums: what has gone into the chain since the start.
-        occurrences: what has happened so far.
-        proposal: what the step size control goes on with; None for steps of fixed size.
-        tracker: margins so far.
-        held: where a sampled controller is; None where it is asked all along.
+        sums: work and impulses since the start.
+        occurrences: everything that has happened so far.
+        proposal: state of the step-size control; None for steps of fixed length.
+        tracker: the margins so far.
+        held: state of the zero-order hold of a sampled controller; None if the controller is evaluated at every stage.
     """
 
     now: Origin
@@ -102,10 +98,10 @@ class Checkpoint:
     held: HeldTorques | None = None
 
     def to_data(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Return arrays by name, and plain data that JSON can hold.
+        """Return arrays by name, and plain data that can be written as JSON.
 
         Raises:
-            ResultError: the controller remembers something that cannot be written; it is named.
+            ResultError: the memory of the controller contains something that cannot be written; the message names it.
         """
         arrays = {
             "tail_time": np.array(self.tail_time),
@@ -129,10 +125,10 @@ class Checkpoint:
 
     @classmethod
     def from_data(cls, arrays: Mapping[str, Array], data: Mapping[str, Any]) -> Self:
-        """Return the checkpoint of `to_data`.
+        """Return the checkpoint that `to_data` has written.
 
         Raises:
-            ResultError: something is missing or has another form.
+            ResultError: an entry is missing or malformed.
         """
         try:
             previous = data["previous"]
@@ -156,7 +152,7 @@ class Checkpoint:
             raise ResultError(f"checkpoint: cannot be read: {cause!r}; try starting the run anew") from cause
 
 
-_STATE = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")  # the last two of a floating base
+_STATE = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")  # the last two: floating base
 
 
 def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
@@ -175,7 +171,7 @@ def _held(data: Any, arrays: Mapping[str, Array]) -> HeldTorques | None:
     return None if data is None else HeldTorques(**unpacked(data, arrays))
 
 
-_OF_GRASP = ("motion", "stiffness", "damping")  # the arrays that some kinds have
+_OF_GRASP = ("motion", "stiffness", "damping")  # arrays that only some kinds of grasp have
 
 
 def _grasp_data(name: str, grasp: Grasp, arrays: dict[str, Array]) -> dict[str, Any]:
@@ -212,15 +208,15 @@ _NUMBERS = {bool: "bool", int: "int", float: "float"}
 
 
 def packed(value: Any, name: str, arrays: dict[str, Array]) -> Any:
-    """Return what a value consists of, as plain data; its numbers go into the arrays.
+    """Return the structure of a value as plain data, and add its numbers to the arrays.
 
     Args:
-        value: None, a truth value, a number, a text, an array, or a tuple, list or dict of these.
-        name: for messages, and part of the names of the arrays.
-        arrays: where the numbers go.
+        value: None, a boolean, a number, a string, an array, or a tuple, list or dict of these.
+        name: name of the value in messages; also the beginning of the names of its arrays.
+        arrays: the dictionary to which the numbers are added.
 
     Raises:
-        ResultError: naming what cannot be written, and where it is.
+        ResultError: a part of the value cannot be written; the message names it.
     """
     kind = type(value)
     if value is None or kind is str:
@@ -229,7 +225,7 @@ def packed(value: Any, name: str, arrays: dict[str, Array]) -> Any:
         return {kind.__name__: [packed(item, f"{name}[{i}]", arrays) for i, item in enumerate(value)]}
     if kind is dict and all(type(key) is str for key in value):
         return {"dict": {key: packed(item, f"{name}.{key}", arrays) for key, item in value.items()}}
-    place = f"{name}:{len(arrays)}"  # numbered: keys may hold any letters
+    place = f"{name}:{len(arrays)}"  # the number makes the name unique, whatever characters the keys contain
     if isinstance(value, np.ndarray | np.generic) and np.asarray(value).dtype.kind in "biufcU":
         arrays[place] = np.array(value)
         return {"array" if isinstance(value, np.ndarray) else "scalar": place}
@@ -243,7 +239,7 @@ def packed(value: Any, name: str, arrays: dict[str, Array]) -> Any:
 
 
 def unpacked(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Any:
-    """Return the value that `packed` took apart; the numbers are the same to the last bit."""
+    """Return the value from the output of `packed`; its numbers are identical to the last bit."""
     ((kind, value),) = data.items()
     if kind == "text":
         return value

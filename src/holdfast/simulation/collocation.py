@@ -1,9 +1,10 @@
-"""Steps through a singular configuration: Gauss collocation, with every stage on the constraint.
+"""Steps through a singular configuration by Gauss collocation, with every stage on the constraint.
 
-Beside the grasps by d accelerations are off by d over the constraint's strength, so an explicit scheme, whose stages
-lie beside them, loses its order about a singular configuration. The motion itself is smooth there. The polynomial that
-has the right slope at Gauss's points, all of which are closed states, passes it to order 12, and no stage comes near a
-singular configuration in the middle of the step (or at its ends).
+At a state that violates the grasps by d, the accelerations are wrong by d divided by the strength of the constraint.
+The stages of an explicit scheme violate the grasps slightly, so the scheme loses its order near a singular
+configuration. The motion itself is smooth there. Collocation determines the polynomial whose slope is right at the
+Gauss points, all of which are closed states. It has order 12, and none of its stages is near a singular configuration
+that lies in the middle of the step (or at its ends).
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ from holdfast.simulation.stepper import ReferenceStepper
 
 STAGES = 6
 MOST_ROUNDS = 60
-# By how much a round moves stages and their rates [rad, m, rad/s or m/s].
-NEAR = 1e-3  # those that move by more are not closed yet
-STILL = 1e-15  # rounding
+# Limits of the change of the stages and their rates in one iteration [rad, m, rad/s or m/s].
+NEAR = 1e-3  # stages that change by more are not projected onto the grasps yet
+STILL = 1e-15  # rounding: the iteration has converged
 
 
 @cache
 def gauss() -> Tableau:
-    """Return Gauss's implicit scheme of six stages, order 12."""
+    """Return the Gauss method with six stages, an implicit scheme of order 12."""
     nodes, weights = np.polynomial.legendre.leggauss(STAGES)
     c, b = 0.5 * (1.0 + nodes), 0.5 * weights
     powers = np.arange(STAGES)
@@ -38,18 +39,18 @@ def gauss() -> Tableau:
 
 
 def collocation_step(now: Instant, until: float) -> StepCourse:
-    """Return the chain one step later, closed again; a course of questions as `take_step`.
+    """Return the chain one step later, projected onto the grasps; a generator of requests like `take_step`.
 
     Args:
         now: the chain at the step's start.
         until: the step's end [s].
 
     Raises:
-        StateError: the stages do not settle.
+        StateError: the iteration for the stages does not converge.
     """
     scheme, start, h, n = gauss(), now.state, until - now.t, len(now.state.q)
     times = [now.t + c * h for c in scheme.c.tolist()]
-    slope = now.rates(no_turns(start))  # at first as if accelerations stayed
+    slope = now.rates(no_turns(start))  # first guess: constant accelerations
     slopes = np.tile(slope, (STAGES, 1))
     slopes[:, :n] += h * scheme.c[:, None] * slope[n : 2 * n]
     for part in body_parts(start):
@@ -77,7 +78,7 @@ def collocation_step(now: Instant, until: float) -> StepCourse:
 
 @dataclass(frozen=True, eq=False)
 class CollocationStepper(ReferenceStepper):
-    """Takes steps by collocation, on floats; see `Stepper`."""
+    """Takes steps by collocation, computed on floats; see `Stepper`."""
 
     def _course(self, now: Instant, end: float) -> StepCourse:
         return collocation_step(now, end)

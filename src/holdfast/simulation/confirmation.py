@@ -1,12 +1,11 @@
-"""A violation is believed only where shorter steps show it too.
+"""Confirmation of violations: one is reported only if shorter steps show it, too.
 
-A fixed step that is too long for the chain makes velocities grow from step to step, and before anything
-overflows, the forces of that growth pass a limit: a grasp seems to slip. So before a slip, a limit or a
-singular configuration is reported, the step that shows it is taken again in halves and in quarters, and so
-is the step before, which may have brought what grew. In halves a growth of 1.001 a step is a decay to a tenth;
-quarters, because of two steps that are both too long one may by chance come out like the other.
-
-A true violation comes out the same but for the scheme's error, a small part of what the margin changes by.
+With a fixed step that is too long for the chain, velocities grow from step to step. Before anything overflows, the
+forces of this numerical growth exceed a limit, and a grasp seems to slip. Before a slip, a violated limit or a singular
+configuration is reported, the step that shows it is therefore repeated in halves and in quarters, together with the
+step before it, in which the growth may have begun. A mode that grows by a factor of 1.001 per step decays to about a
+tenth when the step is halved. Quarters are needed because two steps that are both too long can agree by chance. A true
+violation is found again, up to the error of the scheme, which is a small part of the change of the margin.
 """
 
 from __future__ import annotations
@@ -34,27 +33,27 @@ from holdfast.simulation.stepper import Advance, in_parts
 from holdfast.simulation.verification import StepMargins
 
 PARTS = (2, 4)
-SHARE = 0.05  # of what a margin, or the velocities, change by: steps that differ by more are too long
-ROUNDING = 1e-6  # relative, or absolute below 1: a smaller difference is none
-MOST_PARTS = 16  # of a step that fails, to see whether shorter ones do too
-MOST_TRIED = 200  # steps, to see whether a suggested length works
+SHARE = 0.05  # steps are too long if their results differ by more than this part of the change of margin or velocities
+ROUNDING = 1e-6  # smaller differences (relative, or absolute below 1) are ignored
+MOST_PARTS = 16  # largest number of parts in which a failed step is repeated
+MOST_TRIED = 200  # largest number of steps for which a suggested length is tried
 HALVINGS = 8
 
 
 class Window:
-    """The step that shows something, and the one before it, to be taken again in parts."""
+    """The step that shows a violation and the step before it, which are repeated in parts."""
 
     def __init__(self, segment: Segment, previous: Instant | None, now: Instant) -> None:
-        """Take the chain, the instant before (None where `now` begins a smooth stretch) and the step's start."""
+        """Store the segment, the previous instant (None if `now` begins a smooth stretch) and the step's start."""
         self.segment, self.previous, self.now = segment, previous, now
 
     @property
     def begin(self) -> Instant:
-        """Where the window begins."""
+        """The instant at which the window begins."""
         return self.now if self.previous is None else self.previous
 
     def in_parts(self, t: float, parts: int) -> Advance:
-        """Return where parts of both steps lead, to a time within the window."""
+        """Return the result at a time within the window when both steps are taken in parts."""
         stepper, begin = self.segment.stepper, self.begin
         if t <= self.now.t or self.previous is None:
             return in_parts(stepper, begin, t, parts)
@@ -63,15 +62,15 @@ class Window:
 
 
 def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker) -> None:
-    """Refuse violations that begin in a step and that shorter steps do not show.
+    """Raise an error if a violation begins in a step and shorter steps do not show it.
 
     Args:
-        window: the step and the one before.
-        found: the margins along it.
-        tracker: margins before it.
+        window: the step and the one before it.
+        found: the margins during the step.
+        tracker: the margins before the step.
 
     Raises:
-        StepTooLongError: shorter steps disagree.
+        StepTooLongError: shorter steps give different margins.
     """
     if not (found.margins < 0.0).any():
         return
@@ -79,7 +78,7 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
     fresh = np.flatnonzero(np.isinf(tracker.since) & (found.margins.min(axis=0) < 0.0)).tolist()
     for k, together in _by_time(found, fresh):
         t, margins = float(found.times[k]), found.margins[: k + 1, together]
-        if t <= window.begin.t:  # nothing leads there: it is so where a stretch begins
+        if t <= window.begin.t:  # no step leads to the beginning of a stretch, so there is nothing to repeat
             continue
         allowed = SHARE * np.ptp(margins, axis=0) + ROUNDING * np.maximum(1.0, np.abs(margins[-1]))
         for parts in PARTS:
@@ -94,12 +93,12 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
 
 
 def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastError:
-    """Return why a step failed: that it is too long, where shorter ones show so.
+    """Return the error to report for a failed step: that it is too long if shorter steps succeed, else its own.
 
     Args:
-        window: the step and the one before.
+        window: the step and the one before it.
         until: the step's end [s].
-        failure: what the step failed with.
+        failure: the error that the step raised.
     """
     decay = _decay(window)
     if decay is not None and not followed(decay, window.segment.settings.longest_step, window.segment.scheme):
@@ -115,15 +114,15 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
 
 
 def too_long(window: Window, until: float, why: str) -> StepTooLongError:
-    """Return the error of a step that is too long, with the joint and a step that works.
+    """Return the error for a step that is too long, which names the joint concerned and a step that works.
 
-    The step comes from how fast damping, friction and the controller make velocities decay, or is half of
-    the one taken; it is halved until steps of half its length lead to the same.
+    The suggested step follows from the rate at which damping, friction and the controller make velocities decay;
+    otherwise it is half the step taken. It is halved until steps of half its length give the same result.
 
     Args:
-        window: the steps that show it.
-        until: the time to which they do [s].
-        why: what gives it away.
+        window: the steps that were found too long.
+        until: the end of the comparison [s].
+        why: how it was noticed, for the message.
     """
     scheme, decay = window.segment.scheme, _decay(window)
     step = window.segment.settings.longest_step
@@ -144,16 +143,16 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
 
 
 def _by_time(found: StepMargins, signals: Sequence[int]) -> Iterator[tuple[int, list[int]]]:
-    """Yield looks and the signals that are lowest there."""
+    """Yield, in order of time, the index of a time and the signals that are lowest at that time."""
     lowest = {i: int(np.argmin(found.margins[:, i])) for i in signals}
     for k in sorted(set(lowest.values())):
         yield k, [i for i in signals if lowest[i] == k]
 
 
 def _decay(window: Window) -> Decay | None:
-    """Return the fastest decay where a window begins, feedback included; None where it cannot be found.
+    """Return the fastest decay at the start of a window, the controller's feedback included; None if it is not found.
 
-    Linearly implicit steps have to follow the controller's feedback only.
+    With linearly implicit steps only the feedback of the controller counts.
     """
     at, controller = window.begin, window.segment.controller
     try:
@@ -166,9 +165,9 @@ def _decay(window: Window) -> Decay | None:
 
 
 def _working(window: Window, until: float, step: float) -> float:
-    """Return the longest of a step and its halves that leads where steps of half its length do; not a number if none.
+    """Return the longest step, of a step and its repeated halves, that agrees with half steps; NaN if there is none.
 
-    Tried on the window, or its beginning where that would be many steps.
+    The steps are tried on the whole window, or on its beginning if the window would take too many of them.
     """
     stepper, begin = window.segment.stepper, window.begin
     for tried in step * 0.5 ** np.arange(HALVINGS):
@@ -180,7 +179,7 @@ def _working(window: Window, until: float, step: float) -> float:
 
 
 def _most_different(window: Window, until: float) -> str:
-    """Return the joint that steps and halves of them move most differently."""
+    """Return the joint whose motion differs most between whole steps and half steps."""
     whole, halves = (window.in_parts(until, parts).instant for parts in (1, 2))
     now = window.now
     rates = now.state.qd if whole is None or halves is None else whole.state.qd - halves.state.qd
@@ -189,7 +188,7 @@ def _most_different(window: Window, until: float) -> str:
 
 
 def _agree(begin: Instant, one: Advance, other: Advance) -> bool:
-    """Return whether two ways from an instant end at about the same velocities."""
+    """Return whether two sequences of steps from one instant end with about the same velocities."""
     if one.instant is None or other.instant is None:
         return False
     v, w = one.instant.velocities, other.instant.velocities

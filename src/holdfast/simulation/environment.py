@@ -1,4 +1,4 @@
-"""What a simulated chain lives in: base motions as functions of time, external wrenches also of its state."""
+"""The environment of a simulated chain: the motions of its bases, and the external wrenches on it."""
 
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.state import Inputs, State
 
-# t [s] -> pose of the base (a Pose or wxyz_xyz), its twist (6,) and acceleration (6,), world axes
+# function of t [s] that returns the pose of the base (a Pose or wxyz_xyz), its twist (6,) and acceleration (6,), in
+# world axes
 BaseMotion = Callable[[Any], tuple[Any, ArrayLike, ArrayLike]]
 
 
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """A chain with everything that acts on it from outside.
+    """A chain with the motions of its bases and the external wrenches on it.
 
     Attributes:
-        chain: arms, object and grasps; bases that do not move stand where it has them.
-        base_motion: motion of the bases that move, by arm name, or "trunk" for a trunk's.
-        inputs: external wrenches, constant or a function of t or of (t, state), see `take_state`; base motion in
-            them is replaced for the bases that move.
+        chain: arms, object and grasps. Bases without a motion stay at the poses given in the chain.
+        base_motion: motions of the moving bases, by arm name, or "trunk" for the base of a trunk.
+        inputs: external wrenches, either constant or a function of t or of (t, state), see `take_state`. If they
+            contain base motions, `base_motion` replaces those of the bases that it names.
     """
 
     chain: ClosedChain
@@ -53,7 +54,7 @@ class Environment:
                 )
 
     def _require_base(self, name: str) -> None:
-        """Refuse a motion of what has no base in the world."""
+        """Refuse a motion for a name that has no base in the world."""
         chain = self.chain
         if name == TRUNK and chain.trunk is not None:
             if chain.floats:
@@ -74,13 +75,13 @@ class Environment:
         return take_state(self.inputs)
 
     def chain_at(self, t: Scalar) -> ClosedChain:
-        """Return the chain with its bases where they are at time t [s]."""
+        """Return the chain with its bases at their poses at time t [s]."""
         if not self.base_motion:
             return self.chain
         return mounted(self.chain, {name: pose for name, (pose, *_) in self._motions(t).items()})
 
     def at(self, t: Scalar, state: State) -> tuple[ClosedChain, Inputs]:
-        """Return the chain with its bases where they are at time t [s], and the inputs then and in that state."""
+        """Return the chain with its bases at their poses at time t [s], and the inputs at that time and state."""
         inputs = inputs_at(self.inputs, self.of_state, t, state)
         if not self.base_motion:
             return self.chain, inputs
@@ -98,15 +99,15 @@ class Environment:
         return mounted(self.chain, {name: pose for name, (pose, *_) in motions.items()}), moving
 
     def _motions(self, t: Scalar) -> dict[str, tuple[Any, Array, Array]]:
-        """Return poses, twists and accelerations of the bases that move."""
+        """Return the poses, twists and accelerations of the moving bases."""
         return {name: motion_of(name, motion(t)) for name, motion in self.base_motion.items()}
 
 
 def motion_of(name: str, found: Any) -> tuple[Any, Array, Array]:
-    """Return what a base's motion returned: its pose as it is (see `mounted`), twist and acceleration.
+    """Return the pose, twist and acceleration that a base motion has returned; the pose is checked by `mounted`.
 
     Raises:
-        StateError: it returned something else.
+        StateError: the function has returned something else.
     """
     what = f"base motion of '{name}'"
     if not isinstance(found, tuple | list) or len(found) != 3:
@@ -117,7 +118,7 @@ def motion_of(name: str, found: Any) -> tuple[Any, Array, Array]:
 
 
 def mounted(chain: ClosedChain, bases: Mapping[str, Any]) -> ClosedChain:
-    """Return the chain with some bases elsewhere; only they are checked, since this happens at every stage."""
+    """Return the chain with some bases at new poses; only these are checked, because this is called at every stage."""
     moved, put = copy.copy(chain), object.__setattr__
     arms = dict(chain.arms)
     for name, base in bases.items():

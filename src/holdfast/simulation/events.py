@@ -1,4 +1,4 @@
-"""Events at given times: arms that grip and let go."""
+"""Events at given times: arms that grasp the object and arms that release it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from holdfast.state import Inputs, State
 
 @dataclass(frozen=True, eq=False)
 class Attach(Frozen):
-    """An arm grips the object: what still moves against each other stops at once, by an impulse.
+    """An arm grasps the object. An impulse stops the relative velocity that the grasp does not allow.
 
     Attributes:
-        t: when [s].
-        arm: its name; it must have no grasp then.
+        t: time of the event [s].
+        arm: name of the arm, which must not hold the object at that time.
         grasp: the grasp to close.
-        here: grip where the tip is (`dynamics.impulse.grasp_here`); otherwise the tip must be at the grasp.
+        here: place the grasp at the current pose of the tip (`dynamics.impulse.grasp_here`); otherwise the tip must be
+            at the grasp already.
     """
 
     t: float
@@ -34,11 +35,11 @@ class Attach(Frozen):
 
 @dataclass(frozen=True)
 class Release(Frozen):
-    """An arm lets go; no velocity changes.
+    """An arm releases the object; velocities stay the same.
 
     Attributes:
-        t: when [s].
-        arm: its name.
+        t: time of the event [s].
+        arm: name of the arm.
     """
 
     t: float
@@ -49,11 +50,11 @@ Event = Attach | Release
 
 
 def in_order(events: Sequence[Event], chain: ClosedChain, duration: float) -> list[Event]:
-    """Return the events by time, those at one time as given.
+    """Return the events in order of time; events at the same time keep their order.
 
     Raises:
-        ModelError: an event outside the run, of an arm that is not there, or one that no arm can follow: to
-            grip with a grasp, or to let go without one.
+        ModelError: an event lies outside the run, names an unknown arm, attaches an arm that already has a grasp, or
+            releases an arm that has none.
     """
     holding = frozenset(chain.grasps)
     if not checks.is_listed(events):
@@ -77,10 +78,10 @@ def holding_after(event: Event, holding: frozenset[str], chain: ClosedChain, dur
     """Return the names of the arms that hold the object after an event.
 
     Args:
-        event: what happens.
-        holding: the arms that hold it before.
-        chain: the arms.
-        duration: of the run [s].
+        event: the event.
+        holding: names of the arms that hold the object before the event.
+        chain: the chain.
+        duration: duration of the run [s].
 
     Raises:
         ModelError: as for `in_order`.
@@ -98,19 +99,19 @@ def holding_after(event: Event, holding: frozenset[str], chain: ClosedChain, dur
 
 
 def happen(event: Event, chain: ClosedChain, state: State, inputs: Inputs) -> tuple[ClosedChain, State, Occurrence]:
-    """Return the chain and state just after an event, and the log's line.
+    """Return the chain and the state just after an event, and the entry for the log.
 
-    A release of a grasp that has opened before (it slipped) changes nothing, and says so.
+    Releasing a grasp that has opened before (because it slipped) changes nothing; the log entry says so.
 
     Args:
-        event: what happens.
-        chain: the chain, its bases where they are at the time.
-        state: just before.
-        inputs: base motion at the time.
+        event: the event.
+        chain: the chain, with its bases at their poses at that time.
+        state: the state just before the event.
+        inputs: base motion at that time.
 
     Raises:
-        ClosureError: an attach whose tip is not at the grasp, with the gap.
-        ModelError: an attach of an arm that holds already.
+        ClosureError: the tip of an attached arm is not at the grasp; the message gives the gap.
+        ModelError: the attached arm already has a grasp.
     """
     if isinstance(event, Attach):
         made = attach(chain, state, event.arm, event.grasp, here=event.here, inputs=inputs)

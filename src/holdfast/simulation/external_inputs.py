@@ -1,4 +1,4 @@
-"""What acts on a run from outside: constant, a function of time, or a function of time and state."""
+"""External inputs of a run: constant, a function of time, or a function of time and state."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from holdfast.errors import ModelError, StateError
 from holdfast.spatial.scalar import Scalar
 from holdfast.state import Inputs, State
 
-# t [s] and state at one and the same instant
+# functions receive the time t [s] and the state at that time
 GivenInputs = Inputs | Callable[[Any], Inputs] | Callable[[Any, State], Inputs]
 MOVING_BASES = ("base_twists", "base_accelerations", "trunk_base_twist", "trunk_base_acceleration")
 
 
 def take_state(given: GivenInputs) -> bool:
-    """Return whether inputs are asked for (t, state): a function is that cannot be called with t alone.
+    """Return whether the inputs are a function of (t, state), which is one that cannot be called with t alone.
 
-    So `lambda t, gain=2.0: ...` is a function of time, and so is one whose signature Python does not know.
+    For example, `lambda t, gain=2.0: ...` is a function of time. So is a function whose signature Python cannot tell.
 
     Raises:
-        ModelError: they are neither Inputs nor a function, or one that can be called in neither way.
+        ModelError: the inputs are neither Inputs nor a function that can be called as f(t) or f(t, state).
     """
     if isinstance(given, Inputs):
         return False
@@ -47,17 +47,17 @@ def take_state(given: GivenInputs) -> bool:
 
 
 def inputs_at(given: GivenInputs, of_state: bool, t: Scalar, state: State) -> Inputs:
-    """Return what acts at one instant.
+    """Return the inputs at one instant.
 
     Args:
-        given: the inputs.
-        of_state: what `take_state` says of them.
+        given: the inputs, or the function that returns them.
+        of_state: the result of `take_state(given)`.
         t: time [s].
-        state: the chain then.
+        state: positions and velocities at that time.
 
     Raises:
-        StateError: a function returned something else, or moves bases with the state: grasps would close otherwise
-            at another velocity, and where bases are is a function of time.
+        StateError: a function has not returned Inputs, or a function of the state has returned a base motion. Base
+            motions must be functions of time alone, because the velocity constraint of the grasps depends on them.
     """
     if isinstance(given, Inputs):
         return given
@@ -73,10 +73,10 @@ def inputs_at(given: GivenInputs, of_state: bool, t: Scalar, state: State) -> In
 
 
 def require_wrenches(found: Inputs, whose: str) -> None:
-    """Refuse inputs that move bases where only wrenches can act.
+    """Refuse inputs that contain base motions where only wrenches are allowed.
 
     Raises:
-        StateError: naming the first that is given.
+        StateError: a base motion is given; the message names the first.
     """
     for name in MOVING_BASES:
         if getattr(found, name) is not None:

@@ -1,6 +1,7 @@
-"""What a Runge-Kutta step adds up, (dq, dqd; turn, dp, dV of each free body; work): the object, then a floating base.
+"""The increment of the state in a Runge-Kutta step: (dq, dqd; u, dp, dV of each free body; work).
 
-An attitude is written R = exp(u) R_0 about the attitude R_0 at the step's start (`runge_kutta`).
+The free bodies are the object and, after it, a floating base. The rotation vector u gives the attitude R = exp(u) R_0
+relative to the attitude R_0 at the start of the step (`runge_kutta`).
 """
 
 from __future__ import annotations
@@ -16,43 +17,43 @@ from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import State
 
-OF_BODY = 12  # entries of a free body
+OF_BODY = 12  # entries for each free body
 OF_WORK = 4
 
 
 def increment_size(chain: ClosedChain) -> int:
-    """Return how many entries an increment of a chain has."""
+    """Return the number of entries of a chain's increment."""
     return 2 * chain.joint_count + OF_BODY * (2 if chain.floats else 1) + OF_WORK
 
 
 def body_parts(state: State) -> list[slice]:
-    """Return where each free body's turn, dp and dV lie."""
+    """Return the slice of an increment that holds u, dp and dV of each free body."""
     first = 2 * len(state.q)
     return [slice(first + OF_BODY * i, first + OF_BODY * (i + 1)) for i, _ in enumerate(twists(state))]
 
 
 def twists(state: State) -> list[Array]:
-    """Return the twists of the bodies that no joint moves: the object's, and a floating base's."""
+    """Return the twists of the free bodies: of the object, and of a floating base."""
     return [state.object_twist, *([] if state.base_twist is None else [state.base_twist])]
 
 
 def work_of(y: Array) -> Array:
-    """Return the part of an increment that is work, (4,)."""
+    """Return the work in an increment, (4,) [J]."""
     return y[len(y) - OF_WORK :]
 
 
 def turns_of(state: State, y: Array) -> list[Array]:
-    """Return the rotation vectors of the free bodies since the step's start, (3,) each [rad]."""
+    """Return the rotation vectors of the free bodies relative to the step's start, (3,) each [rad]."""
     return [y[part][:3] for part in body_parts(state)]
 
 
 def no_turns(state: State) -> list[Array]:
-    """Return those at the step's start."""
+    """Return the rotation vectors at the step's start, which are zero."""
     return [np.zeros(3) for _ in twists(state)]
 
 
 def turns_between(before: State, after: State) -> list[Array]:
-    """Return those that lead from one state to another."""
+    """Return the rotation vectors of the free bodies from one state to another, (3,) each [rad]."""
     frames = zip(_attitudes(before), _attitudes(after), strict=True)
     return [rotation.log(there @ here.T) for here, there in frames]
 
@@ -60,14 +61,14 @@ def turns_between(before: State, after: State) -> list[Array]:
 def increment_rate(
     state: State, qdd: Array, accelerations: Sequence[Array | None], power: Array, turns: Sequence[Array]
 ) -> Array:
-    """Return d/dt of an increment, (2 n + 12 bodies + 4,).
+    """Return the time derivative of an increment, (2 n + 12 bodies + 4,).
 
     Args:
         state: positions and velocities.
         qdd: (n,) joint accelerations.
-        accelerations: (6,) of C, and of a floating base; None without one.
-        power: (4,) [W].
-        turns: of the free bodies since the step's start.
+        accelerations: (6,) acceleration of C, and (6,) that of a floating base or None without one.
+        power: (4,) in the order of `balance.WORK_TERMS` [W].
+        turns: rotation vectors of the free bodies relative to the step's start.
     """
     moving = [a for a in accelerations if a is not None]
     bodies = [
@@ -79,13 +80,13 @@ def increment_rate(
 
 
 def moving_at(state: State, z: Array, slope: Array, turns: Sequence[Array]) -> Array:
-    """Return a slope whose positions change by other velocities: those of a state, moved by an increment.
+    """Return a slope with the rates of the positions replaced by the velocities of state + z.
 
     Args:
         state: the state.
-        z: an increment, of which the velocities enter.
-        slope: d/dt of an increment.
-        turns: of the free bodies where the slope was found.
+        z: an increment; only its velocities are used.
+        slope: time derivative of an increment; its accelerations and power are kept.
+        turns: rotation vectors of the free bodies at which the slope was evaluated.
     """
     n = len(state.q)
     parts = [state.qd + z[n : 2 * n], slope[n : 2 * n]]
@@ -96,7 +97,7 @@ def moving_at(state: State, z: Array, slope: Array, turns: Sequence[Array]) -> A
 
 
 def displaced(state: State, y: Array) -> State:
-    """Return the state moved by an increment."""
+    """Return the state displaced by an increment."""
     n, bodies = len(state.q), []
     poses = [pose for pose in (state.object_pose, state.base_pose) if pose is not None]
     for part, pose, twist in zip(body_parts(state), poses, twists(state), strict=True):

@@ -1,4 +1,4 @@
-"""One evaluation of the simulated chain: control, joint friction, forward dynamics, power."""
+"""Evaluation of the simulated chain at one instant: control, joint friction, forward dynamics and power."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from holdfast.simulation.linearly_implicit import Implicit, Passive, with_armatu
 from holdfast.spatial.scalar import Array, array, sqrt
 from holdfast.state import Inputs, State
 
-# Rate at which friction has reached 71 % of its size. A sign function has no slope that a
-# fixed step could follow, and none of its solutions sticks exactly either way.
+# Rate at which friction reaches 71 % of its full size. The sign function is discontinuous, so no fixed step could
+# follow it, and with either function a joint does not stick exactly.
 SMOOTHING_RATE = 0.05  # rad/s or m/s
 
 
@@ -33,7 +33,7 @@ def joint_friction(chain: ClosedChain) -> Array:
 
 
 def friction_torque(size: Array, qd: Array) -> Array:
-    """Return what friction takes from the drives' torques, F_c qd / sqrt(qd^2 + 0.05^2), (n,) [N m or N]."""
+    """Return the friction torques, F_c qd / sqrt(qd^2 + 0.05^2), which oppose the drives, (n,) [N m or N]."""
     return array([F * v / sqrt(v * v + SMOOTHING_RATE**2) for F, v in zip(size, qd, strict=True)])
 
 
@@ -44,28 +44,28 @@ def friction_slope(size: Array, qd: Array) -> Array:
 
 
 def passive_at(chain: ClosedChain, qd: Array) -> Passive:
-    """Return what dampers, friction and springs take from the joints, at joint rates (n,)."""
+    """Return the damping (with the slope of friction at joint rates qd) and the stiffness of the joints."""
     damping, stiffness = np.array([(joint.damping, joint.stiffness) for joint in chain.all_joints]).reshape(-1, 2).T
     friction = joint_friction(chain)
     return Passive(damping + friction_slope(friction, qd) if friction.any() else damping, stiffness)
 
 
-WORST_CONDITION = 1e12  # beyond it no digit of the grasp forces is left
+WORST_CONDITION = 1e12  # beyond it the grasp forces have no significant digit
 
 
 @dataclass(frozen=True, eq=False)
 class Instant:
-    """The chain at one time, with everything that follows from its state.
+    """The chain at one time, with its controls, accelerations and powers.
 
     Attributes:
         t: time [s].
         state: positions and velocities.
-        chain: the chain, its bases where they are now.
-        inputs: external wrenches and base motion now.
+        chain: the chain, with its bases at their poses at time t.
+        inputs: external wrenches and base motion at time t.
         tau: (n,) torques of the controller.
-        memory: what the controller carries on.
-        result: forward dynamics.
-        power: (4,) see `balance.WORK_TERMS` [W].
+        memory: the memory that the controller has returned.
+        result: result of forward dynamics.
+        power: (4,) in the order of `balance.WORK_TERMS` [W].
     """
 
     t: float
@@ -84,20 +84,20 @@ class Instant:
 
     @property
     def velocities(self) -> Array:
-        """(n + 6,) joint rates, and the object's twist; six more of a floating base."""
+        """(n + 6,) joint rates and the object's twist; a floating base adds six entries."""
         return velocities(self.state)
 
     @property
     def accelerations(self) -> Array:
-        """(n + 6,) of the joints, and of the object; six more of a floating base."""
+        """(n + 6,) accelerations of the joints and of the object; a floating base adds six entries."""
         found, of_base = self.result, self.result.base_acceleration
         return np.concatenate([found.qdd, found.object_acceleration, *([] if of_base is None else [of_base])])
 
     def rates(self, turns: Sequence[Array]) -> Array:
-        """Return d/dt of an `increment`.
+        """Return the time derivative of an `increment`.
 
         Args:
-            turns: (3,) u of each free body since the step's start [rad].
+            turns: (3,) rotation vector u of each free body relative to the step's start [rad].
         """
         found = self.result
         accelerations = (found.object_acceleration, found.base_acceleration)
@@ -105,13 +105,13 @@ class Instant:
 
 
 class LateInstant(Instant):
-    """An instant that is put together when it is first asked for more than its time and its joints.
+    """An instant that is evaluated in full only when an attribute other than its time and joints is first used.
 
-    Most instants inside a step are looked at for the margins of their joints alone.
+    For most instants inside a step only the margins of the joints are needed.
     """
 
     def __getattr__(self, name: str) -> Any:
-        """Return an attribute that is not there yet."""
+        """Evaluate the instant in full, and return the attribute."""
         if name not in Instant.__dataclass_fields__:
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
         vars(self).update(vars(self._whole()))
@@ -124,12 +124,12 @@ class LateInstant(Instant):
 
 
 def late_instant(t: float, joints: tuple[Array, Array, Array], whole: Callable[[], Instant]) -> Instant:
-    """Return an instant that `whole` puts together when need be.
+    """Return an instant that is evaluated in full by `whole` when this is needed.
 
     Args:
         t: time [s].
         joints: positions, rates and torques, (n,) each.
-        whole: returns the instant.
+        whole: returns the fully evaluated instant.
     """
     made = object.__new__(LateInstant)
     vars(made).update({"t": t, "_joints": joints, "_whole": whole})
@@ -137,7 +137,7 @@ def late_instant(t: float, joints: tuple[Array, Array, Array], whole: Callable[[
 
 
 def velocities(state: State) -> Array:
-    """Return joint rates, the object's twist and that of a floating base, (n + 6,) or (n + 12,)."""
+    """Return the joint rates, the object's twist and the twist of a floating base, (n + 6,) or (n + 12,)."""
     return np.concatenate([state.qd, *twists(state)])
 
 
@@ -156,19 +156,19 @@ def evaluate(
     """Return the chain at one time and state.
 
     Args:
-        environment: the chain and what acts on it.
-        controller: torques.
+        environment: the chain, its base motions and external inputs.
+        controller: the controller that returns the torques.
         t: time [s].
         state: positions and velocities.
-        memory: the controller's.
+        memory: the memory to pass to the controller.
         generic_rank: as for `forward_dynamics`.
         held: as for `forward_dynamics`.
-        check: refuse a state that breaks the grasps.
-        implicit: what forward dynamics differs by in a stage of a linearly implicit step.
+        check: refuse a state that violates the grasps.
+        implicit: additional armatures and torques in a stage of a linearly implicit step.
 
     Raises:
-        SingularChainError: the constraint's rank drops, or its condition passes 1e12.
-        StateError: torques of a wrong shape, or not finite.
+        SingularChainError: the constraint loses rank, or its condition number exceeds 1e12.
+        StateError: the torques have a wrong shape, or are not finite.
     """
     chain, inputs = environment.at(t, state)
     tau, memory = torques_and_memory(controller(t, state, memory))

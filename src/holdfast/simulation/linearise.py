@@ -1,4 +1,4 @@
-"""A closed chain made linear, in as many coordinates as it has: its dynamics, or a time step."""
+"""Linearisation of a closed chain in independent coordinates: of its dynamics, or of a time step."""
 
 from __future__ import annotations
 
@@ -28,16 +28,18 @@ from holdfast.state import Inputs, State, shaped_inputs
 
 @dataclass(frozen=True, eq=False)
 class DiscreteLinearisation(Frozen):
-    """A time step made linear: z' = A z + B (tau - tau_0), z about a state and z' about the one that follows it.
+    """The linearisation of a time step, z' = A z + B (tau - tau_0).
+
+    The coordinates z describe deviations from the state at the start of the step, and z' deviations from its end.
 
     Attributes:
-        state: at the step's beginning.
-        end: at its end.
-        A: (m, m).
-        B: (m, n) by joint torques, held through the step.
-        basis: (2n + 12, m) T at the beginning, as of `Linearisation`.
-        end_basis: T at the end, turned towards that at the beginning: the `basis` of the next step.
-        step: its length [s].
+        state: the state at the start of the step.
+        end: the state at the end of the step.
+        A: (m, m) derivative with respect to z.
+        B: (m, n) derivative with respect to the joint torques, which are constant during the step.
+        basis: (2n + 12, m) basis T at the start, as in `Linearisation`.
+        end_basis: basis T at the end, aligned with the one at the start; use it as `basis` for the next step.
+        step: length of the step [s].
     """
 
     state: State
@@ -92,35 +94,35 @@ def linearise(
     base_motion: Mapping[str, BaseMotion] | None = None,
     t: float = 0.0,
 ) -> Linearisation | DiscreteLinearisation:
-    """Return forward dynamics, or a time step, made linear about a state, for regulators such as LQR. O(n^3).
+    """Return the linearisation of forward dynamics, or of a time step, at a state, e.g. for LQR. O(n^3).
 
-    dz/dt = A z + B (tau - tau_0) + rate, or z' = A z + B (tau - tau_0) with A = T'^+ (dPhi/dx) T, B = T'^+ dPhi/du,
-    Phi the step as `simulate` takes it: Runge-Kutta, then both rounds of the projection onto the grasps, differentiated
-    as they run. (dPhi/dx) T lies in the span of T'.
+    Dynamics: dz/dt = A z + B (tau - tau_0) + rate. Step: z' = A z + B (tau - tau_0) with A = T'^+ (dPhi/dx) T and
+    B = T'^+ dPhi/du. Phi is the step that `simulate` takes, a Runge-Kutta step followed by two iterations of the
+    projection onto the grasps; all of it is differentiated. (dPhi/dx) T lies in the span of T'.
 
     Args:
         chain: arms, object and grasps.
         state: positions and velocities; must satisfy the grasps.
         tau: (n,) joint torques [N m or N].
-        inputs: external wrenches and base motion, held; zero by default. Through a step bases move as `base_motion`
-            says, not as these.
-        basis: one that a neighbouring state has, which the new one is turned towards, so that along a trajectory it
-            does not jump.
+        inputs: external wrenches and base motion, constant; zero by default. For a step, the motion of bases is given
+            by `base_motion` instead.
+        basis: the basis at a neighbouring state; the new basis is aligned with it, so that the basis changes
+            continuously along a trajectory.
         check: False skips the consistency check.
         generic_rank: rank of the constraint away from singular configurations, if known.
-        step: of time [s]; None: no step, but the dynamics.
-        scheme: of the step, see `simulate`.
+        step: length of a time step to linearise [s]; None to linearise the dynamics.
+        scheme: integration scheme of the step, see `simulate`.
         base_motion: t -> (pose, twist, acceleration) of bases that move through the step, see `simulate`.
         t: when the step begins, which matters to `base_motion` only [s].
 
     Returns:
-        A `Linearisation`, or of a step a `DiscreteLinearisation`; m is twice the chain's mobility, less one for each
-        row that grasps hold in velocity only.
+        A `Linearisation`, or a `DiscreteLinearisation` if `step` is given. The dimension m is twice the mobility of the
+        chain, less one for each constraint row that the grasps impose on velocities only.
 
     Raises:
-        StateError: wrong shapes, the state breaks a grasp, or the step is too long for the motion.
-        SingularChainError: the constraint's rank drops here.
-        ModelError: no such scheme.
+        StateError: a shape is wrong, the state violates a grasp, or the step is too long for the motion.
+        SingularChainError: the constraint loses rank at this state.
+        ModelError: the scheme is unknown.
 
     Reference:
         docs/theory/derivatives.md.
@@ -160,11 +162,11 @@ def linearise(
     return DiscreteLinearisation(state, end, A.T, B.T, T, T_end, h)
 
 
-TORQUES = "control.tau"  # of the law that holds them
+TORQUES = "control.tau"  # name of the constant torques among the arguments of the step
 
 
 def _held(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
-    """Return shaped inputs, which move no bases.
+    """Return the inputs as arrays; moving bases are refused.
 
     Raises:
         StateError: bases move.
@@ -183,7 +185,7 @@ def _held(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
 def _given(
     chain: ClosedChain, state: State, tau: Array, times: tuple[float, float], found: ForwardResult
 ) -> dict[str, Array]:
-    """Return what a step is given, as rollouts name it."""
+    """Return the arguments of a step, with the names that rollouts use."""
     begin, h = times
     numbers = {"begin": begin, "step": h, "last.count": 0.0, "generic_rank": float(found.rank)}
     given = {name: np.array(x) for name, x in numbers.items()} | {TORQUES: tau, "last.before": np.zeros(0)}
@@ -192,13 +194,13 @@ def _given(
 
 
 def _moving(chain: ClosedChain) -> list[str]:
-    """Return the names of what a basis has rows of, in their order."""
+    """Return the names of the quantities in the rows of a basis, in order."""
     of_bodies = [f"{body}_{{}}" for body in ("object", *(["floating"] if chain.floats else []))]
     return ["q", *(x.format("pose") for x in of_bodies), "qd", *(x.format("twist") for x in of_bodies)]
 
 
 def _rates(chain: ClosedChain, linear: LinearStep, x: Array, torques: Array | None = None) -> Array:
-    """Return how fast the step's end changes while its beginning does, and the torques."""
+    """Return the rate of change of the step's end for given rates of its start and of the torques."""
     names, tangents, first = _moving(chain), {}, 0
     for name, shape in zip(names, linear.linear.shapes, strict=False):
         tangents[name] = x[first : first + shape[0]]

@@ -1,14 +1,14 @@
-"""Steps that dampers and springs of joints cannot blow up: implicit in both, explicit in all else.
+"""Linearly implicit steps, which are stable for stiff joint dampers and springs and explicit in all other forces.
 
-A stage of an implicit-explicit Runge-Kutta scheme has two states: one by the explicit weights, at which configurations,
-controller and all forces are evaluated, and one by the implicit weights, whose rates v and positions q dampers (D) and
-springs (K) feel, and whose velocities are what positions change by (S. Boscarino, F. Filbet, G. Russo, "High order
-semi-implicit schemes for time dependent partial differential equations", J. Sci. Comput. 68, 2016). Its acceleration k,
-
-    (M + h a D + (h a)^2 K) k = torques - D v - K (q + h a v) + J^T f ..,    v, q of the stages before
-
-is forward dynamics once more: with more armature and other torques, and grasps as ever. Where damping takes all, every
-stage has the velocities at which torques and damping balance, and steps are those of the explicit scheme for them.
+A stage of an implicit-explicit Runge-Kutta scheme has two states. The kinematics, the controller and all other forces
+are evaluated at the state given by the explicit weights. The dampers (D) and springs (K) are evaluated at the rates v
+and positions q given by the implicit weights, and the velocities of this second state are the rates of the positions
+(S. Boscarino, F. Filbet, G. Russo, "High order semi-implicit schemes for time dependent partial differential
+equations", J. Sci. Comput. 68, 2016). The acceleration k of a stage satisfies
+    (M + h a D + (h a)^2 K) k = torques - D v - K (q + h a v) + J^T f ..,    v, q from the previous stages
+This is forward dynamics with larger armatures and other torques, and with the same grasps. In the limit of strong
+damping, every stage has the velocities at which torques and damping balance, and the steps become those of the explicit
+scheme for these velocities.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from holdfast.state import State
 
 
 class Passive(NamedTuple):
-    """What dampers and springs take from the joints.
+    """The damping and stiffness of the joints that are treated implicitly.
 
     Attributes:
-        damping: (n,) torque per rate, friction's slope included [N m s/rad or N s/m].
+        damping: (n,) torque per rate, including the slope of friction [N m s/rad or N s/m].
         stiffness: (n,) torque per displacement [N m/rad or N/m].
     """
 
@@ -42,11 +42,11 @@ class Passive(NamedTuple):
 
 
 class Implicit(NamedTuple):
-    """What makes forward dynamics a stage of an implicit step.
+    """The modifications that turn forward dynamics into a stage of a linearly implicit step.
 
     Attributes:
-        armature: (n,) what the joints have more of [kg m^2 or kg].
-        torque: (n,) what they are driven by besides [N m or N].
+        armature: (n,) armature to add to that of the joints [kg m^2 or kg].
+        torque: (n,) torque to add to that of the joints [N m or N].
     """
 
     armature: Array
@@ -56,15 +56,15 @@ class Implicit(NamedTuple):
 def imex_step(
     start: State, passive: Passive, h: Scalar, tableau: Tableau, stage: Callable[[int, Array | None, Implicit], Any]
 ) -> Generator[Any, Array, Array]:
-    """Return by how much an `increment` grows in a step; a generator as `runge_kutta_step`.
+    """Return the `increment` of a step; a generator of requests like `runge_kutta_step`.
 
     Args:
-        start: at the step's start.
-        passive: what is taken implicitly.
+        start: the state at the step's start.
+        passive: damping and stiffness to treat implicitly.
         h: the step's length [s].
-        tableau: with implicit weights.
-        stage: (i, increment by the explicit weights, what is implicit) -> what is asked; the i-th stage is at
-            t + c_i h, the first without an increment (None).
+        tableau: a scheme with implicit weights.
+        stage: function of i, the increment by the explicit weights (None at the first stage) and the `Implicit` terms
+            that returns the request for stage i, at t + c_i h.
     """
     assert tableau.a_implicit is not None
     (D, K), n, size = passive, len(start.q), 2 * len(start.q) + OF_BODY * len(twists(start)) + OF_WORK
@@ -82,7 +82,7 @@ def imex_step(
 
 
 def with_armature(chain: ClosedChain, added: Array) -> ClosedChain:
-    """Return the chain with more armature at its joints, (n,) in the order of q [kg m^2 or kg]."""
+    """Return the chain with `added`, (n,) in the order of q, added to the armatures of its joints [kg m^2 or kg]."""
     made, put = copy.copy(chain), object.__setattr__
     of_arm = {name: added[part] for name, part in zip(chain.arms, chain.arm_joints, strict=True)}
     arms = {name: arm.of(_heavier(arm.joints, of_arm[name])) for name, arm in chain.arms.items()}

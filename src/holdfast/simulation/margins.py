@@ -1,8 +1,8 @@
-"""The margins of a run: what can be violated, what is done about it, and which margins are violated since when.
+"""The margins of a run: how they are computed, what happens when one is violated, and since when each is violated.
 
-All margins of an instant are one array of signals, whatever the grasps at the time: the grasps by
-arm [N], then by joint the margins of position [rad or m], rate [rad/s or m/s] and effort [N m or N].
-Where nothing limits, a margin is infinite; a negative margin is a violation.
+All margins of an instant form one array of signals, whose layout does not depend on the grasps: first one margin per
+arm for its grasp [N], then the margins of all joints for position [rad or m], rate [rad/s or m/s] and effort [N m or
+N]. A margin is infinite if there is no limit, and negative if the limit is violated.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from holdfast.spatial.spatial_vector import unrotate
 
 Quantity = Literal["grasp", "position", "rate", "effort"]
 JOINT_QUANTITIES: tuple[Quantity, ...] = ("position", "rate", "effort")
-SAME = 1e-9  # of the wrench: margins nearer than this reach zero together
+SAME = 1e-9  # relative to the wrench: margins that differ by less reach zero together
 
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """The margins of a chain, by place in the array.
+    """The layout and evaluation of a chain's margins.
 
     Attributes:
-        chain: with the grasps of the time.
+        chain: the chain with its current grasps.
     """
 
     chain: ClosedChain
@@ -48,19 +48,19 @@ class Signals:
 
     @cached_property
     def names(self) -> list[str]:
-        """Arms, then three times the joints as 'arm/joint'."""
+        """Name of each signal: the arms, then three times the joints as 'arm/joint'."""
         return [*self.chain.names, *3 * self.chain.joint_names()]
 
     @cached_property
     def quantities(self) -> list[Quantity]:
-        """What each margin is of."""
+        """Quantity that each signal limits."""
         n = self.chain.joint_count
         grasps: list[Quantity] = ["grasp"] * len(self.chain.arms)
         return grasps + [quantity for quantity in JOINT_QUANTITIES for _ in range(n)]
 
     @cached_property
     def limited(self) -> Array:
-        """Which of them something limits, as indices: what has to be looked at."""
+        """Indices of the signals that have a limit; only these have to be evaluated."""
         chain = self.chain
         grasps = [name in chain.grasps and bool(conditions(chain.grasps[name])) for name in chain.names]
         return np.flatnonzero(np.array([*grasps, *joint_limits(chain).limited.flat]))
@@ -70,10 +70,11 @@ class Signals:
         return self.of_each([at])[0]
 
     def of_each(self, instants: Sequence[Instant]) -> Array:
-        """Return all margins at some instants, (instants, arms + 3 n).
+        """Return all margins at several instants, (instants, arms + 3 n).
 
-        Where the grasp forces are not unique, one is a violation only if no internal force holds every
-        grasp: negative then, in place of what the smallest forces give (`margin_range`, a tenth of a second).
+        If the grasp forces are not unique, a negative margin counts as a violation only if no internal force holds
+        every grasp. The margin that the smallest forces give is then replaced by the best one (`margin_range`), which
+        takes a tenth of a second.
         """
         q, qd, tau = (np.array(of_joints) for of_joints in zip(*(at.joints for at in instants), strict=True))
         grasps = np.full((len(instants), len(self.chain.arms)), np.inf)
@@ -97,7 +98,7 @@ class Signals:
         return any(conditions(grasp) for grasp in self.chain.grasps.values())
 
     def description(self, at: Instant, signal: int) -> str:
-        """Return what happens where a margin reaches zero."""
+        """Return a sentence on what happens when the margin reaches zero."""
         name, quantity = self.names[signal], self.quantities[signal]
         if quantity != "grasp":
             return f"joint '{name}' reaches its {quantity} limit"
@@ -107,19 +108,19 @@ class Signals:
 
 
 def by_arm(chain: ClosedChain, margins: Array) -> Array:
-    """Return the margins of the grasps by arm, (arms,); infinite where an arm holds nothing."""
+    """Return the margins of the grasps by arm, (arms,); infinite for an arm without a grasp."""
     found = np.full(len(chain.arms), np.inf)
     found[[chain.names.index(name) for name in chain.grasps]] = margins
     return found
 
 
 def giving_way(grasp: Grasp, wrench: Array) -> str:
-    """Return how a grasp gives way under a contact-axes wrench (6,) that it cannot hold."""
+    """Return in words how a grasp fails under a wrench (6,) in contact axes that it cannot hold."""
     must = conditions(grasp)
     margins = [condition.margin(wrench) for condition in must]
     least = min(margins)
     if grasp.contact is not None and margins[1] <= least + SAME * float(np.abs(wrench).max()):
-        return "lifts off"  # without a pressing force the others vanish with it
+        return "lifts off"  # the other limits vanish with the normal force
     return must[margins.index(least)].broken
 
 
@@ -130,15 +131,15 @@ OnSingular = Literal["stop", "continue"]
 
 @dataclass(frozen=True)
 class Policy:
-    """What is done about violations and singular configurations.
+    """What a run does at violations and at singular configurations.
 
     Attributes:
-        on_slip: about a grasp that cannot hold: "stop" the run there; "record" it and go on as if it
-            held; "release" it: the grasp opens and the arm goes on free.
-        on_limit: about a joint beyond a limit: "record" or "stop"; "clip": torques are clipped to effort limits, where
-            their margins are 0, and the others recorded.
-        on_singular: about a configuration where the constraint loses rank: "stop" the run before it, or "continue"
-            through it where only one motion with continuous velocities leads on.
+        on_slip: what to do when a grasp cannot hold: "stop" ends the run there; "record" logs it and continues as if
+            the grasp held; "release" opens the grasp, and the arm continues without it.
+        on_limit: what to do when a joint exceeds a limit: "record" logs it; "stop" ends the run; "clip" clips torques
+            to the effort limits (the margin is then 0) and records the other limits.
+        on_singular: what to do at a configuration where the constraint loses rank: "stop" ends the run before it;
+            "continue" passes through it if exactly one motion with continuous velocities leads through.
     """
 
     on_slip: OnSlip = "stop"
@@ -155,7 +156,7 @@ class Policy:
                 )
 
     def acting(self, signals: Signals) -> Array:
-        """Return which limited signals end the step where they become negative, as indices."""
+        """Return the indices of the signals that end the step when they become negative."""
         acts = {"grasp": self.on_slip != "record"}
         return np.array(
             [i for i in signals.limited if acts.get(signals.quantities[i], self.on_limit == "stop")], dtype=int
@@ -164,13 +165,13 @@ class Policy:
 
 @dataclass(frozen=True, eq=False)
 class ViolationTracker:
-    """Margins over a run so far; in every array the signals of `Signals`.
+    """The margins of a run so far; every array has one entry per signal of `Signals`.
 
     Attributes:
-        lowest: the lowest margin so far; infinite where nothing limits.
-        since: when the present violation began [s]; infinite where there is none.
-        depth: the lowest margin of the present violation; infinite where there is none.
-        depth_time: when that was [s].
+        lowest: the lowest margin so far; infinite without a limit.
+        since: time at which the present violation began [s]; infinite if there is none.
+        depth: the lowest margin of the present violation; infinite if there is none.
+        depth_time: time of that lowest margin [s].
     """
 
     lowest: Array
@@ -180,16 +181,16 @@ class ViolationTracker:
 
     @classmethod
     def blank(cls, signals: int) -> Self:
-        """Return the tracker of a run that has not begun."""
+        """Return the tracker for the start of a run."""
         return cls(*(np.full(signals, np.inf) for _ in range(4)))
 
     def at(self, t: float, margins: Array, signals: Signals, now: Instant) -> tuple[Self, list[Occurrence]]:
-        """Return the tracker after an instant that no step led to, and what it reports.
+        """Return the tracker after an instant that begins a stretch, and the occurrences to report.
 
         Args:
             t: time [s].
-            margins: (signals,) then.
-            signals: of the chain then.
+            margins: (signals,) at that time.
+            signals: signals of the chain at that time.
             now: the instant.
         """
         if not (margins < 0.0).any() and np.isinf(self.since).all():
@@ -198,7 +199,7 @@ class ViolationTracker:
         return self._followed([(i, *here) for i in signals.limited], signals, lambda _, i: signals.description(now, i))
 
     def after(self, found: StepMargins, curves: MarginCurves, signals: Signals) -> tuple[Self, list[Occurrence]]:
-        """Return the tracker after a step, and what happened in it, zeros refined."""
+        """Return the tracker after a step, and the occurrences in it with refined zeros."""
         if not (found.margins < 0.0).any() and np.isinf(self.since).all():
             return replace(self, lowest=np.minimum(self.lowest, found.margins.min(axis=0))), []
         entries = []
@@ -207,16 +208,16 @@ class ViolationTracker:
         return self._followed(entries, signals, lambda t, i: _description(curves, signals, t, i))
 
     def without(self, signal: int) -> Self:
-        """Return the tracker when nothing limits a signal any more."""
+        """Return the tracker with the present violation of a signal removed, because its limit no longer exists."""
         kept = {name: getattr(self, name).copy() for name in ("since", "depth", "depth_time")}
         for array in kept.values():
             array[signal] = np.inf
         return replace(self, **kept)
 
     def _with_zeros(self, i: int, found: StepMargins, curves: MarginCurves) -> tuple[Array, Array]:
-        """Return times and margins of a signal through a step, changes of sign narrowed down."""
+        """Return the times and margins of a signal during a step, with its changes of sign refined."""
         m = found.margins[:, i]
-        # what lies before the start is of the last step, unless a dip shows there only now
+        # margins before the start belong to the last step, unless a dip before the start was found only in this step
         first = found.start if (m[0] < 0.0) != (m[found.start] < 0.0) else 0
         times, m = found.times[first:], m[first:]
         for k in np.flatnonzero(np.diff(m < 0.0)):
@@ -229,7 +230,7 @@ class ViolationTracker:
     def _followed(
         self, entries: list[tuple[int, Array, Array]], signals: Signals, describe: Callable[[float, int], str]
     ) -> tuple[Self, list[Occurrence]]:
-        """Return the tracker after signals were followed through times and margins."""
+        """Return the tracker after the given times and margins of some signals, and the occurrences."""
         lowest, since, depth, when = (getattr(self, f).copy() for f in ("lowest", "since", "depth", "depth_time"))
         happened = []
         for i, times, margins in entries:
@@ -252,6 +253,6 @@ class ViolationTracker:
 
 def _description(curves: MarginCurves, signals: Signals, t: float, i: int) -> str:
     reached = curves.advances.get(t)
-    if reached is None or reached.instant is None:  # in the step before
+    if reached is None or reached.instant is None:  # the time lies in the previous step
         return f"{signals.quantities[i]} margin of '{signals.names[i]}' is negative"
     return signals.description(reached.instant, i)

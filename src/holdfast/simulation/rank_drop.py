@@ -1,13 +1,12 @@
-"""Where the grasp constraint loses rank along a path.
+"""Search for the configuration on a path at which the grasp constraint loses rank.
 
-B = K [J, -A] has rank r in general, B = U S V^T with r singular values above zero. On the way from a configuration a
-to a later one b, U and V turn a little; in the axes of a the later one is U_a^T B_b V_a, near S_a. Where B loses rank
-on the way some singular values pass through zero and come out negative, and so do eigenvalues mu of
-
+B = K [J, -A] generically has rank r: B = U S V^T with r positive singular values. From a configuration a to a later one
+b, U and V rotate slightly, and the later matrix expressed in the singular vectors of a, U_a^T B_b V_a, is close to S_a.
+If B loses rank between them, some singular values pass through zero and change sign, and some eigenvalues mu of
     S_a^-1 U_a^T B_b V_a
-
-On the straight line from S_a to U_a^T B_b V_a the determinant vanishes at the part 1 / (1 - mu) of the way: from there
-the search goes on. The values themselves, which have no sign, would show a dip and not whether it reaches zero.
+become negative. On the straight line from S_a to U_a^T B_b V_a the determinant vanishes at the fraction 1 / (1 - mu),
+which is the next point of the search. The singular values themselves have no sign: they show a dip, but not whether it
+reaches zero.
 """
 
 from __future__ import annotations
@@ -25,20 +24,20 @@ from holdfast.simulation.verification import DROPS, PLACE
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-LOST = 1e-5  # relative singular value at a place that is known to 1e-9 of a second
-PRECISION = 1e-10  # of the place
-PARTS = (0.43, 0.57)  # of the way: where a path is divided, the second if the first is where it has lost rank
-NEAREST = 0.02  # of a bracket: the search comes no nearer to its ends at once
+LOST = 1e-5  # singular values smaller than this, relative to the largest, count as zero once the point is located
+PRECISION = 1e-10  # precision of the located point
+PARTS = (0.43, 0.57)  # fractions at which a path is divided; the second is used if the rank is lost at the first
+NEAREST = 0.02  # a new point keeps at least this fraction of the bracket's width from its ends
 MOST_TRIES = 60
 
 
 class ConstraintFactors(NamedTuple):
-    """The singular value decomposition of K [J, -A], moments and rates measured by the arms' reach.
+    """The singular value decomposition of K [J, -A], made dimensionless with the reach of the arms.
 
     Attributes:
-        U: (rows, k) left singular vectors, k the smaller of rows and columns.
-        sizes: (k,) singular values relative to the largest, in falling order.
-        Vt: (k, n + 6) right ones.
+        U: (rows, k) left singular vectors; k is the smaller of the numbers of rows and columns.
+        sizes: (k,) singular values relative to the largest, in decreasing order.
+        Vt: (k, n + 6) right singular vectors.
     """
 
     U: Array
@@ -46,17 +45,17 @@ class ConstraintFactors(NamedTuple):
     Vt: Array
 
     def weakest(self, rank: int) -> float:
-        """Return the last singular value that a matrix of a rank has."""
+        """Return the singular value number `rank`, the smallest that is not zero in a matrix of that rank."""
         return float(self.sizes[rank - 1])
 
 
 class RankDrop(NamedTuple):
-    """Where the constraint loses rank.
+    """A point on a path at which the constraint loses rank.
 
     Attributes:
-        at: place on the path.
-        rank: there, of K [J, -A].
-        through: whether singular values change sign there, rather than touch zero.
+        at: path parameter of the point.
+        rank: rank of K [J, -A] at the point.
+        through: whether singular values change sign there; otherwise they touch zero and return.
     """
 
     at: float
@@ -75,19 +74,19 @@ def constraint_factors(chain: ClosedChain, state: State) -> ConstraintFactors:
 
 
 def rank_drop(path: Callable[[float], ConstraintFactors], begin: float, end: float, rank: int) -> RankDrop | None:
-    """Return the first place on a path where the constraint loses rank, None if it keeps it.
+    """Return the first point on a path at which the constraint loses rank; None if there is none.
 
-    Found where singular values pass through zero, or where the least one that is seen at both ends and between comes
-    down to zero from both sides.
+    A point is found if singular values pass through zero, or if the smallest one at both ends and in the middle has a
+    minimum that reaches zero.
 
     Args:
-        path: factors by place; asked for some places again.
-        begin: its beginning, a place of full rank.
-        end: its end, another one.
-        rank: of K [J, -A] in general, at least one.
+        path: returns the factors at a path parameter; some parameters are evaluated repeatedly.
+        begin: parameter at the start, a point of full rank.
+        end: parameter at the end, another point of full rank.
+        rank: generic rank of K [J, -A], at least one.
     """
     inside = [begin + part * (end - begin) for part in PARTS]
-    # where it happens to have lost rank already nothing can be compared
+    # a point at which the rank is already lost cannot serve as a reference
     middle = next((t for t in inside if path(t).weakest(rank) > LOST), inside[0])
     known = [(t, path(t)) for t in (begin, middle, end)]
     for (a, at_a), (b, at_b) in ((known[0], known[1]), (known[1], known[2])):
@@ -103,11 +102,11 @@ def _passed(
     b: tuple[float, ConstraintFactors],
     rank: int,
 ) -> RankDrop | None:
-    """Return where singular values pass through zero between two places."""
+    """Return the first point between two points at which singular values pass through zero; None if there is none."""
     before, part = np.inf, _part_of_the_way(a[1], b[1], rank)
     for _ in range(MOST_TRIES):
         if part is None:
-            return None  # what looked like it from afar is a turn of U and V
+            return None  # the negative eigenvalue came from a rotation of U and V
         width = b[0] - a[0]
         at = a[0] + min(1.0 - NEAREST, max(NEAREST, part)) * width
         there = path(at)
@@ -122,7 +121,7 @@ def _passed(
 
 
 def _part_of_the_way(a: ConstraintFactors, b: ConstraintFactors, rank: int) -> float | None:
-    """Return the part of the way at which the first singular value passes through zero, if one seems to."""
+    """Return the estimated fraction of the way at which the first singular value passes through zero, or None."""
     U, Vt = a.U[:, :rank], a.Vt[:rank]
     later = (U.T @ b.U[:, :rank]) @ (b.sizes[:rank, None] * (b.Vt[:rank] @ Vt.T))
     mu = np.linalg.eigvals(later / np.maximum(a.sizes[:rank, None], 1e-300))
@@ -133,7 +132,7 @@ def _part_of_the_way(a: ConstraintFactors, b: ConstraintFactors, rank: int) -> f
 def _touched(
     path: Callable[[float], ConstraintFactors], known: list[tuple[float, ConstraintFactors]], rank: int
 ) -> RankDrop | None:
-    """Return where the least singular value comes down to zero and goes up again."""
+    """Return the point at which the smallest singular value touches zero; None if it does not."""
     (a, fa), (b, fb), (c, fc) = ((t, f.weakest(rank)) for t, f in known)
     drop = max(fa, fc) - fb
     if not (fb < min(fa, fc) and fb < DROPS * drop):

@@ -1,4 +1,4 @@
-"""A run: its beginning, and what comes next: a step, a jump, a grasp that opens, the end."""
+"""The start of a run and its transitions: a step, a jump, a grasp that opens, or the end."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from holdfast.state import State
 
 
 def start_of_run(settings: RunSettings, state: State) -> RunState:
-    """Return the beginning of a run.
+    """Return a run at its start.
 
     Raises:
-        StateError: the state breaks a grasp, or the controller's torques do not fit.
+        StateError: the state violates a grasp, or the controller's torques have a wrong shape or are not finite.
         SingularChainError: the configuration is singular.
     """
     segment, news = suited(first_segment(settings, Origin(0.0, state, None)), 0.0, state)
@@ -58,10 +58,10 @@ def start_of_run(settings: RunSettings, state: State) -> RunState:
 
 
 def resumed_run(settings: RunSettings, at: Checkpoint) -> RunState:
-    """Return a run at a checkpoint.
+    """Return a run that continues from a checkpoint.
 
     Raises:
-        StateError: its controller was sampled otherwise.
+        StateError: the sample time or the delay of the controller differs from that of the checkpoint.
     """
     require_same(settings.hold, at.held)
     segment = resumed_segment(settings, at.grasps, at.generic_rank, at.implicit)
@@ -71,10 +71,10 @@ def resumed_run(settings: RunSettings, at: Checkpoint) -> RunState:
 
 
 def next_state(at: RunState) -> RunState | str | None:
-    """Return the run one instant later; the reason why it must stop; or None at its end.
+    """Return the run one instant later, or the reason why it stops early, or None at its end.
 
     Raises:
-        HoldfastError: the chain cannot go on.
+        HoldfastError: no step is possible.
     """
     settings, signals, saved = at.segment.settings, at.segment.signals, at.checkpoint
     if at.ended is not None:
@@ -96,7 +96,7 @@ def next_state(at: RunState) -> RunState | str | None:
 
 
 def _asked(at: RunState) -> RunState:
-    """Return the run after its sampled controller was asked, if that is due where no torques jump."""
+    """Return the run after sampling its controller, if a sample is due at a time without a jump."""
     saved, now = at.checkpoint, at.now
     held, _ = at.segment.sampled(now.t, now.state, saved.held, now.memory)
     return at if held is saved.held else replace(at, checkpoint=replace(saved, held=held))
@@ -107,7 +107,7 @@ def _jumped(at: RunState) -> RunState:
     segment, saved = at.segment, at.checkpoint
     settings, before = segment.settings, segment.environment.chain
     t = float(settings.stops.times[saved.stop])
-    t = t if t > at.now.t else just_after(at.now.t)  # where a grasp has opened just there
+    t = t if t > at.now.t else just_after(at.now.t)  # if a grasp has just opened at that time
     chain = segment.environment.chain_at(t)
     state, sums, tracker = at.now.state, saved.sums, saved.tracker
     happening = [event for event in settings.events[saved.event :] if event.t <= t]
@@ -119,7 +119,7 @@ def _jumped(at: RunState) -> RunState:
         for (name, arm), impulse in zip(chain.arms.items(), one.base_impulses, strict=False):
             if name not in chain.mounts:
                 base_impulse = base_impulse + shift_wrench(arm.base.p, np.array(impulse))
-        if chain.trunk is not None and one.trunk_base_impulse:  # zero below a floating base
+        if chain.trunk is not None and one.trunk_base_impulse:  # zero for a floating base
             base_impulse = base_impulse + shift_wrench(chain.trunk.base.p, np.array(one.trunk_base_impulse))
         sums = sums._replace(impact=sums.impact + one.energy_change, base_impulse=base_impulse)
         news.append(one)
@@ -141,7 +141,7 @@ def _jumped(at: RunState) -> RunState:
 
 
 def _opened(at: RunState, signal: int) -> RunState:
-    """Return the run after a grasp that cannot hold has opened; velocities go on."""
+    """Return the run after a grasp that cannot hold has opened; velocities stay the same."""
     name = at.segment.signals.names[signal]
     origin = Origin(just_after(at.now.t), at.now.state, at.now.memory)
     grasps = {arm: grasp for arm, grasp in at.checkpoint.grasps.items() if arm != name}
@@ -157,11 +157,11 @@ def _stretch_begins(
     """Return the run at the beginning of a smooth stretch.
 
     Args:
-        segment: the chain and what moves it.
-        saved: what is known, `now` included.
+        segment: the current segment of the run.
+        saved: the checkpoint, with its entry `now` updated.
         now: the instant.
-        gaps: what projection found and left.
-        news: what has just happened.
+        gaps: position and velocity gaps before and after projection.
+        news: occurrences to add.
     """
     margins = segment.margins(now)
     tracker, further = saved.tracker.at(now.t, margins, segment.signals, now)

@@ -1,4 +1,4 @@
-"""What a user does with a run: save it, write it as tables, plot it, look at it."""
+"""The outputs of a run: result folders, tables, plots and pages."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ if TYPE_CHECKING:
     from holdfast.simulation.summary import Summary
     from holdfast.simulation.trajectory import Trajectory
 
-RATE = 30.0  # moments a second that pages show
+RATE = 30.0  # frames per second that pages show
 
 
 class RunOutputs:
-    """Methods of everything that is a run: what `simulate` returns, and what `load_result` does.
+    """Output methods shared by the runs that `simulate` and `load_result` return.
 
-    The rooms that write files and draw are asked when a method is called; a run itself is arrays.
+    The packages that write files and draw are imported when a method needs them; a run itself consists of arrays.
     """
 
     def whole_run(self) -> Trajectory:
-        """Return every sample, with what it is a run of.
+        """Return the run with all samples and its setting.
 
         Raises:
-            StateError: a run that does not know its chain.
+            StateError: the run does not contain its chain.
         """
         raise NotImplementedError
 
     def summary(self) -> Summary:
-        """Return what the run comes down to: gaps, balances, peak forces, lowest margins.
+        """Return the summary of the run: gaps, imbalances, peak forces and lowest margins.
 
         Raises:
-            StateError: a run that does not know its chain, or one without samples.
+            StateError: the run does not contain its chain, or has no samples.
         """
         from holdfast.simulation.summary import summarise
 
@@ -41,16 +41,17 @@ class RunOutputs:
     def save(self, folder: str | PathLike[str], overwrite: bool = False) -> Path:
         """Write the run as a result folder, as `holdfast simulate` does, and return the folder.
 
-        `hf.load_result`, `holdfast view`, `plot` and `export` read it; the chain is in it, in `model.json`, and the
-        meshes of its arms are named, not copied. Controller and initial state are functions and choices of your
-        program and are not in it, so nobody can go on with the run or begin it anew from the folder alone.
+        The folder can be read by `hf.load_result`, `holdfast view`, `holdfast plot` and `holdfast export`. It contains
+        the chain in `model.json`; meshes of the arms are referenced by name, not copied. It does not contain the
+        controller, which is a function of your program, so the run cannot be continued or repeated from the folder
+        alone.
 
         Args:
-            folder: where to; made if need be.
-            overwrite: replace an earlier result there.
+            folder: the folder to write; it is created if it does not exist.
+            overwrite: replace an earlier result in this folder.
 
         Raises:
-            StateError: a run that does not know its chain, or one without samples.
+            StateError: the run does not contain its chain, or has no samples.
             ResultError: the folder is in use or cannot be written.
         """
         from holdfast.io.save_run import save_run
@@ -58,7 +59,7 @@ class RunOutputs:
         return save_run(self._run_and_setting()[0], folder, overwrite)
 
     def to_csv(self, path: str | PathLike[str]) -> list[Path]:
-        """Write the run as CSV, a row a sample, and return the files written; see `holdfast.io.export_csv`.
+        """Write the run as CSV, one row per sample, and return the files written; see `holdfast.io.export_csv`.
 
         Args:
             path: of the file; what is there is replaced.
@@ -115,7 +116,7 @@ class RunOutputs:
         return frame_of_run(self._run_and_setting()[0])
 
     def to_xarray(self) -> Any:
-        """Return the run as an xarray Dataset: its arrays over `t`, joints and arms by name, each with its unit.
+        """Return the run as an xarray Dataset: arrays over `t` with units, and joints and arms by name.
 
         Raises:
             MissingExtra: xarray is not installed.
@@ -126,9 +127,10 @@ class RunOutputs:
         return data_set_of_run(self._run_and_setting()[0])
 
     def plot(self) -> dict[str, Any]:
-        """Return the figures that have something to show, matplotlib's, by name; no window opens.
+        """Return the Matplotlib figures of this run by name, without opening a window.
 
-        A notebook shows them all. `figure.savefig(path)` writes one, `holdfast.plot.save_plots` all.
+        Figures without data are left out. A notebook displays all of them. `figure.savefig(path)` writes one figure,
+        and `holdfast.plot.save_plots` writes all.
 
         Raises:
             MissingExtra: matplotlib is not installed.
@@ -141,13 +143,13 @@ class RunOutputs:
         return Figures(figures(setting.chain, run))
 
     def page(self, path: str | PathLike[str], rate: float = RATE) -> Path:
-        """Write the run as one HTML file that opens without a network, and return the file.
+        """Write the run as one HTML file that needs no network connection, and return its path.
 
-        Arms out of URDF files are drawn with their meshes where these can be read, with simple solids otherwise.
+        Arms from URDF files are drawn with their meshes if these can be read, and with simple solids otherwise.
 
         Args:
-            path: of the file; what is there is replaced.
-            rate: moments a second that it shows.
+            path: path of the file, which is replaced if it exists.
+            rate: frames per second that the page shows.
 
         Raises:
             MissingExtra: viser is not installed.
@@ -161,16 +163,16 @@ class RunOutputs:
         return Path(path)
 
     def show(self, rate: float = RATE) -> Any:
-        """Show the page: inside a notebook, or in the browser, out of a file of this session.
+        """Show the page in a notebook, or in the browser from a temporary file.
 
         Args:
             rate: as for `page`.
 
         Returns:
-            In a notebook what it displays, elsewhere the file's path.
+            The object that the notebook displays, or otherwise the path of the file.
 
         Raises:
-            HoldfastError: as for `page`, or no browser opens; the message names the file.
+            HoldfastError: as for `page`, or no browser can be opened; the message then names the file.
         """
         from holdfast.view.inline import shown
         from holdfast.view.page import page
@@ -179,10 +181,10 @@ class RunOutputs:
         return shown(page(playback), playback.title)
 
     def playback(self, rate: float = RATE) -> Any:
-        """Return the moments that the page shows, a `Playback`, for `holdfast.plot.export_page`.
+        """Return the frames that the page shows as a `Playback`, for `holdfast.plot.export_page`.
 
         Args:
-            rate: moments a second.
+            rate: frames per second.
 
         Raises:
             StateError: a run that does not know its chain, or one without samples.
@@ -194,7 +196,7 @@ class RunOutputs:
         return playback_of_run(setting.chain, run, setting.name, rate, setting.base_motion)
 
     def _run_and_setting(self) -> tuple[Trajectory, Any]:
-        """Return the run and its setting, checked against each other."""
+        """Return the run and its setting, after checking that they match."""
         from holdfast.simulation.trajectory import require_run_of
 
         run = self.whole_run()
@@ -203,7 +205,7 @@ class RunOutputs:
         return run, setting
 
     def _repr_html_(self) -> str | None:
-        """Return what a notebook shows of it."""
+        """Return the HTML representation for notebooks."""
         from holdfast.view.inline import html_of_run
 
         return html_of_run(self)

@@ -1,4 +1,4 @@
-"""Where a run is: at one accepted instant, with all it can go on from."""
+"""The state of a run at one accepted instant, from which it continues."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ class RunState:
     """A run at one accepted instant.
 
     Attributes:
-        segment: the chain and what moves it.
-        checkpoint: what the run can go on from.
-        now: the instant, `checkpoint.now` evaluated.
-        previous: the instant before, `checkpoint.previous` evaluated; None where now begins a smooth stretch.
-        gaps: what projection found and left.
-        times: (looks,) at which margins were looked at since the instant before [s].
-        margins: (looks, signals) then; the last are those of now.
-        ended: why the run ends here, if it does.
+        segment: the current segment of the run.
+        checkpoint: the data from which the run can be continued.
+        now: the instant, evaluated from `checkpoint.now`.
+        previous: the previous instant, evaluated from `checkpoint.previous`; None if `now` begins a smooth stretch.
+        gaps: position and velocity gaps before and after projection.
+        times: (k,) times since the previous instant at which the margins were evaluated [s].
+        margins: (k, signals) margins at these times; the last row belongs to `now`.
+        ended: the reason if the run ends here, otherwise None.
     """
 
     segment: Segment
@@ -38,7 +38,7 @@ class RunState:
     ended: str | None = None
 
     def violated(self) -> int | None:
-        """Return the signal most below zero, of those that a run does not go on with."""
+        """Return the most negative signal among those at which the run does not simply continue; None if none is."""
         acting, now = self.segment.acting, self.margins[-1]
         if not len(acting) or now[acting].min() >= 0.0:
             return None

@@ -1,4 +1,4 @@
-"""One step of a run: margins verified inside it, singular configurations on its way found, too long ones refused."""
+"""One step of a run, with verified margins, the search for singular configurations, and a check of its length."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ from holdfast.simulation.stability import elsewhere
 from holdfast.simulation.stepper import Advance, Stepper
 from holdfast.simulation.verification import MarginCurves, StepMargins, look_times, verify
 
-FASTEST = 1e30  # rad/s or m/s: what is faster ends in numbers that are none
+FASTEST = 1e30  # rad/s or m/s: the squares of faster rates soon overflow float64
 
 
 def stepped(at: RunState) -> RunState:
-    """Return the run after a step, or at its end where it may not go through a singular configuration on the way."""
+    """Return the run after a step, or ended before a singular configuration that it may not pass."""
     segment, now, settings = at.segment, at.now, at.segment.settings
     until = float(settings.stops.times[at.checkpoint.stop])
     goes_on = settings.policy.on_singular == "continue"
     proposal = at.checkpoint.proposal
     step = settings.longest_step if proposal is None else proposal.step
     left = time_left(segment, now, step) if goes_on else None
-    if left is not None and (proposal is not None or left <= 1.5 * step):  # no step is to end beside it
+    if left is not None and (proposal is not None or left <= 1.5 * step):  # no step should end close to it
         return _towards(at, left, step)
     later, configuration = _step_and_configuration(at, until)
     if configuration is None:
@@ -54,9 +54,9 @@ def stepped(at: RunState) -> RunState:
 
 
 def _step_and_configuration(at: RunState, until: float) -> tuple[RunState | None, SingularConfiguration | None]:
-    """Return the run after a step, if there is one, and the first singular configuration on its way.
+    """Return the run after a step (None if it fails), and the first singular configuration that the step passes.
 
-    A fixed step near a singular configuration that is too long for the motion there is taken in parts.
+    Near a singular configuration, a fixed step that is too long for the motion is taken in parts.
     """
     segment, now = at.segment, at.now
     later, failure = None, None
@@ -87,13 +87,13 @@ def _first_configuration(segment: Segment, now: Instant, later: Instant) -> Sing
 
 
 def _finer(at: RunState, until: float, later: RunState | None, leaps: bool) -> Stepper | None:
-    """Return what takes a fixed step that is too long for the motion near a singular configuration; None: it is not.
+    """Return the stepper for a fixed step that is too long near a singular configuration; None if it is short enough.
 
     Args:
         at: the run.
         until: the step's end [s].
-        later: the run then; None if the step fails.
-        leaps: whether it leads from one branch of the motion to another.
+        later: the run after the step; None if the step fails.
+        leaps: whether the step leads from one branch of the motion to another.
     """
     segment, now = at.segment, at.now
     if later is None:
@@ -107,12 +107,12 @@ def _finer(at: RunState, until: float, later: RunState | None, leaps: bool) -> S
 
 
 def _towards(at: RunState, left: float, step: float) -> RunState:
-    """Return the run after a step to a place beside a singular configuration, or through it.
+    """Return the run after a step that ends before a singular configuration or passes through it.
 
     Args:
         at: the run.
-        left: how long it takes to get to the configuration [s].
-        step: a step as long as it may be [s].
+        left: time until the configuration is reached [s].
+        step: greatest length of the step [s].
     """
     now, segment = at.now, at.segment
     if not goes_through(left, step):
@@ -121,13 +121,13 @@ def _towards(at: RunState, left: float, step: float) -> RunState:
         return _step_to(at, _latest(at), lambda tried: length_before(left, tried))
     until = min(now.t + length_through(left, step), _latest(at))
     later = _step_to(at, until, stepper=segment.collocation)
-    passed = list(configurations_passed(segment, now, later.now))  # none where the motion turned before it
+    passed = list(configurations_passed(segment, now, later.now))  # empty if the motion has turned back before it
     branching = [configuration for configuration in passed if not configuration.unique]
     return _ended(at, branching[0]) if branching else _passed(at, later, passed)
 
 
 def _latest(at: RunState) -> float:
-    """Return the time that no step may go beyond: of the next jump or sample, or the run's end [s]."""
+    """Return the time that no step may pass: the next jump, the next controller sample, or the run's end [s]."""
     times, jumps = at.segment.settings.stops
     jumping = np.flatnonzero(jumps[at.checkpoint.stop :])
     latest = float(times[at.checkpoint.stop + jumping[0] - 1] if len(jumping) else times[-1])
@@ -146,7 +146,7 @@ def _passed(at: RunState, later: RunState, configurations: Sequence[SingularConf
 
 
 def _ended(at: RunState, configuration: SingularConfiguration) -> RunState:
-    """Return the run as it ends before a singular configuration."""
+    """Return the run, ended before a singular configuration."""
     occurrence = configuration.occurrence("stops before a singular configuration")
     saved = replace(at.checkpoint, occurrences=(*at.checkpoint.occurrences, occurrence))
     where = f"stopped after t = {at.now.t:.6g} s, before a singular configuration at t = {configuration.t:.9g} s"
@@ -154,7 +154,7 @@ def _ended(at: RunState, configuration: SingularConfiguration) -> RunState:
 
 
 def _branches(at: RunState, configuration: SingularConfiguration) -> str:
-    """Return why a run that may go on through singular configurations does not."""
+    """Return why the run does not continue through the configuration although its policy allows it; else ''."""
     if configuration.unique or at.segment.settings.policy.on_singular == "stop":
         return ""
     if configuration.gap > CLOSED:
@@ -165,13 +165,13 @@ def _branches(at: RunState, configuration: SingularConfiguration) -> str:
 def _step_to(
     at: RunState, until: float, placed: Callable[[float], float] | None = None, stepper: Stepper | None = None
 ) -> RunState:
-    """Return the run after a step, to a time or to where a margin becomes negative that acts.
+    """Return the run after a step, which ends early if a margin that acts becomes negative.
 
     Args:
         at: the run.
-        until: the step's end, or of an adaptive scheme a time not to be stepped over [s].
+        until: the step's end, or the time that an adaptive step must not pass [s].
         placed: lengths of adaptive steps, as for `next_step`.
-        stepper: takes the step in the place of the scheme's.
+        stepper: takes the step instead of the segment's stepper.
     """
     segment, now, saved = at.segment, at.now, at.checkpoint
     settings, signals = segment.settings, segment.signals
@@ -189,8 +189,8 @@ def _step_to(
     _require_step(at, found, until)
     assert end.instant is not None
     tracker, news = saved.tracker.after(found, curves, signals)
-    margins = found.margins[min(found.start, 1) :]  # the look before belongs to the instant before
-    if end.t == now.t:  # a dip just before, found only now
+    margins = found.margins[min(found.start, 1) :]  # the row before the start belongs to the previous instant
+    if end.t == now.t:  # a dip just before the start was found only in this step
         margins = margins.min(axis=0, keepdims=True)
     tail_time = times[-2] if len(times) > 1 else now.t
     if elsewhere(now.state, end.instant.state):
@@ -213,11 +213,11 @@ def _step_to(
 
 
 def _require_step(at: RunState, found: StepMargins, until: float) -> None:
-    """Refuse a step that failed, and one of fixed length that the motion is too fast for.
+    """Raise an error if the step failed, or if it has a fixed length that is too long for the motion.
 
     Raises:
-        StepTooLongError: shorter steps do not show what it shows, or could not follow either.
-        HoldfastError: why no step leads on.
+        StepTooLongError: the step diverges, or shorter steps do not confirm its result.
+        HoldfastError: the error with which the step failed.
     """
     settings, end = at.segment.settings, found.end
     window = Window(at.segment, at.previous, at.now)
@@ -233,7 +233,7 @@ def _require_step(at: RunState, found: StepMargins, until: float) -> None:
 
 
 def _margin_curves(at: RunState, stepper: Stepper) -> MarginCurves:
-    """Return the margins about now, so far as they are known; what a stepper leads to comes next."""
+    """Return the margin curves around the current instant, with the margins known so far."""
     now = at.now
 
     def reach(times: Sequence[float]) -> list[Advance]:

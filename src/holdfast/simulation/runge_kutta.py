@@ -1,7 +1,7 @@
-"""Explicit Runge-Kutta schemes as data, and one step for all, on rotation vectors where there is a rotation.
+"""Explicit Runge-Kutta schemes as tableaus, and the step that is common to all of them.
 
-An attitude is written R = exp(u) R_0 about the attitude R_0 at the step's start, so the
-step adds plain vectors and never leaves the rotation group (Munthe-Kaas).
+An attitude is written R = exp(u) R_0 relative to the attitude R_0 at the step's start. The step therefore adds vectors,
+and the result is always a rotation (Munthe-Kaas).
 """
 
 from __future__ import annotations
@@ -27,15 +27,14 @@ class Tableau(Frozen):
     """A Runge-Kutta scheme of s stages, k_i = f(t + c_i h, y + h sum_j<i a_ij k_j), or an implicit-explicit one.
 
     Attributes:
-        name: as in `SCHEMES`.
-        order: of y(t + h) = y + h sum_i b_i k_i; the error of one step is O(h^(order + 1)).
-        c: (s,) stage times in steps, c_0 = 0.
-        a: (s, s) strictly lower triangular.
-        b: (s,).
-        error: (estimates, s) weights e of the error estimates h sum_i e_i k_i; (0, s) for a
-            scheme that estimates none.
-        a_implicit: (s, s) lower triangular, of a scheme that is implicit in damping and springs of joints
-            (`linearly_implicit`); None for an explicit one.
+        name: name of the scheme, as in `SCHEMES`.
+        order: order of y(t + h) = y + h sum_i b_i k_i; the error of one step is O(h^(order + 1)).
+        c: (s,) stage times as fractions of the step, c_0 = 0.
+        a: (s, s) weights of the stages, strictly lower triangular.
+        b: (s,) weights of the step.
+        error: (estimates, s) weights e of the error estimates h sum_i e_i k_i; (0, s) for a scheme without an estimate.
+        a_implicit: (s, s) implicit weights, lower triangular, of a scheme that is implicit in the damping and springs
+            of joints (`linearly_implicit`); None for an explicit scheme.
     """
 
     name: str
@@ -53,17 +52,17 @@ class Tableau(Frozen):
 
     @property
     def implicit(self) -> bool:
-        """Whether steps are implicit in damping and springs of joints."""
+        """Whether steps are implicit in the damping and springs of joints."""
         return self.a_implicit is not None
 
     @functools.cached_property
     def stability_interval(self) -> float:
         """The largest x such that steps of y' = -rate y with h rate <= x do not grow: 2 for midpoint, 2.785 for rk4.
 
-        Of a linearly implicit method, for what it does not take implicitly.
+        For a linearly implicit scheme, this is the limit for the forces that it treats explicitly.
         A step multiplies y by R(-h rate), R(z) = 1 + sum_k b^T A^(k-1) 1 z^k; this is the first x with |R(-x)| = 1.
         """
-        terms, weights = [], -self.b  # of (-x)^k, k = 1 .. s
+        terms, weights = [], -self.b  # coefficients of (-x)^k, k = 1 .. s
         for _ in self.b:
             terms.append(float(weights.sum()))
             weights = -weights @ self.a
@@ -82,10 +81,12 @@ RK4 = Tableau(
     np.zeros((0, 4)),
 )
 
-# The cheap scheme. Simulators often take semi-implicit Euler, which keeps energy well where the
-# inertia does not depend on the configuration; here it does. On two Pandas that fall for 0.4 s the
-# midpoint rule drifts by 2e-6 of the peak kinetic energy with 2 evaluations a ms, semi-implicit
-# Euler with as many by 5e-4; and projection, which costs as much as both, is needed half as often.
+# The cheapest scheme. Simulators often use semi-implicit Euler, which conserves energy well if the inertia does not
+# depend on the configuration; here it does. For two Pandas that fall for 0.4 s, with two evaluations per millisecond,
+# the
+# energy drifts by 2e-6 of the peak kinetic energy with the midpoint rule, and by 5e-4 with semi-implicit Euler.
+# Moreover,
+# the midpoint rule needs half as many projections, each of which costs as much as two evaluations.
 MIDPOINT = Tableau(
     "midpoint",
     2,
@@ -97,11 +98,12 @@ MIDPOINT = Tableau(
 
 
 def _imex() -> Tableau:
-    """Return an implicit-explicit scheme of three stages and order 2.
+    """Return an implicit-explicit scheme with three stages and order 2.
 
-    The explicit stages, at 0, 1/3 and 1, have weights b of order 3. The implicit ones have the same weights, which are
-    their last stage's, the step's end; they are of order 2, and L-stable, as are all such schemes with a diagonal g
-    of at least 0.181. With g = 1/4 nothing weighs the first stage, where what decays at once is still in the rates.
+    The explicit stages, at 0, 1/3 and 1, have weights b of order 3. The implicit part has the same weights, which are
+    also those of its last stage, at the end of the step. It is of order 2 and L-stable, as are all such schemes with a
+    diagonal entry g of at least 0.181. For g = 1/4 the first stage, whose rates still contain the modes that decay at
+    once, has weight zero.
     """
     explicit = np.array([[0.0, 0.0, 0.0], [1 / 3, 0.0, 0.0], [-1.0, 2.0, 0.0]])
     b = np.array([0.0, 3 / 4, 1 / 4])
@@ -111,26 +113,26 @@ def _imex() -> Tableau:
 
 IMEX = _imex()
 
-# One stage, for steps of length zero, of which only the end is of interest.
+# One stage, for steps of length zero, which only project and evaluate the state.
 EULER = Tableau("euler", 1, np.zeros(1), np.zeros((1, 1)), np.ones(1), np.zeros((0, 1)))
 
 
 @functools.cache
 def dop853() -> Tableau:
-    """Return the pair of Dormand and Prince of order 8, twelve stages, with Hairer's two error estimates.
+    """Return the scheme of Dormand and Prince of order 8 with twelve stages, and Hairer's two error estimates.
 
-    The estimates are of orders 5 and 3; `Tolerance.ratio` puts them together. The numbers are SciPy's.
+    The estimates are of orders 5 and 3; `Tolerance.ratio` combines them. The coefficients are those of SciPy.
     """
     from scipy.integrate import DOP853  # slow to import
 
     s = DOP853.n_stages
-    # SciPy's last weight belongs to the next step's first stage, and is zero
+    # the last weight in SciPy belongs to the first stage of the next step, and is zero
     error = np.array([DOP853.E5[:s], DOP853.E3[:s]])
     return Tableau("dop853", 8, DOP853.C[:s].copy(), DOP853.A[:s, :s].copy(), DOP853.B.copy(), error)
 
 
 def scheme(name: str) -> Tableau:
-    """Return the scheme of a name.
+    """Return the scheme with the given name.
 
     Raises:
         ModelError: no scheme has that name.
@@ -146,18 +148,19 @@ def scheme(name: str) -> Tableau:
 def runge_kutta_step(
     first: Array, step: Scalar, tableau: Tableau, stage: Callable[[int, Array], Any]
 ) -> Generator[Any, Array, tuple[Array, list[Array]]]:
-    """Return by how much y grows in a step of y' = f(t, y), and the estimates of its error.
+    """Return the increment of y in a step of y' = f(t, y), and the estimates of its error.
 
-    A generator, which asks for the slopes: it yields what `stage` makes of a stage, and is sent f there.
+    This is a generator that requests the slopes: it yields the request that `stage` returns for a stage, and the caller
+    sends the slope f at that stage.
 
     Args:
-        first: (m,) f where the step begins.
+        first: (m,) f at the start of the step.
         step: h [s].
         tableau: the scheme.
-        stage: (i, increment of y) -> what is asked; the i-th stage is at t + c_i h.
+        stage: function of i and the increment of y that returns the request for stage i, at t + c_i h.
 
     Returns:
-        (m,) the increment, and per row of `tableau.error` an estimate (m,).
+        The increment (m,), and one estimate (m,) per row of `tableau.error`.
     """
     slopes = [first]
     for i, row in enumerate(tableau.a[1:], start=1):
@@ -166,20 +169,20 @@ def runge_kutta_step(
 
 
 def weighted(weights: Array, slopes: Sequence[Array]) -> Array:
-    """Return sum_i w_i k_i over the weights that are not zero; there is one."""
+    """Return sum_i w_i k_i over the nonzero weights, of which there is at least one."""
     first, *others = [float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0.0]
     return sum(others, first)
 
 
 def rotation_vector_rate(u: Array, w: Array) -> Array:
-    """Return u' for R = exp(u) R_0 that turns at w [rad/s], world axes.
+    """Return u' for R = exp(u) R_0 with the angular velocity w [rad/s], world axes.
 
     u' = w - u x w / 2 + c u x (u x w), c = (1 - (a/2) cot(a/2)) / a^2, a = |u| < 2 pi.
     """
     square = u @ u
     small = square < 1e-6
-    series = 1 / 12 + square / 720  # exact to the last digit there
-    safe = where(small, 1.0, square)  # both branches are evaluated: neither may divide by zero
+    series = 1 / 12 + square / 720  # exact to the last digit for small angles
+    safe = where(small, 1.0, square)  # both branches are evaluated, so neither may divide by zero
     half = 0.5 * sqrt(safe)
     c = where(small, series, (1.0 - half * cos(half) / sin(half)) / safe)
     turned = cross(u, w)

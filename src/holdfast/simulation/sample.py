@@ -1,4 +1,4 @@
-"""One sample of a run: everything that is recorded at an instant."""
+"""Samples of a run: everything that is recorded at one instant."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from holdfast.state import State
 
 
 class Recorder:
-    """Makes samples of instants: what stays the same from one to the next is found once.
+    """Makes the samples of a run, and computes once what is common to successive samples.
 
     Attributes:
-        worth_compiling: whether there will be so many that machine code keeps the books.
+        worth_compiling: whether there will be enough samples to compile the balance quantities to machine code.
     """
 
     def __init__(self, samples: int = 1) -> None:
-        """Take how many samples there will be, about."""
+        """Store the approximate number of samples."""
         self.worth_compiling = samples >= WORTH_COMPILING
         self._of_grasps: OfGrasps | None = None
         self._compiled: CompiledAccounts | None = None
@@ -49,11 +49,11 @@ class Recorder:
 
         Args:
             at: the instant.
-            gaps: what projection found and left.
-            sums: since the run's start.
-            times: (looks,) at which margins were looked at since the sample before, this one's last.
-            margins: (looks, signals) then, see `margins.Signals`.
-            occurrences: what happened since the sample before.
+            gaps: position and velocity gaps before and after projection.
+            sums: work and impulses since the run's start.
+            times: (k,) times since the previous sample at which the margins were evaluated; the last is that of `at`.
+            margins: (k, signals) margins at these times, see `margins.Signals`.
+            occurrences: what has happened since the previous sample.
         """
         chain, state, found, books = at.chain, at.state, at.result, self._accounts(at)
         same = self._same(chain)
@@ -103,7 +103,7 @@ class Recorder:
         )
 
     def _accounts(self, at: Instant) -> Accounts:
-        """Return what the books say, by machine code where it suits and is worth while."""
+        """Return the balance quantities, computed by machine code if that is possible and worthwhile."""
         if not self.worth_compiling or not CompiledAccounts.suit(at.chain, at.inputs):
             return accounts_of(at)
         if self._compiled is None or self._compiled.chain is not at.chain:
@@ -111,21 +111,21 @@ class Recorder:
         return self._compiled.of(at)
 
     def _same(self, chain: ClosedChain) -> OfGrasps:
-        """Return what follows from these grasps; wherever bases are, it is the same."""
+        """Return the data that depend on the grasps only, not on the poses of the bases."""
         if self._of_grasps is None or self._of_grasps.grasps is not chain.grasps:
             self._of_grasps = OfGrasps(chain)
         return self._of_grasps
 
 
 class OfGrasps:
-    """What stays the same as long as the grasps do.
+    """Data that depend on the grasps only.
 
     Attributes:
-        grasps: of the chain.
-        split: of their wrenches.
-        holding: (arms,) whether each arm has one.
-        soft: whether the contact of one may spin.
-        limited: whether something limits one.
+        grasps: the grasps of the chain.
+        split: splits the grasp wrenches into motion and internal parts.
+        holding: (arms,) whether each arm has a grasp.
+        soft: whether there is a soft finger, whose contact may spin.
+        limited: whether there is a grasp with a limit.
     """
 
     def __init__(self, chain: ClosedChain) -> None:
@@ -135,7 +135,7 @@ class OfGrasps:
         self.limited = any(conditions(grasp) for grasp in chain.grasps.values())
 
     def margins(self, at: Instant) -> tuple[Array, Array, Array]:
-        """Return the margins now, the best and the worst that internal forces allow, by arm (arms,) each."""
+        """Return the current margins, and the best and worst that internal forces allow, each by arm (arms,)."""
         chain, state, found = at.chain, at.state, at.result
         unique = found.status is not Status.INDETERMINATE_FORCES
         if unique and not self.limited:
@@ -148,10 +148,11 @@ class OfGrasps:
 
 
 def spins(chain: ClosedChain, state: State) -> Array:
-    """Return how far each soft finger's contact is turned about its normal, (arms,) [rad]; 0 for other grasps.
+    """Return the rotation of each soft finger's contact about its normal, (arms,) [rad]; 0 for other grasps.
 
-    The part about z of the turn from tip frame to contact frame, within -pi .. pi. No spin rate is transmitted,
-    and yet rolling turns it (Appendix A): it is reported, not corrected.
+    This is the component about z of the rotation from the tip frame to the contact frame, within -pi .. pi. The spin
+    rate of a soft finger is constrained to zero, but rolling still changes the angle (Appendix A). It is reported, not
+    corrected.
     """
     turned = np.zeros(len(chain.arms))
     soft = [name for name, grasp in chain.grasps.items() if grasp.of_kind.rate_rows]
@@ -162,20 +163,20 @@ def spins(chain: ClosedChain, state: State) -> Array:
 
 
 def _or_none(array: Array | None) -> Array:
-    """Return an array of a trunk, without entries where there is none."""
+    """Return an array that belongs to a trunk, or an empty array if it is None."""
     return np.zeros(0) if array is None else array
 
 
 def _lowest(times: Array, margins: Array) -> tuple[Array, Array]:
-    """Return the lowest margin of every signal, and when it was."""
+    """Return the lowest margin of every signal, and its time."""
     k = np.argmin(margins, axis=0)
     return margins[k, np.arange(margins.shape[1])], times[k]
 
 
 def _lowest_joints(lowest: Array, when: Array) -> tuple[Array, Array, Array]:
-    """Return per quantity the joint whose margin was lowest, that margin, and when it was, (3,) each.
+    """Return for each quantity the joint with the lowest margin, that margin, and its time, (3,) each.
 
-    Without joints no margin is finite, and no joint is meant.
+    Without joints the margins are infinite and the joint numbers have no meaning.
     """
     if not lowest.size:
         none = np.full(len(JOINT_QUANTITIES), np.inf)

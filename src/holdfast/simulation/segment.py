@@ -1,4 +1,4 @@
-"""A segment of a run: from one change of the grasps to the next, the chain is one and the same."""
+"""Segments of a run: the time from one change of the grasps to the next, during which the chain stays the same."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ MakeStepper = Callable[[Environment, Controller, int, Tableau, Tolerance], Stepp
 
 @dataclass(frozen=True, eq=False)
 class RunSettings:
-    """What stays the same through a run.
+    """The settings that stay the same during a run.
 
     Attributes:
-        environment: the chain as it is at the start, and what acts on it.
-        controller: torques, as it is at the start.
-        hold: when it is asked, if it is not at every stage.
-        make_stepper: (environment, controller, generic rank, scheme, tolerance) -> what takes the steps.
+        environment: the chain at the start, its base motions and external inputs.
+        controller: the controller at the start.
+        hold: sample times of a sampled controller; None if the controller is evaluated at every stage.
+        make_stepper: function of (environment, controller, generic rank, scheme, tolerance) that returns a stepper.
         scheme: Runge-Kutta scheme.
-        tolerance: of a scheme that estimates its error.
-        largest_drift: of a step of one that does not, see `SubdividingStepper` [m or rad]; None: any.
-        policy: what is done about violations.
-        events: in order of time.
-        stops: times that steps end at.
+        tolerance: error tolerance of an adaptive scheme.
+        largest_drift: largest drift of a step of fixed length, see `SubdividingStepper` [m or rad]; None for no limit.
+        policy: what to do at violations and singular configurations.
+        events: the events in order of time.
+        stops: times at which steps must end.
     """
 
     environment: Environment
@@ -65,7 +65,7 @@ class RunSettings:
 
     @property
     def end(self) -> float:
-        """When the run ends [s]."""
+        """Time at which the run ends [s]."""
         return float(self.stops.times[-1])
 
     @cached_property
@@ -77,14 +77,14 @@ class RunSettings:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """What stays the same while the same arms hold the object.
+    """The part of a run during which the same arms hold the object.
 
     Attributes:
-        settings: of the run.
-        environment: the chain with its grasps now, and what acts on it.
+        settings: settings of the run.
+        environment: the chain with its current grasps, its base motions and external inputs.
         law: the controller.
-        generic_rank: of the constraint away from singular configurations.
-        implicit: whether steps are linearly implicit in damping and springs, which explicit ones cannot follow.
+        generic_rank: rank of the constraint away from singular configurations.
+        implicit: whether steps are linearly implicit, because explicit ones could not follow the damping and springs.
     """
 
     settings: RunSettings
@@ -95,7 +95,7 @@ class Segment:
 
     @cached_property
     def controller(self) -> Controller:
-        """What steps ask for torques: the law, or what holds those of a sampled one."""
+        """The controller that steps evaluate: the law, or for a sampled controller the law that holds its torques."""
         hold = self.settings.hold
         return self.law if hold is None else held_torques_law(self.environment.chain.joint_count)
 
@@ -106,7 +106,7 @@ class Segment:
 
     @cached_property
     def stepper(self) -> Stepper:
-        """What takes the steps; those of a scheme that does not choose its own are taken in parts where need be."""
+        """The stepper of this segment; it subdivides steps of fixed length if `largest_drift` is given."""
         run = self.settings
         whole = run.make_stepper(self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance)
         if run.scheme.adaptive or run.largest_drift is None:
@@ -115,12 +115,12 @@ class Segment:
 
     @cached_property
     def collocation(self) -> CollocationStepper:
-        """What takes the steps through singular configurations."""
+        """The stepper for steps through singular configurations."""
         return CollocationStepper(self.environment, self.controller, self.generic_rank)
 
     @cached_property
     def varied_parts(self) -> Stepper:
-        """What takes fixed steps that are too long near a singular configuration, in parts of different lengths."""
+        """The stepper that divides a fixed step near a singular configuration into parts of different lengths."""
         if self.implicit or self.settings.scheme.implicit:
             return HalvedPartsStepper(self.stepper)
         make = self.settings.make_stepper
@@ -130,29 +130,31 @@ class Segment:
 
     @cached_property
     def signals(self) -> Signals:
-        """The margins that there are."""
+        """The margins of the chain."""
         return Signals(self.environment.chain)
 
     @cached_property
     def acting(self) -> Array:
-        """Indices of the signals that end a step where they become negative."""
+        """Indices of the signals that end a step when they become negative."""
         return self.settings.policy.acting(self.signals)
 
     def at(self, origin: Origin) -> Instant:
-        """Return the instant that an accepted time, state and memory make; nothing is projected."""
+        """Return the instant of an accepted time, state and memory, without projection."""
         return self.stepper.evaluate(origin.t, origin.state, origin.memory)
 
     def sampled(self, t: float, state: State, held: HeldTorques | None, acting: Any) -> tuple[HeldTorques | None, Any]:
-        """Return where a sampled controller is at a time, and the memory of the steps; both as they are without a hold.
+        """Return the zero-order hold of a sampled controller at a time, and the memory that steps pass to it.
+
+        Without a zero-order hold, both are returned unchanged.
 
         Args:
             t: time [s].
-            state: positions and velocities then.
-            held: where it was before.
-            acting: the memory of the steps before: the torques that act, if they are held.
+            state: positions and velocities at that time.
+            held: the hold before.
+            acting: the memory of the steps before; for a sampled controller these are the torques that act.
 
         Raises:
-            StateError: it returns no torques and memory that fit.
+            StateError: the controller does not return valid torques and memory.
         """
         hold = self.settings.hold
         if hold is None or held is None:
@@ -164,20 +166,20 @@ class Segment:
         return self.margins_of([at])[0]
 
     def margins_of(self, instants: Sequence[Instant]) -> Array:
-        """Return all margins at some instants, (instants, signals); nothing is computed where nothing limits."""
+        """Return all margins at several instants, (instants, signals); without limits nothing is computed."""
         if len(self.signals.limited):
             return self.signals.of_each(instants)
         return np.full((len(instants), len(self.signals)), np.inf)
 
 
 def first_segment(settings: RunSettings, start: Origin) -> Segment:
-    """Return the segment that a run begins with.
+    """Return the first segment of a run.
 
     Raises:
-        StateError: the state breaks a grasp, or the controller's torques do not fit.
+        StateError: the state violates a grasp, or the controller's torques have a wrong shape or are not finite.
         SingularChainError: the configuration is singular.
     """
-    # judged with its neighbours; later a rank below its rank is a singularity
+    # the generic rank is determined with neighbouring configurations; later, any lower rank is a singularity
     environment = settings.environment
     chain, inputs = environment.at(start.t, start.state)
     tau = np.zeros(chain.joint_count)
@@ -187,7 +189,7 @@ def first_segment(settings: RunSettings, start: Origin) -> Segment:
 
 
 def segment_with(before: Segment, grasps: Mapping[str, Grasp], start: Origin) -> Segment:
-    """Return the segment that begins where grasps close or open.
+    """Return the segment that begins when grasps close or open.
 
     Raises:
         SingularChainError: the configuration is singular with these grasps.
@@ -197,10 +199,10 @@ def segment_with(before: Segment, grasps: Mapping[str, Grasp], start: Origin) ->
 
 
 def _rank_near(environment: Environment, controller: Controller, start: Origin) -> int:
-    """Return the rank of the constraint where the start closes the grasps, if its configuration is not singular.
+    """Return the rank of the constraint at the start, projected onto the grasps; singular configurations are refused.
 
     Raises:
-        StateError: the controller's torques do not fit.
+        StateError: the controller's torques have a wrong shape or are not finite.
         SingularChainError: the configuration is singular.
     """
     chain, inputs = environment.at(start.t, start.state)
@@ -209,12 +211,12 @@ def _rank_near(environment: Environment, controller: Controller, start: Origin) 
 
 
 def suited(segment: Segment, t: float, state: State) -> tuple[Segment, tuple[Occurrence, ...]]:
-    """Return the segment whose steps can follow how fast joints settle and swing, and what the log says of a change.
+    """Return the segment, made linearly implicit if explicit steps are too long for its joints, and log entries.
 
     Args:
-        segment: the chain and what moves it.
+        segment: the segment.
         t: time [s].
-        state: the chain there.
+        state: positions and velocities at that time.
     """
     settings = segment.settings
     why = too_fast(segment.environment.chain_at(t), state, settings.longest_step, segment.scheme)
@@ -225,9 +227,9 @@ def suited(segment: Segment, t: float, state: State) -> tuple[Segment, tuple[Occ
 
 
 def resumed_segment(settings: RunSettings, grasps: Mapping[str, Grasp], generic_rank: int, implicit: bool) -> Segment:
-    """Return the segment with given grasps, generic rank and kind of steps.
+    """Return the segment with the given grasps, generic rank and kind of steps.
 
-    A controller that has a `for_chain(chain)` is replaced by what that returns; another goes on as it is.
+    If the controller has a method `for_chain(chain)`, the segment uses the controller that this method returns.
     """
     chain = replace(settings.environment.chain, grasps=grasps)
     for_chain = getattr(settings.controller, "for_chain", None)

@@ -1,4 +1,4 @@
-"""What a run is a run of: the chain, where its bases were at every sample, and what was asked for."""
+"""The setting of a run: its chain, the motions of its bases, and the arguments of `simulate`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from holdfast.spatial.scalar import Array
 
 @dataclass(frozen=True, eq=False)
 class RecordedBase(Frozen):
-    """How a base moved, at a run's samples; called with the time of one, it is a base motion as `simulate` takes it.
+    """The recorded motion of a base. It can be called like the base motions of `simulate`, but only at sample times.
 
     Attributes:
         t: (samples,) [s].
@@ -36,10 +36,10 @@ class RecordedBase(Frozen):
     acceleration: Array
 
     def __call__(self, t: float) -> tuple[Pose, Array, Array]:
-        """Return pose, twist and acceleration at a sample's time.
+        """Return the pose, twist and acceleration at the time of a sample.
 
         Raises:
-            StateError: another time.
+            StateError: t is not the time of a sample.
         """
         k = int(np.searchsorted(self.t, t))
         if k == len(self.t) or self.t[k] != t:
@@ -48,11 +48,11 @@ class RecordedBase(Frozen):
 
 
 def recorded_base(name: str, motion: BaseMotion, times: Array) -> RecordedBase:
-    """Return a base's motion at the times of samples. One call a sample.
+    """Return the motion of a base at the times of samples; `motion` is called once per sample.
 
     Args:
-        name: of the arm, or "trunk", for messages.
-        motion: as for `simulate`.
+        name: name of the arm, or "trunk", for messages.
+        motion: base motion as for `simulate`.
         times: (samples,) [s].
     """
     moments = [motion_of(name, motion(t)) for t in times.tolist()]
@@ -64,15 +64,15 @@ def recorded_base(name: str, motion: BaseMotion, times: Array) -> RecordedBase:
 
 @dataclass(frozen=True, eq=False)
 class Setting(Frozen):
-    """What a run is a run of.
+    """The setting of a run.
 
     Attributes:
-        chain: the chain as it was at the start.
-        base_motion: of the bases that move, by arm name, or "trunk", at the run's samples.
-        name: what the run is called.
-        duration: asked for [s].
-        step: asked for [s].
-        options: what else was asked for, as plain data.
+        chain: the chain at the start.
+        base_motion: motions of the moving bases at the samples, by arm name, or "trunk".
+        name: name of the run.
+        duration: requested duration [s].
+        step: requested step [s].
+        options: other arguments of `simulate`, as plain data.
     """
 
     chain: ClosedChain

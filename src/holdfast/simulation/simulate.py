@@ -1,4 +1,4 @@
-"""Simulation of a closed chain under a controller, always on the constraint."""
+"""Simulation of a closed chain with a controller; every sample satisfies the grasp constraint."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from holdfast.control.clipped import clipped
 from holdfast.control.compiled_law import CompiledLaws
 from holdfast.control.controller import ControlLaw, Controller, given_law, machine_code, require_controller
-from holdfast.dynamics.near_singular import NEAR, nearly_lost
-from holdfast.errors import HoldfastError, ModelError, StateError
+from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -25,17 +24,16 @@ from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.external_inputs import GivenInputs
-from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
+from holdfast.simulation.recorded_run import Listeners, recorded_run
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
-from holdfast.simulation.run import next_state, resumed_run, start_of_run
-from holdfast.simulation.run_state import RunState
+from holdfast.simulation.run import resumed_run, start_of_run
 from holdfast.simulation.runge_kutta import scheme as scheme_named
 from holdfast.simulation.sample import Recorder
 from holdfast.simulation.segment import MakeStepper, RunSettings
 from holdfast.simulation.setting import Setting, recorded_base
-from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
-from holdfast.simulation.trajectory import Trajectory, array_names, stacked
+from holdfast.simulation.stops import ALIKE, step_times, stops
+from holdfast.simulation.trajectory import Trajectory
 from holdfast.simulation.verification import LOOKS
 from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.state import Inputs, State, require_fit
@@ -70,57 +68,59 @@ def simulate(
     make_stepper: MakeStepper | None = None,
     name: str = "run",
 ) -> Trajectory:
-    """Return the motion from a state, by Runge-Kutta steps with projection, contacts verified all along.
+    """Return the motion from an initial state, by Runge-Kutta steps with projection and verified contacts.
 
-    A step that turns singular, cannot be closed again or is not finite ends the run, and so does a grasp that
-    slips (see `on_slip`): what came before is returned, `stopped` says why and when.
-
-    Margins of one-sided grasps and of joint limits are looked at inside every step; what is found for certain
-    is said in `simulation.verification`. A chain without either costs nothing extra.
+    The run ends early if a step reaches a singular configuration, cannot be projected onto the grasps or is not finite,
+    or if a grasp slips (see `on_slip`). The samples up to then are returned, and `stopped` gives the reason and time.
+    The margins of one-sided grasps and of joint limits are also evaluated inside every step; `simulation.verification`
+    states which violations are certain to be found. For a chain without such limits this costs nothing.
 
     Args:
         chain: arms, object and grasps.
-        state: where to start; must satisfy the grasps.
-        controller: (t, state, memory) -> (torques (n,), memory), memory None at first. Its attribute
-            `breakpoints`, if it has one, says at which times its torques jump; its method `for_chain(chain)`,
-            if it has one, is asked for a controller whenever a grasp closes or opens.
-        duration: [s].
-        step: h [s]; the last step is shorter where h does not divide the duration. An adaptive scheme
-            takes shorter ones where it must, none across a multiple of h; every step is a sample.
-        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name, or "trunk" for a trunk's.
-        inputs: external wrenches, constant or a function of t, or of (t, state): one that cannot be called with t
-            alone. It is asked at every stage for the time and state there, and may give wrenches only.
+        state: initial state, which must satisfy the grasps.
+        controller: function (t, state, memory) -> (torques (n,), memory); the memory is None in the first call. The
+            optional attribute `breakpoints` lists the times at which its torques jump. The optional method
+            `for_chain(chain)` returns the controller to use after a grasp has closed or opened.
+        duration: duration of the run [s].
+        step: step h [s]; the last step is shorter if h does not divide the duration. An adaptive scheme takes shorter
+            steps if necessary, none of them across a multiple of h. Every step ends with a sample.
+        base_motion: functions t -> (pose, twist, acceleration) of moving bases, by arm name, or "trunk" for that of a
+            trunk.
+        inputs: external wrenches: constant, a function of t, or a function of (t, state). A function counts as one of
+            (t, state) if it cannot be called with t alone; it is evaluated at every stage and may return wrenches only.
         events: `Attach` and `Release` at given times.
-        breakpoints: times at which torques or inputs jump or change their course; steps end there.
-        parameters: values of a `ControlLaw`'s parameters, by name; others take none.
-        sample_time: of a digital controller [s]: it is asked once a sample, with the state of that moment, and its
-            torques are held until the next (zero-order hold); steps end at samples. None: asked at every stage.
-        delay: from a sample to when its torques act [s]; until then those before, at first those of the first sample.
-        on_slip: what is done about a grasp that cannot hold: "stop", "record" (and go on as if it held), or
-            "release" (it opens; velocities go on).
-        on_limit: what is done about a joint beyond a limit: "record" or "stop"; "clip": torques beyond an effort limit
-            are clipped to it (its margin is 0 then), and the other limits recorded.
-        on_singular: what is done about a singular configuration on the way: "stop" before it, or "continue" through it
-            where only one motion with continuous velocities leads on; steps then end beside it.
-        scheme: "rk4", "midpoint" or "dop853" (adaptive, order 8).
+        breakpoints: times at which torques or inputs, or their slopes, jump; steps end there.
+        parameters: values of a `ControlLaw`'s parameters, by name; other controllers have none.
+        sample_time: sample time of a digital controller [s]. The controller is then called once per sample with the
+            state at that time, and its torques are held until the next sample (zero-order hold). Steps end at samples.
+            None: the controller is evaluated at every stage.
+        delay: time from a sample until its torques act [s]. Until then the previous torques act, and at the start
+            those of the first sample.
+        on_slip: what to do when a grasp cannot hold: "stop"; "record" and continue as if the grasp held; or
+            "release", which opens the grasp and keeps the velocities.
+        on_limit: what to do when a joint exceeds a limit: "record"; "stop"; or "clip", which clips torques to the
+            effort limits (the margin is then 0) and records the other limits.
+        on_singular: what to do at a singular configuration: "stop" before it, or "continue" through it if exactly one
+            motion with continuous velocities leads through. Steps then end near it.
+        scheme: "rk4", "midpoint", "dop853" (adaptive, order 8) or "imex" (linearly implicit in joint dampers and
+            springs).
         rtol: relative tolerance of an adaptive scheme, see `adaptive.Tolerance`.
-        atol: absolute tolerance.
-        largest_drift: a fixed step that leaves the grasps open by more than this before projection, 1e-10 say, is
-            too long for the motion and taken in equal parts [m or rad]; None: every step is taken whole.
-        start: where to go on instead of at the beginning; `state` is not used then, and the samples returned
-            are those after it.
-        progress: True: a bar shows how far the run is, in a notebook or on a terminal. Or what is called with the
-            time after every step.
-        on_sample: called with every sample as it is made.
-        on_checkpoint: called after that with what the run can go on from.
-        make_stepper: what takes the steps; without it machine code does, unless there are too few to compile for.
-        name: what the run is called in pages and files.
+        atol: absolute tolerance of an adaptive scheme.
+        largest_drift: largest position gap that a fixed step may leave before projection, for example 1e-10; a step
+            with a larger gap is divided into equal parts [m or rad]. None: steps are not divided.
+        start: checkpoint from which to continue; `state` is then not used, and only the later samples are returned.
+        progress: True to show a progress bar, in a notebook or on a terminal; or a function that is called with the time
+            after every step.
+        on_sample: called with every new sample.
+        on_checkpoint: called after `on_sample` with a checkpoint from which the run can be continued.
+        make_stepper: returns the stepper. By default steps are compiled to machine code if there are enough of them.
+        name: name of the run in pages and files.
 
     Raises:
-        ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, an
-            impossible event, a sample time or delay that no run can have, or a controller that is no function.
-        StateError: the initial state breaks a grasp, the controller returns no torques and memory that fit, or the
-            parameters are not those of its law.
+        ModelError: the duration or step is not positive, there are too many steps, a policy or scheme is unknown, an
+            event is impossible, the sample time or delay is invalid, or the controller is not a function.
+        StateError: the initial state violates a grasp, the controller does not return valid torques and memory, or
+            the parameters do not match those of its law.
         SingularChainError: the initial configuration is singular.
     """
     checks.instance(chain, ClosedChain, "simulation: chain")
@@ -150,45 +150,11 @@ def simulate(
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends)
 
     calls = len(ends.times) * (1 if hold else len(named.c) * (LOOKS if joint_limits(chain).limited.any() else 1))
+    recorder = Recorder(0 if environment.base_motion else len(ends.times))
     doing, begin = f"simulating {name}", f"{duration:g} s in {len(grid) - 1} steps"
-    samples, recorder = list[Trajectory](), Recorder(0 if environment.base_motion else len(ends.times))
     with laws_by_machine_code(chain, calls), reporting(progress, doing, begin, of_time(duration)) as tell:
         at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
-        first = reported = 0 if start is None else len(start.occurrences)
-
-        def keep(at: RunState) -> None:
-            nonlocal reported
-            happened = at.checkpoint.occurrences
-            samples.append(
-                recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened[reported:])
-            )
-            reported = len(happened)
-            if on_sample is not None:
-                on_sample(samples[-1])
-            if on_checkpoint is not None:
-                on_checkpoint(at.checkpoint)
-
-        if start is None:
-            keep(at)
-        while True:
-            try:
-                later = next_state(at)
-            except HoldfastError as cause:
-                later = f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now)}"
-            if not isinstance(later, RunState):
-                break
-            if len(samples) > MOST_STEPS + len(ends.times):  # of its own an adaptive scheme would go on for ever
-                later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
-                break
-            if later.now.t > at.now.t:
-                keep(later)
-                tell(later.now.t)
-            at = later
-    if not samples:  # a run that went on from its end
-        none = stacked([recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
-        run = replace(none, **{name: getattr(none, name)[:0] for name in array_names()})
-    else:
-        run = replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
+        run = recorded_run(at, recorder, start is not None, Listeners(tell, on_sample, on_checkpoint))
     moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
     asked = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
@@ -200,37 +166,14 @@ def simulate(
 
 @contextmanager
 def laws_by_machine_code(chain: ClosedChain, calls: int) -> Iterator[None]:
-    """Let ready-made controllers and control laws that are called on floats be machine code, where it is worth while.
+    """Within this context, evaluate the library's controllers and control laws with machine code if it is worthwhile.
 
     Args:
-        chain: whose joints they drive.
-        calls: how many there will be, about.
+        chain: the chain that they control.
+        calls: approximate number of evaluations.
     """
     token = machine_code.set(CompiledLaws(chain) if calls >= WORTH_COMPILING else None)
     try:
         yield
     finally:
         machine_code.reset(token)
-
-
-SINGULAR = (
-    0.01  # strength of a direction: below it a singular configuration counts as the cause, above it as a possible one
-)
-
-
-def reason(cause: HoldfastError, last: Instant) -> str:
-    """Return why a step failed, with the directions that are nearly lost at the last sample.
-
-    Args:
-        cause: what the step raised.
-        last: the chain at the last accepted instant.
-    """
-    lost = nearly_lost(last.chain, last.state, SINGULAR)
-    if lost:
-        what = str(cause).partition("; try ")[0]
-        return (
-            f"{what}. The last configuration is nearly singular, where joint rates and forces grow without bound:"
-            f" {'; '.join(lost)}. Try a motion that keeps away from it"
-        )
-    near = nearly_lost(last.chain, last.state, NEAR)
-    return f"{cause}. The last configuration is also near a singular one: {'; '.join(near)}" if near else str(cause)

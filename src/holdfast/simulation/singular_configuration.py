@@ -1,9 +1,10 @@
-"""Singular configurations that a motion passes: found inside a step, or ahead of where no step leads on.
+"""Search for singular configurations that a motion passes: inside a step, or just after the last possible step.
 
-A step knows the constraint's rank at its stages and its end only. One that is longer than a singular configuration
-is wide would pass it without notice, from a motion that could have branched there. So the way from each accepted
-instant to the next is searched (`rank_drop`), where the constraint is so weak that it might have vanished in between.
-Positions follow the quintic through both; the time is then made exact by steps that end ever nearer to it.
+A step evaluates the rank of the constraint only at its stages and at its end. A step that is longer than the
+neighbourhood of a singular configuration would pass it unnoticed, although the motion could have branched there. If the
+constraint is weak enough that it may have lost rank between two accepted instants, the path between them is therefore
+searched (`rank_drop`). Along it, positions follow the quintic through both instants. The time of the configuration is
+then refined by steps that end closer and closer to it.
 """
 
 from __future__ import annotations
@@ -25,32 +26,32 @@ from holdfast.simulation.segment import Segment
 from holdfast.simulation.trajectory import Knot, Occurrence, interpolant
 from holdfast.state import State
 
-NEARER = 0.75  # of the way to a configuration that a step goes at once
+NEARER = 0.75  # fraction of the remaining way to a configuration that one step covers
 APPROACHES = 6
-CLOSED = 1e-8  # m or rad: what a way through is open by at most; one that leaps from a branch to another is more
-CLOSE = 1e-4  # [s]: from here the configuration's time follows from velocities and accelerations
-# Parts of the strength: steps that change it by less are as good as any.
+CLOSED = 1e-8  # m or rad: largest gap on a path that passes through; larger gaps mean a leap to another branch
+CLOSE = 1e-4  # [s]: at this distance, velocities and accelerations give the time of the configuration accurately
+# Steps that change the strength by a smaller fraction are short enough.
 RESOLVED, RESOLVED_ELSEWHERE = 0.02, 0.033
-NEARBY = 0.25  # strength below which a configuration is looked upon as near a singular one
-FARTHEST_TURN = 1.0  # rad, or part of the reach: a longer step is too long whatever the constraint
+NEARBY = 0.25  # a configuration counts as near a singular one if its strength is smaller than this
+FARTHEST_TURN = 1.0  # rad, or fraction of the reach: a step that moves joints further is too long for any constraint
 MOST_IN_A_STEP = 8
-PAST = 1e-3  # of what is left of a step after a configuration: there the search for another one begins
-ALMOST = 0.55  # of a step before a configuration: near enough to its half
-HORIZONS = 2.0 ** np.arange(-20, 1)  # of the time in which a joint turns by a radian
+PAST = 1e-3  # the next search begins after this fraction of the rest of the step
+ALMOST = 0.55  # a step crosses a configuration that is nearer than this fraction of a step
+HORIZONS = 2.0 ** np.arange(-20, 1)  # in units of the time in which a joint turns by one radian
 
 
 @dataclass(frozen=True)
 class SingularConfiguration:
-    """A configuration on the way of a motion where the constraint loses rank.
+    """A configuration during a motion at which the constraint loses rank.
 
     Attributes:
-        t: when [s].
-        rank: of the constraint there.
-        generic_rank: before and after.
-        lost: in words, the loads that nothing feels there and the directions that arms have lost.
-        unique: whether one motion with continuous velocities leads through: singular values change sign there, and
-            the grasps are closed.
-        gap: how far the grasps are open on the way that was searched [m or rad].
+        t: time [s].
+        rank: rank of the constraint at this configuration.
+        generic_rank: rank of the constraint before and after.
+        lost: in words, the loads that the joints do not feel there, and the directions that arms have lost.
+        unique: whether exactly one motion with continuous velocities leads through. This holds if singular values
+            change sign and the grasps are closed.
+        gap: how far the grasps are open at this point of the searched path [m or rad].
     """
 
     t: float
@@ -62,12 +63,12 @@ class SingularConfiguration:
 
     @property
     def text(self) -> str:
-        """What is lost there, in words."""
+        """Description of the loss of rank."""
         rank = f"the grasp constraint has rank {self.rank} there, {self.generic_rank} in general"
         return "; ".join([rank, *self.lost])
 
     def occurrence(self, what: str) -> Occurrence:
-        """Return the log's line: `what` the run does, in words, and the configuration."""
+        """Return the log entry, which consists of `what` the run does there, in words, and the description."""
         text = f"{what}: {self.text}"
         return Occurrence(
             self.t, "singular", "grasps", text, rank=self.rank, generic_rank=self.generic_rank, lost=self.lost
@@ -81,9 +82,9 @@ def configurations_passed(segment: Segment, now: Instant, later: Instant) -> Ite
     """Yield the singular configurations between two accepted instants, in order.
 
     Args:
-        segment: the chain and what moves it.
+        segment: the current segment of the run.
         now: the earlier instant.
-        later: the one that a step leads to.
+        later: the instant after the step.
     """
     if not may_have_lost_rank(now, later):
         return
@@ -98,14 +99,14 @@ def configurations_passed(segment: Segment, now: Instant, later: Instant) -> Ite
 
 
 def may_have_lost_rank(now: Instant, later: Instant) -> bool:
-    """Return whether joints move so far in a step that the constraint may have lost its rank on the way."""
+    """Return whether the joints move so far in a step that the constraint may have lost rank during it."""
     return _strength(now) + _strength(later) <= STRENGTH_LOST * _moved(
         now.chain, now.state, later.state, later.t - now.t
     )
 
 
 def may_be_unresolved(previous: Instant | None, now: Instant, later: Instant) -> bool:
-    """Return whether a step near a singular configuration, or its predecessor, changes the strength by much."""
+    """Return whether a step or its predecessor changes the strength by so much that the step may be too long."""
     before, at, after = (_strength(one) for one in (previous or now, now, later))
     change = abs(after - at) + abs(at - before)
     if change < (RESOLVED if min(at, after) < NEARBY else RESOLVED_ELSEWHERE) * (at + after):
@@ -114,7 +115,7 @@ def may_be_unresolved(previous: Instant | None, now: Instant, later: Instant) ->
 
 
 def may_lose_rank(now: Instant, until: float) -> bool:
-    """Return whether joints move so far until a time [s] that the constraint may have lost its rank by then."""
+    """Return whether the joints move so far until a time [s] that the constraint may lose rank by then."""
     turned = _moved(now.chain, now.state, _ahead(now)(until), until - now.t)
     return _strength(now) <= STRENGTH_LOST * turned <= STRENGTH_LOST * FARTHEST_TURN
 
@@ -124,10 +125,12 @@ def _strength(at: Instant) -> float:
 
 
 def time_left(segment: Segment, now: Instant, step: float) -> float | None:
-    """Return in how many seconds a singular configuration is reached, if within two steps; by accelerations that stay.
+    """Return the time until a singular configuration is reached, if it is at most two steps; otherwise None.
+
+    The motion is extrapolated with constant accelerations.
 
     Args:
-        segment: the chain and what moves it.
+        segment: the current segment of the run.
         now: an accepted instant.
         step: the length of the next step [s].
     """
@@ -137,7 +140,7 @@ def time_left(segment: Segment, now: Instant, step: float) -> float | None:
 
 
 def goes_through(left: float, step: float) -> bool:
-    """Return whether the next step crosses a singular configuration `left` away [s]; others end before it."""
+    """Return whether the next step passes through a singular configuration that is `left` seconds ahead."""
     return left <= ALMOST * step
 
 
@@ -145,24 +148,24 @@ def length_before(left: float, step: float) -> float:
     """Return the length of a step that ends half a step before a singular configuration, or sooner [s].
 
     Args:
-        left: how long it takes to get to the configuration [s].
-        step: a step as long as it may be [s].
+        left: time until the configuration is reached [s].
+        step: greatest length of the step [s].
     """
     return min(step, left - 0.5 * step)
 
 
 def length_through(left: float, step: float) -> float:
-    """Return the length of a collocation step that has the configuration far from its stages [s]."""
+    """Return the length of a collocation step whose stages are far from the configuration [s]."""
     return 2.0 * left if left > 0.1 * step else 10.0 * left if left > 0.02 * step else step
 
 
 def configuration_ahead(segment: Segment, now: Instant, until: float) -> SingularConfiguration | None:
-    """Return the singular configuration that a motion is heading for, if it is reached about when steps begin to fail.
+    """Return the singular configuration ahead of a motion, if it is reached at about the time at which a step failed.
 
     Args:
-        segment: the chain and what moves it.
+        segment: the current segment of the run.
         now: the last accepted instant.
-        until: where a step from there has failed to go [s].
+        until: end of the step that failed [s].
     """
     rate, way = float(np.abs(now.velocities).max()), _ahead(now)  # [rad/s or m/s]
     for horizon in HORIZONS / rate if rate > 0.0 else ():
@@ -175,7 +178,7 @@ def configuration_ahead(segment: Segment, now: Instant, until: float) -> Singula
 
 
 def _moved(chain: ClosedChain, a: State, b: State, h: float) -> float:
-    """Return how far joints or the object have turned, or joints slid, in h seconds [rad, or the arms' reach]."""
+    """Return the largest motion in h seconds, of rotations [rad] and sliding joints [per reach of the arms]."""
     joints = b.q - a.q
     if not all(joint.turns for joint in chain.all_joints):
         joints = joints / coordinate_sizes(chain_at_rest(chain, a))[: len(joints)]
@@ -184,7 +187,7 @@ def _moved(chain: ClosedChain, a: State, b: State, h: float) -> float:
 
 
 def _ahead(now: Instant) -> Way:
-    """Return the motion with the accelerations of an instant, as a function of time."""
+    """Return the motion with constant accelerations, those of an instant, as a function of time."""
 
     def state(t: float) -> State:
         h = t - now.t
@@ -194,7 +197,7 @@ def _ahead(now: Instant) -> Way:
 
 
 def _drop(segment: Segment, way: Way, begin: float, end: float) -> RankDrop | None:
-    """Return where the constraint loses rank on a way."""
+    """Return the first point of a path at which the constraint loses rank; None if there is none."""
     environment = segment.environment
 
     @cache
@@ -209,7 +212,7 @@ def _drop(segment: Segment, way: Way, begin: float, end: float) -> RankDrop | No
 
 
 def _located(segment: Segment, now: Instant, found: RankDrop, way: Way) -> SingularConfiguration:
-    """Return the configuration, its time made exact by steps from `now` that come nearer and nearer."""
+    """Return the configuration, with its time refined by steps from `now` that end closer and closer to it."""
     at, t, through, nearby = now, float(found.at), found.through, way(found.at)
     for _ in range(APPROACHES if through else 0):
         if t - at.t < CLOSE:
@@ -225,7 +228,7 @@ def _located(segment: Segment, now: Instant, found: RankDrop, way: Way) -> Singu
     there = way(t)
     chain, inputs = segment.environment.at(min(t, segment.settings.end), there)
     generic, freedoms = segment.generic_rank, chain.contact_freedom_count
-    # beside the grasps what is lost there could not be told from what is never felt
+    # if the grasps were open, loads lost here could not be distinguished from loads that no configuration resists
     lost = lost_at(chain_at_rest(chain, nearby), found.rank, generic - freedoms)
     gap = float(largest_gaps(chain, there, inputs.shaped(chain)).position)
     unique = through and gap <= CLOSED

@@ -1,13 +1,11 @@
-"""How fast joints settle, and which fixed step can follow.
+"""Stability of fixed steps: the fastest decay of the joint velocities, and the step that can follow it.
 
-What takes torque from the joints in proportion to velocity (damping, friction about standstill, a controller's
-velocity feedback) makes velocities decay. Over the velocities v = Z y that the grasps allow,
-
+Resisting torques in proportion to velocity (damping, friction near standstill, the velocity feedback of a controller)
+make velocities decay. For the velocities v = Z y that the grasps allow,
     (Z^T M Z) dy/dt = -(Z^T R Z) y
-
-with the kinetic energy v^T M v / 2 of joints and object and the torques R v that are taken. An explicit step h
-multiplies the part of y that decays at a rate lambda by R(-h lambda), which grows without bound, step by step,
-where h lambda is beyond the scheme's stability interval (`Tableau.stability_interval`).
+where v^T M v / 2 is the kinetic energy of links and object and R v are the resisting torques. An explicit step h
+multiplies a mode of y with decay rate lambda by the stability function at -h lambda. The mode grows without bound, step
+by step, if h lambda exceeds the stability interval of the scheme (`Tableau.stability_interval`).
 """
 
 from __future__ import annotations
@@ -31,20 +29,20 @@ from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-# Part of the stability interval that is used: at its end nothing decays, and rates change with the configuration.
-# At 0.9 what should die out within a step still loses a third (rk4) or a sixth (midpoint) of its size in each.
+# Fraction of the stability interval that steps may use. At its end nothing decays, and rates change with the
+# configuration. At 0.9 each step still reduces a mode by a third (rk4) or a sixth (midpoint) of its size.
 USED = 0.9
-SUGGESTED = 0.5  # part of it that a suggested step uses: there steps of any scheme more than halve it
-PROBE = 1e-5  # rad/s or m/s: by how much velocities are changed to see what a controller makes of it
-CELL = 0.5  # rad or m: joints that have moved by as much may settle at another rate
+SUGGESTED = 0.5  # fraction that a suggested step uses: with any scheme it reduces a mode to less than half
+PROBE = 1e-5  # rad/s or m/s: change of the velocities with which a controller's feedback is measured
+CELL = 0.5  # rad or m: joints that have moved by as much may have another decay rate
 
 
 class Decay(NamedTuple):
-    """The fastest decay of a chain's velocities, or its fastest swing.
+    """The fastest decay of a chain's velocities, or its fastest oscillation.
 
     Attributes:
         rate: lambda [1/s].
-        joint: the joint that most of the power is taken from, as 'arm/joint'.
+        joint: the joint with the largest share of the power, as 'arm/joint'.
     """
 
     rate: float
@@ -56,20 +54,19 @@ def fastest_decay(chain: ClosedChain, state: State, resistance: Array) -> Decay:
 
     Args:
         chain: the chain.
-        state: its configuration; velocities do not enter.
-        resistance: (n, n + 6) torques taken from the joints per unit of (qd, V(C)); six columns more of a floating
-            base.
+        state: its configuration; velocities are ignored.
+        resistance: (n, n + 6) resisting joint torques per unit of (qd, V(C)); a floating base adds six columns.
     """
     return _fastest(chain, state, resistance)
 
 
 def fastest_swing(chain: ClosedChain, state: State, stiffness: Array) -> Decay:
-    """Return the fastest swing on the joints' springs of the velocities that the grasps allow [rad/s]. O((n + 6)^3).
+    """Return the highest frequency of oscillations on the joints' springs that the grasps allow [rad/s]. O((n + 6)^3).
 
     Args:
         chain: the chain.
-        state: its configuration; velocities do not enter.
-        stiffness: (n,) of the joints' springs [N m/rad or N/m].
+        state: its configuration; velocities are ignored.
+        stiffness: (n,) stiffness of the joints' springs [N m/rad or N/m].
     """
     if not stiffness.any():
         return Decay(0.0, chain.joint_names()[0])
@@ -78,14 +75,14 @@ def fastest_swing(chain: ClosedChain, state: State, stiffness: Array) -> Decay:
 
 
 def _fastest(chain: ClosedChain, state: State, resistance: Array) -> Decay:
-    """Return the largest eigenvalue of M^-1 times torques per velocity, and the joint with most of its power."""
+    """Return the largest eigenvalue of M^-1 R on the velocities that the grasps allow, and the joint of most power."""
     n = chain.joint_count
     Z = motion_basis(chain, state)
     if not Z.shape[1]:
         return Decay(0.0, chain.joint_names()[0])
     M = _mass_matrix(chain_at_rest(chain, state))
     sizes = np.sqrt(np.diag(M))[:, None]
-    Z = np.linalg.qr(sizes * Z)[0] / sizes  # the same velocities, of like kinetic energies
+    Z = np.linalg.qr(sizes * Z)[0] / sizes  # the same subspace, in a basis of similar kinetic energies
     L = np.linalg.cholesky(Z.T @ M @ Z)
     rates, modes = np.linalg.eig(np.linalg.solve(L, np.linalg.solve(L, (Z[:n].T @ resistance @ Z).T).T))
     decays = np.where(np.real(rates) > 0.0, np.abs(rates), 0.0)
@@ -96,13 +93,13 @@ def _fastest(chain: ClosedChain, state: State, resistance: Array) -> Decay:
 
 
 def _mass_matrix(motion: ChainMotion) -> Array:
-    """Return the mass matrix of (qd, V(C)), and of a floating base last."""
+    """Return the mass matrix of (qd, V(C)); the twist of a floating base comes last."""
     chain = motion.chain
     n, size = chain.joint_count, chain.velocity_count
     M = np.zeros((size, size))
     M[n : n + 6, n : n + 6] = motion.body.inertia.dense()
     if motion.trunk is not None:
-        places = np.r_[n + 6 : size, :n]  # the floating base comes first there
+        places = np.r_[n + 6 : size, :n]  # in that matrix the floating base comes first
         M[np.ix_(places, places)] += whole_chain(motion).M
         return M
     for name, arm in motion.arms.items():
@@ -111,18 +108,17 @@ def _mass_matrix(motion: ChainMotion) -> Array:
 
 
 def passive_resistance(chain: ClosedChain, qd: Array) -> Array:
-    """Return the torques that damping and friction take per unit of the velocities, (n, n + 6) or (n, n + 12)."""
+    """Return the torques of damping and friction per unit of the velocities, (n, n + 6) or (n, n + 12)."""
     n, damping = chain.joint_count, np.array([joint.damping for joint in chain.all_joints])
     taken = np.diag(damping + friction_slope(joint_friction(chain), qd))
     return np.hstack([taken, np.zeros((n, chain.velocity_count - n))])
 
 
 def feedback_resistance(controller: Controller, now: Instant) -> Array:
-    """Return the torques that a controller takes per unit of the velocities that the grasps allow.
+    """Return the resisting torques of a controller per unit of the velocities that the grasps allow.
 
-    (n, n + 6), or (n, n + 12) with a floating base.
-
-    Found by asking it about velocities changed a little, two questions for each of them.
+    The shape is (n, n + 6), or (n, n + 12) with a floating base. The torques are found by central differences: the
+    controller is evaluated twice for each velocity.
     """
     n, Z = len(now.state.q), motion_basis(now.chain, now.state)
     columns = []
@@ -138,17 +134,17 @@ def feedback_resistance(controller: Controller, now: Instant) -> Array:
 
 
 def followed(decay: Decay, step: float, scheme: Tableau) -> bool:
-    """Return whether a step can follow a decay."""
+    """Return whether a step is short enough for the scheme to follow a decay."""
     return step * decay.rate <= USED * scheme.stability_interval
 
 
 def step_for(decay: Decay, scheme: Tableau) -> float:
-    """Return a step that follows a decay, two digits of it [s]."""
+    """Return a step that is short enough for a decay, rounded to two digits [s]."""
     return float(f"{SUGGESTED * scheme.stability_interval / decay.rate:.2g}")
 
 
 def too_fast(chain: ClosedChain, state: State, step: float, scheme: Tableau) -> str | None:
-    """Return why an explicit scheme of fixed steps cannot follow how fast joints settle or swing; None if it can."""
+    """Return why steps of an explicit scheme are too long for the joints' dampers and springs; None if they are not."""
     if scheme.adaptive or scheme.implicit or not may_be_too_fast(chain, state.qd, step, scheme):
         return None
     fastest, swings = fastest_passive(chain, state)
@@ -162,32 +158,35 @@ def too_fast(chain: ClosedChain, state: State, step: float, scheme: Tableau) -> 
 
 
 def elsewhere(before: State, after: State) -> bool:
-    """Return whether joints have moved so far that they may settle at another rate.
+    """Return whether joints have moved so far that their decay rates may have changed.
 
-    Told by two instants alone, so that a run that was resumed sees it where an unbroken one does.
+    The answer depends on two instants only, so that a resumed run finds it at the same time as an uninterrupted one.
     """
     return bool((cell(before.q) != cell(after.q)).any())
 
 
 def cell(q: Array) -> Array:
-    """Return numbers that change where a joint moves so far that it may settle at another rate; any leading axes."""
+    """Return the number of the cell of width `CELL` in which each joint lies; q may have any leading axes."""
     return np.floor(q / CELL + 1 / np.pi)
 
 
 def fastest_passive(chain: ClosedChain, state: State) -> tuple[Decay, bool]:
-    """Return the fastest decay by dampers and friction, or swing on springs, and whether it swings. O((n + 6)^3)."""
+    """Return the faster of decay (dampers, friction) and oscillation (springs), and whether it is the latter.
+
+    O((n + 6)^3).
+    """
     try:
         decay = fastest_decay(chain, state, passive_resistance(chain, state.qd))
         swing = fastest_swing(chain, state, passive_at(chain, state.qd).stiffness)
-    except np.linalg.LinAlgError:  # masses too far apart to tell; what a step shows is still checked
+    except np.linalg.LinAlgError:  # masses differ by too much for an answer; each step is still checked
         return Decay(0.0, chain.joint_names()[0]), False
     return max((decay, False), (swing, True), key=lambda found: found[0].rate)
 
 
 def may_be_too_fast(chain: ClosedChain, qd: Array, step: float, scheme: Tableau) -> bool:
-    """Return False where the drives' inertias alone make every rate, in every configuration, slow enough.
+    """Return False if the armatures alone make every decay, in every configuration, slow enough for the step.
 
-    The grasps and the links only add inertia: no rate is beyond the largest resistance over armature.
+    Links and grasps only add inertia, so no rate exceeds the largest ratio of resistance to armature.
     """
     passive, most = passive_at(chain, qd), USED * scheme.stability_interval
     armature = np.array([joint.armature for joint in chain.all_joints])

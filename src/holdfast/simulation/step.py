@@ -1,4 +1,4 @@
-"""One time step: Runge-Kutta, then back onto the grasps in position and velocity."""
+"""One time step: a Runge-Kutta step, followed by the projection of positions and velocities onto the grasps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from holdfast.state import State
 
 @dataclass(frozen=True, eq=False)
 class Gaps:
-    """How far the worst grasp is from holding, before and after projection.
+    """The largest position and velocity gaps of any grasp, before and after projection.
 
     Attributes:
         position: (2,) before, after [m or rad].
@@ -34,13 +34,13 @@ class Gaps:
 
 
 class Stage(NamedTuple):
-    """Asks for the slope at a stage of the scheme, d/dt of an `increment`.
+    """Request for the slope at a stage of the scheme, which is the time derivative of an `increment`.
 
     Attributes:
         t: time [s].
-        state: the chain there, a little off the grasps.
-        turns: (3,) u of each free body, where exp(u) has brought it there since the step's start [rad].
-        implicit: what forward dynamics differs by, of a linearly implicit scheme.
+        state: the state at the stage, which violates the grasps slightly.
+        turns: (3,) rotation vector u of each free body, with R = exp(u) R_0 relative to the step's start [rad].
+        implicit: additional armatures and torques of a linearly implicit scheme.
     """
 
     t: Scalar
@@ -50,11 +50,11 @@ class Stage(NamedTuple):
 
 
 class Closing(NamedTuple):
-    """Asks for the state closed again, and for the gaps before and after.
+    """Request for the projection of a state onto the grasps, and for the gaps before and after it.
 
     Attributes:
         t: time [s].
-        state: where the scheme ends.
+        state: the state at the end of the Runge-Kutta step.
     """
 
     t: Scalar
@@ -62,11 +62,11 @@ class Closing(NamedTuple):
 
 
 class Arrival(NamedTuple):
-    """Asks for everything at the step's end.
+    """Request for the full evaluation at the step's end.
 
     Attributes:
         t: time [s].
-        state: the chain there, closed again.
+        state: the projected state.
     """
 
     t: Scalar
@@ -77,12 +77,12 @@ Question = Stage | Closing | Arrival
 
 
 class Step(NamedTuple):
-    """Where a step led.
+    """The result of a step.
 
     Attributes:
-        later: what was answered at its end.
-        gaps: what projection found and left, as answered.
-        work: (4,) done during the step, see `balance.WORK_TERMS` [J].
+        later: the answer to the request `Arrival`.
+        gaps: the gaps in the answer to the request `Closing`.
+        work: (4,) work done during the step, in the order of `balance.WORK_TERMS` [J].
         estimates: the scheme's estimates of the increment's error.
     """
 
@@ -98,18 +98,19 @@ StepCourse = Generator[Question, Any, Step]
 def take_step(
     start: State, first: Array, h: Scalar, times: Sequence[Scalar], scheme: Tableau, passive: Passive | None = None
 ) -> StepCourse:
-    """Return the chain one step later, closed again.
+    """Return the chain one step later, projected onto the grasps.
 
-    A generator, which asks how the chain is found at a state: on floats (`stepper`), for several ends side
-    by side by machine code (`rollout.compiled_steppers`), or traced (`rollout.traced_step`).
+    This is a generator of requests for the evaluation of the chain. The caller answers them with floats (`stepper`),
+    with machine code for several end times at once (`rollout.compiled_steppers`), or with traced numbers
+    (`rollout.traced_step`).
 
     Args:
-        start: on the constraint; the first of the scheme's stages.
-        first: the slope there.
+        start: a state that satisfies the grasps, the first stage of the scheme.
+        first: the slope at `start`.
         h: the step's length [s].
-        times: of the stages, and of the end [s].
+        times: times of the stages and of the step's end [s].
         scheme: the scheme.
-        passive: what a linearly implicit scheme takes implicitly.
+        passive: damping and stiffness that a linearly implicit scheme treats implicitly.
 
     Raises:
         StateError: a stage is not finite.
@@ -131,7 +132,7 @@ def take_step(
 
 
 def course_of(now: Instant, until: float, scheme: Tableau) -> StepCourse:
-    """Return a step from an instant to a time [s]."""
+    """Return the generator of a step from an instant to a time [s]."""
     h = until - now.t
     times = [*(now.t + c * h for c in scheme.c.tolist()), until]
     passive = passive_at(now.chain, now.state.qd) if scheme.implicit else None
@@ -139,13 +140,13 @@ def course_of(now: Instant, until: float, scheme: Tableau) -> StepCourse:
 
 
 def answered(course: StepCourse, answer: Callable[[Question], Any]) -> Step:
-    """Return what a step leads to."""
+    """Return the result of a step whose requests are answered one by one."""
     (step,) = answered_together([course], lambda questions: [answer(questions[0])])
     return step
 
 
 def answered_together(courses: Sequence[StepCourse], answer: Callable[[list[Question]], Sequence[Any]]) -> list[Step]:
-    """Return what steps of one scheme lead to, the same question of all of them answered at once."""
+    """Return the results of several steps of one scheme, whose requests are answered together, stage by stage."""
     replies: Sequence[Any] = [None] * len(courses)
     while True:
         questions: list[Question] = []
@@ -163,16 +164,16 @@ def answered_together(courses: Sequence[StepCourse], answer: Callable[[list[Ques
 def back_on_constraint(
     environment: Environment, t: float, state: State, held: Array | None = None
 ) -> tuple[State, Gaps]:
-    """Return the state projected onto the grasps, and the gaps.
+    """Return the state projected onto the grasps, and the gaps before and after.
 
     Args:
-        environment: the chain and what acts on it.
+        environment: the chain, its base motions and external inputs.
         t: time [s].
-        state: near the grasps.
-        held: which components of the grasps are held, see `held_rows`; None: all.
+        state: a state that nearly satisfies the grasps.
+        held: rows of the constraint to satisfy, see `held_rows`; None for all.
 
     Raises:
-        ClosureError: they are open by more than a step may leave them, or stay so.
+        ClosureError: the gaps are larger than a step may leave them, or the projection does not close them.
     """
     chain, inputs = environment.at(t, state)
     given = inputs.shaped(chain)
@@ -193,15 +194,16 @@ def back_on_constraint(
 
 
 def rows_held_near(environment: Environment, t: float, state: State, generic_rank: int) -> Array | None:
-    """Return which components of the grasps to hold at a state a little off them; see `held_rows`.
+    """Return the rows of the constraint to satisfy near a state that violates the grasps slightly; see `held_rows`.
 
-    They are chosen at the nearest closed state. None where no row follows from others, or nothing closes the grasps.
+    They are chosen at the nearest closed state. The result is None if the rows are independent, or if no closed state
+    is found.
     """
     return held_near(environment.chain_at(t), state, generic_rank)
 
 
 def _finite(y: Array) -> Array:
-    """Return an increment, refused if it is not finite; of a traced one nothing is known yet."""
+    """Return an increment after checking that it is finite; traced numbers cannot be checked."""
     if y.dtype != object and not np.isfinite(y).all():
         raise StateError("the step overflows float64; try a smaller time step")
     return y

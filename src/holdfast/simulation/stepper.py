@@ -1,11 +1,11 @@
-"""What takes steps: from the last accepted instant to later ones, each by a single step of the scheme.
+"""Steppers, which take single steps of a scheme from the last accepted instant to one or several later times.
 
-Several ends may be asked for at once: the points inside a step at which contacts are verified are
-reached by shortened steps from its start, not from an interpolant.
+The points inside a step at which contacts are verified are reached by shorter steps from its start, not by an
+interpolant; therefore several end times can be requested at once.
 
-Steps that are too long for the motion are taken in parts. How far a step leaves the grasps open before projection is an
-estimate of its error that costs nothing: of order p + 1 in the step h for a scheme of order p, it says how many
-equal parts the step needs to stay below a limit.
+Steps that are too long for the motion are divided into parts. The gap that a step leaves at the grasps before
+projection is an estimate of its error without extra cost. It is of order p + 1 in the step h for a scheme of order p,
+from which follows how many equal parts keep it below a limit.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ NO_GAPS = Gaps(np.zeros(2), np.zeros(2))
 
 @dataclass(frozen=True, eq=False)
 class Advance:
-    """Where one step led.
+    """The result of one step.
 
     Attributes:
         t: the step's end [s].
-        instant: the chain then, closed again; None if the step failed.
-        gaps: what projection found and left.
-        work: (4,) done during the step, see `balance.WORK_TERMS` [J].
-        error: estimated error of the step over the tolerance; 0 for a scheme that estimates none.
-        failure: why there is no instant: SingularChainError, ClosureError or StateError.
+        instant: the instant at the end, projected onto the grasps; None if the step failed.
+        gaps: position and velocity gaps before and after projection.
+        work: (4,) work done during the step, in the order of `balance.WORK_TERMS` [J].
+        error: estimated error of the step divided by the tolerance; 0 for a scheme without an estimate.
+        failure: the error of a failed step (SingularChainError, ClosureError or StateError), otherwise None.
     """
 
     t: float
@@ -71,38 +71,38 @@ class Stepper(Protocol):
         ...
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
-        """Return the chain at a given state, projected onto the grasps, and the gaps.
+        """Return the chain at a given state projected onto the grasps, and the gaps before and after projection.
 
         Raises:
             SingularChainError: the configuration is singular.
-            StateError: the state breaks a grasp, or the controller's torques do not fit.
+            StateError: the state violates a grasp, or the controller's torques have a wrong shape or are not finite.
         """
         ...
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
-        """Return the chain at a given state taken as it is: to the bit what a step that ended there found.
+        """Return the chain at a given state without projection, identical in all bits to a step that ends there.
 
         Raises:
             SingularChainError: the configuration is singular.
-            StateError: the controller's torques do not fit.
+            StateError: the controller's torques have a wrong shape or are not finite.
         """
         ...
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
-        """Return where one step from `now` to each of the end times leads; failures are in the answers."""
+        """Return the result of one step from `now` to each of the end times; failures are part of the results."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceStepper:
-    """Steps on floats, without machine code.
+    """Takes steps on floats, without machine code.
 
     Attributes:
-        environment: the chain and what acts on it.
-        controller: torques.
+        environment: the chain, its base motions and external inputs.
+        controller: the controller that returns the torques.
         generic_rank: rank of the constraint away from singular configurations.
         scheme: the Runge-Kutta scheme of the steps.
-        tolerance: what `Advance.error` compares the scheme's estimates with.
+        tolerance: the tolerance by which the estimated errors are divided to give `Advance.error`.
     """
 
     environment: Environment
@@ -118,11 +118,11 @@ class ReferenceStepper:
         return self.evaluate(t, state, memory), gaps
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
-        """Return the chain at a given state taken as it is; see `Stepper`."""
+        """Return the chain at a given state without projection; see `Stepper`."""
         return self._evaluated(t, state, memory, None)
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
-        """Return where one step leads; see `Stepper`."""
+        """Return the results of single steps; see `Stepper`."""
         return [self._to(now, end) for end in ends]
 
     def _to(self, now: Instant, end: float) -> Advance:
@@ -130,19 +130,19 @@ class ReferenceStepper:
             step = answered(self._course(now, end), lambda question: self._answer(question, now))
         except (SingularChainError, ClosureError, StateError) as cause:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
-        except ModelError:  # the arm is sound: what its inertia is computed from has overflowed
+        except ModelError:  # the model is valid: the state from which the inertia is computed has overflowed
             failure = StateError("the step overflows float64; try a smaller time step")
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
         error = self.tolerance.ratio(step.estimates, now.state, step.later.state)
         return Advance(end, step.later, step.gaps, step.work, error)
 
     def _course(self, now: Instant, end: float) -> StepCourse:
-        """Return the step, which asks for what it needs."""
+        """Return the generator of the step."""
         return course_of(now, end, self.scheme)
 
     def _answer(self, question: Question, now: Instant) -> Any:
-        """Return what a step from `now` asks; the controller's memory moves on once a step, at the step's start."""
-        held = now.result.held  # through the whole step
+        """Answer a request of a step from `now`; the controller's memory is updated once per step, at its start."""
+        held = now.result.held  # the same rows during the whole step
         if isinstance(question, Closing):
             return back_on_constraint(self.environment, question.t, question.state, held)
         if isinstance(question, Stage):
@@ -162,10 +162,10 @@ MOST_PARTS = 32
 
 @dataclass(frozen=True, eq=False)
 class PartsStepper:
-    """Takes steps in parts by another stepper; see `Stepper`. The controller's memory moves on once a step.
+    """Takes steps in parts with another stepper; see `Stepper`. The controller's memory is updated once per step.
 
     Attributes:
-        whole: takes the parts.
+        whole: the stepper that takes the parts.
     """
 
     whole: Stepper
@@ -180,27 +180,27 @@ class PartsStepper:
         return self.whole.start(t, state, memory)
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
-        """Return the chain at a given state, taken as it is."""
+        """Return the chain at a given state without projection."""
         return self.whole.evaluate(t, state, memory)
 
 
 @dataclass(frozen=True, eq=False)
 class SubdividingStepper(PartsStepper):
-    """Takes another stepper's steps, those whose drift passes a limit in equal parts; see `Stepper`.
+    """Takes the steps of another stepper, in equal parts if the drift of a step exceeds a limit; see `Stepper`.
 
     Attributes:
-        limit: of the grasps' position gaps before projection, as far as parts can keep it [m or rad].
+        limit: greatest position gap of the grasps before projection, as far as `MOST_PARTS` can achieve it [m or rad].
     """
 
     limit: float
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
-        """Return where one step leads, in parts where it must be; see `Stepper`."""
+        """Return the results of single steps, taken in parts where necessary; see `Stepper`."""
         found = [(reached, self._parts(reached)) for reached in self.whole.advance(now, ends)]
         return [one if parts == 1 else in_parts(self.whole, now, one.t, parts) for one, parts in found]
 
     def _parts(self, reached: Advance) -> int:
-        """Return how many parts a step needs."""
+        """Return the number of parts into which a step has to be divided."""
         if isinstance(reached.failure, ClosureError):
             return MOST_PARTS
         if reached.failure is not None:
@@ -209,12 +209,12 @@ class SubdividingStepper(PartsStepper):
 
 
 def parts_needed(drift: ArrayLike, limit: float, order: int) -> Array:
-    """Return into how many equal parts steps must go for less drift than a limit, of the drifts' shape.
+    """Return the numbers of equal parts that keep the drifts of steps below a limit, in the shape of `drift`.
 
     Args:
-        drift: position gaps that whole steps left before projection [m or rad].
-        limit: of the same.
-        order: of the scheme.
+        drift: position gaps of whole steps before projection [m or rad].
+        limit: greatest accepted position gap [m or rad].
+        order: order of the scheme.
     """
     with np.errstate(over="ignore"):  # of limits next to nothing
         times = np.asarray(drift) / limit
@@ -222,13 +222,13 @@ def parts_needed(drift: ArrayLike, limit: float, order: int) -> Array:
 
 
 def in_parts(stepper: Stepper, now: Instant, until: float, parts: int) -> Advance:
-    """Return where equal parts of a step lead; the controller's memory moves on once, as in a whole step.
+    """Return the result of a step taken in equal parts; the controller's memory is updated once, as in a whole step.
 
     Args:
-        stepper: takes the parts.
+        stepper: the stepper that takes the parts.
         now: the chain at the step's start.
         until: the step's end [s].
-        parts: how many, at least one.
+        parts: the number of parts, at least one.
     """
     at, done = now, []
     for k in range(1, parts + 1):
@@ -242,6 +242,6 @@ def in_parts(stepper: Stepper, now: Instant, until: float, parts: int) -> Advanc
 
 
 def together(parts: Sequence[Advance]) -> Advance:
-    """Return parts of a step as one: the last one's end, the largest gaps, all the work."""
+    """Return the results of a step's parts as one: the end of the last part, the largest gaps, and the total work."""
     gaps = [np.max([getattr(part.gaps, kind) for part in parts], axis=0) for kind in ("position", "velocity")]
     return replace(parts[-1], gaps=Gaps(*gaps), work=np.sum([part.work for part in parts], axis=0))

@@ -1,9 +1,9 @@
-"""The times that steps must end at: the grid of a fixed step, breakpoints, events, the run's end.
+"""The times at which steps must end: the grid of a fixed step, breakpoints, events and the run's end.
 
-At a breakpoint (torques or inputs may jump) and at an event the run has two samples: one at the last
-float64 before its time, reached by a step that sees nothing of what comes, and one at the time itself,
-reached by no step. Where a grasp opens because it slips, the second sample is 1e-15 s after the first. So
-times of samples always increase, and each side of a jump is seen.
+At a breakpoint (where torques or inputs may jump) and at an event the run has two samples. The first is at the last
+float64 before that time, at the end of a step to which the jump is unknown. The second is at the time itself, and no
+step leads to it. When a grasp opens because it slips, the second sample is 1e-15 s after the first. The times of
+samples therefore always increase, and both sides of a jump are recorded.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
 MOST_STEPS = 1_000_000
-JUMP_WIDTH = 1e-15  # [s]: how far apart the two sides of a jump are, where float64 tells less apart
-ALIKE = 1e-9  # of a step: grid times nearer than this to a breakpoint give way to it
+JUMP_WIDTH = 1e-15  # [s]: time between the two sides of a jump, unless float64 is coarser at that time
+ALIKE = 1e-9  # grid times that are nearer to a breakpoint than this fraction of a step are omitted
 
 
 class Stops(NamedTuple):
-    """Where steps end, in order.
+    """The times at which steps end, in order.
 
     Attributes:
         times: (stops,) [s].
-        jumps: (stops,) whether a stop is a jump from the one just before it, not a step.
+        jumps: (stops,) whether a stop follows its predecessor by a jump instead of a step.
     """
 
     times: Array
@@ -38,7 +38,7 @@ def step_times(duration: float, step: float) -> Array:
     """Return the times of a grid of fixed steps [s]; the last is the duration.
 
     Raises:
-        ModelError: a duration or step that is not positive, or too many steps.
+        ModelError: the duration or the step is not positive, or there are too many steps.
     """
     duration = checks.number(duration, "simulation: duration", above=0.0)
     step = checks.number(step, "simulation: step", above=0.0)
@@ -57,7 +57,7 @@ def step_times(duration: float, step: float) -> Array:
 
 
 def just_after(t: float) -> float:
-    """Return the time of a jump's far side, if the near side is at t [s]."""
+    """Return the time of the second side of a jump whose first side is at t [s]."""
     return max(t + JUMP_WIDTH, float(np.nextafter(t, np.inf)))
 
 
@@ -67,14 +67,14 @@ def stops(
     """Return the stops of a run from 0 to the grid's last time.
 
     Args:
-        grid: (k,) times that steps end at, from 0 on [s].
-        breakpoints: times at which something jumps [s]; those outside the run, and its end, do not matter.
+        grid: (k,) times of the grid, beginning with 0 [s].
+        breakpoints: times at which torques or inputs jump [s]; those outside the run or at its end are ignored.
         events: times of events, within the run [s].
-        apart: grid times nearer than this to a jump, or to one of `ends`, are left out [s].
-        ends: further times that steps end at, nothing jumping there [s].
+        apart: grid times that are nearer than this to a jump, or to one of `ends`, are omitted [s].
+        ends: further times at which steps end, without a jump [s].
 
     Raises:
-        ModelError: breakpoints that are not finite.
+        ModelError: a breakpoint is not finite.
     """
     given = checks.numbers(list(breakpoints), (len(breakpoints),), "simulation: breakpoints")
     at = np.unique([*given[(given > 0.0) & (given < grid[-1])], *events])

@@ -1,4 +1,4 @@
-"""What a run comes down to: the numbers of the summary table."""
+"""The summary of a run, with the numbers of the summary table."""
 
 from __future__ import annotations
 
@@ -15,33 +15,34 @@ from holdfast.spatial.scalar import Array
 
 @dataclass(frozen=True)
 class Summary:
-    """The numbers of one run; plain data.
+    """The main results of a run, as plain data.
 
     Attributes:
-        last_time: of the last sample [s].
-        samples: their number.
-        stopped: what ended the run early, or None.
-        worst_position_gap: of any grasp, after projection [m or rad].
-        worst_velocity_gap: of any grasp, after projection [m/s or rad/s].
-        worst_step_drift: position gap that a step left for projection to close [m or rad].
-        energy_imbalance: largest energy that no work accounts for [J].
-        energy_moved: largest energy that the run moved about, to compare with [J].
-        momentum_imbalance: largest angular and linear momentum that no wrench accounts for [N m s, N s].
-        momentum_moved: largest angular and linear momentum of the run, to compare with [N m s, N s].
-        peak_force: per arm that held the object, largest grasp force [N].
-        peak_moment: per arm that held the object, largest grasp moment [N m].
-        peak_internal_force: per arm that held the object, largest internal part of the grasp force [N].
-        spin: per soft finger, how far its contact turned about its normal [rad].
-        lowest_margin: per grasp that something limits, its lowest margin and when that was [N, s].
-        lowest_best_margin: per grasp whose forces were not unique, the lowest of the largest margins that
-            internal forces allow [N]; the smallest have no bound. None where it grows for ever.
-        lowest_joint_margin: per limited quantity (position, rate, effort) the lowest margin, the joint and when
-            that was [rad or m, rad/s or m/s, N m or N; s].
-        worst_condition: of the grasp constraint.
-        torque_use: largest share of an effort limit, and the joint (None without limits).
-        limit_excess: furthest beyond a position limit at a sample [rad or m], and the joint; None if
-            every joint stayed within its limits.
-        occurrences: grasps that closed and opened, limits that were passed.
+        last_time: time of the last sample [s].
+        samples: number of samples.
+        stopped: the reason why the run ended early, or None.
+        worst_position_gap: largest position gap of any grasp after projection [m or rad].
+        worst_velocity_gap: largest velocity gap of any grasp after projection [m/s or rad/s].
+        worst_step_drift: largest position gap of any grasp before projection [m or rad].
+        energy_imbalance: largest change of energy that no work explains [J].
+        energy_moved: largest energy exchanged in the run, for comparison [J].
+        momentum_imbalance: largest change of angular and linear momentum that no wrench explains [N m s, N s].
+        momentum_moved: largest angular and linear momentum in the run, for comparison [N m s, N s].
+        peak_force: largest grasp force, by arm that held the object [N].
+        peak_moment: largest grasp moment, by arm that held the object [N m].
+        peak_internal_force: largest internal part of the grasp force, by arm that held the object [N].
+        spin: angle by which the contact of each soft finger has turned about its normal [rad].
+        lowest_margin: lowest margin of each grasp that has limits, and its time [N, s].
+        lowest_best_margin: for each grasp whose forces were not unique, the lowest value in the run of the largest
+            margin that internal forces allow [N]; None if that margin is unbounded. (The smallest margin that they
+            allow is unbounded.)
+        lowest_joint_margin: for each limited quantity (position, rate, effort) the lowest margin, the joint, and the
+            time [rad or m, rad/s or m/s, N m or N; s].
+        worst_condition: largest condition number of the grasp constraint.
+        torque_use: largest torque as a fraction of the effort limit, and the joint; None without limits.
+        limit_excess: greatest excess over a position limit at a sample [rad or m], and the joint; None if every joint
+            stayed within its limits.
+        occurrences: the log: grasps that closed or opened, limits that were passed, and so on.
     """
 
     last_time: float
@@ -98,14 +99,14 @@ def summarise(chain: ClosedChain, run: Trajectory) -> Summary:
 
 
 def _largest(wrenches: Array) -> tuple[Array, Array]:
-    """Return the largest |moment| and |force| of every arm."""
+    """Return the largest norms of moment and force for every arm."""
     halves = wrenches[:, :, :3], wrenches[:, :, 3:]
     moment, force = (np.hypot.reduce(half, axis=2).max(axis=0) for half in halves)
     return moment, force
 
 
 def _halves(momentum: Array) -> tuple[float, float]:
-    """Return the largest |angular| and |linear| momentum."""
+    """Return the largest norms of angular and linear momentum."""
     angular, linear = (float(np.hypot.reduce(half, axis=1).max()) for half in (momentum[:, :3], momentum[:, 3:]))
     return angular, linear
 

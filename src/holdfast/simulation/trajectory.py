@@ -1,4 +1,4 @@
-"""A simulated run: what every sample holds, what happened between samples, and the state at any time."""
+"""Simulated runs: their samples, the occurrences between samples, and the interpolated state at any time."""
 
 from __future__ import annotations
 
@@ -24,26 +24,27 @@ Kind = Literal["attach", "release", "violation", "recovery", "singular", "stiff"
 
 @dataclass(frozen=True)
 class Occurrence:
-    """One line of a run's log; plain data.
+    """One entry of a run's log, as plain data.
 
     Attributes:
-        t: when [s].
-        kind: "attach" and "release" of a grasp; "violation", a margin that becomes negative, and
-            "recovery", where it no longer is; "singular", a configuration where the grasp constraint loses rank;
-            "stiff", where steps become linearly implicit, because no explicit one could follow damping or springs.
-        name: the arm, or 'arm/joint'; of a singular configuration "grasps", of stiff joints "joints".
-        text: what happened.
-        quantity: of a violation or recovery, what was passed: "grasp", "position", "rate", "effort".
-        lowest: of a recovery, the lowest margin since the violation [N; rad or m; rad/s or m/s; N m or N].
-        lowest_time: when that was [s].
-        impulses: of an attach, (arms, 6) [moment; force] impulse of each arm on the object about its contact
+        t: time [s].
+        kind: "attach" or "release" of a grasp; "violation", when a margin becomes negative; "recovery", when it becomes
+            positive again; "singular", when the grasp constraint loses rank; "stiff", when steps become linearly
+            implicit because explicit steps could not follow the damping or springs.
+        name: the arm, or 'arm/joint'; "grasps" for a singular configuration, "joints" for stiff joints.
+        text: description of the occurrence.
+        quantity: limited quantity of a violation or recovery: "grasp", "position", "rate" or "effort".
+        lowest: for a recovery, the lowest margin since the violation [N; rad or m; rad/s or m/s; N m or N].
+        lowest_time: time of that lowest margin [s].
+        impulses: for an attach, (arms, 6) [moment; force] impulse of each arm on the object about its contact
             point, world axes [N m s, N s].
-        base_impulses: of an attach, (arms, 6) of the base on each arm about the base origin.
-        trunk_base_impulse: of an attach, (6,) of the base on a trunk about the base origin; empty without one.
-        energy_change: of an attach, of the kinetic energy [J].
-        rank: of a singular configuration, of the grasp constraint there.
-        generic_rank: of a singular configuration, of the constraint before and after.
-        lost: of a singular configuration, in words, the loads that it cannot resist and the directions that arms lose.
+        base_impulses: for an attach, (arms, 6) impulse of the base on each arm about the base origin, world axes.
+        trunk_base_impulse: for an attach, (6,) impulse of the base on a trunk about the base origin; empty without a
+            trunk.
+        energy_change: for an attach, the change of the kinetic energy [J].
+        rank: for a singular configuration, the rank of the grasp constraint there.
+        generic_rank: for a singular configuration, the rank of the constraint before and after.
+        lost: for a singular configuration, in words, the loads that it cannot resist and the directions that arms lose.
     """
 
     t: float
@@ -63,13 +64,13 @@ class Occurrence:
 
 
 class Knot(NamedTuple):
-    """What a quintic goes through.
+    """An end point of an interpolating quintic.
 
     Attributes:
         t: time [s].
         state: positions and velocities.
-        accelerations: (n + 6,) of the joints [rad/s^2 or m/s^2], and of the object [omega_dot; v_dot of C], world
-            axes; six more of a floating base.
+        accelerations: (n + 6,) accelerations of the joints [rad/s^2 or m/s^2] and of the object [omega_dot; v_dot of
+            C], world axes; a floating base adds six entries.
     """
 
     t: float
@@ -80,19 +81,18 @@ class Knot(NamedTuple):
 def interpolant(now: Knot, later: Knot) -> Callable[[float], State]:
     """Return the state as a function of time between two knots.
 
-    Joint positions, the object's position and the four numbers of its quaternion follow
-    quintics, those of a floating base too; velocities are their slopes. Over a step h positions are good to O(h^6),
-    velocities to O(h^5), and both are exact at the ends. A state between is not projected:
-    its grasps are open by the same O(h^6) and O(h^5). Where torques jump at `later` (a
-    controller that holds them for a step) the accelerations do not belong to the step and
-    the orders are 2 and 1.
+    Joint positions and the position and quaternion of the object, and of a floating base, follow quintics; velocities
+    are their derivatives. Over a step h the error is O(h^6) for positions and O(h^5) for velocities, and both are exact
+    at the ends. The interpolated state is not projected, so its grasps are open by O(h^6) and O(h^5), too. If torques
+    jump at `later` (for example with a controller that holds them during a step), the accelerations there do not belong
+    to the step, and the orders are 2 and 1.
 
     Args:
         now: the earlier knot.
-        later: the one after it.
+        later: the later knot.
 
     Raises:
-        StateError: from the returned function, at a time not between the two.
+        StateError: raised by the returned function if the time is not between the two knots.
     """
     step = later.t - now.t
     ends = [_motion(at, now.state) for at in (now, later)]
@@ -111,7 +111,7 @@ def interpolant(now: Knot, later: Knot) -> Callable[[float], State]:
 def _motion(at: Knot, near: State) -> tuple[Array, Array, Array]:
     """Return q and (quaternion, p) of the free bodies at a knot, their rates and accelerations, (n + 7 bodies,) each.
 
-    Of the two quaternions of an attitude the one nearest to that in `near` is taken.
+    Of the two quaternions that represent an attitude, the one nearer to that in `near` is used.
     """
     state, n = at.state, len(at.state.q)
     bodies = [_free_body(state.object_pose, state.object_twist, at.accelerations[n : n + 6], near.object_pose)]
@@ -139,7 +139,7 @@ def _free_body(pose: Array, twist: Array, acceleration: Array, near: Array) -> t
 
 
 def _pose_and_twist(x: Array, rate: Array) -> tuple[Array, Array]:
-    """Return pose wxyz_xyz and twist of a free body whose quaternion has any length."""
+    """Return the pose wxyz_xyz and the twist of a free body from a quaternion that need not be normalised."""
     quaternion, length = x[:4], np.sqrt(x[:4] @ x[:4])
     inverse = np.array([1.0, -1.0, -1.0, -1.0]) * quaternion / length**2
     omega = 2.0 * quaternion_product(rate[:4], inverse)[1:]  # the scalar part only changes the length
@@ -149,8 +149,8 @@ def _pose_and_twist(x: Array, rate: Array) -> tuple[Array, Array]:
 def _quintic(
     x0: Array, v0: Array, a0: Array, x1: Array, v1: Array, a1: Array, step: float, s: float
 ) -> tuple[Array, Array]:
-    """Return value and rate at the part s of the step, 0 at its start and 1 at its end."""
-    gap = x1 - x0 - step * v0 - 0.5 * step**2 * a0  # what is left to the powers 3, 4 and 5 of s
+    """Return value and rate at the fraction s of the step, 0 at its start and 1 at its end."""
+    gap = x1 - x0 - step * v0 - 0.5 * step**2 * a0  # remainder for the powers 3, 4 and 5 of s
     gap_rate = step * (v1 - v0 - step * a0)
     gap_acceleration = step**2 * (a1 - a0)
     c3 = 10.0 * gap - 4.0 * gap_rate + 0.5 * gap_acceleration
@@ -165,7 +165,7 @@ NONE = np.zeros(0)
 
 
 def _none() -> Array:
-    """Return what stands for an array of a trunk where there is none."""
+    """Return the placeholder for an array of a trunk that does not exist."""
     return NONE
 
 
@@ -176,9 +176,8 @@ OF_TRUNK = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wrench")
 class Trajectory(Frozen, RunOutputs):
     """A run sampled at every step; the first axis of every array is the sample.
 
-    One sample alone has the same fields without that axis. `UNITS` gives units and axes. Times
-    increase; where torques, inputs or grasps jump there are two samples, 1e-15 s or a unit in the last
-    place apart.
+    A single sample has the same fields without that axis. `UNITS` gives units and axes. Times increase. If torques,
+    inputs or grasps jump, there are two samples whose times differ by 1e-15 s or by one unit in the last place.
 
     Attributes:
         t: (samples,) [s].
@@ -198,9 +197,9 @@ class Trajectory(Frozen, RunOutputs):
         base_pose, base_twist, base_acceleration: (samples, 7), (samples, 6) twice, of a trunk's floating base;
             (samples, 0) without one.
         trunk_base_wrench: (samples, 6); (samples, 0) without a trunk.
-        stopped: None for a run that reached its end, else what ended it.
-        occurrences: grasps that closed and opened, limits that were passed, in order of time.
-        setting: what it is a run of; None for one put together from arrays.
+        stopped: None for a run that reached its end, otherwise the reason why it ended.
+        occurrences: the log in order of time: grasps that closed or opened, limits that were passed, and so on.
+        setting: chain, base motions and arguments of the run; None for a run that was assembled from arrays.
     """
 
     t: Annotated[Array, "s"]
@@ -279,7 +278,7 @@ class Trajectory(Frozen, RunOutputs):
         return len(self.t)
 
     def __repr__(self) -> str:
-        """Return name, length and how it ended, on one line."""
+        """Return the name, the length and the end of the run, on one line."""
         return f"<Trajectory {text_of(self)}>"
 
     def whole_run(self) -> Trajectory:
@@ -287,10 +286,10 @@ class Trajectory(Frozen, RunOutputs):
         return self
 
     def require_setting(self) -> Setting:
-        """Return what it is a run of.
+        """Return the setting of the run.
 
         Raises:
-            StateError: it does not know.
+            StateError: the run has no setting.
         """
         if self.setting is None:
             raise StateError(
@@ -305,15 +304,15 @@ class Trajectory(Frozen, RunOutputs):
         return State(self.q[k], self.qd[k], self.object_pose[k], self.object_twist[k], *base)
 
     def state_at(self, t: float) -> State:
-        """Return the state at any time of the run; between samples by quintics, see `interpolant`.
+        """Return the state at any time of the run, interpolated by quintics between samples; see `interpolant`.
 
-        Where the grasps or velocities jump, the state after the jump.
+        At a jump of the grasps or velocities, the state after the jump is returned.
 
         Args:
             t: time [s].
 
         Raises:
-            StateError: a time before the first sample or after the last.
+            StateError: the time is before the first sample or after the last.
         """
         t = float(checks.numbers(t, (), "run: t", StateError))
         if not self.t[0] <= t <= self.t[-1]:
@@ -327,17 +326,17 @@ class Trajectory(Frozen, RunOutputs):
 
     @property
     def imbalance(self) -> Array:
-        """(samples,) energy that no work accounts for [J]."""
+        """(samples,) change of energy that no work explains [J]."""
         return imbalance(self.kinetic, self.potential, self.work, self.impact)
 
     @property
     def momentum_imbalance(self) -> Array:
-        """(samples, 6) [angular; linear] momentum that no wrench accounts for [N m s, N s]."""
+        """(samples, 6) change of [angular; linear] momentum that no wrench explains [N m s, N s]."""
         return momentum_imbalance(self.t, self.momentum, self.momentum_rate, self.base_impulse)
 
 
 def text_of(run: Trajectory) -> str:
-    """Return in a few words how long a run is, of what, and how it ended."""
+    """Return a short description of a run: its name and arms, its length, and how it ended."""
     if np.ndim(run.t) == 0:
         return f"one sample at t = {float(run.t):g} s"
     if not len(run):
@@ -348,17 +347,17 @@ def text_of(run: Trajectory) -> str:
 
 
 def stacked(samples: Sequence[Trajectory], stopped: str | None = None) -> Trajectory:
-    """Return single samples as one run."""
+    """Return a run made of single samples."""
     arrays: dict[str, Any] = {key: np.stack([getattr(s, key) for s in samples]) for key in array_names()}
     return Trajectory(**arrays, stopped=stopped, occurrences=tuple(one for s in samples for one in s.occurrences))
 
 
 def require_run_of(chain: Any, run: Any) -> None:
-    """Refuse what is no run of a chain, before its arrays are taken apart.
+    """Check that `run` is a run of `chain`.
 
     Raises:
-        ModelError: what is no chain.
-        StateError: what is no run, one without samples, or one of other arms.
+        ModelError: `chain` is not a ClosedChain.
+        StateError: `run` is not a run, has no samples, or has other arms.
     """
     if not isinstance(chain, ClosedChain):
         raise ModelError(f"chain: expected a ClosedChain, got a {type(chain).__name__}")
@@ -374,7 +373,7 @@ def require_run_of(chain: Any, run: Any) -> None:
         )
 
 
-# of every array of a trajectory, in order: its unit and axes
+# unit and axes of every array of a trajectory, in order
 UNITS: dict[str, str] = {
     name: hint.__metadata__[0]
     for name, hint in get_type_hints(Trajectory, include_extras=True).items()

@@ -1,26 +1,25 @@
-"""Margins inside a step: every dip below zero is found, its beginning to 1e-12 s, its depth to rounding.
+"""Verification of the margins inside a step: the time of a violation is located to 1e-12 s, its depth to rounding.
 
-The margins are known at the step's start. They are looked at after every eighth of the step and at the
-scheme's stage times, each point reached by one shorter step from the start, in parts where `SubdividingStepper` asks
-for them (never an interpolant).
+The margins are known at the step's start. They are also evaluated after every eighth of the step and at the stage times
+of the scheme. Each of these points is reached by one shorter step from the start (in parts, if `SubdividingStepper`
+divides it), never by an interpolant.
 
-What is found for certain: *every dip below zero that lasts a quarter of a step*. Looks are at most h/8
-apart, from step to step too, so any interval of h/4 holds at least two of them: the dip shows as a
-negative margin, whatever its shape. With steps that end where a torque schedule has its knots and turning
-points, or at declared breakpoints, a margin within a step is smooth, and *shorter dips* show as a minimum
-between the looks:
+*Every dip below zero that lasts a quarter of a step is certain to be found.* The evaluations are at most h/8 apart,
+also across steps, so any interval of length h/4 contains at least two of them, and a dip of any shape appears as a
+negative margin. If steps end at the knots and turning points of a torque schedule and at declared breakpoints, the
+margins are smooth within a step, and *shorter dips* appear as a minimum between the evaluations:
 
-* Three looks of which the middle one is lowest bracket a minimum. It is refined if it could be negative,
-  or lower than any before in the run. The last look of the step before is the left neighbour of the start.
-* Where a margin comes down to the step's end, or goes up from its start, steeply enough to have been
-  negative in between, the eighth there is looked at in eighths.
+* Three evaluations of which the middle one is lowest bracket a minimum. It is refined if it could be negative, or lower
+  than any margin before in the run. The left neighbour of the step's start is the last evaluation of the previous step.
+* If a margin falls towards the step's end, or rises from its start, so steeply that it may have been negative in
+  between, the last or first eighth of the step is evaluated in eighths.
 
-Where a smooth stretch begins or ends (at a knot, an event) there is no look beyond, and only the second
-rule holds for the outermost eighth. "Could be" means two drops below the lower look, a drop being the rise
-to its higher neighbour: for a parabola the minimum is at most 1/8 of a drop below, for two straight lines
-at most one drop. A margin is the least of several (conditions of a contact, ends of a range), and a
-difference to an absolute value: where another one takes over it has a kink that points up, so minima are
-where one of them is smooth. The searches do not rely on it.
+At the beginning and end of a smooth stretch (at a knot or an event) there is no evaluation beyond, and only the second
+rule applies to the outermost eighth. In both rules a minimum "could be" as low as two drops below the lowest
+evaluation, where a drop is the difference to its higher neighbour. For a parabola the minimum is at most 1/8 of a drop
+below, and for two straight lines at most one drop. A margin is the minimum of several functions (the conditions of a
+contact, both ends of a range) or a limit minus an absolute value. Where another of these functions becomes the
+smallest, its slope decreases, so minima lie where the margin is smooth; the searches do not rely on this.
 """
 
 from __future__ import annotations
@@ -37,25 +36,25 @@ from holdfast.simulation.instant import Instant
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
 
-LOOKS = 8  # a step
+LOOKS = 8  # evaluations per step, besides the stage times
 DROPS = 2.0
 FLAT = 1e-9  # relative, or absolute below 1: a smaller drop is rounding
-PLACE = 1e-7  # of a step: precision of where a minimum is
-CROSSING = 1e-13  # [s]: precision of a zero
+PLACE = 1e-7  # precision of the time of a minimum, as a fraction of the step
+CROSSING = 1e-13  # [s]: precision of the time of a zero
 
 Reach = Callable[[Sequence[float]], list[Advance]]
 REFUSALS = (SingularChainError, ClosureError, StateError)
 
 
 class StepMargins(NamedTuple):
-    """What the visuals of a step show.
+    """The margins evaluated in a step, and its end.
 
     Attributes:
-        times: (looks,) in order; the first is the last look of the step before, if there is one.
-        margins: (looks, signals).
-        start: which of the looks is the step's start.
-        end: where the step ends: as asked, or where the first acting margin becomes negative.
-        acting: the signal that ended it, or None.
+        times: (k,) times of the evaluations in order; the first belongs to the previous step, if there is one.
+        margins: (k, signals) margins at these times.
+        start: index of the step's start in `times`.
+        end: the end of the step, which is the requested one or the first at which an acting margin is negative.
+        acting: the signal that ended the step early, or None.
     """
 
     times: Array
@@ -67,13 +66,13 @@ class StepMargins(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MarginCurves:
-    """Margins as a function of time, about an accepted instant; what was looked at is remembered.
+    """The margins as functions of time around an accepted instant; evaluations are stored and reused.
 
     Attributes:
-        reach: single steps to given times.
-        of: all margins at some instants, (instants, signals).
-        margins: by time, as far as looked at.
-        advances: by time, those of this step.
+        reach: takes single steps from the instant to given times.
+        of: returns all margins at several instants, (instants, signals).
+        margins: margins by time, as far as they have been evaluated.
+        advances: results of the steps by time, for the times of this step.
     """
 
     reach: Reach
@@ -82,7 +81,7 @@ class MarginCurves:
     advances: dict[float, Advance]
 
     def look(self, times: Sequence[float]) -> HoldfastError | None:
-        """Look at several times at once; return why the first of them cannot be reached that cannot."""
+        """Evaluate the margins at several times; return the error of the first time that cannot be reached, or None."""
         found = self.reach([t for t in times if t not in self.margins])
         failed = next((k for k, reached in enumerate(found) if reached.instant is None), len(found))
         led = found[:failed]
@@ -93,7 +92,7 @@ class MarginCurves:
         return found[failed].failure if failed < len(found) else None
 
     def signal(self, i: int) -> Callable[[float], float]:
-        """Return one margin as a function of time; it raises what a step there is refused for."""
+        """Return one margin as a function of time, which raises the error of a step that fails."""
 
         def margin(t: float) -> float:
             failure = self.look([t])
@@ -104,18 +103,18 @@ class MarginCurves:
         return margin
 
     def table(self) -> tuple[Array, Array]:
-        """Return times in order and the margins then, (looks, signals)."""
+        """Return the times (k,) in order, and the margins at these times, (k, signals)."""
         times = np.array(sorted(self.margins))
         return times, np.array([self.margins[t] for t in times])
 
 
 def look_times(begin: float, end: float, nodes: Sequence[float]) -> list[float]:
-    """Return the times after `begin` at which a step's margins are looked at; the last is the end.
+    """Return the times after `begin` at which the margins of a step are evaluated; the last is `end`.
 
     Args:
-        begin: of the step [s].
-        end: of the step [s].
-        nodes: the scheme's stage times, parts of a step.
+        begin: start of the step [s].
+        end: end of the step [s].
+        nodes: stage times of the scheme, as fractions of a step.
     """
     parts = {k / LOOKS for k in range(1, LOOKS)} | {float(c) for c in nodes if 0.0 < c < 1.0}
     inside = {begin + part * (end - begin) for part in parts}
@@ -125,15 +124,15 @@ def look_times(begin: float, end: float, nodes: Sequence[float]) -> list[float]:
 def verify(
     curves: MarginCurves, begin: float, times: list[float], watched: Array, acting: Array, lowest: Array
 ) -> StepMargins:
-    """Return the margins of a step, refined, and where it has to end.
+    """Return the refined margins of a step, and the time at which it has to end.
 
     Args:
-        curves: with the margins at the step's start, and those of the last look before it if the margins
-            are smooth there.
+        curves: the margin curves, which contain the margins at the step's start and, if the margins are smooth there,
+            those of the last evaluation before it.
         begin: the step's start [s].
-        times: from `look_times`.
-        watched: indices of the signals that something limits.
-        acting: those of them that end the step where they become negative.
+        times: times to evaluate, from `look_times`.
+        watched: indices of the signals that have a limit.
+        acting: indices of those that end the step when they become negative.
         lowest: (signals,) the lowest margins of the run so far.
     """
     failure = curves.look(times)
@@ -155,7 +154,7 @@ def verify(
 
 
 def _look_closer(curves: MarginCurves, begin: float, watched: Array) -> None:
-    """Look at the eighths of a step's first and last eighth where a margin may be negative in between."""
+    """Evaluate the first or last eighth of a step in eighths if a margin may be negative within it."""
     times, margins = curves.table()
     first = int(np.searchsorted(times, begin))
     m = margins[first:, watched]
@@ -173,7 +172,7 @@ def _look_closer(curves: MarginCurves, begin: float, watched: Array) -> None:
 
 
 def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precision: float) -> None:
-    """Search every bracketed minimum that may be negative, or lower than any before, all of them side by side."""
+    """Refine, in a joint search, all bracketed minima that may be negative or lower than any margin before."""
     times, margins = curves.table()
     m = margins[:, watched]
     drop = np.maximum(m[:-2], m[2:]) - m[1:-1]
@@ -195,9 +194,9 @@ def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precisio
 
 
 def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> tuple[float, int] | None:
-    """Return when the first acting margin becomes negative, and which; it is negative then.
+    """Return the first time at which an acting margin is negative, and the index of its signal; None if there is none.
 
-    A dip before the step's start, found only now, counts at the start.
+    A dip before the step's start that is found only in this step counts as one at the start.
     """
     times, margins = curves.table()
     if not len(acting) or not (margins[:, acting] < 0.0).any():

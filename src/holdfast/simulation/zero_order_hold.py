@@ -1,11 +1,11 @@
-"""A sampled controller: asked once a sample, its torques held until the next ones act (a zero-order hold).
+"""The zero-order hold of a sampled controller, which is called once per sample and whose torques are held in between.
 
     tau(t) = tau_k for t_k + delay <= t < t_(k+1) + delay,   tau_k = controller(t_k, state(t_k), memory_(k-1))
 
-Between two samples torques are data, not a function: the steps are given them as the memory of
-`held_torques_law`, so that whole steps are machine code whatever the controller is, and no stage, no look inside a step
-and no step taken again asks the controller. Until the delay is over the first torques act, as if the chain had rested
-where it starts.
+Between two samples the torques are data, not a function of time or state. Steps receive them as the memory of
+`held_torques_law`. Whole steps are therefore machine code for any controller, and neither stages nor evaluations inside
+a step nor repeated steps call the controller. Before the first delay is over, the first torques act, as if the chain
+had been at rest at its start.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from holdfast.state import State
 
 @dataclass(frozen=True, eq=False)
 class ZeroOrderHold:
-    """When a sampled controller is asked, and when its torques act.
+    """The times at which a sampled controller is called, and at which its torques begin to act.
 
     Attributes:
-        sample_time: from one question to the next [s].
-        delay: from a question to when its torques act [s].
-        asked: (k,) when the controller is asked, from 0 on [s].
-        acts: (k,) from when on its torques act [s]: the first from 0 on, those after the run's end at infinity.
+        sample_time: time between two samples [s].
+        delay: time from a sample until its torques act [s].
+        asked: (k,) times at which the controller is called, beginning with 0 [s].
+        acts: (k,) times from which its torques act [s]; 0 for the first, infinity for torques that would act only after
+            the run's end.
     """
 
     sample_time: float
@@ -42,20 +43,20 @@ class ZeroOrderHold:
 
     @property
     def jumps(self) -> list[float]:
-        """When torques jump [s]."""
+        """Times at which the torques jump [s]."""
         return [float(t) for t in self.acts if 0.0 < t < np.inf]
 
 
 @dataclass(frozen=True, eq=False)
 class HeldTorques:
-    """Where a sampled controller is.
+    """The state of a sampled controller.
 
     Attributes:
-        asked: how often it has been asked.
-        memory: what it carries on.
+        asked: number of times that the controller has been called.
+        memory: memory that the controller returned last.
         waiting: torques (n,) that do not act yet, the oldest first.
-        sample_time: of the hold [s].
-        delay: of the hold [s].
+        sample_time: sample time of the hold [s].
+        delay: delay of the hold [s].
     """
 
     asked: int
@@ -68,16 +69,16 @@ class HeldTorques:
 def zero_order_hold(
     sample_time: float | None, delay: float, duration: float, declared: Sequence[float]
 ) -> ZeroOrderHold | None:
-    """Return when a controller is asked and acts in a run; None where it is asked all along.
+    """Return the zero-order hold of a run; None if the controller is evaluated at every stage.
 
     Args:
-        sample_time: [s]; None: at every stage of every step.
-        delay: [s].
-        duration: of the run [s].
-        declared: times of events and breakpoints [s]; samples that differ from them by rounding are at these.
+        sample_time: time between two samples [s]; None to evaluate the controller at every stage of every step.
+        delay: time from a sample until its torques act [s].
+        duration: duration of the run [s].
+        declared: times of events and breakpoints [s]; samples that differ from them by rounding are moved to them.
 
     Raises:
-        ModelError: times that no sampled controller can have.
+        ModelError: the sample time or the delay is invalid.
     """
     delay = checks.number(delay, "simulation: delay", at_least=0.0)
     if sample_time is None:
@@ -111,7 +112,7 @@ def zero_order_hold(
 
 
 def _brought_to(at: Array, times: Array, apart: float) -> Array:
-    """Return times, those that differ from one of `at`, in order, by rounding replaced by that one."""
+    """Return `times`, each replaced by the entry of the sorted array `at` from which it differs by at most `apart`."""
     if not len(at):
         return times
     right = np.clip(np.searchsorted(at, times), 0, len(at) - 1)
@@ -121,15 +122,15 @@ def _brought_to(at: Array, times: Array, apart: float) -> Array:
 
 
 def begun(hold: ZeroOrderHold | None) -> HeldTorques | None:
-    """Return a sampled controller that has not been asked yet; None without a hold."""
+    """Return the state of a sampled controller that has not been called yet; None without a hold."""
     return None if hold is None else HeldTorques(0, None, (), hold.sample_time, hold.delay)
 
 
 def require_same(hold: ZeroOrderHold | None, saved: HeldTorques | None) -> None:
-    """Refuse to go on with a run under another sample time or delay than it began with.
+    """Check that a run continues with the sample time and delay with which it began.
 
     Raises:
-        StateError: naming both.
+        StateError: they differ; the message gives both.
     """
     ours, theirs = (None if one is None else (one.sample_time, one.delay) for one in (hold, saved))
     if ours != theirs:
@@ -144,25 +145,25 @@ def _in_words(given: tuple[float, float] | None) -> str:
 
 
 def due(hold: ZeroOrderHold, held: HeldTorques, t: float) -> bool:
-    """Return whether the controller is to be asked at a time [s]."""
+    """Return whether the controller has to be called at a time [s]."""
     return held.asked < len(hold.asked) and bool(hold.asked[held.asked] <= t)
 
 
 def sampled(
     hold: ZeroOrderHold, controller: Controller, t: float, state: State, held: HeldTorques, acting: Array
 ) -> tuple[HeldTorques, Array]:
-    """Return where the controller is at a time, asked if that is due, and the torques that act from then on, (n,).
+    """Return the state of the sampled controller at a time, called if a sample is due, and the torques that act, (n,).
 
     Args:
-        hold: when it is asked and acts.
-        controller: what is asked.
+        hold: times at which the controller is called and at which its torques act.
+        controller: the controller.
         t: time [s].
-        state: positions and velocities then.
-        held: where it was before.
-        acting: (n,) the torques that act before [N m or N].
+        state: positions and velocities at that time.
+        held: the state of the sampled controller before.
+        acting: (n,) the torques that have acted so far [N m or N].
 
     Raises:
-        StateError: it returns no torques and memory that fit.
+        StateError: the controller does not return valid torques and memory.
     """
     asked, memory, waiting = held.asked, held.memory, held.waiting
     if due(hold, held, t):
@@ -176,7 +177,7 @@ def sampled(
 
 
 def held_torques_law(joint_count: int) -> ControlLaw:
-    """Return the law whose memory is the torques that act."""
+    """Return a control law that returns its memory as torques."""
     return ControlLaw(_remembered, memory=np.zeros(joint_count), key="held in memory")
 
 

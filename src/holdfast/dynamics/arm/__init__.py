@@ -1,6 +1,6 @@
 """Recursions over the links of one arm.
 
-Sweeps run in link axes: link k's quantities are about its frame's origin O_k, along
-its own axes. Arrays run base to tip, so `k` here is the paper's N - k; a sweep
-"outward" goes base to tip (the paper's anticausal), "inward" tip to base (causal).
+Sweeps use link axes: the quantities of link k are about the origin O_k of its frame, and along its own axes. Arrays are
+ordered from base to tip, so k here is N - k in the paper. An "outward" sweep goes from base to tip (anticausal in the
+paper), and an "inward" sweep from tip to base (causal).
 """

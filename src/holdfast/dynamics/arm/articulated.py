@@ -25,7 +25,7 @@ class Filter(NamedTuple):
     Attributes:
         D: (N,) articulated inertia about each joint axis, > 0.
         G: per link, (6,) gain P H^T / D, link axes.
-        at_base: what the base feels of the arm while its joints are free: inertia about the base origin, base axes.
+        at_base: articulated inertia of the arm at its base, with free joints, about the base origin, base axes.
     """
 
     D: Array
@@ -40,7 +40,7 @@ def articulated_filter(arm: Arm, at: Kinematics) -> Filter:
     P_plus = P - G H P.
     """
     D, G = [], []
-    carried = zero6()  # nothing beyond the last link
+    carried = zero6()  # there is nothing beyond the last link
     for joint, link, E, l in reversed(list(zip(arm.joints, arm.links, at.E, at.l, strict=True))):
         P = link.spatial_inertia.symmetric().plus(carried)
         PH = column(joint, P)
@@ -60,7 +60,7 @@ def whiten(
     wrenches: tuple[Array, ...] | None,
     tip_wrench: Array | None,
 ) -> tuple[Array, Array]:
-    """Return eps = T - H psi (S L T + p + B f) and the wrench left at the base.
+    """Return eps = T - H psi (S L T + p + B f) and the remaining wrench at the base.
 
     With p = None and f = None this is (I - H Psi L) T (5.9a); with p = M zeta + b it is
     (5.14b); with f it is the curly bracket of (6.17). One inward sweep, O(N).
@@ -101,7 +101,7 @@ def smooth(arm: Arm, at: Kinematics, filter: Filter, nu: Array, base: Array | No
         at: its configuration.
         filter: its factorisation.
         nu: (N,) residuals over D.
-        base: (6,) acceleration of the base that lambda begins with, base axes; None for zero.
+        base: (6,) acceleration of the base, the first lambda, base axes; None for zero.
 
     Returns:
         (N,) joint accelerations, and (6,) tip acceleration, in the axes of the last link.

@@ -1,12 +1,12 @@
-"""What is left when the joints do not accelerate: bias accelerations, wrenches and torques.
+"""Bias accelerations, wrenches and torques of one arm, which are those without joint accelerations.
 
-    zeta = phi^T a         accelerations at qdd = 0, base motion and gravity included
-    p    = M zeta + b      wrenches that these accelerations need
+    zeta = phi^T a         accelerations at qdd = 0, including base motion and gravity
+    p    = M zeta + b      wrenches for these accelerations
     C    = H phi p         bias torques                               (5.1c)
     Jdot qd = phi^T(1, 0) zeta(1) + a(0)                              (5.1d)
 
-Gravity enters as a pseudo acceleration -g of the base (docs/theory/arm.md): it is in zeta,
-C and Jdot qd; accelerations at the tip are then true minus [0; g].
+Gravity is treated as an acceleration -g of the base (docs/theory/arm.md), so it is included in zeta, C and Jdot qd, and
+tip accelerations are the true ones minus [0; g].
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ class Bias(NamedTuple):
     """The bias quantities of one arm.
 
     Attributes:
-        wrenches: per link, p(k) about O_k in link axes, external wrenches taken off.
+        wrenches: per link, p(k) about O_k in link axes, minus external wrenches.
         tip_acceleration: (6,) Jdot qd of the tip point, world axes.
-        of_base: (6,) what an anchor's base exerts whatever its grasp does, about its origin, base axes; None: nothing.
+        of_base: (6,) wrench of an anchor's base that does not depend on the grasp force, about the base origin, base
+            axes; None for none.
     """
 
     wrenches: tuple[Array, ...]
@@ -49,10 +50,9 @@ def bias_accelerations(
 ) -> Iterator[tuple[Array, Array]]:
     """Yield zeta(k) = phi^T(k+1, k) zeta(k+1) + a(k) and its K = omega_dot~ + w~ w~, link axes, base to tip.
 
-    With joint accelerations qdd (N,) it is the links' whole acceleration.
-
-    a(k) = [w' x h qd; w' x (w' x l) + 2 w' x s qd] for a motion subspace [h; s], w' the parent's
-    angular velocity (docs/theory/arm.md); with the parent's K the linear part carried over is v_dot + K l.
+    If joint accelerations qdd (N,) are given, zeta are the total accelerations of the links.
+    a(k) = [w' x h qd; w' x (w' x l) + 2 w' x s qd] for a motion subspace [h; s] and the parent's angular velocity w'
+    (docs/theory/arm.md). With the parent's K, the linear part shifted to the link is v_dot + K l.
     """
     zeta, K = base_acceleration_and_gradient(arm, base_twist, base_acceleration)
     for k, (joint, E, l, V, rate) in enumerate(zip(arm.joints, at.E, at.l, twists, qd, strict=True)):
@@ -68,7 +68,7 @@ def bias_accelerations(
 
 
 def base_acceleration_and_gradient(arm: Arm, base_twist: Array, base_acceleration: Array) -> tuple[Array, Array]:
-    """Return zeta and K of the base, base axes; see `bias_accelerations`."""
+    """Return zeta and K of the base, in base axes; see `bias_accelerations`."""
     zeta = unrotate(arm.base.R, base_acceleration)
     return zeta, acceleration_gradient(zeta[:3], base_twist[:3] @ arm.base.R)
 
@@ -89,8 +89,8 @@ def bias(
         at: its configuration.
         twists: its link twists.
         qd: (N,) joint rates.
-        base_twist: (6,) of the base origin, world axes.
-        base_acceleration: (6,) of the base origin minus [0; g], world axes.
+        base_twist: (6,) twist of the base origin, world axes.
+        base_acceleration: (6,) acceleration of the base origin minus [0; g], world axes.
         link_wrenches: (N, 6) external wrenches about the link origins, world axes.
     """
     found = list(bias_accelerations(arm, at, twists, qd, base_twist, base_acceleration))
@@ -105,7 +105,10 @@ def bias(
 def acceleration_at_tip(
     arm: Arm, at: Kinematics, found: list[tuple[Array, Array]], base_twist: Array, base_acceleration: Array
 ) -> Array:
-    """Return (6,) of the tip point, world axes, of what `bias_accelerations` yields; an anchor's is its base's."""
+    """Return the acceleration (6,) of the tip point, world axes, from the output of `bias_accelerations`.
+
+    The tip of an anchor moves with its base.
+    """
     zeta, K = found[-1] if found else base_acceleration_and_gradient(arm, base_twist, base_acceleration)
     return rotate(at.end, concatenate([zeta[:3], zeta[3:] + K @ arm.tip.p]))
 

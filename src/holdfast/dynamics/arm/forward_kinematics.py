@@ -1,4 +1,4 @@
-"""Where the links of an arm are."""
+"""Forward kinematics of one arm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Kinematics(NamedTuple):
         R: per link, (3, 3) from link axes to world axes.
         reach: per link, (3,) from O_k to the tip point, world axes [m].
         tip: pose of the tip frame in the world.
-        end: (3, 3) from the axes that the tip is given in, the last link's or an anchor's base's, to world axes.
+        end: (3, 3) from the axes of the last link, or of the base of an anchor, to world axes.
         from_base: (3,) from the base origin to the tip point, world axes [m].
     """
 
@@ -45,8 +45,7 @@ def joint_placement(joint: Joint, q: Scalar) -> tuple[Array, Array]:
 def forward_kinematics(arm: Arm, q: Array) -> Kinematics:
     """Return the configuration of an arm at joint positions q, base to tip [rad or m].
 
-    Positions are measured back from the tip, so that a far-off base costs no digits.
-    Cost O(N).
+    Positions are measured from the tip backwards, so that the distance of the base costs no digits. O(N).
     """
     E, l, axes = [], [], [arm.base.R]
     for joint, qk in zip(arm.joints, q, strict=True):

@@ -1,4 +1,4 @@
-"""Joint accelerations of one arm under given torques and tip wrench, by four algorithms."""
+"""Forward dynamics of one arm for given torques and tip wrench, by four algorithms."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def composite(motion: ArmMotion, torque: Array, tip_wrench: Array) -> Array:
     """Return qdd from M qdd = T - C - J^T f with the composite-body mass matrix. O(N^3).
 
     Args:
-        motion: the arm in motion.
+        motion: the arm's motion.
         torque: (N,) T.
         tip_wrench: (6,) f of the arm on the object about the tip point, world axes.
     """
@@ -34,7 +34,7 @@ def composite(motion: ArmMotion, torque: Array, tip_wrench: Array) -> Array:
 def newton_euler_columns(motion: ArmMotion, torque: Array, tip_wrench: Array) -> Array:
     """Return qdd by repeated Newton-Euler passes (Walker and Orin; paper, after (4.9)). O(N^3).
 
-    One pass with qdd = 0 gives C + J^T f; one with each unit acceleration a column of M.
+    One pass with qdd = 0 gives C + J^T f, and one pass for each unit acceleration gives a column of M.
     """
     N = motion.arm.joint_count
     none = np.zeros(6)
@@ -63,12 +63,12 @@ def three_sweep(motion: ArmMotion, torque: Array, tip_wrench: Array) -> Array:
 
 
 def tip_acceleration(motion: ArmMotion, qdd: Array, base: Array | None = None) -> Array:
-    """Return alpha(0) = J qdd + Jdot qd of the tip point, less [0; g], world axes (2.1d).
+    """Return alpha(0) = J qdd + Jdot qd of the tip point minus [0; g], world axes (2.1d).
 
     Args:
-        motion: the arm in motion.
+        motion: the arm's motion.
         qdd: (N,) joint accelerations.
-        base: (6,) what the base accelerates by more than the motion says, world axes; None for zero.
+        base: (6,) acceleration of the base in addition to that in `motion`, world axes; None for zero.
     """
     tip = jacobian(motion.arm, motion.at) @ qdd + motion.bias.tip_acceleration
     return tip if base is None else tip + shift_twist(motion.base_to_tip, base)

@@ -11,7 +11,7 @@ from holdfast.spatial.vector import cross
 
 
 def jacobian(arm: Arm, at: Kinematics) -> Array:
-    """Return the Jacobian of the tip point, (6, N), world axes. Cost O(N)."""
+    """Return the Jacobian of the tip point, (6, N), world axes. O(N)."""
     columns = []
     for joint, R, reach in zip(arm.joints, at.R, at.reach, strict=True):
         h, s = joint.motion_subspace

@@ -1,4 +1,4 @@
-"""The joint map H(k): H^T = [h; s], the motion subspace of a joint of one degree of freedom.
+"""The joint map H(k) with H^T = [h; s], the motion subspace of a joint with one degree of freedom.
 
 The angular part h or the linear part s is None where it is zero: revolute [h; 0], prismatic [0; s], screw [h; s].
 """
@@ -13,7 +13,7 @@ from holdfast.spatial.symmetric import Symmetric6
 
 
 def project(joint: Joint, f: Array) -> Scalar:
-    """Return H f: the part of a link-axes wrench that the joint's drive carries [N m or N]."""
+    """Return H f, the component along the joint of a wrench in link axes [N m or N]."""
     h, s = joint.motion_subspace
     if h is None:
         return s @ f[3:]
@@ -21,7 +21,7 @@ def project(joint: Joint, f: Array) -> Scalar:
 
 
 def expand(joint: Joint, rate: Scalar) -> Array:
-    """Return H^T rate: the link-axes twist (or acceleration) of a joint rate."""
+    """Return H^T rate, the twist (or acceleration) in link axes due to a joint rate."""
     return concatenate([np.zeros(3) if part is None else rate * part for part in joint.motion_subspace])
 
 

@@ -1,16 +1,18 @@
-"""How an arm's torques change with its joints while all else is held, by composite bodies: O(N^2) numbers in O(N^2).
+"""Derivatives of an arm's torques with respect to its joints, by composite bodies, in O(N^2) for O(N^2) numbers.
 
-Twists, wrenches and inertias of all links are taken in world axes about one point, where the tip is. The links before
-a joint carry its axis S along; it changes at Psi_dot = v x S, with Psi_ddot = a x S + v x Psi_dot. All bodies beyond
-joint i taken as one have the inertia I, the velocity-dependent B and need the wrench f. Then for joints j <= i
+Twists, wrenches and inertias of all links are in world axes about one point, the position of the tip. The axis S of a
+joint moves with the links before it: its rate is Psi_dot = v x S, with Psi_ddot = a x S + v x Psi_dot. All bodies
+beyond joint i together have the inertia I, the velocity-dependent matrix B, and require the wrench f. Then for joints j
+<= i
 
     dT_j/dq_i  = S_j.(I Psi_ddot_i + 2 B Psi_dot_i + S_i x* f)      dT_j/dqd_i = 2 S_j.(I Psi_dot_i + B S_i)
     dT_i/dq_j  = S_i.(I Psi_ddot_j + 2 B Psi_dot_j)                 dT_i/dqd_j = 2 S_i.(I Psi_dot_j + B S_j)
 
 (S. Singh, R. P. Russell and P. M. Wensing, Efficient Analytical Derivatives of Rigid-Body Dynamics Using Spatial
 Vector Algebra, 2022; J. Carpentier and N. Mansard, Analytical Derivatives of Rigid Body Dynamics Algorithms, 2018).
-B has few numbers: of particles m at r that move at u, B x = [(tr C - C) w; w x p] with x = [w; v], C = sum m u r^T and
-p = sum m u. Wrenches from outside keep their axes while the links turn, and so does that of the tip.
+B is given by few numbers: for particles of mass m at r with velocity u, B x = [(tr C - C) w; w x p] with x = [w; v],
+C = sum m u r^T and p = sum m u. External wrenches and the tip wrench keep their directions in the world when the links
+rotate.
 """
 
 from __future__ import annotations
@@ -30,15 +32,15 @@ from holdfast.spatial.vector import cross, outer, skew
 
 
 class JointSlope(NamedTuple):
-    """Derivatives by one joint's position, or by its rate; joint accelerations, base and all wrenches are held.
+    """Derivatives by one joint's position or rate, with constant joint accelerations, base motion and wrenches.
 
     Attributes:
-        torque: (N,) of all joints' torques, those of dampers and springs apart.
-        base: (6,) of the base's wrench on the arm about the base origin, world axes.
-        turn: (3,) how the tip turns, world axes.
-        shift: (3,) how the tip point moves.
-        twist: (6,) of the tip point's twist.
-        acceleration: (6,) of the tip point's acceleration.
+        torque: (N,) derivative of all joint torques, without those of dampers and springs.
+        base: (6,) derivative of the base's wrench on the arm about the base origin, world axes.
+        turn: (3,) rotation of the tip, world axes.
+        shift: (3,) translation of the tip point.
+        twist: (6,) derivative of the tip point's twist.
+        acceleration: (6,) derivative of the tip point's acceleration.
     """
 
     torque: Array
@@ -50,7 +52,7 @@ class JointSlope(NamedTuple):
 
 
 class Masses(NamedTuple):
-    """What bodies have about the tip, world axes: sums over their particles m at r, which move at u and accelerate.
+    """Sums over the particles of some bodies, of mass m at r with velocity u, about the tip and in world axes.
 
     Attributes:
         m: sum m.
@@ -58,10 +60,10 @@ class Masses(NamedTuple):
         Q: (3, 3) sum m r r^T.
         p: (3,) sum m u.
         C: (3, 3) sum m u r^T.
-        f: (6,) the wrench that they need, with the tip's and without what acts on the links from outside.
-        D: (3, 3) with F, how f differs as its outside part keeps its axes: turning links by w adds [D w; F x w] to
-            the change of a wrench that turns with them.
-        F: (3,) the force of that outside part of f.
+        f: (6,) required wrench, which includes the tip wrench, minus the external wrenches on the links.
+        D: (3, 3) and F describe the effect of external wrenches, which do not rotate with the links: for a rotation w
+            they add [D w; F x w] to the change of a wrench that rotates with the links.
+        F: (3,) the external force in f.
     """
 
     m: Scalar
@@ -74,22 +76,22 @@ class Masses(NamedTuple):
     F: Array
 
     def plus(self, other: Masses) -> Masses:
-        """Return both together."""
+        """Return the sums over both sets of bodies."""
         return Masses(*(a + b for a, b in zip(self, other, strict=True)))
 
     def inertia(self) -> RigidInertia:
-        """Return their inertia."""
+        """Return the inertia of the bodies."""
         return RigidInertia(self.m, self.h, np.trace(self.Q) * np.eye(3) - self.Q)
 
 
 def joint_slopes(given: ArmInputs, at: Kinematics, qdd: Array, f: Array) -> tuple[list[JointSlope], list[JointSlope]]:
-    """Return the derivatives by all joints' positions, and by their rates. O(N^2).
+    """Return the derivatives by the positions of all joints, and by their rates. O(N^2).
 
     Args:
-        given: the arm and what it is given.
+        given: the arm, with its state and loads.
         at: its configuration.
         qdd: (N,) joint accelerations.
-        f: (6,) of the arm on the object about the tip point, world axes.
+        f: (6,) wrench of the arm on the object about the tip point, world axes.
     """
     S = list(jacobian(given.arm, at).T)
     before, after = motions(given, at, S, qdd)
@@ -125,9 +127,9 @@ Motion = tuple[Array, Array]  # twist and acceleration, (6,) each
 
 
 def motions(given: ArmInputs, at: Kinematics, S: list[Array], qdd: Array) -> tuple[list[Motion], list[Motion]]:
-    """Return twist and acceleration, as spatial vectors about the tip, before every joint and after it.
+    """Return the twist and the spatial acceleration about the tip of the links before and after every joint.
 
-    The linear part of such an acceleration is that of the body's point less w x v.
+    The linear part of a spatial acceleration is the acceleration of the body's point minus w x v.
     """
     w = given.base_twist[:3]
     field = given.base_acceleration - concatenate([np.zeros(3), cross(w, given.base_twist[3:])])
@@ -142,12 +144,12 @@ def motions(given: ArmInputs, at: Kinematics, S: list[Array], qdd: Array) -> tup
 
 
 def crossed(v: Array, x: Array) -> Array:
-    """Return v x x: how fast a twist x changes that is carried along at v, (6,)."""
+    """Return v x x, the rate of a twist x that is fixed in a body with twist v, (6,)."""
     return concatenate([cross(v[:3], x[:3]), cross(v[:3], x[3:]) + cross(v[3:], x[:3])])
 
 
 def moving_link(given: ArmInputs, at: Kinematics, k: int, v: Array, a: Array) -> Masses:
-    """Return what link k has about the tip while it moves at v and accelerates at a."""
+    """Return the sums of link k about the tip, for its twist v and spatial acceleration a."""
     inertia, R, r = given.arm.links[k].spatial_inertia, at.R[k], -at.reach[k]
     turned = R @ inertia.h
     m, h = inertia.m, turned + inertia.m * r
@@ -166,15 +168,15 @@ def moving_link(given: ArmInputs, at: Kinematics, k: int, v: Array, a: Array) ->
 
 
 class OfJoint(NamedTuple):
-    """What the torques of one joint, and those by it, are made of; see the module's text.
+    """The quantities of one joint in the derivatives of torques; see the module's docstring.
 
     Attributes:
-        S: (6,) axis.
+        S: (6,) joint axis.
         slow, quick: (6,) Psi_dot, Psi_ddot.
         IS: (6,) I S.
-        BS: (3,) the angular part of B^T S, all of it that is not zero.
-        DS: (3,) how S feels that wrenches from outside keep their axes, by the turn of the links.
-        by_q, by_qd: (6,) how the wrench of all beyond changes; by qd half of it.
+        BS: (3,) the angular part of B^T S; the linear part is zero.
+        DS: (3,) the effect on this joint's torque of external wrenches that do not rotate, per rotation of the links.
+        by_q, by_qd: (6,) derivative of the wrench of all bodies beyond by q, and half of that by qd.
     """
 
     S: Array
@@ -188,13 +190,13 @@ class OfJoint(NamedTuple):
 
 
 def of_joint(S: Array, v: Array, a: Array, beyond: Masses) -> OfJoint:
-    """Return a joint's own part.
+    """Return the quantities of one joint.
 
     Args:
         S: its axis.
-        v: twist of the link before.
-        a: its acceleration.
-        beyond: all bodies after it.
+        v: twist of the link before it.
+        a: spatial acceleration of the link before it.
+        beyond: sums over all bodies after it.
     """
     w, s, inertia = S[:3], S[3:], beyond.inertia()
     slow = crossed(v, S)

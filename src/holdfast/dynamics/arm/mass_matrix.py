@@ -1,4 +1,4 @@
-"""The joint mass matrix by composite bodies: M = H phi M phi^T H^T + armature (5.1a)."""
+"""The joint mass matrix, computed with composite bodies: M = H phi M phi^T H^T + armature (5.1a)."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from holdfast.spatial.spatial_vector import rotate, shift_wrench
 
 
 def mass_matrix(arm: Arm, at: Kinematics) -> tuple[Array, Array, RigidInertia]:
-    """Return the mass matrix, the wrenches on the first link of unit joint accelerations, and the locked arm's inertia.
+    """Return the mass matrix, the base wrenches for unit joint accelerations, and the inertia with locked joints.
 
-    Column k is the wrench that accelerates everything beyond joint k by 1, seen at the
-    joints before it. Cost O(N^2).
+    Column k follows from the wrench that accelerates all bodies beyond joint k with qdd_k = 1, by projecting it onto
+    the joints before. O(N^2).
 
     Returns:
-        (N, N) symmetric [kg m^2, kg m, kg], and (6, N): column k is the wrench of the base
-        on the first link for qdd_k = 1, about that link's origin, in its axes; and the inertia of all links,
-        joints locked, about the base origin, base axes.
+        A tuple of three: the symmetric mass matrix (N, N) [kg m^2, kg m, kg]; a matrix (6, N) whose column k is the
+        wrench of the base on the first link for qdd_k = 1, about that link's origin, in its axes; and the inertia of
+        all links with locked joints, about the base origin, in base axes.
     """
     N = arm.joint_count
     entries: list[list[object]] = [[0.0] * N for _ in range(N)]

@@ -1,4 +1,4 @@
-"""Everything about one arm that does not depend on the grasp forces or on a method."""
+"""The quantities of one arm that depend neither on the grasp forces nor on the dynamics algorithm."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from holdfast.spatial.spatial_vector import shift_wrench, unrotate
 
 @dataclass(frozen=True, eq=False)
 class ArmInputs:
-    """What one arm is given.
+    """One arm with its state, torques, base motion and external wrenches.
 
     Attributes:
         arm: the arm.
         q, qd: (N,) joint positions and rates.
         tau: (N,) joint torques.
-        base_twist: (6,) of the base origin, world axes.
-        base_acceleration: (6,) of the base origin minus [0; g], world axes.
+        base_twist: (6,) twist of the base origin, world axes.
+        base_acceleration: (6,) acceleration of the base origin minus [0; g], world axes.
         link_wrenches: (N, 6) external wrenches about the link origins, world axes, or None.
-        base_columns: (6, c) what a trunk's columns add to the acceleration of the base origin, world axes; None in the
-            world.
+        base_columns: (6, c) acceleration of the base origin per acceleration of a trunk's columns, world axes; None
+            without a trunk.
     """
 
     arm: Arm
@@ -42,17 +42,18 @@ class ArmInputs:
 
 @dataclass(frozen=True, eq=False)
 class ArmMotion:
-    """An arm in motion, ready for any forward dynamics algorithm.
+    """The motion of an arm: the input of every forward dynamics algorithm.
 
     Attributes:
         arm: the arm.
         at: its configuration.
         tip_twist: (6,) V(0) of the tip point, world axes.
         bias: wrenches and tip acceleration at qdd = 0.
-        passive: (N,) what dampers and springs take of it: damping qd + stiffness (q - rest).
-        torque: (N,) T: tau less that.
-        base_columns: (6, c) what a trunk's columns add to the acceleration of its base; None in the world.
-        known: (6,) wrench of the tip on the object that the state decides, world axes; it is in the bias. None: none.
+        passive: (N,) torques of dampers and springs, damping qd + stiffness (q - rest).
+        torque: (N,) T = tau - passive.
+        base_columns: (6, c) acceleration of its base per acceleration of a trunk's columns; None without a trunk.
+        known: (6,) wrench of the tip on the object that follows from the state (of a bushing), world axes, which is
+            included in the bias; None for none.
     """
 
     arm: Arm
@@ -65,10 +66,10 @@ class ArmMotion:
     known: Array | None = None
 
     def exerting(self, f: Array) -> ArmMotion:
-        """Return the arm with a known wrench f (6,) of its tip on the object, whose reaction its last link feels.
+        """Return the arm with a known wrench f (6,) of its tip on the object, whose reaction acts on its last link.
 
         Args:
-            f: about the tip point, world axes.
+            f: wrench about the tip point, world axes.
         """
         arm, bias = self.arm, self.bias
         felt = shift_wrench(arm.tip.p, unrotate(self.at.end, f))
@@ -78,7 +79,7 @@ class ArmMotion:
         return replace(self, bias=bias._replace(wrenches=wrenches), known=f)
 
     def unknown(self, f: Array) -> Array:
-        """Return what is left of a whole wrench f (6,) of the tip on the object without the known one."""
+        """Return a total wrench f (6,) of the tip on the object minus the known one."""
         return f if self.known is None else f - self.known
 
     @property
@@ -88,7 +89,7 @@ class ArmMotion:
 
 
 def arm_motion(given: ArmInputs) -> ArmMotion:
-    """Return configuration, twists and bias of one arm. Outward sweeps, O(N)."""
+    """Return the motion of one arm: configuration, twists and bias. Outward sweeps, O(N)."""
     arm = given.arm
     at = forward_kinematics(arm, given.q)
     twists = link_twists(arm, at, given.qd, given.base_twist)
@@ -99,18 +100,18 @@ def arm_motion(given: ArmInputs) -> ArmMotion:
 
 
 def resting(arm: Arm, at: Kinematics, base_columns: Array | None = None) -> ArmMotion:
-    """Return an arm in a configuration without torque, motion, gravity or external wrenches."""
+    """Return an arm at a configuration without torques, velocities, gravity or external wrenches."""
     none, n = np.zeros(6), arm.joint_count
     return ArmMotion(arm, at, none, Bias((none,) * n, none), np.zeros(n), np.zeros(n), base_columns)
 
 
 def driven(motion: ArmMotion, torque: Array, base_acceleration: Array) -> ArmMotion:
-    """Return the same configuration at rest, without gravity, with these torques while its base accelerates.
+    """Return the arm at rest at the same configuration, without gravity, with given torques and base acceleration.
 
     Args:
-        motion: the arm.
-        torque: (N,).
-        base_acceleration: (6,) of the base origin, world axes.
+        motion: the arm's motion.
+        torque: (N,) joint torques.
+        base_acceleration: (6,) acceleration of the base origin, world axes.
     """
     arm, at, none, still = motion.arm, motion.at, np.zeros(6), np.zeros(motion.arm.joint_count)
     twists = (none,) * arm.joint_count
@@ -119,5 +120,5 @@ def driven(motion: ArmMotion, torque: Array, base_acceleration: Array) -> ArmMot
 
 
 def at_rest(motion: ArmMotion) -> ArmMotion:
-    """Return the same configuration without torque, motion, gravity or external wrenches."""
+    """Return the arm at the same configuration without torques, velocities, gravity or external wrenches."""
     return resting(motion.arm, motion.at, motion.base_columns)

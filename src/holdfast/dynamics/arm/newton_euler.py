@@ -11,10 +11,10 @@ from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, u
 
 
 def drive_torques(motion: ArmMotion, qdd: Array, tip_wrench: Array) -> Array:
-    """Return tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), (N,): what the drives exert [N m or N]. O(N).
+    """Return the drives' torques tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), (N,) [N m or N]. O(N).
 
     Args:
-        motion: the arm in motion; its torque does not matter.
+        motion: the arm's motion, whose torque is ignored.
         qdd: (N,) joint accelerations.
         tip_wrench: (6,) f of the arm on the object about the tip point, world axes.
     """
@@ -22,16 +22,16 @@ def drive_torques(motion: ArmMotion, qdd: Array, tip_wrench: Array) -> Array:
 
 
 def newton_euler(motion: ArmMotion, qdd: Array, tip_wrench: Array, base: Array | None = None) -> tuple[Array, Array]:
-    """Return the torques T of given accelerations and tip wrench, and the base wrench.
+    """Return the torques T for given accelerations and tip wrench, and the base wrench.
 
-    T = M qdd + C + J^T f (2.1a), link by link: F(k) = phi F(k-1) + M(k) alpha(k) + b(k).
-    Dampers and springs are not in T; `drive_torques` adds them. O(N).
+    T = M qdd + C + J^T f (2.1a) is computed link by link: F(k) = phi F(k-1) + M(k) alpha(k) + b(k).
+    T does not include dampers and springs, which `drive_torques` adds. O(N).
 
     Args:
-        motion: the arm in motion (its bias wrenches hold M zeta + b).
+        motion: the arm's motion (its bias wrenches are M zeta + b).
         qdd: (N,) joint accelerations.
         tip_wrench: (6,) f of the arm on the object about the tip point, world axes.
-        base: (6,) what the base accelerates by more than the motion says, world axes; None for zero.
+        base: (6,) acceleration of the base in addition to that in `motion`, world axes; None for zero.
 
     Returns:
         (N,) torques, and (6,) wrench of the base on the arm about the base origin, world axes.
@@ -51,5 +51,5 @@ def newton_euler(motion: ArmMotion, qdd: Array, tip_wrench: Array, base: Array |
         F = shift_wrench(l, rotate(E, F))
     if motion.bias.of_base is not None:
         F = F + motion.bias.of_base
-    # the drive's own inertia turns with the joint and loads only its drive
+    # the armature rotates with the joint and loads its own drive only
     return array(torques) + arm.armature * qdd, rotate(arm.base.R, F)

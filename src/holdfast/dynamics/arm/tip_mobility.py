@@ -1,4 +1,4 @@
-"""The inverse of the inertia felt at the tip: Lambda(0) = J M^-1 J^T by (6.10)."""
+"""The mobility at the tip, Lambda(0) = J M^-1 J^T, by the recursion (6.10)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def tip_mobility(arm: Arm, at: Kinematics, filter: Filter) -> Symmetric6:
     Lambda(k) = psi^T Lambda(k+1) psi + H^T H / D, with psi = phi (I - G H): for
     Z = phi^T Lambda phi and y = Z G this is Z - H^T y^T - y H + (G.y + 1/D) H^T H.
     """
-    Y = zero6()  # the base does not yield
+    Y = zero6()  # the mobility of the base is zero
     for joint, E, l, G, D in zip(arm.joints, at.E, at.l, filter.G, filter.D, strict=True):
         Z = Y.mobility_shifted(l).rotated(E.T)
         y = Z.apply(G)

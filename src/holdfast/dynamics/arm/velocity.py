@@ -16,7 +16,7 @@ def link_twists(arm: Arm, at: Kinematics, qd: Array, base_twist: Array) -> tuple
         arm: the arm.
         at: its configuration.
         qd: (N,) joint rates [rad/s or m/s].
-        base_twist: (6,) of the base origin, world axes.
+        base_twist: (6,) twist of the base origin, world axes.
     """
     V = unrotate(arm.base.R, base_twist)
     twists = []
@@ -27,6 +27,6 @@ def link_twists(arm: Arm, at: Kinematics, qd: Array, base_twist: Array) -> tuple
 
 
 def tip_twist(arm: Arm, at: Kinematics, twists: tuple[Array, ...], base_twist: Array) -> Array:
-    """Return V(0) = phi^T(1, 0) V(1): the twist of the tip point, world axes, (6,). An anchor's V(1) is its base's."""
+    """Return V(0) = phi^T(1, 0) V(1), the twist of the tip point, world axes, (6,). For anchors, V(1) is the base's."""
     last = twists[-1] if twists else unrotate(arm.base.R, base_twist)
     return rotate(at.end, shift_twist(arm.tip.p, last))

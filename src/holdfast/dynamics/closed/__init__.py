@@ -1,4 +1,4 @@
-"""Closed-chain forward dynamics: the arms, the object and the grasps together.
+"""Algorithms for the forward dynamics of the closed chain: arms, object and grasps together.
 
-Everything here is about the contact points and C, along world axes.
+All quantities are along world axes, and about the contact points or C.
 """

@@ -1,4 +1,4 @@
-"""The analytical solution (3.6)."""
+"""The analytical solution of the closed-chain dynamics (3.6)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def analytic(motion: ChainMotion) -> Solution:
     qdd = (M^-1 - M^-1 J^T Omega^-1 J M^-1) T' + M^-1 J^T Omega^-1 a'(C)       (3.6a)
 
     Raises:
-        MethodNotApplicable: if Omega is singular or has lost its digits.
+        MethodNotApplicable: Omega is singular or too ill-conditioned.
     """
     s = Stacked(motion)
     omega = omega_from_matrices(s)

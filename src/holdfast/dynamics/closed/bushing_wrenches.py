@@ -1,13 +1,11 @@
-"""Bushings: wrenches known from the state, the gradients of what they store (docs/theory/contacts.md).
+"""Wrenches of bushings, which follow from the state as gradients of the stored energy (docs/theory/contacts.md).
 
-With the contact frame's attitude and its origin p seen from the tip, n and e scalar and vector of the attitude's unit
-quaternion, and V = [w; v] the twist of the object against the tip at that origin,
-
+Let n and e be the scalar and the vector of the unit quaternion of the contact frame relative to the tip frame, p the
+origin of the contact frame in tip axes, and V = [w; v] the twist of the object relative to the tip at that origin. Then
     x = [2 e; p],   U = 1/2 x . K x,   dx/dt = [(n 1 - e~) w; v]
-
-2 e is the axis times 2 sin(t / 2) of a turn by t: smooth for turns below half a turn, and off from t by no more than
-t^2 / 24 of it. So the tip exerts on the object, about that origin and in tip axes, with [a; b] = K x,
-
+For a rotation by the angle t, 2 e is the axis times 2 sin(t / 2). It is smooth below half a turn, and its relative
+difference from t is at most t^2 / 24. With [a; b] = K x, the tip therefore exerts the following wrench on the object,
+about that origin and in tip axes:
     -[n a + e x a; b] - C V
 """
 
@@ -32,14 +30,14 @@ from holdfast.state import Inputs, State
 
 
 class Stretched(NamedTuple):
-    """A bushing at one instant, tip axes.
+    """The deformation of a bushing at one instant, in tip axes.
 
     Attributes:
-        stiffness, damping: (6, 6).
-        n, e: scalar and vector (3,) of the unit quaternion that turns the tip's axes into the contact frame's.
+        stiffness, damping: (6, 6) matrices K and C.
+        n, e: scalar and vector (3,) of the unit quaternion of the contact frame relative to the tip frame.
         x: (6,) [2 e; p].
-        V: (6,) twist of the object against the tip at the contact's origin.
-        R: (3, 3) tip axes to world axes.
+        V: (6,) twist of the object relative to the tip at the contact's origin.
+        R: (3, 3) rotation from tip axes to world axes.
     """
 
     stiffness: Array
@@ -66,12 +64,12 @@ class Stretched(NamedTuple):
 
 
 def stretched(c: Contact) -> Stretched:
-    """Return the bushing of a contact that is one."""
+    """Return the deformation of a contact that is a bushing."""
     made = c.grasp.of_kind.bushing
     assert made is not None
     Q, p = c.R.T @ c.frame, (c.origin - c.offset) @ c.R
     n, e = unit_quaternion(Q)
-    w, v = c.W[:3], c.W[3:]  # of the object's point at the tip
+    w, v = c.W[:3], c.W[3:]  # relative twist at the tip's point
     return Stretched(
         np.array(made.stiffness),
         np.array(made.damping),
@@ -84,9 +82,10 @@ def stretched(c: Contact) -> Stretched:
 
 
 def unit_quaternion(Q: Array) -> tuple[Scalar, Array]:
-    """Return scalar >= 0 and vector (3,) of a rotation matrix's unit quaternion, to the last digit at half a turn too.
+    """Return the scalar >= 0 and the vector (3,) of a rotation matrix's unit quaternion.
 
-    The row of 4 q q^T with the largest component, as `rotation.to_quaternion` takes it, on traced numbers too.
+    They follow from the row of 4 q q^T with the largest component, as in `rotation.to_quaternion`, so they are accurate
+    for half a turn, too. The function also accepts traced numbers.
     """
     x, y, z = np.diag(Q)
     a, b, c = Q[2, 1] - Q[1, 2], Q[0, 2] - Q[2, 0], Q[1, 0] - Q[0, 1]
@@ -104,12 +103,12 @@ def unit_quaternion(Q: Array) -> tuple[Scalar, Array]:
 
 
 def bushings(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretched]:
-    """Return every bushing at one instant, in the order of the chain's grasps. O(n).
+    """Return the deformations of all bushings at one instant, in the order of the chain's grasps. O(n).
 
     Args:
         chain: the chain.
         state: positions and velocities.
-        inputs: shaped inputs; base motion enters.
+        inputs: shaped inputs, of which only the base motion matters.
     """
     names = chain.bushings
     if not names:
@@ -127,12 +126,12 @@ def bushings(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretched
 
 
 def bushing_energy(chain: ClosedChain, state: State) -> Scalar:
-    """Return what the bushings store [J]."""
+    """Return the energy stored in the bushings [J]."""
     return sum(one.energy() for one in bushings(chain, state, Inputs().shaped(chain)))
 
 
 def _of_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, grasp: Grasp, frame: Pose, twist: Array) -> Stretched:
-    """Return an arm's bushing; the object's frame and its twist are in world axes."""
+    """Return the deformation of an arm's bushing; the object's frame and twist are in world axes."""
     at = forward_kinematics(arm, q)
     of_tip = tip_twist(arm, at, link_twists(arm, at, qd, base_twist), base_twist)
     return stretched(contact(grasp, frame, twist, at.tip, of_tip))

@@ -1,4 +1,4 @@
-"""The whole chain in motion: what every closed-chain algorithm starts from and returns."""
+"""The input and the output of every closed-chain algorithm: `ChainMotion` and `Solution`."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ from holdfast.state import Inputs, State
 
 @dataclass(frozen=True, eq=False)
 class ChainMotion:
-    """A closed chain at one instant under given torques.
+    """The kinematics, bias terms and loads of a closed chain at one instant, with given torques.
 
     Attributes:
         chain: the chain.
-        arms: every arm in motion, by name.
-        contacts: the grasps in motion, in the order of the arms that have one.
-        body: the object in motion; bushings' wrenches are among those on it.
-        generic_rank: of the constraint away from singular configurations, where as many rows are to be held
-            (`held_rows`); None: each row's pivot decides.
-        trunk: what arms stand on, in motion; None without one.
-        cases: what every arm's equations depend on, by name; none at rest.
-        object_case: what the object's depend on; None at rest.
-        trunk_case: what the trunk's depend on; None without one or at rest.
+        arms: motion of every arm, by name.
+        contacts: the grasps, in the order of the arms that have one.
+        body: motion of the object; its wrench includes those of bushings.
+        generic_rank: number of independent constraint rows away from singular configurations, as many of which are then
+            imposed (`held_rows`); None if the pivot of each row decides.
+        trunk: motion of the trunk; None without one.
+        cases: arguments of every arm's equations, by name; empty for a chain at rest.
+        object_case: arguments of the object's equations; None at rest.
+        trunk_case: arguments of the trunk's equations; None without one or at rest.
     """
 
     chain: ClosedChain
@@ -62,7 +62,7 @@ class ChainMotion:
 
     @property
     def lone_on_trunk(self) -> list[str]:
-        """The arms on the trunk that hold nothing, in order: the trunk carries them all the same."""
+        """The arms without a grasp that are mounted on the trunk, in order; they load the trunk, too."""
         return [name for name in self.chain.mounted_on if name not in self.chain.grasps]
 
     @property
@@ -73,22 +73,24 @@ class ChainMotion:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What a closed-chain algorithm finds, for the arms that hold, world axes.
+    """The result of a closed-chain algorithm for the arms with a grasp, in world axes.
+
+    Some algorithms leave optional fields at their defaults.
 
     Attributes:
         qdd: per arm, (N,) joint accelerations.
-        wrenches: per arm, (6,) f of the arm on the object, about the contact point.
-        object_acceleration: (6,) alpha(C), less [0; g].
-        contact_acceleration: W_dot, flat, where the algorithm solves for it.
-        base_wrenches: per arm, (6,) of the base on the arm, where it falls out.
-        pivots: per arm, articulated inertias (or squared Cholesky diagonals), where they are found.
-        rank: independent rows of the grasp constraint, where it is found.
-        weakest_pivot: the smallest relative pivot met.
-        held: which components of the grasps are held, where they are chosen; see `held_rows`.
-        trunk: how the trunk accelerates; None without one.
-        trunk_pivots: (n_t,) articulated inertias about its joints.
-        tips: per arm, its answer at its tip, where the algorithm goes by them.
-        again, second: as the object's filter returns them; see `ObjectSolution`.
+        wrenches: per arm, (6,) wrench f of the arm on the object, about the contact point.
+        object_acceleration: (6,) alpha(C) minus [0; g].
+        contact_acceleration: W_dot of all grasps, flat, if the algorithm solves for it.
+        base_wrenches: per arm, (6,) wrench of the base on the arm, if the algorithm computes it.
+        pivots: per arm, articulated inertias (or squared Cholesky diagonals), if they are computed.
+        rank: number of independent rows of the grasp constraint, if it is computed.
+        weakest_pivot: the smallest relative pivot.
+        held: mask of the constraint rows that are imposed, if they were chosen; see `held_rows`.
+        trunk: acceleration of the trunk; None without one.
+        trunk_pivots: (n_t,) articulated inertias about the joints of the trunk.
+        tips: per arm, its tip response, if the algorithm uses it.
+        again, second: as returned by the object's filter; see `ObjectSolution`.
     """
 
     qdd: list[Array]
@@ -108,16 +110,16 @@ class Solution:
 
 
 def pseudo_gravity(chain: ClosedChain) -> Array:
-    """Return [0; g], (6,): what true accelerations have more than those used inside."""
+    """Return [0; g], (6,), the difference between true accelerations and those used inside the algorithms."""
     return concatenate([np.zeros(3), chain.gravity])
 
 
 def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> ChainMotion:
-    """Return every arm, grasp and the object in motion. O(n) + O(l).
+    """Return the motion of every arm, of the grasps and of the object. O(n) + O(l).
 
     Args:
         chain: the chain.
-        state: positions and velocities, taken as they are (no consistency check).
+        state: positions and velocities, which are not checked for consistency.
         tau: (n,) joint torques.
         inputs: shaped inputs (`Inputs.shaped`).
     """
@@ -128,7 +130,7 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
     trunk = trunk_motion(chain, state, tau, inputs)
     mounts = {} if trunk is None else trunk.mounts
     bases = list(zip(inputs.base_twists, inputs.base_accelerations - gravity, strict=True))
-    first = chain.joint_count - sum(arm.joint_count for arm in chain.arms.values())  # row of link wrenches
+    first = chain.joint_count - sum(arm.joint_count for arm in chain.arms.values())  # first row in link wrenches
     given = []
     for i, (name, arm) in enumerate(chain.arms.items()):
         part, mount = chain.joints[name], mounts.get(name)
@@ -155,7 +157,7 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
 
 
 def trunk_case(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> TrunkCase | None:
-    """Return what the trunk's equations depend on; None without one."""
+    """Return the arguments of the trunk's equations; None without a trunk."""
     trunk = chain.trunk
     if trunk is None:
         return None
@@ -168,7 +170,7 @@ def trunk_case(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> 
 
 
 def arm_and_grasp(case: ArmCase) -> tuple[ArmMotion, Contact | None, ArmCase]:
-    """Return an arm in motion, its grasp if it has one, and what both were given."""
+    """Return the motion of an arm, its contact (None without a grasp), and the arguments of its equations."""
     motion = arm_motion(case.given)
     if case.grasp is None:
         return motion, None, case
@@ -178,11 +180,11 @@ def arm_and_grasp(case: ArmCase) -> tuple[ArmMotion, Contact | None, ArmCase]:
 
 
 def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
-    """Return the chain in a configuration without torques, motion, gravity or external wrenches. O(n) + O(l).
+    """Return the chain at a configuration, without velocities, torques, gravity or external wrenches. O(n) + O(l).
 
     Args:
         chain: the chain.
-        state: positions, taken as they are; velocities do not enter.
+        state: positions, which are not checked for consistency; velocities are ignored.
     """
     none, frame = np.zeros(6), state.object_frame
     trunk = trunk_at_rest(chain, state)
@@ -200,7 +202,7 @@ def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
 def arm_at_rest(
     arm: Arm, q: Array, grasp: Grasp | None, frame: Pose, base_columns: Array | None = None
 ) -> tuple[ArmMotion, Contact | None]:
-    """Return an arm at rest, and its grasp if it has one; see `arm_and_grasp`."""
+    """Return an arm at rest, and its contact (None without a grasp); see `arm_and_grasp`."""
     none = np.zeros(6)
     at = forward_kinematics(arm, q)
     still = resting(arm, at, base_columns)

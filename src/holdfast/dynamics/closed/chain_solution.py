@@ -1,4 +1,4 @@
-"""What an algorithm finds, in the chain's layout: arms that hold nothing included."""
+"""The solution of an algorithm in the layout of the chain, including the arms without a grasp."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 
 
 class ChainSolution(NamedTuple):
-    """The answer of closed-chain forward dynamics, world axes.
+    """The solution of closed-chain forward dynamics for the whole chain, in world axes.
 
     Attributes:
         qdd: (n,) joint accelerations.
-        grasp_wrench: (arms, 6) of the arm on the object, about the contact point; 0 without a grasp.
-        object_acceleration: (6,) of C.
-        contact_acceleration: W_dot, flat.
-        base_wrench: (arms, 6) of the base on the arm, about the base origin.
-        lone_pivots: by name, articulated inertias of the arms that hold nothing.
+        grasp_wrench: (arms, 6) wrench of each arm on the object, about the contact point; 0 without a grasp.
+        object_acceleration: (6,) acceleration of C.
+        contact_acceleration: W_dot of all grasps, flat.
+        base_wrench: (arms, 6) wrench of the base on each arm, about the base origin.
+        lone_pivots: articulated inertias of the arms without a grasp, by name.
         base_acceleration: (6,) true acceleration of a floating base; None without one.
-        trunk_base_wrench: (6,) of the base on the trunk, about the base origin; None without a trunk.
+        trunk_base_wrench: (6,) wrench of the base on the trunk, about the base origin; None without a trunk.
     """
 
     qdd: Array
@@ -46,9 +46,9 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
     """Return accelerations and forces of all arms. O(n) + O(l).
 
     Args:
-        motion: the chain in motion.
-        found: what an algorithm found for the arms that hold.
-        route: how arms that hold nothing answer.
+        motion: the chain's motion.
+        found: solution of an algorithm for the arms with a grasp.
+        route: method for the arms without a grasp, see `tip_response`.
     """
     chain = motion.chain
     lone = [name for name in chain.arms if name not in chain.grasps]
@@ -96,12 +96,12 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
 
 
 def base_wrench(trunk: TrunkMotion, betas: list[Array], of_arms: Mapping[str, Array]) -> Array:
-    """Return the wrench of the base on the trunk, (6,) about the base origin, world axes; 0 below a floating base.
+    """Return the wrench of the base on the trunk, (6,) about the base origin, world axes; 0 for a floating base.
 
     Args:
-        trunk: the trunk in motion.
-        betas: per body, what the joints of the trunk add to its acceleration.
-        of_arms: by name, the wrench of the trunk on each arm about the arm's base origin.
+        trunk: the trunk's motion.
+        betas: per body, the acceleration that is added by the accelerations of the trunk's joints.
+        of_arms: by name, the wrench of the trunk on each arm, about the arm's base origin.
     """
     if trunk.floats:
         return np.zeros(6)
@@ -117,7 +117,7 @@ def base_wrench(trunk: TrunkMotion, betas: list[Array], of_arms: Mapping[str, Ar
 
 
 def unloaded(arm: ArmMotion, route: Route, beta: Array | None = None) -> tuple[Array, Array, Array]:
-    """Return qdd, the base's wrench on the arm and its pivots, of an arm that holds nothing."""
+    """Return qdd, the base's wrench on the arm, and the pivots of an arm without a grasp."""
     tip = tip_response(arm, route)
     return *responded(tip, np.zeros(6), beta), tip.pivots
 

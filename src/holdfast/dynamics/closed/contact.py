@@ -1,11 +1,12 @@
-"""One grasp in motion: where it is, how it may move, what it transmits (paper, App. A).
+"""The kinematics of one grasp: its place, its free directions, and its transmitted directions (paper, App. A).
 
 V- = V+ + H^T W,                  V- = A V(C) on the object's side, V+ at the tip    (a.6)
 alpha- = alpha+ + H^T W_dot + g,  g = Hdot^T W                                       (a.8)
 H f = 0  <=>  f = K^T lambda,     K H^T = 0                                          (a.7)
 
-Where the object also slides, all three are about the tip's point. The object's side is that of whichever point of the
-object is there, and g has a Coriolis term more, [0; w x (H^T W)_v] (docs/theory/contacts.md).
+If the object also slides, all three equations are about the tip's point. On the object's side they then refer to the
+point of the object that is currently there, and g has an additional Coriolis term, [0; w x (H^T W)_v]
+(docs/theory/contacts.md).
 """
 
 from __future__ import annotations
@@ -27,19 +28,20 @@ class Contact:
 
     Attributes:
         grasp: the grasp.
-        R: (3, 3) axes of freedom and transmission, to world axes.
-        offset: (3,) l(C, O), from C to the contact point, the tip's where the object slides [m].
-        origin: (3,) from C to the contact frame's origin; else the same [m].
+        R: (3, 3) rotation from the axes of the free and transmitted directions to world axes.
+        offset: (3,) l(C, O), from C to the contact point, which is the tip's point if the object slides [m].
+        origin: (3,) from C to the origin of the contact frame, which differs from `offset` if the object slides [m].
         frame: (3, 3) attitude of the contact frame.
-        rows: which components of a wrench along its `directions` it transmits: the rows of K.
+        rows: indices of the transmitted components along `directions`, which are the rows of K.
         h: (3, n_g) axes of free rotation.
-        s: (3, n_g) directions of free sliding, H^T = [h; s]; None where nothing slides.
+        s: (3, n_g) directions of free sliding, H^T = [h; s]; None if nothing slides.
         W: (n_g,) relative rates, A V(C) - V+ = H^T W [rad/s, m/s].
-        velocity_gap: (6 - n_g,) K (A V(C) - V+): zero when the velocities agree.
+        velocity_gap: (6 - n_g,) K (A V(C) - V+), which is zero when the velocities agree.
         a: (6,) a(C) = [0; w x (w x l)].
-        g: (6,) Hdot^T W = [w x h W; 0], w of the body that carries the axes h, and more where something slides.
-        held: (6,) 1 for the components along its directions that are held, 0 for those that follow from others (see
-            `held_rows`); None where every transmitted one is held and its pivot decides.
+        g: (6,) Hdot^T W = [w x h W; 0] with w of the body in which the axes h are fixed, and the additional term if the
+            object slides.
+        held: (6,) 1 for the components that are imposed, 0 for those that follow from others (see `held_rows`); None to
+            impose every transmitted component whose pivot is not zero.
     """
 
     grasp: Grasp
@@ -57,11 +59,11 @@ class Contact:
     held: Array | None = None
 
     def transmitted(self, x: Array) -> Array:
-        """Return K x: the part of a world-axes 6-vector along the transmitted directions."""
+        """Return K x, the components of a 6-vector in world axes along the transmitted directions."""
         return self.grasp.of_kind.along(unrotate(self.R, x))[list(self.rows)]
 
     def transmissible(self, f: Array) -> Array:
-        """Return K^T K f: a wrench about the contact, world axes, free moments taken as exactly 0."""
+        """Return K^T K f, a wrench about the contact in world axes with its free components set to exactly 0."""
         if len(self.rows) == 6:
             return f
         if not self.rows:
@@ -73,13 +75,13 @@ class Contact:
         return rotate(self.R, kind.back(kept))
 
     def without_rates(self, rates: Array) -> Array:
-        """Return f with H f = rates and nothing transmitted, (6,) about the contact, world axes."""
+        """Return the f with H f = rates and K f = 0, (6,) about the contact, world axes."""
         if self.s is None:
             return concatenate([self.h @ rates, np.zeros(3)])
         return rotate(self.R, rates @ self.grasp.of_kind.rate_map)
 
     def about(self, centre: Array, centripetal: Array) -> Contact:
-        """Return the contact as seen from another point of the object than C.
+        """Return the contact with another point of the object in place of C.
 
         Args:
             centre: (3,) from C to that point, world axes [m].
@@ -99,19 +101,19 @@ class Contact:
         return np.vstack([self.h, 0.0 * self.h if self.s is None else self.s])
 
     def rates(self, gap: Array) -> Array:
-        """Return W of a 6-vector H^T W, world axes, (n_g,)."""
+        """Return W, (n_g,), for a 6-vector H^T W in world axes."""
         return gap[:3] @ self.h if self.s is None else self.grasp.of_kind.rate_map @ unrotate(self.R, gap)
 
 
 def contact(grasp: Grasp, object_frame: Pose, object_twist: Array, tip: Pose, tip_twist: Array) -> Contact:
-    """Return the grasp in motion.
+    """Return the kinematics of a grasp.
 
     Args:
         grasp: the grasp.
         object_frame: pose of the object (origin C) in the world.
-        object_twist: (6,) of C, world axes.
+        object_twist: (6,) twist of C, world axes.
         tip: pose of the arm's tip in the world.
-        tip_twist: (6,) of the arm's tip point, world axes.
+        tip_twist: (6,) twist of the arm's tip point, world axes.
     """
     kind, turn = grasp.of_kind, object_twist[:3]
     frame, origin = object_frame.R @ grasp.frame.R, object_frame.R @ grasp.frame.p
@@ -130,7 +132,7 @@ def contact(grasp: Grasp, object_frame: Pose, object_twist: Array, tip: Pose, ti
         axes = kind.axes_carried_by(body)
         if axes:
             turning = turning + cross(w, h[:, axes] @ W[axes])
-        if axes and s is not None:  # the second time as the point passes through the object
+        if axes and s is not None:  # the second w x, because the point moves through the object
             sliding = sliding + cross(w, s[:, axes] @ W[axes]) + cross(turn, s[:, axes] @ W[axes])
     return Contact(
         grasp,

@@ -1,8 +1,8 @@
-"""A mobility that is never summed up: P = sum_j D_j w_j w_j^T, and its update by one measurement.
+"""A mobility in factored form, P = sum_j D_j w_j w_j^T, and its update by one measurement.
 
-Bierman's update (G. J. Bierman, Factorization Methods for Discrete Sequential Estimation,
-1977, ch. V) only multiplies and divides D. Mobilities of a light object and of heavy arms stay
-apart to the last digit, which neither P -= k k^T / sigma nor the Joseph form achieve.
+Bierman's update (G. J. Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. V) only multiplies
+and divides the factors D. The mobilities of a light object and of heavy arms therefore both keep all their digits,
+which neither P -= k k^T / sigma nor the Joseph form achieves.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ import numpy as np
 from holdfast.spatial.linalg import largest_first
 from holdfast.spatial.scalar import Array, Scalar, array, where
 
-ROUNDING = 1e-14  # a pivot below this part of its size is zero
+ROUNDING = 1e-14  # pivots smaller than this, relative to their size, are zero
 MOST_FACTORS = 12
-NOTHING = 1e-32  # of sigma: what such a column adds to it is less than the rounding of its rounding
+NOTHING = 1e-32  # contributions of columns to sigma that are smaller than this part of it are ignored
 
 
 class FactoredMobility(NamedTuple):
-    """P = sum_j D_j w_j w_j^T.
+    """A mobility P = sum_j D_j w_j w_j^T.
 
     Attributes:
-        D: factors >= 0: six, and one more for each joint of a trunk that was released since.
-        w: as many columns, (6,) each.
+        D: factors >= 0; six, and one more for each trunk joint that has been included.
+        w: columns, (6,) each, as many as factors.
     """
 
     D: list[Scalar]
     w: list[Array]
 
     def apply(self, wrench: Array) -> Array:
-        """Return P f: the acceleration that a wrench at G brings."""
+        """Return P f, the acceleration due to a wrench at G."""
         return sum((D * (w @ wrench) * w for D, w in zip(self.D, self.w, strict=True)), start=np.zeros(6))
 
     def dense(self) -> Array:
@@ -40,15 +40,15 @@ class FactoredMobility(NamedTuple):
         return (W * array(self.D)) @ W.T
 
     def plus(self, D: list[Scalar], w: list[Array]) -> FactoredMobility:
-        """Return P + sum D w w^T, compressed to six factors when there are too many."""
+        """Return P + sum D w w^T, compressed to six factors if there would be too many."""
         more = FactoredMobility([*self.D, *D], [*self.w, *w])
         return more if len(more.D) <= MOST_FACTORS else more.compressed()
 
     def compressed(self) -> FactoredMobility:
-        """Return the same in six factors, P = U diag(D) U^T by weighted Gram-Schmidt: nothing is subtracted.
+        """Return the same mobility in six factors, P = U diag(D) U^T, by weighted Gram-Schmidt.
 
-        Row j of W less its part along the rows after it has the weight D_j = sum_k D_k W_jk^2
-        (C. L. Thornton and G. J. Bierman, 1976: the time update of their filter).
+        The part of row j of W that is orthogonal to the rows after it has the weight D_j = sum_k D_k W_jk^2 (the time
+        update of the filter by C. L. Thornton and G. J. Bierman, 1976). No mobilities are subtracted.
         """
         W, D = [array(row) for row in array(self.w).T], array(self.D)
         found: list[Scalar] = [0.0] * len(W)
@@ -65,11 +65,11 @@ class FactoredMobility(NamedTuple):
 
 
 def factored(P: Array, size: Array) -> FactoredMobility:
-    """Return the factors of a mobility given as a (6, 6) matrix, without its rounding.
+    """Return the factors of a mobility given as a (6, 6) matrix; pivots that are only rounding become zero.
 
     Args:
         P: (6, 6) positive semidefinite.
-        size: (6,) size of what each diagonal entry was summed from.
+        size: (6,) size of the terms from which each diagonal entry was summed.
     """
     return FactoredMobility(*largest_first(P, size, ROUNDING))
 
@@ -79,9 +79,9 @@ def updated(P: FactoredMobility, c: Array, d: Scalar, least: Scalar) -> tuple[Fa
 
     Bierman's update: with alpha_0 = d, alpha_j = alpha_{j-1} + D_j f_j^2, f_j = c w_j:
     D_j *= alpha_{j-1} / alpha_j,  w_j -= (f_j / alpha_{j-1}) sum_{i<j} D_i f_i w_i.
-    A row that repeats earlier ones (sigma <= least) leaves P as it is. So do columns that it hardly sees, f_j the
-    rounding of zero: alpha would be so small that f_j / alpha overflows. Not to be
-    differentiated: where a row does not see a column, f_j = 0, the slope of f_j is lost (docs/theory/derivatives.md).
+    A row that depends on earlier ones (sigma <= least) leaves P unchanged. Columns whose f_j is only the rounding of
+    zero are skipped, because alpha would be so small that f_j / alpha overflows. The function must not be
+    differentiated: where f_j = 0, the derivative of f_j is lost (docs/theory/derivatives.md).
     """
     f = [c @ w for w in P.w]
     summands = [D * fj * fj for D, fj in zip(P.D, f, strict=True)]
@@ -95,7 +95,7 @@ def updated(P: FactoredMobility, c: Array, d: Scalar, least: Scalar) -> tuple[Fa
         v = D * fj
         above = alpha + v * fj
         some = alpha > 0.0
-        w_new.append(w - where(some, fj / where(some, alpha, 1.0), 0.0) * k)  # alpha = 0: k = 0
+        w_new.append(w - where(some, fj / where(some, alpha, 1.0), 0.0) * k)  # k = 0 if alpha = 0
         any_yet = above > 0.0
         D_new.append(where(any_yet, D * (alpha / where(any_yet, above, 1.0)), D))
         k = k + v * w

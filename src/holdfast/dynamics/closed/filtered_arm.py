@@ -1,4 +1,4 @@
-"""One arm with its bias taken off and its mass matrix factorised: the operators of Sec. 6."""
+"""One arm with its bias torque removed and its mass matrix factorised, for the operators of Sec. 6."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from holdfast.spatial.spatial_vector import rotate, unrotate
 
 @dataclass(frozen=True, eq=False)
 class FilteredArm:
-    """An arm ready for filtering and smoothing; tip quantities along world axes.
+    """An arm prepared for filtering and smoothing; tip quantities are along world axes.
 
     Attributes:
-        motion: the arm in motion.
+        motion: the arm's motion.
         filter: D and G of its mass matrix.
         T_free: (N,) T' = T - C (6.1a).
     """
@@ -39,16 +39,16 @@ class FilteredArm:
         return qdd, rotate(self.motion.at.end, tip)
 
     def free_tip(self) -> Array:
-        """Return J M^-1 T', (6,): what the torques alone do at the tip (6.13)."""
+        """Return J M^-1 T', (6,), the tip acceleration due to the torques alone (6.13)."""
         return self.smoothed(self.residual(self.T_free))[1]
 
     def accelerations(self, f: Array) -> Array:
-        """Return M^-1 (T' - J^T f), (N,), filtering torques and grasp force together (6.17)."""
+        """Return M^-1 (T' - J^T f), (N,), by filtering torques and grasp force together (6.17)."""
         return self.smoothed(self.residual(self.T_free, f))[0]
 
 
 def filtered_arms(motion: ChainMotion) -> list[FilteredArm]:
-    """Return the arms that hold, filtered. Two inward sweeps an arm, O(n)."""
+    """Return the filtered arms, for all arms with a grasp. Two inward sweeps per arm, O(n)."""
     return [
         FilteredArm(
             arm, articulated_filter(arm.arm, arm.at), arm.torque - bias_torque(arm.arm, arm.at, arm.bias.wrenches)[0]
@@ -58,5 +58,5 @@ def filtered_arms(motion: ChainMotion) -> list[FilteredArm]:
 
 
 def per_arm(stacked: Array) -> list[Array]:
-    """Return a stack of 6-vectors taken apart."""
+    """Return the 6-vectors of a stack as a list."""
     return list(np.reshape(stacked, (-1, 6)))

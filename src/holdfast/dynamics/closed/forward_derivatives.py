@@ -1,11 +1,11 @@
-"""Derivatives of forward dynamics: one more solve with the factors at hand, and the virtual power's own.
+"""Derivatives of forward dynamics, by one more solve with the existing factors and derivatives of the virtual power L.
 
     cotangents z_bar:  K y = z_bar,  theta_bar = -dL/dtheta            (backward)
     tangents:          K z_dot = -d(dL/dy)/dtheta theta_dot            (forward)
 
-Nothing is differentiated through the filter, which was written to avoid the very differences whose derivatives would
-be needed (docs/theory/derivatives.md). Poses turn by R -> exp(turn) R and shift by p -> p + shift: of the object and
-the bases about their origins along world axes, of grasps along the object's axes.
+The filter itself is not differentiated: it avoids the differences whose derivatives would be needed
+(docs/theory/derivatives.md). Derivatives by poses refer to R -> exp(turn) R and p -> p + shift; those of the object and
+the bases are along world axes, those of grasps along the object's axes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.pose_tangents import by_motion, rates_of
-from holdfast.dynamics.closed.second_solve import Load, Point, asked, solved_again
+from holdfast.dynamics.closed.second_solve import Load, Point, right_hand_side, solved_again
 from holdfast.dynamics.closed.sequential import Second
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
@@ -41,32 +41,32 @@ from holdfast.spatial.scalar import Array, array, concatenate, each, scan
 
 RESULTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 OF_LINKS = ("link_mass", "link_com", "link_inertia", "link_wrench")
-OF_OBJECT = ("object_mass", "object_com", "object_inertia", "object_wrench")  # in no arm's equations
+OF_OBJECT = ("object_mass", "object_com", "object_inertia", "object_wrench")  # not in the equations of the arms
 POSES = ("object_pose", "grasp_pose", "base_pose")
 ARGUMENTS = (*OF_JOINTS, "object_twist", *OF_OBJECT, *POSES, "gravity", "base_twist", "base_acceleration", *OF_LINKS)
 
 
 def results_of(chain: ClosedChain) -> tuple[str, ...]:
-    """Return the results of forward dynamics that a chain has; `floating_acceleration` is a floating base's."""
+    """Return the names of a chain's results of forward dynamics; `floating_acceleration` is that of a floating base."""
     if chain.trunk is None:
         return RESULTS
     return (*RESULTS, *([FLOATING_RESULT] if chain.floats else []), BASE_RESULT)
 
 
 def arguments_of(chain: ClosedChain) -> tuple[str, ...]:
-    """Return the arguments that a chain's forward dynamics is differentiated by."""
+    """Return the names of the arguments with respect to which a chain's forward dynamics can be differentiated."""
     if chain.trunk is None:
         return ARGUMENTS
     return (*ARGUMENTS, "trunk_link_wrench", *(OF_FLOATING if chain.floats else OF_STANDING))
 
 
 class VirtualPower(NamedTuple):
-    """A further term of what gradients are taken of: sign times the arms' and the trunk's part of L.
+    """An additional term of the function whose gradients are taken: sign times the arms' and the trunk's part of L.
 
     Attributes:
         sign: 1.0 or -1.0.
-        z: by arm.
-        y: likewise.
+        z: solution by arm.
+        y: multipliers by arm.
         trunk: y of the trunk; None without one.
     """
 
@@ -84,17 +84,18 @@ def backward(
     *,
     together: bool = False,
 ) -> dict[str, Array]:
-    """Return the gradients of sum(cotangent . result) by some arguments. O(n) + O(l).
+    """Return the gradients of sum(cotangent . result) with respect to some arguments. O(n) + O(l).
 
     Args:
-        at: where.
-        cotangents: by result, of its shape in the chain's layout; those of `RESULTS` that are left out are zero.
+        at: the point.
+        cotangents: by result, in the shape of the result in the chain's layout; missing ones are zero.
         by: some of `ARGUMENTS`.
         also: virtual powers whose gradients are added.
-        together: the filter was given the cotangents when it solved for the point; see `known_beforehand`.
+        together: whether the filter received the cotangents when it solved for the point; see `known_beforehand`.
 
     Returns:
-        By argument, in its shape; of poses (.., 6) [turn; shift]. Those of inertias are symmetric.
+        The gradients by argument, in the shape of the argument; those of poses are (.., 6) [turn; shift], and those of
+        inertias are symmetric.
     """
     chain = at.motion.chain
     alpha_bar = cotangents.get("object_acceleration", np.zeros(6))
@@ -119,13 +120,13 @@ def backward(
     for name in ("base_twist", "base_acceleration"):
         if name in by:
             found[name] = array([g[name] for g in of_arms])
-    if "gravity" in by:  # bases accelerate against it, and the object's acceleration is given with it
+    if "gravity" in by:  # it acts as an acceleration of the bases, and the object's acceleration includes it
         found["gravity"], _ = scan(lambda total, g: (total - g["base_acceleration"][3:], None), alpha_bar[3:], of_arms)
         found |= {"gravity": found["gravity"] + below["gravity"]} if "gravity" in below else {}
     if "base_pose" in by:
         found["base_pose"] = array([g["base_pose"] for g in of_arms])
     held = [g for g, name in zip(of_arms, chain.arms, strict=True) if name in chain.grasps]
-    if "grasp_pose" in by:  # grasps have an order of their own
+    if "grasp_pose" in by:  # the order of the grasps differs from that of the arms
         of_grasps = dict(zip([name for name in chain.arms if name in chain.grasps], held, strict=True))
         found["grasp_pose"] = array([of_grasps[name]["grasp_pose"] for name in chain.grasps])
     return found | object_gradient(at, of_object, held, by)
@@ -138,14 +139,14 @@ def gradient_of_arms(
     of_trunk: TrunkUnknowns | None,
     by: Sequence[str],
 ) -> tuple[list[dict[str, Array]], dict[str, Array]]:
-    """Return -dL/dtheta of every arm, and of the trunk, if there is one, with what its arms' bases pull on.
+    """Return -dL/dtheta of every arm, and of the trunk (if there is one) including the effect on its arms' bases.
 
     Args:
-        at: where.
-        z: by arm.
-        y: by arm.
+        at: the point.
+        z: solution by arm.
+        y: multipliers by arm.
         of_trunk: y of the trunk.
-        by: the arguments.
+        by: names of the arguments.
     """
     chain, names = at.motion.chain, numbers_of(by)
     mounted = names if at.trunk is None else list(dict.fromkeys((*names, *MOTION)))
@@ -162,7 +163,7 @@ def gradient_of_arms(
 
 
 def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
-    """Return -dL/dtheta of one arm by its numbers, and by the poses that are its own."""
+    """Return -dL/dtheta of one arm with respect to its numbers and its poses."""
     of_grasp = () if case.grasp is not None else ("grasp", "object")
     wanted = [name for name in names if name not in OF_OBJECT and not name.startswith(of_grasp)]
     found = case.gradient(z, y, wanted)
@@ -176,7 +177,7 @@ def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) 
 
 
 def object_gradient(at: Point, y: Array, of_arms: Sequence[Mapping[str, Array]], by: Sequence[str]) -> dict[str, Array]:
-    """Return the gradients by the object's arguments, those of the arms that hold it added up."""
+    """Return the gradients by the object's arguments, including the sum over the arms that hold it."""
     case = at.motion.object_case
     assert case is not None
     wanted = [name for name in by if name.startswith("object")]
@@ -199,20 +200,20 @@ def object_gradient(at: Point, y: Array, of_arms: Sequence[Mapping[str, Array]],
 
 
 def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
-    """Return how fast the results change while some arguments do. O(n) + O(l).
+    """Return the rates of the results for given rates of some arguments. O(n) + O(l).
 
     Args:
-        at: where.
-        tangents: by argument, some of `ARGUMENTS`, of the shapes that `backward` returns.
+        at: the point.
+        tangents: rates by argument, some of `ARGUMENTS`, in the shapes of the gradients from `backward`.
 
     Returns:
-        By result, `RESULTS`, in the chain's layout.
+        The rates by result, `RESULTS`, in the chain's layout.
     """
     chain, none = at.motion.chain, np.zeros(6)
     case = at.motion.object_case
     assert case is not None
     own = object_rates(at, tangents) | {name: x for name, x in tangents.items() if name in OF_OBJECT}
-    own.pop("object_p", None)  # not in its equations
+    own.pop("object_p", None)  # its equations do not depend on it
     residual = none
     if own:
         (residual,) = case.residual(at.found.object_acceleration, list(own)).rates(*own.values())
@@ -250,7 +251,7 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[str, Array]) -> list[Unknowns]:
-    """Return how fast dL/dy of all arms changes while arguments do, z held."""
+    """Return the rates of dL/dy of all arms for given rates of the arguments and constant z."""
     chain, of_object = at.motion.chain, object_rates(at, tangents)
     carried: dict[str, dict[str, Array]] = {}
     if at.trunk is not None and at.motion.trunk_case is not None:
@@ -263,7 +264,7 @@ def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[s
 
 
 def object_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
-    """Return how fast those of the object's numbers change that its arms' equations have too."""
+    """Return the rates of the object's numbers that also appear in the equations of its arms."""
     case = at.motion.object_case
     assert case is not None
     twist = {"object_twist": tangents["object_twist"]} if "object_twist" in tangents else {}
@@ -271,19 +272,19 @@ def object_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def known_beforehand(motion: ChainMotion, cotangents: Mapping[str, Array]) -> Second:
-    """Return what the filter is given besides the point, so that gradients need no further way out and back."""
+    """Return the second right-hand side for the filter, so that gradients need no further pass through the arms."""
     loads = {name: cotangents_of(motion.chain, name, cotangents) for name in motion.chain.arms}
     alpha_bar = cotangents.get("object_acceleration", np.zeros(6))
 
     def second(tips: list[TipResponse]) -> tuple[list[Array], Array]:
-        found = asked(motion, tips, loads, alpha_bar)
+        found = right_hand_side(motion, tips, loads, alpha_bar)
         return found.gaps, found.wrench
 
     return second
 
 
 def cotangents_of(chain: ClosedChain, name: str, cotangents: Mapping[str, Array]) -> Load:
-    """Return an arm's part of cotangents. One of a base's wrench is a virtual twist of the base, negative."""
+    """Return an arm's part of the cotangents. That of the base wrench is minus a virtual twist of the base."""
     row, part = chain.names.index(name), chain.joints[name]
     torque = cotangents["qdd"][part] if "qdd" in cotangents else np.zeros(chain.arms[name].joint_count)
     gap, base = (cotangents[w][row] if w in cotangents else np.zeros(6) for w in ("grasp_wrench", "base_wrench"))
@@ -294,10 +295,10 @@ def cotangents_of(chain: ClosedChain, name: str, cotangents: Mapping[str, Array]
 def tangents_of(
     at: Point, name: str, tangents: Mapping[str, Array], carried: Mapping[str, Array] | None = None
 ) -> dict[str, Array]:
-    """Return an arm's part of tangents, by argument; `carried` is how fast a trunk changes the motion of its base."""
+    """Return an arm's part of the tangents, by argument; `carried` has the rates of its base's motion on a trunk."""
     chain = at.motion.chain
     row, part = chain.names.index(name), chain.joints[name]
-    first = chain.joint_count - sum(arm.joint_count for arm in chain.arms.values())  # row of links
+    first = chain.joint_count - sum(arm.joint_count for arm in chain.arms.values())  # first row of links
     found = {n: tangents[n][part] for n in OF_JOINTS if n in tangents}
     found |= {n: tangents[n][part.start - first : part.stop - first] for n in OF_LINKS if n in tangents}
     if "grasp_pose" in tangents and name in chain.grasps:
@@ -312,13 +313,13 @@ def tangents_of(
 
 
 def residual_rates(case: ArmCase, z: Unknowns, given: Mapping[str, Array]) -> Unknowns:
-    """Return how fast an arm's dL/dy changes under tangents of its arguments, z held."""
+    """Return the rates of an arm's dL/dy for tangents of its arguments and constant z."""
     rates = arm_rates(case, given)
     return Unknowns(*case.residual(z, list(rates)).rates(*rates.values()))
 
 
 def arm_rates(case: ArmCase, given: Mapping[str, Array]) -> dict[str, Array]:
-    """Return how fast an arm's numbers change under tangents of its arguments."""
+    """Return the rates of an arm's numbers for tangents of its arguments."""
     found = {name: x for name, x in given.items() if name not in POSES}
     frames: dict[str, Any] = {"base": case.given.arm.base}
     if case.grasp is not None:
@@ -329,16 +330,16 @@ def arm_rates(case: ArmCase, given: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def symmetric(x: Array) -> Array:
-    """Return the gradient by a symmetric matrix."""
+    """Return the symmetric part of x, which is the gradient with respect to a symmetric matrix."""
     return 0.5 * (x + np.swapaxes(x, -1, -2))
 
 
 def numbers_of(arguments: Iterable[str]) -> list[str]:
-    """Return what arguments are made of in the equations, each once."""
+    """Return the names of the numbers in the equations that make up some arguments, each once."""
     found: list[str] = []
     for name in arguments:
         if name in OF_TRUNK or name == "floating_pose":
-            continue  # in the trunk's equations alone
+            continue  # only the trunk's equations depend on it
         of_pose = [f"{name.removesuffix('_pose')}_R", f"{name.removesuffix('_pose')}_p"]
         found += of_pose if name in POSES else ["base_acceleration" if name == "gravity" else name]
     return list(dict.fromkeys(found))

@@ -1,8 +1,9 @@
-"""The Jacobian of forward dynamics, column by column; what columns share is computed once.
+"""The Jacobian of forward dynamics, computed column by column with shared parts computed once.
 
-An argument of one arm reaches the others through its tip alone: by six numbers at its grasp and six at the object,
-whose answers are found once for all columns. So a column costs its own arm's part, and some twelve products an entry
-elsewhere. Columns are items of a loop, each a direction given as numbers, so that they run side by side.
+An argument of one arm affects the others only through its tip, by six numbers at its grasp and six at the object. The
+responses to these twelve numbers are computed once for all columns. A column therefore costs the part of its own arm,
+and about twelve products per entry elsewhere. The columns are the items of a loop, each with its direction given as
+numbers, so that they run in parallel.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from holdfast.spatial.symmetric import Symmetric6
 Shape = tuple[int, ...]
 Rates = Callable[[Point, Mapping[str, Array]], dict[str, Array]]  # of the results along tangents
 
-# Shapes of the arguments that concern the whole chain, and of an arm's own beside its joints' and its links'.
+# Shapes of the arguments that concern the whole chain, and of those of one link.
 OF_CHAIN: dict[str, Shape] = {
     "object_pose": (6,),
     "object_twist": (6,),
@@ -50,7 +51,7 @@ OF_LINK: dict[str, Shape] = {"link_mass": (), "link_com": (3,), "link_inertia": 
 
 
 def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of gradients by every argument."""
+    """Return the shapes of the gradients with respect to every argument."""
     n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
     links = sum(arm.joint_count for arm in chain.arms.values())
     shapes = OF_CHAIN | dict.fromkeys(OF_JOINTS, (n,)) | {"grasp_pose": (g, 6)}
@@ -62,11 +63,11 @@ def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
 
 
 class ByWrench(NamedTuple):
-    """How an arm answers to a wrench f of its own on the object.
+    """The response of an arm to unit wrenches f of the arm on the object.
 
     Attributes:
         qdd: (N, 6) joint accelerations.
-        base: (6, 6) the base's wrench on the arm.
+        base: (6, 6) wrench of the base on the arm.
     """
 
     qdd: Array
@@ -74,11 +75,11 @@ class ByWrench(NamedTuple):
 
 
 class Answers(NamedTuple):
-    """What the chain at rest answers to six units of a gap at one grasp and six of a wrench on the object.
+    """The response of the chain at rest to six unit gaps at one grasp and six unit wrenches on the object.
 
     Attributes:
-        wrenches: per grasp, (6, 12) of the arm on the object.
-        object_acceleration: (6, 12).
+        wrenches: per grasp, (6, 12) wrenches of the arm on the object.
+        object_acceleration: (6, 12) accelerations of the object.
     """
 
     wrenches: list[Array]
@@ -88,13 +89,13 @@ class Answers(NamedTuple):
 def jacobian(
     at: Point, of: Sequence[str], by: Sequence[str], units: Array, together: Mapping[str, Rates] | None = None
 ) -> dict[tuple[str, str], Array]:
-    """Return the derivatives of results by arguments, transposed: (an argument's numbers, a result's numbers).
+    """Return the derivatives of results with respect to arguments, transposed: (size of argument, size of result).
 
     Args:
-        at: where.
+        at: the point.
         of: some of `RESULTS`.
         by: some of `ARGUMENTS`.
-        units: (m, m) identity, m as `units_needed` says; given as numbers so that columns are alike.
+        units: (m, m) identity with m from `units_needed`; passed as numbers so that all columns run the same code.
         together: the rates of the results along an argument, if they are not those of `forward` alone.
     """
     chain, others = at.motion.chain, together or {}
@@ -122,12 +123,12 @@ def jacobian(
 
 
 def reaches_object(chain: ClosedChain, name: str) -> bool:
-    """Return whether an arm's argument changes the object's equations, rather than through a gap alone."""
+    """Return whether an arm's argument changes the object's equations, and not only the gap at the grasp."""
     return name == "grasp_pose" or any(len(grasp.transmitted) < 6 for grasp in chain.grasps.values())
 
 
 def responses_by_joints(at: Point, names: tuple[str, ...]) -> dict[str, dict[str, list[OwnResponse]]]:
-    """Return, by arm and argument, what arms that are short do by themselves while their joints change."""
+    """Return, by arm and argument, the own responses of short arms to changes of their joints."""
     chain, motion = at.motion.chain, at.motion
     short = [name for name, arm in chain.arms.items() if arm.joint_count < RECURSION_PAYS_FROM]
     arms = [name for name in short if names and motion.cases[name].in_motion]
@@ -144,7 +145,7 @@ def responses_by_joints(at: Point, names: tuple[str, ...]) -> dict[str, dict[str
 
 
 def units_needed(chain: ClosedChain, by: Sequence[str]) -> int:
-    """Return how many units `jacobian` takes for some arguments."""
+    """Return the size of the identity that `jacobian` needs for some arguments."""
     if chain.trunk is not None or chain.springs:
         shapes = gradient_shapes(chain)
         most = max(math.prod(shapes[name]) for name in by)
@@ -162,20 +163,20 @@ def arm_shape(name: str, N: int) -> Shape:
 
 
 def direction(unit: Array, name: str, shape: Shape) -> Array:
-    """Return the direction of one number of an argument; inertias stay symmetric."""
+    """Return the direction in which one number of an argument changes; for inertias it is symmetric."""
     x = unit.reshape(shape)
     return symmetric(x) if name.endswith("inertia") else x
 
 
 def unit_answer(at: Point, unit: Array) -> tuple[list[Array], Array]:
-    """Return what the chain at rest answers to one gap, or to one component of a wrench on the object."""
+    """Return the response of the chain at rest to one unit gap, or one unit component of a wrench on the object."""
     assert at.found.again is not None
     count = len(at.motion.contacts)
     return at.found.again([unit[6 * i : 6 * i + 6] for i in range(count)], unit[6 * count :])
 
 
 def unit_wrenches(tip: TipResponse, arm: ArmMotion) -> ByWrench:
-    """Return how an arm at rest answers to the six components of a wrench at its tip."""
+    """Return the response of an arm at rest to the six unit wrenches at its tip."""
     assert tip.again is not None
     still = tip.again(driven(arm, np.zeros(arm.arm.joint_count), np.zeros(6)))
     columns = [still.back_substitute(unit) for unit in np.eye(6)]
@@ -195,13 +196,13 @@ def chain_columns(at: Point, name: str, of: Sequence[str], units: Array, rates: 
 
 
 class Everyone(NamedTuple):
-    """What all columns read of the arms that hold.
+    """The data of the arms with a grasp that all columns use.
 
     Attributes:
         contacts: the grasps.
         mobilities: Lambda of their arms.
-        by_wrench: how these answer to their wrenches.
-        rows: per arm of the chain, in order: which grasp, and how many joints.
+        by_wrench: responses of their arms to unit wrenches.
+        rows: for each arm of the chain, in order, the index of its grasp (or None) and its number of joints.
     """
 
     contacts: list[Contact]
@@ -211,12 +212,12 @@ class Everyone(NamedTuple):
 
 
 class Own(NamedTuple):
-    """What the columns of one arm read of it.
+    """The data of one arm that its columns use.
 
     Attributes:
-        answers: what the chain at rest answers to six units of a gap there and of a wrench on the object; None without
-            a grasp.
-        mask: per arm of the chain, 1 for itself and 0 for the others; as numbers, so that columns are alike.
+        answers: response of the chain at rest to unit gaps at this arm's grasp and to unit wrenches on the object; None
+            without a grasp.
+        mask: per arm of the chain, 1 for this arm and 0 for the others; numbers, so that all columns run the same code.
     """
 
     answers: Answers | None
@@ -232,16 +233,16 @@ def arm_columns(
     everyone: Everyone,
     responses: Mapping[str, Mapping[str, list[OwnResponse]]],
 ) -> list[list[list[Array]]]:
-    """Return the columns of an argument that is each arm's own, arm by arm.
+    """Return the columns of an argument that belongs to single arms, arm by arm.
 
     Args:
-        at: where.
-        name: of the argument.
-        of: the results.
+        at: the point.
+        name: name of the argument.
+        of: names of the results.
         units: as in `jacobian`.
-        answers: of the chain at rest to all units of gaps, and of a wrench on the object where one is needed.
-        everyone: what all columns read.
-        responses: of arms that answered for all joints at once, by arm and argument.
+        answers: responses of the chain at rest to all unit gaps and, if needed, to unit wrenches on the object.
+        everyone: the data that all columns use.
+        responses: own responses that were computed for all joints of an arm at once, by arm and argument.
     """
     chain, motion, order = at.motion.chain, at.motion, list(at.motion.chain.arms)
     grasps = list(chain.grasps)
@@ -270,14 +271,14 @@ def arm_columns(
 
 
 class Column(NamedTuple):
-    """What a column that is found by itself reads of its arm.
+    """The data of an arm for a column that is computed separately.
 
     Attributes:
-        case: what its equations depend on.
-        residual: its dL/dy, made linear in the argument.
-        tip: its answer at its tip.
-        motion: the arm in motion.
-        contact: its grasp, or None.
+        case: arguments of the arm's equations.
+        residual: linearisation of the arm's dL/dy in the argument.
+        tip: the arm's tip response.
+        motion: the arm's motion.
+        contact: its contact, or None.
     """
 
     case: ArmCase
@@ -290,7 +291,7 @@ class Column(NamedTuple):
 def column_of(
     one: Column, own: Own, everyone: Everyone, name: str, shape: Shape, of: tuple[str, ...]
 ) -> Callable[[Array], list[Array]]:
-    """Return the column of a direction of an arm's argument."""
+    """Return the function that computes the column for a direction of an arm's argument."""
 
     def column(unit: Array) -> list[Array]:
         given = arm_rates(one.case, {name: direction(unit, name, shape)})
@@ -301,15 +302,15 @@ def column_of(
 
 
 def results(own: Own, everyone: Everyone, moved: OwnResponse, of: Sequence[str]) -> list[Array]:
-    """Return the results' rates of change while one arm's dL/dy changes.
+    """Return the rates of the results when dL/dy of one arm changes.
 
-    Every arm answers to its share of what the tip does; the arm itself moves by what changes in it besides.
+    Every arm responds to the change at this arm's tip; the arm itself also has its own response.
 
     Args:
-        own: the arm.
-        everyone: all arms.
-        moved: what it does by itself.
-        of: the results.
+        own: data of the arm.
+        everyone: data of all arms.
+        moved: the arm's own response.
+        of: names of the results.
     """
     alpha = none = np.zeros(6)
     shares: list[Array] = [none] * len(everyone.contacts)
@@ -344,5 +345,5 @@ def results(own: Own, everyone: Everyone, moved: OwnResponse, of: Sequence[str])
 
 
 def rates_of(c: Contact, apart: Array) -> Array:
-    """Return W_dot of what two sides of a grasp accelerate apart, (n_g,)."""
+    """Return W_dot, (n_g,), for the relative acceleration of the two sides of a grasp."""
     return c.rates(apart) if c.grasp.free else np.zeros(0)

@@ -1,4 +1,4 @@
-"""The general four-step algorithm (4.9), over any open-chain forward dynamics."""
+"""The general four-step algorithm (4.9), which uses any open-chain forward dynamics."""
 
 from __future__ import annotations
 
@@ -13,27 +13,26 @@ from holdfast.dynamics.closed.omega import Omega
 from holdfast.dynamics.closed.stacked import Stacked, block_diagonal
 from holdfast.spatial.scalar import Array, array, concatenate
 
-# (arm in motion, torques T (N,), tip wrench f (6,) of the arm on the object) -> qdd (N,)
+# function of the arm's motion, torques T (N,) and the tip wrench f (6,) of the arm on the object that returns qdd (N,)
 FreeDynamics = Callable[[ArmMotion, Array, Array], Array]
 
 
 def general(motion: ChainMotion, free_dynamics: FreeDynamics) -> Solution:
-    """Return the closed-chain solution with nothing but an open-chain solver, rigid grasps.
+    """Return the closed-chain solution for rigid grasps, using only an open-chain solver.
 
     1. M qdd_f + C = T,  alpha_f = J qdd_f + Jdot qd                 (4.9a, b)
     2. Omega f = alpha_f + A M(C)^-1 b(C) - a(C)                     (4.9c, d)
     3. M dqdd + J^T f = 0                                            (4.9e)
     4. qdd = qdd_f + dqdd                                            (4.9g)
 
-    J M^-1 J^T is found from the same solver, by six unit wrenches at the tip of each arm
-    taken at rest.
+    J M^-1 J^T is computed with the same solver, from six unit wrenches at the tip of each arm at rest.
 
     Args:
-        motion: the chain in motion.
+        motion: the chain's motion.
         free_dynamics: any open-chain forward dynamics.
 
     Raises:
-        MethodNotApplicable: if Omega is singular or has lost its digits.
+        MethodNotApplicable: Omega is singular or too ill-conditioned.
     """
     s = Stacked(motion)
     arms = motion.holding

@@ -1,11 +1,12 @@
-"""Which rows of the grasp constraint a step holds, where some follow from the others everywhere.
+"""The choice of the rows of the grasp constraint that a step imposes, if some rows depend on others everywhere.
 
-On the constraint's manifold the pivot of a dependent row is rounding. A Runge-Kutta stage lies beside the manifold, by
-d, and there the same pivot is of the order of d^2: no tolerance tells it from a weak one, and a dependent row that
-passes for an independent one asks for accelerations that have nothing to do with the motion. So the rows are chosen
-where a step begins, on the manifold: as many as the generic rank says, the same at every stage and in the projection
-at its end. The others need no holding, they follow. What is held is then a constraint of full rank, and the step's
-slope a smooth function beside the manifold too: the scheme keeps its order (docs/theory/simulation.md).
+On the constraint manifold, the pivot of a dependent row is only rounding. A Runge-Kutta stage is off the manifold by a
+distance d, where the same pivot is of the order of d^2. No tolerance can distinguish it from the pivot of a weak row,
+and a dependent row that is taken for an independent one causes accelerations that have nothing to do with the motion.
+The rows are therefore chosen at the start of a step, on the manifold: as many as the generic rank, and the same ones at
+every stage and in the projection at the end. The other rows follow from them. The imposed constraint then has full
+rank, and the slope is a smooth function off the manifold, too, so the scheme keeps its order
+(docs/theory/simulation.md).
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, select, where
 
-# Relative pivots below which a row is passed over, as long as enough rows are left: rows far from dependent are held
-# rather than weak ones, which soon would be.
+# Relative pivots below which a row is skipped, as long as enough rows are left. Clearly independent rows are preferred
+# to weak ones, which would soon be dependent.
 TOLERANCES = (1e-2, 1e-4, 1e-8, RANK_TOLERANCE)
 
 
@@ -34,30 +35,32 @@ Solve = Callable[[list[Contact], float], ObjectSolution]
 def with_strongest_rows(
     motion: ChainMotion, tips: list[TipResponse], generic_rank: Scalar
 ) -> tuple[ObjectSolution, Array]:
-    """Return the solution that holds the strongest independent rows, at a closed state, and those rows. O(l).
+    """Return the solution that imposes the strongest independent rows at a closed state, and these rows. O(l).
 
-    Its rank is the generic one, or less at a singular configuration.
+    Its rank is the generic rank, or less at a singular configuration.
 
     Args:
-        motion: the chain; rows that its contacts already leave out stay out.
-        tips: the arms' answers at their tips.
-        generic_rank: of the constraint away from singular configurations.
+        motion: the chain's motion; rows that its contacts already leave out are not considered.
+        tips: the tip responses of the arms.
+        generic_rank: rank of the constraint away from singular configurations.
 
     Returns:
-        The solution, and (grasps, 1, 6) 1 for the components along each grasp's axes that are held. With grasps that
-        constrain a rate only (grasps, 2, 6): in velocity, then in position, where there are fewer rows.
+        The solution, and a mask (grasps, 1, 6) with 1 for the imposed components along each grasp's axes. If some
+        grasps constrain a rate only, the mask is (grasps, 2, 6): first for velocities, then for positions, which have
+        fewer rows.
     """
     contacts, body = motion.contacts, motion.body.free
     return strongest_rows(lambda rows, tolerance: object_filter(rows, tips, body, tolerance), contacts, generic_rank)
 
 
 def strongest_rows(solve: Solve, contacts: list[Contact], generic_rank: Scalar) -> tuple[ObjectSolution, Array]:
-    """Return what `with_strongest_rows` does, for any filter.
+    """Return the result of `with_strongest_rows` for any filter.
 
     Args:
-        solve: contacts that say which rows are held, relative size of a pivot that counts as zero -> solution.
+        solve: function of contacts with masks and of the relative pivot that counts as zero, which returns the
+            solution.
         contacts: the grasps.
-        generic_rank: of the constraint away from singular configurations.
+        generic_rank: rank of the constraint away from singular configurations.
     """
     found = _strongest(solve, contacts, generic_rank)
     held = [_components(contacts, found.independent)]
@@ -68,7 +71,7 @@ def strongest_rows(solve: Solve, contacts: list[Contact], generic_rank: Scalar) 
 
 
 def _strongest(solve: Solve, contacts: list[Contact], generic_rank: Scalar | None) -> ObjectSolution:
-    """Return the solution with the largest pivots that has the generic rank; None: the rank here."""
+    """Return the solution with the largest pivots among those of the generic rank (None: of the rank at this state)."""
     rows = [c if c.held is not None else replace(c, held=np.ones(6)) for c in contacts]
     *stronger, found = [solve(rows, tolerance) for tolerance in TOLERANCES]
     rank = found.rank if generic_rank is None else generic_rank
@@ -78,7 +81,7 @@ def _strongest(solve: Solve, contacts: list[Contact], generic_rank: Scalar | Non
 
 
 def _chosen(first: Scalar, a: ObjectSolution, b: ObjectSolution) -> ObjectSolution:
-    """Return the first of two solutions if so, else the second."""
+    """Return solution a if `first` is true, otherwise b; `first` may be a traced number."""
 
     def of(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
         return [select(first, one, other) for one, other in zip(x, y, strict=True)]
@@ -94,18 +97,18 @@ def _chosen(first: Scalar, a: ObjectSolution, b: ObjectSolution) -> ObjectSoluti
 
 
 def _components(contacts: Sequence[Contact], independent: Sequence[Any]) -> Array:
-    """Return (grasps, 6) masks of components from masks of rows."""
+    """Return masks of components, (grasps, 6), from masks of rows."""
     pairs = zip(contacts, independent, strict=True)
     return array([[mask[c.rows.index(i)] if i in c.rows else 0.0 for i in range(6)] for c, mask in pairs])
 
 
 def holding(motion: ChainMotion, held: Array | None, *, positions: bool = False) -> ChainMotion:
-    """Return the chain in motion with only some components of the grasps held.
+    """Return the chain's motion with only some components of the grasps imposed.
 
     Args:
-        motion: the chain.
-        held: as `with_strongest_rows` returns it; None: all, as they are.
-        positions: hold those that are held in position.
+        motion: the chain's motion.
+        held: mask as returned by `with_strongest_rows`; None leaves the motion unchanged.
+        positions: use the mask for positions instead of that for velocities.
     """
     if held is None:
         return motion

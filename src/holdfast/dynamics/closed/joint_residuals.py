@@ -1,8 +1,8 @@
-"""How fast an arm's equations change with each of its joints, all in one go.
+"""Derivatives of an arm's equations with respect to all of its joints, computed together.
 
-The torques' part and the motion of the tip are those of `arm.joint_slopes`; what the grasp makes of the tip's motion
-follows from the grasp's virtual power, made linear. They are the numbers of `ArmCase.residual`, found for all joints
-together at a fifth of the operations.
+The derivatives of the torques and of the tip's motion come from `arm.joint_slopes`; those of the grasp's part follow
+from linearising its virtual power in the tip's motion. The results equal those of `ArmCase.residual`, with a fifth of
+the operations.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from holdfast.spatial.vector import skew
 
 
 def joint_residuals(case: ArmCase, z: Unknowns) -> dict[str, list[Unknowns]]:
-    """Return how fast dL/dy changes with each joint's position (`q`) and rate (`qd`), z held; O(N^2) in all.
+    """Return the derivatives of dL/dy by each joint's position (`q`) and rate (`qd`) for constant z; O(N^2) in total.
 
     Args:
-        case: what the arm's equations depend on.
+        case: arguments of the arm's equations.
         z: the solution.
     """
     given, arm = case.given, case.given.arm
@@ -55,7 +55,7 @@ def joint_residuals(case: ArmCase, z: Unknowns) -> dict[str, list[Unknowns]]:
 
 
 def at_grasp(case: ArmCase, z: Unknowns, tip: TipMotion) -> tuple[Linear, Array]:
-    """Return the grasp's part of dL/dy made linear in the tip's motion, the tip's wrench first; and that wrench."""
+    """Return the grasp's part of dL/dy, linearised in the tip's motion (its wrench comes first), and that wrench."""
     zero = [np.zeros(len(part)) for part in z]
 
     def residual(R: Array, p: Array, twist: Array, acceleration: Array) -> tuple[Array, ...]:

@@ -1,4 +1,4 @@
-"""The dense system (2.11), with the contact freedoms of (b.1): everything at once, O(n^3)."""
+"""The solution of the dense system (2.11) with the contact freedoms of (b.1), O(n^3)."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from holdfast.spatial.gauss import gauss_solve
 
 
 def kkt(motion: ChainMotion) -> Solution:
-    """Return the solution of the aggregate equations by Gauss elimination with pivoting.
+    """Return the solution of the aggregate equations by Gaussian elimination with pivoting.
 
         [ 0     J    -A     H^T ] [ f       ]   [ a(C) - g - Jdot qd ]
         [ J^T   M     0     0   ] [ qdd     ] = [ T - C              ]
         [-A^T   0     M(C)  0   ] [ alpha_C ]   [ -b(C)              ]
         [ H     0     0     0   ] [ W_dot   ]   [ 0                  ]
 
-    (2.11) corrected (errata A) where H is empty. Regular exactly when f is unique. M, J and T - C are those of trunk
-    and arms together where there is a trunk.
+    If H is empty, this is (2.11) with a correction (errata A). The matrix is regular exactly if f is unique. With a
+    trunk, M, J and T - C are those of trunk and arms together.
 
     Raises:
-        MethodNotApplicable: if the matrix is singular.
+        MethodNotApplicable: the matrix is singular.
     """
     s = Stacked(motion)
     M, T_free, J = (s.M, s.T_free, s.J) if motion.trunk is None else whole_chain(motion)

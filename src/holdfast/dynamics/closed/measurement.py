@@ -1,8 +1,8 @@
-"""One arm as the object's filter sees it: rows C alpha(G) = r - R lambda.
+"""The equations by which an arm enters the object's filter: rows C alpha(G) = r - R lambda.
 
-How large a pivot may be that is only the rounding of zero follows from the sizes of what was summed,
-not from what the sum came to: a row along which an arm cannot move is itself rounding. The sizes are
-traces of the angular and of the linear block, so they depend neither on the axes nor on the units.
+Whether a pivot is only the rounding of zero is judged by the size of the terms in its sum, not by the size of the sum,
+because a row along which an arm cannot move consists of rounding alone. The sizes are traces of the angular and of the
+linear block, so the decision depends neither on the axes nor on the units.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from holdfast.spatial.vector import outer
 
 
 class Measurement(NamedTuple):
-    """Rows along contact axes; for a rigid grasp about G along world axes, where C = 1.
+    """The rows of one arm, along contact axes; for a rigid grasp along world axes and about G, with C = 1.
 
     Attributes:
         C: K A, (rows, 6).
         R: K Lambda K^T, the "measurement noise".
-        r: (rows,) K (alpha_f + g - a); of an arm on a trunk (rows, 1 + c) [r | K X], r + K X beta for accelerations
-            beta of the trunk's columns.
-        extent: (4,) how mobile the arm is where it measures: angular [1/(kg m^2)], linear with what turns
-            at the end of the arm's length, linear [1/kg], and the squared distance of that point from G [m^2].
-        angular: which rows are moments.
-        most: the arm's joint count, which the rank of R cannot exceed.
-        carried: whether the rows are all of alpha(G).
-        held: (rows,) 1 for the rows that are held, 0 for those left out, which are zero in C, R and r; None where
-            nothing is known of them.
+        r: (rows,) K (alpha_f + g - a). For an arm on a trunk it is (rows, 1 + c) [r | K X], which stands for
+            r + K X beta with the accelerations beta of the trunk's columns.
+        extent: (4,) sizes of the arm's mobility at the contact point: angular [1/(kg m^2)]; linear, including rotations
+            with the length of the arm as lever; linear [1/kg]; and the squared distance of the point from G [m^2].
+        angular: for each row, whether it is a moment.
+        most: number of the arm's joints, which the rank of R cannot exceed.
+        carried: whether the rows are those of a rigid grasp, which determine all of alpha(G).
+        held: (rows,) 1 for imposed rows, 0 for omitted rows, which are zero in C, R and r; None if the rows have not
+            been chosen.
     """
 
     C: Array
@@ -48,81 +48,82 @@ class Measurement(NamedTuple):
 
     @property
     def parallel(self) -> bool:
-        """Whether the filter takes the arm as a parallel sum, before the others."""
+        """Whether the filter includes the arm by a parallel sum, before the others."""
         return self.carried and self.most >= len(self.r)
 
     def own_sizes(self) -> Array:
-        """Return (rows,) the sizes of what R's diagonal was summed from."""
+        """Return the sizes of the terms in the diagonal of R, (rows,)."""
         return array([self.extent[0] if angular else self.extent[1] for angular in self.angular])
 
     def pivot_sizes(self, of: Array) -> Array:
-        """Return (rows,) the sizes of what the diagonal of S = R + C P C^T was summed from.
+        """Return the sizes of the terms in the diagonal of S = R + C P C^T, (rows,).
 
         Args:
-            of: (3,) how mobile P is about G, as `size_at_centre` says it of an arm.
+            of: (3,) sizes of P about G, as `size_at_centre` returns them for an arm.
         """
         return self.own_sizes() + self._rows(of[0], of[1])
 
     def typical_pivots(self, of: Array) -> Array:
-        """Return (rows,) how large the pivots of S are where nothing is singular, for its condition."""
+        """Return typical pivots of a regular S, (rows,), with which its condition is judged."""
         return np.diag(self.R) + self._rows(of[0], of[2]) / 3.0
 
     def _rows(self, turning: Scalar, moving: Scalar) -> Array:
-        """Return (rows,) the traces of a mobility about G as they count for each row."""
+        """Return the contribution of a mobility about G to the size of each row, (rows,)."""
         along = moving + self.extent[3] * turning
         return array([turning if angular else along for angular in self.angular])
 
 
-BackSubstitution = Callable[..., Array]  # s (6,), beta (6,) or None -> an arm's wrench at G, (6,)
+BackSubstitution = Callable[..., Array]  # function of s (6,) and beta (6,) or None; returns an arm's wrench at G, (6,)
 
 
 class Update(NamedTuple):
-    """What is left of one arm for the way back.
+    """The result of including one arm in the filter, for the back-substitution.
 
     Attributes:
-        back_substitute: s (6,), the wrench at G of everything behind, and beta (c,) of the trunk's columns, or None ->
-            the arm's own, C^T lambda.
-        kept: how many of its rows are independent of those before.
-        weakest: the smallest pivot kept, relative to a typical one.
-        independent: (rows,) 1 for the rows that are kept, where the contact says which are held.
-        on_trunk: (c, 1 + c) [load | inertia] that the grasp adds to what the trunk's columns feel: E^T S^-1 (r - C x),
-            of a mounted arm.
-        again: other x and r -> x after the arm, and the way back, by the factors at hand.
+        back_substitute: function of s (6,), the wrench at G of all arms after this one, and of beta (c,) for the
+            trunk's columns, or None; it returns this arm's wrench, C^T lambda.
+        again: function of another x and r that returns x after the arm and its back-substitution, using the same
+            factors.
+        kept: number of its rows that are independent of the rows before.
+        weakest: the smallest pivot of these rows, relative to a typical one.
+        independent: (rows,) 1 for the independent rows, if the contact has a mask of rows.
+        on_trunk: (c, 1 + c) [load | inertia] that the grasp of a mounted arm adds to the equations of the trunk's
+            columns, E^T S^-1 (r - C x).
     """
 
     back_substitute: BackSubstitution
+    again: Callable[[Array, Array], tuple[Array, BackSubstitution]]
     kept: Scalar
     weakest: Scalar
     independent: Array | None = None
     on_trunk: Array | None = None
-    again: Callable[[Array, Array], tuple[Array, BackSubstitution]] | None = None
 
 
 def of_beta(columns: Array, beta: Array | None) -> Array:
-    """Return x + X beta of columns [x | X], (rows, 1 + c); x itself, (rows,), where there is no trunk."""
+    """Return x + X beta for columns [x | X], (rows, 1 + c), or x itself, (rows,), without a trunk."""
     return columns if columns.ndim == 1 else columns[:, 0] + columns[:, 1:] @ beta
 
 
 def with_columns(first: Array, tip: TipResponse) -> Array:
-    """Return (6, 1 + c) a tip's acceleration, and what it has of a trunk's; (6,) the acceleration without a trunk."""
+    """Return [acceleration | X], (6, 1 + c), with X from the response at the base, or (6,) without a trunk."""
     return first if tip.base is None else np.column_stack([first, tip.base.X])
 
 
 def column_wise(f: Callable[[Array], Array], columns: Array) -> Array:
-    """Return f of a 6-vector, or of each column of a (6, m) matrix."""
+    """Return f applied to a 6-vector, or to each column of a (6, m) matrix."""
     return f(columns) if columns.ndim == 1 else array([f(column) for column in columns.T]).T
 
 
 def measurement(c: Contact, tip: TipResponse) -> Measurement:
-    """Return one arm's measurement of alpha(G).
+    """Return the measurement of alpha(G) by one arm.
 
     Args:
-        c: its grasp, seen from G.
-        tip: its answer at its tip.
+        c: its contact, with G in place of C.
+        tip: its tip response.
     """
     r = with_columns(tip.free_acceleration + c.g - c.a, tip)
     turning, moving = block_sizes(tip.mobility)
-    summed = moving + tip.length * tip.length * turning  # levers are sums of links
+    summed = moving + tip.length * tip.length * turning  # the arm's length bounds its levers
     lever, most = c.offset @ c.offset, len(tip.pivots)
     if len(c.rows) == 6 and c.held is None:
         R = tip.mobility.mobility_shifted(-c.offset).dense()
@@ -142,7 +143,7 @@ def measurement(c: Contact, tip: TipResponse) -> Measurement:
 
 
 def seen_along(c: Contact, m: Measurement, gap: Array) -> Array:
-    """Return (rows,) r of a measurement for another K r, given as a 6-vector about the contact point, world axes."""
+    """Return r of a measurement, (rows,), for another gap (6,) about the contact point, world axes."""
     if m.carried:
         return shift_twist(-c.offset, gap)
     r = c.transmitted(gap)
@@ -153,11 +154,11 @@ ANGULAR = (True, True, True, False, False, False)
 
 
 def block_sizes(mobility: Symmetric6) -> Array:
-    """Return (2,) the traces of the angular and of the linear block."""
+    """Return the traces of the angular and of the linear block, (2,)."""
     return array([np.trace(mobility.aa), np.trace(mobility.ll)])
 
 
 def size_at_centre(extent: Array) -> Array:
-    """Return (3,) how mobile an arm of this extent is about G: angular, linear as summed, linear."""
+    """Return the sizes of an arm's mobility about G, (3,): angular, linear with levers, linear."""
     turning, summed, moving, lever = extent
     return array([turning, summed + lever * turning, moving + lever * turning])

@@ -1,4 +1,4 @@
-"""Hinge, soft-finger and ball contacts by the paper's own solution (b.9)."""
+"""The solution for hinge, soft-finger and ball contacts by the method of the paper (b.9)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from holdfast.spatial.scalar import concatenate
 
 
 def nonrigid(motion: ChainMotion) -> Solution:
-    """Return the solution for any grasps where Omega is regular, O(n) + O(l^3).
+    """Return the solution for any grasps if Omega is regular, O(n) + O(l^3).
 
     y + G_1 = J M^-1 T' + A M(C)^-1 b(C) + Jdot qd + Hdot^T W - a(C)         (b.9a)
     Pi      = Omega^-1 - Omega^-1 H^T [H Omega^-1 H^T]^-1 H Omega^-1         (b.9c)
@@ -21,10 +21,10 @@ def nonrigid(motion: ChainMotion) -> Solution:
     W_dot   = -[H Omega^-1 H^T]^-1 H Omega^-1 (y + G_1)                      (b.9f)
     qdd     = M^-1 (T' - J^T f)                                              (b.9e)
 
-    The bias torques C are taken off first, so J M^-1 T + G_1 is y + G_1 with T' in y.
+    The bias torques C are subtracted first, so J M^-1 T + G_1 becomes y + G_1 with T' in y.
 
     Raises:
-        MethodNotApplicable: if Omega is singular or has lost its digits.
+        MethodNotApplicable: Omega is singular or too ill-conditioned.
     """
     s = Stacked(motion)
     arms = filtered_arms(motion)

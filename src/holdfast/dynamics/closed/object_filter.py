@@ -1,17 +1,15 @@
-"""The object's filter: every arm measures alpha(G), one after the other, out and back.
+"""The object's filter, in which every arm in turn is a measurement of alpha(G), in a forward and a backward pass.
 
-x is the acceleration of the mass centre G with the arms seen so far, P their mobility there. Arm i
-says K_i (r_i - A_i alpha(G)) = K_i Lambda_i K_i^T lambda_i, r_i = alpha_f,i + g_i - a_i(G), f_i =
-K_i^T lambda_i. With C = K_i A_i, R = K_i Lambda_i K_i^T, S = R + C P C^T:
-
-    out:   x += P C^T S^-1 (K r - C x),   P -= P C^T S^-1 C P        (docs/theory/sequential_filter.md)
-    back:  lambda = S^-1 (K r - C x) - S^-1 C P s,   s += C^T lambda
-
-P is brought down without subtracting: where a rigid grasp measures all of alpha(C) as a parallel
-sum (`rigid_update`), elsewhere in factors (`row_updates`). The order of the arms is free, so parallel
-sums come first: after one of them P is of the arms' size, however light the object. An arm of
-fewer than six joints holds alpha(G) fast in some directions; its rows say so exactly, where the
-rounding of a 6x6 R would let a heavy object move. No Lambda_i and no Omega need be regular.
+Let x be the acceleration of the mass centre G with the arms included so far, and P the mobility there. The equations of
+arm i are K_i (r_i - A_i alpha(G)) = K_i Lambda_i K_i^T lambda_i with r_i = alpha_f,i + g_i - a_i(G) and
+f_i = K_i^T lambda_i. With C = K_i A_i, R = K_i Lambda_i K_i^T, S = R + C P C^T:
+    forward:   x += P C^T S^-1 (K r - C x),   P -= P C^T S^-1 C P        (docs/theory/sequential_filter.md)
+    backward:  lambda = S^-1 (K r - C x) - S^-1 C P s,   s += C^T lambda
+P is updated without subtraction: for a rigid grasp, which measures all of alpha(C), by a parallel sum (`rigid_update`),
+otherwise in factored form (`row_updates`). The order of the arms is arbitrary, so parallel sums come first. After one
+of them P is of the size of the arms' mobility, however light the object is. An arm with fewer than six joints fixes
+some components of alpha(G). Its rows impose this exactly, whereas the rounding of a 6x6 matrix R would let a heavy
+object move. Neither the Lambda_i nor Omega need be regular.
 """
 
 from __future__ import annotations
@@ -41,25 +39,26 @@ from holdfast.spatial.scalar import Array, Scalar, array, each, maximum, minimum
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import symmetric6
 
-LEAST_MOBILE = 1e-16  # of the object's own mobility
+LEAST_MOBILE = 1e-16  # relative to the object's own mobility
 
 
 Again = Callable[[list[Array], Array], tuple[list[Array], Array]]
 
 
 class ObjectSolution(NamedTuple):
-    """Grasp wrenches and object acceleration of one chain.
+    """The grasp wrenches and the object acceleration of one chain.
 
     Attributes:
         wrenches: per grasp, (6,) f about the contact point, world axes.
-        object_acceleration: (6,) alpha(C), less [0; g], world axes.
-        mobility: (6, 6) P after the last arm: what a wrench at C moves, world axes.
-        rank: rows of the constraint that are independent, contact freedoms included.
-        weakest_pivot: the smallest pivot of S kept, relative to a typical one.
-        independent: per grasp, (rows,) 1 for the rows that are kept, if the contacts say which are held.
-        again: per grasp (6,) r about the contact point, and (6,) wrench on the object about C, world axes -> wrenches
-            and object acceleration of the chain at rest, by the factors at hand.
-        second: the same of what was given beforehand.
+        object_acceleration: (6,) alpha(C) minus [0; g], world axes.
+        mobility: (6, 6) P after the last arm, the mobility of the whole chain at C, world axes.
+        rank: number of independent rows of the constraint, contact freedoms included.
+        weakest_pivot: the smallest pivot of S for an independent row, relative to a typical one.
+        independent: per grasp, (rows,) 1 for the independent rows, if the contacts have masks of rows.
+        again: function of r (6,) about the contact point of each grasp and of the wrench (6,) on the object about C,
+            world axes; it returns the wrenches and the object acceleration of the chain at rest, using the same
+            factors.
+        second: the result of `again` for the argument `second` of the filter.
     """
 
     wrenches: list[Array]
@@ -72,6 +71,60 @@ class ObjectSolution(NamedTuple):
     second: tuple[list[Array], Array] | None = None
 
 
+class Order(NamedTuple):
+    """The order in which the arms are included, by the index of their grasp.
+
+    Attributes:
+        parallel: the arms included by a parallel sum, which come first.
+        terminal: the last of them, which needs fewer operations if no arm follows it; otherwise empty.
+        by_rows: the arms included by their rows.
+    """
+
+    parallel: list[int]
+    terminal: list[int]
+    by_rows: list[int]
+
+
+class Filter(NamedTuple):
+    """The filter after some of the arms.
+
+    Attributes:
+        x: acceleration of G, (6,) for every right-hand side.
+        P: mobility there, (6, 6), or in factored form if arms are included by their rows.
+        rank: number of independent rows so far.
+        weakest: the smallest pivot for an independent row, relative to a typical one.
+    """
+
+    x: list[Array]
+    P: Any
+    rank: Scalar
+    weakest: Scalar
+
+
+class Factors(NamedTuple):
+    """The factors of the filter, for further right-hand sides.
+
+    Attributes:
+        centre: (3,) p, from C to G [m].
+        about: the contacts about G.
+        seen: the arms' measurements.
+        order: the order of the arms.
+        sums: updates by the arms of `order.parallel`.
+        end: update by the arm of `order.terminal`.
+        rows: updates by the arms of `order.by_rows`.
+        P: mobility after the last arm, (6, 6) or in factored form.
+    """
+
+    centre: Array
+    about: list[Contact]
+    seen: list[Measurement]
+    order: Order
+    sums: list[Update]
+    end: list[TerminalUpdate]
+    rows: list[Update]
+    P: Any
+
+
 def object_filter(
     contacts: list[Contact],
     tips: list[TipResponse],
@@ -79,162 +132,171 @@ def object_filter(
     tolerance: float = RANK_TOLERANCE,
     second: tuple[list[Array], Array] | None = None,
 ) -> ObjectSolution:
-    """Return grasp wrenches and object acceleration, O(l).
+    """Return the grasp wrenches and the object acceleration, O(l).
 
-    An external wrench w on the object stays apart: alpha(G) = x + P w at the end, s = w at the
-    start of the way back (a light object's M(G)^-1 w would be huge, and taken back later).
+    An external wrench w on the object is treated separately: alpha(G) = x + P w at the end, and s = w at the start of
+    the backward pass. (The acceleration M(G)^-1 w of a light object would be huge, and would cancel later.)
 
     Args:
         contacts: the grasps, in the order of the arms that have one.
-        tips: those arms' answers at their tips.
+        tips: the tip responses of these arms.
         body: the object.
-        tolerance: relative size of a pivot that counts as zero, where the contacts say which rows are held.
-        second: what `again` would be given, if it is known beforehand: on the same way out and back.
+        tolerance: relative size of a pivot that counts as zero, if the contacts have masks of rows.
+        second: arguments of `again`, if they are known in advance; they are processed in the same two passes.
     """
     about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
     seen = each(measurement, about, tips)
-    first = [i for i, m in enumerate(seen) if m.parallel]
-    then = [i for i, m in enumerate(seen) if not m.parallel]
-    size = initial_size(body, [seen[i] for i in [*first, *then]])
-    last = first.pop() if first and not then else None
-    freedoms = sum(len(c.grasp.free) for c in contacts)
-    dense = body.mobility.dense() if first or last is not None else None
-    others: list[Any] = [None for _ in seen]
-    w2 = x2 = alpha2 = s2 = None
+    order = order_of(seen)
+    size = initial_size(body, [seen[i] for i in (*order.parallel, *order.terminal, *order.by_rows)])
+    x, w, r = [body.acceleration], [body.wrench], [[] for _ in seen]  # the measurements contain the first r
     if second is not None:
-        others, w2, x2 = each(seen_along, about, seen, second[0]), shift_wrench(-body.centre, second[1]), np.zeros(6)
-    (x, P, size, kept, weakest, x2), sums = scan(
-        rigid_arm,
-        (body.acceleration, dense, size, freedoms, 1.0, x2),
-        [seen[i] for i in first],
-        [others[i] for i in first],
-    )
-    ends: list[TerminalUpdate] = []
-    factors: Any = None
-    if last is not None:
-        ends = each(lambda m: terminal_update(x, P, m, size, body.wrench), [seen[last]])
-        (end,) = ends
-        ((alpha, from_last),) = each(lambda update: update.answer(), ends)
-        P, kept, weakest = end.mobility, kept + end.kept, minimum(weakest, end.weakest)
-        s, rows, from_rows = body.wrench + from_last, [], [(from_last, None)]
-        if second is not None:
-            ((alpha2, own),) = each(lambda end, r: end.again(x2, r, w2), ends, [others[last]])
-            s2, from_rows = w2 + own, [(from_last, own)]
+        r = [[one] for one in each(seen_along, about, seen, second[0])]
+        x, w = [*x, np.zeros(6)], [*w, shift_wrench(-body.centre, second[1])]
+
+    parallel, by_rows = ([[of[i] for i in some] for of in (seen, r)] for some in (order.parallel, order.by_rows))
+    P = body.mobility.dense() if order.parallel or order.terminal else None
+    now = Filter(x, P, sum(len(c.grasp.free) for c in contacts), 1.0)
+    (now, size), sums = scan(rigid_arm, (now, size), *parallel)
+    if order.terminal:
+        now, end, alpha, last = terminal_arm(now, seen[order.terminal[0]], r[order.terminal[0]], size, w)
+        s, rows = [load + own for load, own in zip(w, last[0], strict=True)], []
     else:
-        (factors,) = each(factored, [P], [by_rows(size)]) if first else [FactoredMobility(body.D, body.w)]
-        (x, factors, kept, weakest, x2), rows = scan(
-            lambda carry, m, r: arm_by_rows(carry, m, r, size, tolerance),
-            (x, factors, kept, weakest, x2),
-            [seen[i] for i in then],
-            [others[i] for i in then],
-        )
-        alpha, P = x + factors.apply(body.wrench), factors.dense()
-        alpha2 = None if second is None else x2 + factors.apply(w2)
-        (s, s2), from_rows = scan(back_substituted, (body.wrench, w2), rows[::-1])
-    _, from_sums = scan(back_substituted, (s, s2), sums[::-1])
+        free = each(factored, [now.P], [sizes_of_rows(size)])[0] if sums else FactoredMobility(body.D, body.w)
+        now = now._replace(P=free)
+        now, rows = scan(lambda now, m, r: arm_by_rows(now, m, r, size, tolerance), now, *by_rows)
+        alpha, end = [x + now.P.apply(load) for x, load in zip(now.x, w, strict=True)], []
+        s, last = scan(back_substituted, w, [backs for _, backs in reversed(rows)])
+    _, first = scan(back_substituted, s, [backs for _, backs in reversed(sums)])
 
-    order = [*first, *([] if last is None else [last]), *then]
-    found = dict(zip(order, [*from_sums[::-1], *from_rows[::-1]], strict=True))
-    wrenches = each(wrench_at_contact, about, [found[i][0] for i in range(len(contacts))])
-    solved = None
-    if alpha2 is not None:
-        wrenches2 = each(wrench_at_contact, about, [found[i][1] for i in range(len(contacts))])
-        solved = wrenches2, shift_twist(-body.centre, alpha2)
-    mobility = symmetric6(P).mobility_shifted(-body.centre).dense()
-    acceleration = acceleration_at_C(body.centre, body.centripetal, alpha)
-    chosen: list[Array | None] = [update.independent for update, _ in rows] if len(then) == len(contacts) else []
-
-    def again(gaps: list[Array], wrench: Array) -> tuple[list[Array], Array]:
-        r = each(seen_along, about, seen, gaps)
-        w = shift_wrench(-body.centre, wrench)
-        x, back_sums = scan(lambda x, u, r: u[0].again(x, r), np.zeros(6), sums, [r[i] for i in first])
-        if last is not None:
-            ((alpha, own),) = each(lambda end, r: end.again(x, r, w), ends, [r[last]])
-            s, from_rows = w + own, [own]
-        else:
-            x, back_rows = scan(lambda x, u, r: u[0].again(x, r), x, rows, [r[i] for i in then])
-            alpha = x + factors.apply(w)
-            s, from_rows = scan(through, w, back_rows[::-1])
-        s, from_sums = scan(through, s, back_sums[::-1])
-        found = dict(zip(order, [*from_sums[::-1], *from_rows[::-1]], strict=True))
-        wrenches = each(wrench_at_contact, about, [found[i] for i in range(len(contacts))])
-        return wrenches, shift_twist(-body.centre, alpha)
-
-    return ObjectSolution(wrenches, acceleration, mobility, kept, weakest, chosen, again, solved)
+    loads = by_grasp(order, first, last)
+    wrenches = [each(wrench_at_contact, about, [of_sides[k] for of_sides in loads]) for k in range(len(w))]
+    P = now.P if order.terminal else now.P.dense()
+    updates = [u for u, _ in sums], end, [u for u, _ in rows]
+    factors = Factors(body.centre, about, seen, order, *updates, now.P)
+    return ObjectSolution(
+        wrenches=wrenches[0],
+        object_acceleration=acceleration_at_C(body.centre, body.centripetal, alpha[0]),
+        mobility=symmetric6(P).mobility_shifted(-body.centre).dense(),
+        rank=now.rank,
+        weakest_pivot=now.weakest,
+        independent=[u.independent for u in updates[2]] if len(rows) == len(contacts) else [],
+        again=lambda gaps, wrench: solved_again(factors, gaps, wrench),
+        second=None if second is None else (wrenches[1], shift_twist(-body.centre, alpha[1])),
+    )
 
 
-Passed = tuple[Update, BackSubstitution | None]  # an arm's update, and the second's way back
+def solved_again(factors: Factors, gaps: list[Array], wrench: Array) -> tuple[list[Array], Array]:
+    """Return the wrenches and the object acceleration of the chain at rest for another right-hand side, O(l).
+
+    Args:
+        factors: the filter's factors.
+        gaps: per grasp, (6,) r about the contact point, world axes.
+        wrench: (6,) wrench on the object about C, world axes.
+    """
+    order, end = factors.order, factors.end
+    r = each(seen_along, factors.about, factors.seen, gaps)
+    w = shift_wrench(-factors.centre, wrench)
+    x, sums = scan(lambda x, u, r: u.again(x, r), np.zeros(6), factors.sums, [r[i] for i in order.parallel])
+    if end:
+        ((alpha, own),) = each(lambda end, r: end.again(x, r, w), end, [r[i] for i in order.terminal])
+        s, last = w + own, [own]
+    else:
+        x, rows = scan(lambda x, u, r: u.again(x, r), x, factors.rows, [r[i] for i in order.by_rows])
+        alpha = x + factors.P.apply(w)
+        s, last = scan(through, w, rows[::-1])
+    _, first = scan(through, s, sums[::-1])
+    return each(wrench_at_contact, factors.about, by_grasp(order, first, last)), shift_twist(-factors.centre, alpha)
 
 
-def rigid_arm(carry: tuple[Any, ...], m: Measurement, r: Array | None) -> tuple[tuple[Any, ...], Passed]:
-    """Return the filter after an arm taken as a parallel sum, and its ways back; r is the second's, or None."""
-    x, P, size, kept, weakest, x2 = carry
-    x, P, update = rigid_update(x, P, m, size)
-    size = minimum(size, size_at_centre(m.extent))
-    x2, back = passed(update, x2, r)
-    return (x, P, size, kept + update.kept, minimum(weakest, update.weakest), x2), (update, back)
+def order_of(seen: list[Measurement]) -> Order:
+    """Return the order in which the arms are included: parallel sums first."""
+    parallel = [i for i, m in enumerate(seen) if m.parallel]
+    by_rows = [i for i, m in enumerate(seen) if not m.parallel]
+    return Order(parallel, [], by_rows) if by_rows else Order(parallel[:-1], parallel[-1:], [])
 
 
-def arm_by_rows(
-    carry: tuple[Any, ...], m: Measurement, r: Array | None, size: Array, tolerance: float
-) -> tuple[tuple[Any, ...], Passed]:
-    """Return the filter after an arm taken by its rows, and its ways back; r is the second's, or None."""
-    x, P, kept, weakest, x2 = carry
-    x, P, update = row_updates(x, P, m, size, tolerance)
-    x2, back = passed(update, x2, r)
-    return (x, P, kept + update.kept, minimum(weakest, update.weakest), x2), (update, back)
+def by_grasp(order: Order, first: list[Any], last: list[Any]) -> list[Any]:
+    """Return the results of the backward pass in the order of the grasps; in each list the last arm comes first."""
+    found = dict(zip([*order.parallel, *order.terminal, *order.by_rows], [*first[::-1], *last[::-1]], strict=True))
+    return [found[i] for i in range(len(found))]
 
 
-def passed(update: Update, x: Array | None, r: Array | None) -> tuple[Array | None, BackSubstitution | None]:
-    """Return the second's x after an arm and its way back; None without one."""
-    if x is None or r is None or update.again is None:
-        return None, None
-    return update.again(x, r)
+Passed = tuple[Update, list[BackSubstitution]]  # an arm's update, and its back-substitution for every right-hand side
 
 
-def back_substituted(
-    s: tuple[Array, Array | None], arm: Passed
-) -> tuple[tuple[Array, Array | None], tuple[Array, Array | None]]:
-    """Return the wrenches at G of everything behind an arm and of the arm itself, and the arm's own."""
-    update, second = arm
-    behind, from_arm = through(s[0], update.back_substitute)
-    if second is None or s[1] is None:
-        return (behind, None), (from_arm, None)
-    behind2, from_arm2 = through(s[1], second)
-    return (behind, behind2), (from_arm, from_arm2)
+def rigid_arm(carry: tuple[Filter, Array], m: Measurement, r: list[Array]) -> tuple[tuple[Filter, Array], Passed]:
+    """Return the filter and the size of P after an arm included by a parallel sum, and its back-substitutions."""
+    now, size = carry
+    x, P, update = rigid_update(now.x[0], now.P, m, size)
+    now, passed = after(now, x, P, update, r)
+    return (now, minimum(size, size_at_centre(m.extent))), passed
+
+
+def arm_by_rows(now: Filter, m: Measurement, r: list[Array], size: Array, tolerance: float) -> tuple[Filter, Passed]:
+    """Return the filter after an arm included by its rows, and the arm's back-substitutions."""
+    x, P, update = row_updates(now.x[0], now.P, m, size, tolerance)
+    return after(now, x, P, update, r)
+
+
+def after(now: Filter, x: Array, P: Any, update: Update, r: list[Array]) -> tuple[Filter, Passed]:
+    """Return the filter after an arm, and its back-substitutions; r (rows,) of the right-hand sides after the first."""
+    others = [update.again(x, one) for x, one in zip(now.x[1:], r, strict=True)]
+    passed = Filter([x, *(x for x, _ in others)], P, now.rank + update.kept, minimum(now.weakest, update.weakest))
+    return passed, (update, [update.back_substitute, *(back for _, back in others)])
+
+
+Terminal = tuple[Filter, list[TerminalUpdate], list[Array], list[list[Array]]]
+
+
+def terminal_arm(now: Filter, m: Measurement, r: list[Array], size: Array, w: list[Array]) -> Terminal:
+    """Return the filter after the terminal arm, its update, and for every right-hand side alpha(G) and its wrench."""
+    end = each(lambda m: terminal_update(now.x[0], now.P, m, size, w[0]), [m])
+    (answers,) = each(
+        lambda end, r: [end.answer(), *(end.again(*of_side) for of_side in zip(now.x[1:], r, w[1:], strict=True))],
+        end,
+        [r],
+    )
+    passed = Filter([], end[0].mobility, now.rank + end[0].kept, minimum(now.weakest, end[0].weakest))
+    return passed, end, [alpha for alpha, _ in answers], [[own for _, own in answers]]
+
+
+def back_substituted(s: list[Array], ways: list[BackSubstitution]) -> tuple[list[Array], list[Array]]:
+    """Return for every right-hand side the summed wrenches at G of the later arms and this one, and its own."""
+    both = [through(one, way) for one, way in zip(s, ways, strict=True)]
+    return [behind for behind, _ in both], [own for _, own in both]
 
 
 def through(s: Array, back_substitute: BackSubstitution) -> tuple[Array, Array]:
-    """Return what `back_substituted` does, of one way back."""
+    """Return the summed wrench at G of the later arms and this one, and its own."""
     from_arm = back_substitute(s)
     return s + from_arm, from_arm
 
 
 def wrench_at_contact(about: Contact, from_arm: Array) -> Array:
-    """Return an arm's wrench about its contact point, free moments taken as exactly 0, (6,)."""
+    """Return an arm's wrench about its contact point with its free components set to exactly 0, (6,)."""
     return about.transmissible(shift_wrench(-about.offset, from_arm))
 
 
 def initial_size(body: FreeBody, seen: list[Measurement]) -> Array:
-    """Return (3,) how mobile the object is before the first arm, for judging pivots; see `size_at_centre`.
+    """Return the size of the object's mobility before the first arm, (3,), for judging pivots; see `size_at_centre`.
 
-    What the arms leave of a light object's mobility is of the size of their own, so it counts as no more. Anchors do
-    not yield, and leave nothing or all of it; bushings have no rows.
+    The mobility of a light object is limited to that of the arms, because P is of that size once the arms are included.
+    Anchors, which do not move, and bushings, which have no rows, are left out.
     """
     own, seen = own_size(body), [m for m in seen if m.most and len(m.r)]
     if not seen:
         return own
-    least = LEAST_MOBILE * own  # sliding joints do not turn at all
+    least = LEAST_MOBILE * own  # the angular mobility of sliding joints is zero
     most, _ = scan(lambda size, m: (maximum(size, size_at_centre(m.extent)), None), least, seen)
     return minimum(own, most)
 
 
 def own_size(body: FreeBody) -> Array:
-    """Return (3,) how mobile the object is by itself."""
+    """Return the size of the object's own mobility, (3,)."""
     turning, moving = block_sizes(body.mobility)
     return array([turning, moving, moving])
 
 
-def by_rows(size: Array) -> Array:
-    """Return (6,) the sizes of the rows of P."""
+def sizes_of_rows(size: Array) -> Array:
+    """Return the sizes of the rows of P, (6,)."""
     return np.repeat(size[:2], 3)

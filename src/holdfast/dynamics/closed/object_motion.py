@@ -1,4 +1,4 @@
-"""The held object in motion: M(C) alpha(C) + b(C) = f(C) (2.4)."""
+"""The inertia and bias of the held object: M(C) alpha(C) + b(C) = f(C) (2.4)."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from holdfast.spatial.vector import cross
 
 
 class FreeBody(NamedTuple):
-    """The object without its arms, about its mass centre G, world axes.
+    """The object without its arms, about its mass centre G, in world axes.
 
-    About G turning and pushing do not mix: the mobility of a point mass, infinite in turning, leaves
-    that in pushing its digits. About another point the one would have to be subtracted from the other.
+    About G the mobility is block diagonal. The angular mobility of an object close to a point mass, which is nearly
+    infinite, therefore does not affect the digits of its linear mobility. About another point, one would have to be
+    subtracted from the other.
 
     Attributes:
         centre: (3,) p, from C to G [m].
-        centripetal: (3,) w x (w x p), what G accelerates by more than C because the object turns.
+        centripetal: (3,) w x (w x p), the acceleration of G relative to C due to the angular velocity.
         mobility: M(G)^-1.
-        D: the same as six factors > 0 and six columns, sum D w w^T.
-        w: the columns, (6,) each.
-        acceleration: (6,) of G, alone and unloaded, less [0; g].
-        wrench: (6,) external wrench about G. It is kept apart from `acceleration`, because a light
-            object's M(G)^-1 would make it huge before the arms take it back.
+        D: six factors > 0 of the mobility, sum D w w^T.
+        w: six columns of the mobility, (6,) each.
+        acceleration: (6,) acceleration of G without arms and external wrench, minus [0; g].
+        wrench: (6,) external wrench about G. It is not included in `acceleration`, because M(G)^-1 of a light object
+            would make that huge, and the arms would cancel most of it.
     """
 
     centre: Array
@@ -42,7 +43,7 @@ class FreeBody(NamedTuple):
     wrench: Array
 
     def at_rest(self) -> FreeBody:
-        """Return the same object at rest, with nothing acting on it."""
+        """Return the same object at rest and without an external wrench."""
         none = np.zeros(6)
         return self._replace(centripetal=np.zeros(3), acceleration=none, wrench=none)
 
@@ -55,9 +56,9 @@ class ObjectMotion:
         inertia: M(C).
         mobility: M(C)^-1.
         bias: (6,) b(C).
-        free_acceleration: (6,) -M(C)^-1 b(C): alone and unloaded, less [0; g].
+        free_acceleration: (6,) -M(C)^-1 b(C), the acceleration without arms and external wrench, minus [0; g].
         wrench: (6,) external wrench.
-        free: the same object about its mass centre, as the object's filter takes it.
+        free: the same object about its mass centre, for the object's filter.
     """
 
     inertia: Symmetric6
@@ -69,24 +70,24 @@ class ObjectMotion:
 
 
 def object_motion(body: HeldObject, frame: Pose, twist: Array, wrench: Array) -> ObjectMotion:
-    """Return inertia, mobility and bias of the object.
+    """Return the inertia, mobility and bias of the object.
 
-    M(C)^-1 and -M(C)^-1 b(C) are built at the mass centre, where they are block diagonal,
-    and carried to C: nothing is subtracted, however far C is from the mass centre.
+    M(C)^-1 and -M(C)^-1 b(C) are computed at the mass centre, where M^-1 is block diagonal, and then shifted to C. No
+    terms cancel, however far C is from the mass centre.
 
     Args:
         body: the object.
         frame: its pose (origin C) in the world.
-        twist: (6,) of C, world axes.
+        twist: (6,) twist of C, world axes.
         wrench: (6,) external wrench about C, world axes.
     """
     R, w = frame.R, twist[:3]
-    p = R @ body.com  # C to mass centre
+    p = R @ body.com  # from C to the mass centre
     inverse = symmetric_inverse(body.inertia)
     none, unit = np.zeros((3, 3)), np.eye(3)
     turning = w @ R  # object axes
     spin = cross(turning, body.inertia @ turning)
-    falling = concatenate([-(R @ (inverse @ spin)), np.zeros(3)])  # the mass centre keeps its velocity
+    falling = concatenate([-(R @ (inverse @ spin)), np.zeros(3)])  # the mass centre is not accelerated
     mobility = Symmetric6(mirrored(R @ inverse @ R.T), none, (1.0 / body.mass) * unit)
     D, columns = _factors(body, R)
     free = FreeBody(p, centripetal(w, p), mobility, D, columns, falling, shift_wrench(-p, wrench))
@@ -101,12 +102,12 @@ def object_motion(body: HeldObject, frame: Pose, twist: Array, wrench: Array) ->
 
 
 def acceleration_at_C(centre: Array, centripetal: Array, alpha: Array) -> Array:
-    """Return (6,) alpha(C) for an acceleration alpha of the mass centre; see `FreeBody` for the others."""
+    """Return alpha(C), (6,), for an acceleration alpha of the mass centre; see `FreeBody` for the other arguments."""
     return shift_twist(-centre, alpha) - concatenate([np.zeros(3), centripetal])
 
 
 def _factors(body: HeldObject, R: Array) -> tuple[list[Scalar], list[Array]]:
-    """Return D and w with M(G)^-1 = sum D w w^T: pushes of the mass centre, then turns about it.
+    """Return D and w with M(G)^-1 = sum D w w^T: three translations of the mass centre, then three rotations about it.
 
     I = L diag(d) L^T along object axes, so I^-1 is the sum of u u^T / d over the columns u of L^-T.
     """

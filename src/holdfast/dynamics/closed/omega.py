@@ -1,4 +1,4 @@
-"""Omega = J M^-1 J^T + A M(C)^-1 A^T (3.1), and solving with it."""
+"""The matrix Omega = J M^-1 J^T + A M(C)^-1 A^T (3.1) and its factorisation."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from holdfast.errors import MethodNotApplicable
 from holdfast.spatial.linalg import MaskedLDL, ldl, ldl_solve
 from holdfast.spatial.scalar import Array
 
-# Omega adds the arms' mobility to the object's. Where its scaled pivots fall below this, the
-# smaller of the two has lost so many digits in the sum that 1e-9 can no longer be promised.
+# Omega is the sum of the arms' and the object's mobility. If its scaled pivots are below this value, the smaller of the
+# two has lost so many digits in the sum that an accuracy of 1e-9 is not guaranteed.
 WEAKEST_PIVOT = 1e-5
 
 
 class Omega:
-    """Omega factorised: `solve(b)` returns Omega^-1 b.
+    """The factorised Omega; `solve(b)` returns Omega^-1 b.
 
     Raises:
-        MethodNotApplicable: if Omega is singular, or so near it that digits are lost.
+        MethodNotApplicable: Omega is singular or too ill-conditioned.
     """
 
     def __init__(self, matrix: Array) -> None:

@@ -1,8 +1,8 @@
-"""What an arm does by itself while its equations change: its part of a column of the Jacobian.
+"""The own response of an arm to a change of its equations, which is its part of a column of the Jacobian.
 
-The other arms and the object learn of it by six numbers, how fast its grasp would close, and by what the object feels.
-Arms that are short enough to be written out answer for all of their joints at once (`joint_responses`): M^-1 is found
-once, and it is the columns by torques.
+The other arms and the object are affected by six numbers only, the rate at which its grasp would close, and by the
+wrench on the object. For short arms, the responses to all joints are computed together (`joint_responses`): M^-1 is
+computed once, and it also gives the columns by torques.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import shift_wrench
 
-OF_MOTION = ("q", "qd", "tau")  # arguments by which an arm answers for all joints at once
+OF_MOTION = ("q", "qd", "tau")  # arguments for which the responses to all joints can be computed together
 
 
 class OwnResponse(NamedTuple):
-    """What an arm does while its dL/dy changes and its grasp transmits nothing.
+    """The response of an arm to a change of its dL/dy, if its grasp transmits nothing.
 
     Attributes:
         qdd: (N,) joint accelerations.
-        base: (6,) the base's wrench on the arm.
-        closing: (6,) what its grasp would close by, the tip's acceleration less r_f.
+        base: (6,) wrench of the base on the arm.
+        closing: (6,) tip's acceleration minus r_f, by which its grasp would close.
         known: (6,) its wrench along the free directions.
-        bushing: (6,) how fast a bushing's wrench changes; of others (0,).
+        bushing: (6,) rate of the wrench of a bushing; (0,) for other grasps.
         on_object: (6,) wrench on the object about C.
     """
 
@@ -45,13 +45,13 @@ class OwnResponse(NamedTuple):
 
 
 def own_response(tip: TipResponse, motion: ArmMotion, c: Contact | None, r: Unknowns) -> OwnResponse:
-    """Return what an arm does while its dL/dy changes as r says.
+    """Return the own response of an arm to the rate r of its dL/dy.
 
     Args:
-        tip: its answer at its tip.
-        motion: the arm in motion.
-        c: its grasp, or None.
-        r: how fast its dL/dy changes.
+        tip: the arm's tip response.
+        motion: the arm's motion.
+        c: its contact, or None.
+        r: rate of its dL/dy.
     """
     load = Load(-r.qdd, -r.wrench, -r.contact_acceleration, np.zeros(6))
     loaded = under(tip, motion, load)
@@ -67,15 +67,15 @@ def own_response(tip: TipResponse, motion: ArmMotion, c: Contact | None, r: Unkn
 def joint_responses(
     names: Sequence[str], case: ArmCase, z: Unknowns, tip: TipResponse, motion: ArmMotion, c: Contact | None
 ) -> dict[str, list[OwnResponse]]:
-    """Return what an arm does while its joints change, one after the other, by argument.
+    """Return the own responses of an arm to changes of each of its joints, by argument.
 
     Args:
         names: some of `OF_MOTION`.
-        case: what its equations depend on.
-        z: its part of the solution.
-        tip: its answer at its tip.
-        motion: the arm in motion.
-        c: its grasp, or None.
+        case: arguments of the arm's equations.
+        z: the arm's part of the solution.
+        tip: the arm's tip response.
+        motion: the arm's motion.
+        c: its contact, or None.
     """
     still = Unknowns(*(np.zeros(len(part)) for part in z))
     torques = [own_response(tip, motion, c, still._replace(qdd=-unit)) for unit in np.eye(len(z.qdd))]

@@ -1,4 +1,4 @@
-"""Tangents of poses, R -> exp(turn) R and p -> p + shift, and gradients by them."""
+"""Tangents of poses, with R -> exp(turn) R and p -> p + shift, and gradients with respect to them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from holdfast.spatial.vector import skew
 
 
 def rates_of(tangents: Mapping[str, Array], what: str, R: Array, named: str = "") -> dict[str, Array]:
-    """Return how fast matrix and origin of a pose change under its tangent [turn; shift], if it has one.
+    """Return the rates of the matrix and the origin of a pose for its tangent [turn; shift]; empty without a tangent.
 
     Args:
-        tangents: by argument.
-        what: the pose is called, less "_pose".
+        tangents: tangents by argument.
+        what: name of the pose, without "_pose".
         R: its matrix.
-        named: what matrix and origin are called, less "_R" and "_p"; as the pose by default.
+        named: name of matrix and origin in the result, without "_R" and "_p"; by default `what`.
     """
     if f"{what}_pose" not in tangents:
         return {}
@@ -26,12 +26,12 @@ def rates_of(tangents: Mapping[str, Array], what: str, R: Array, named: str = ""
 
 
 def by_motion(of_R: Array, R: Array, of_p: Array) -> Array:
-    """Return the gradient (6,) by [turn; shift] of a pose from those by its matrix and its origin."""
+    """Return the gradient (6,) with respect to [turn; shift] of a pose from those by its matrix and its origin."""
     A = of_R @ R.T
     return concatenate([array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]]), of_p])
 
 
 def by_motions(of_R: Array, R: Array, of_p: Array) -> Array:
-    """Return the gradients (..., 6) of one pose, or of several with a leading axis; see `by_motion`."""
+    """Return the gradients (..., 6) with respect to one pose, or to several with a leading axis; see `by_motion`."""
     each = zip(of_R.reshape(-1, 3, 3), R.reshape(-1, 3, 3), of_p.reshape(-1, 3), strict=True)
     return np.array([by_motion(*one) for one in each]).reshape(*of_p.shape[:-1], 6)

@@ -1,4 +1,4 @@
-"""Algorithm RCCFD 2 (6.18): one filtering of torques and grasp forces together."""
+"""Algorithm RCCFD 2 (6.18): torques and grasp forces are filtered together."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from holdfast.spatial.scalar import concatenate
 
 
 def rccfd2(motion: ChainMotion) -> Solution:
-    """Return the cheapest of the paper's recursions, O(n) + O(l^3), rigid grasps.
+    """Return the solution for rigid grasps by the cheapest recursion of the paper, O(n) + O(l^3).
 
     T'  = T - C                                                              (6.18a)
     f   = Omega^-1 {B^T psi^T H^T D^-1 (I - H Psi L) T' - a'(C)}             (6.18d)
     qdd = (I - H Psi L)^T D^-1 {T' - H psi (S L T' + B f)}                   (6.18e)
 
     Raises:
-        MethodNotApplicable: if Omega is singular or has lost its digits.
+        MethodNotApplicable: Omega is singular or too ill-conditioned.
     """
     s = Stacked(motion)
     arms = filtered_arms(motion)

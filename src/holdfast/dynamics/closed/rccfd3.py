@@ -1,4 +1,4 @@
-"""Algorithm RCCFD 3 (6.22): the answers to T' and to a'(C) apart, then added."""
+"""Algorithm RCCFD 3 (6.22): the sum of the responses to T' and to a'(C)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from holdfast.spatial.scalar import concatenate
 
 
 def rccfd3(motion: ChainMotion) -> Solution:
-    """Return the solution as a sum of two, O(n) + O(l^3), rigid grasps.
+    """Return the solution for rigid grasps as the sum of two responses, O(n) + O(l^3).
 
     zeta = Omega^-1 a'(C)                                                         (6.22d)
     f    = Omega^-1 B^T psi^T H^T D^-1 (I - H Psi L) T' - zeta                    (6.22e)
@@ -19,7 +19,7 @@ def rccfd3(motion: ChainMotion) -> Solution:
     qdd2 = (I - H Psi L)^T D^-1 H psi B zeta,   qdd = qdd1 + qdd2                 (6.22g, h)
 
     Raises:
-        MethodNotApplicable: if Omega is singular or has lost its digits.
+        MethodNotApplicable: Omega is singular or too ill-conditioned.
     """
     s = Stacked(motion)
     arms = filtered_arms(motion)

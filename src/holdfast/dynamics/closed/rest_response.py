@@ -1,4 +1,4 @@
-"""How a chain at rest answers: the object's filter without torques, motion or gravity."""
+"""The response of a chain at rest: the object's filter without torques, velocities or gravity."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from holdfast.spatial.scalar import each
 
 
 def rest_response(motion: ChainMotion) -> ObjectSolution:
-    """Return mobility, rank and pivots of the constraint at a configuration. O(n) + O(l).
+    """Return the mobility of the chain, and the rank and pivots of the constraint, at a configuration. O(n) + O(l).
 
     Args:
         motion: the chain at rest.

@@ -1,4 +1,4 @@
-"""A rigid grasp in the object's filter: the parallel sum of two mobilities about G."""
+"""The update of the object's filter by a rigid grasp: the parallel sum of two mobilities about G."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from holdfast.spatial.symmetric import mirrored
 
 
 def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array, Array, Update]:
-    """Return x, P after a rigidly held arm, and its back-substitution.
+    """Return x and P after an arm with a rigid grasp, and its back-substitution.
 
-    S = P + R,  Gt = S^-1 P,  nu = S^-1 (r - x);  x += P nu,  P = P S^-1 R = Gt^T R: nothing is
-    subtracted, and R may be singular (docs/theory/sequential_filter.md). Null pivots of S are dropped. With a trunk
-    x and r have its columns behind them.
+    S = P + R,  Gt = S^-1 P,  nu = S^-1 (r - x);  x += P nu,  P = P S^-1 R = Gt^T R. No mobilities are subtracted, and R
+    may be singular (docs/theory/sequential_filter.md). Zero pivots of S are skipped. With a trunk, the columns of the
+    trunk follow in x and r.
     """
     S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
     gain = ldl_solve(S, P)
@@ -29,22 +29,23 @@ def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array
         nu = ldl_solve(S, r - x)
         return x + P @ nu, lambda s, beta=None: of_beta(nu, beta) - gain @ s
 
-    update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, S.kept, S.weakest, None, on_trunk, again)
+    update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, again, S.kept, S.weakest, None, on_trunk)
     return x + P @ nu, mirrored(gain.T @ m.R), update
 
 
 class TerminalUpdate(NamedTuple):
-    """The update by the last arm, a rigidly held one, after which only back-substitution is left.
+    """The update by the last arm, if its grasp is rigid; only back-substitution follows.
 
     Attributes:
-        answer: beta (c,) of the trunk's columns, or None -> (6,) alpha(G), the external wrench on the object included,
-            and (6,) the wrench of the arm on the object, about G.
-        mobility: (6, 6) P after it.
-        kept: how many of its rows are independent of those before.
-        weakest: the smallest pivot kept, relative to a typical one.
-        on_trunk: (c, 1 + c) [load | inertia] that the arm adds to what the trunk's columns feel, and the load of the
-            external wrench through all arms.
-        again: other x, r and w -> acceleration and wrench, by the factors at hand; in the world.
+        answer: function of beta (c,) for the trunk's columns, or None, that returns alpha(G) (6,), which includes the
+            effect of the external wrench on the object, and the wrench (6,) of the arm on the object, about G.
+        mobility: (6, 6) P after the update.
+        kept: number of its rows that are independent of the rows before.
+        weakest: the smallest pivot of these rows, relative to a typical one.
+        on_trunk: (c, 1 + c) [load | inertia] that the arm adds to the equations of the trunk's columns, including the
+            load of the external wrench through all arms.
+        again: function of another x, r and w that returns acceleration and wrench, using the same factors; without a
+            trunk only.
     """
 
     answer: Callable[..., tuple[Array, Array]]
@@ -56,16 +57,16 @@ class TerminalUpdate(NamedTuple):
 
 
 def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -> TerminalUpdate:
-    """Return what `rigid_update` and its way back come to at the last arm: two solves instead of seven.
+    """Return the result of `rigid_update` and its back-substitution for the last arm, by two solves instead of seven.
 
-    z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, as P S^-1 R = R S^-1 P. On a trunk's columns w weighs
-    as X^T w does after the arm, X^T w + (E - X)^T z.
+    z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, because P S^-1 R = R S^-1 P. The load of w on the
+    trunk's columns is X^T w with X after the update, which is X^T w + (E - X)^T z.
 
     Args:
-        x: acceleration of G of the object and the arms before.
-        P: their mobility there.
+        x: acceleration of G of the object with the arms before.
+        P: their mobility at G.
         m: the arm's measurement.
-        size: (3,) how mobile P is, for judging pivots.
+        size: (3,) size of P, for judging pivots.
         w: (6,) external wrench on the object about G.
     """
     S, e, on_trunk = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size)), m.r - x, None

@@ -1,4 +1,4 @@
-"""An arm in the object's filter by its rows, made independent and taken one by one."""
+"""The update of the object's filter by the rows of an arm, which are made independent and included one by one."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, minimum, select, where
 from holdfast.spatial.vector import outer
 
-# A pivot of K Lambda K^T below this part of its scale is rounding: the arm cannot move there.
+# A pivot of K Lambda K^T that is smaller than this, relative to its scale, is rounding: the arm cannot move there.
 ROUNDING = 1e-15
-SAME = 1e-12  # scaled pivots closer than this are taken for equal
+SAME = 1e-12  # scaled pivots that differ by less count as equal
 
 
 def row_updates(
     x: Array, P: FactoredMobility, m: Measurement, size: Array, tolerance: float = RANK_TOLERANCE
 ) -> tuple[Array, FactoredMobility, Update]:
-    """Return x, P after one arm, and its back-substitution.
+    """Return x and P after one arm, and its back-substitution.
 
-    Per independent row c alpha(G) = r - d lambda: sigma = c P c^T + d, k = P c^T, nu = (r - c x) /
-    sigma, x += k nu, P -= k k^T / sigma; back: lambda = nu - (k . s) / sigma, s += c^T lambda.
+    For each independent row c alpha(G) = r - d lambda: sigma = c P c^T + d, k = P c^T, nu = (r - c x) / sigma,
+    x += k nu, P -= k k^T / sigma. Backward: lambda = nu - (k . s) / sigma, s += c^T lambda.
 
     Args:
-        x: acceleration of G of the object and the arms before.
-        P: their mobility there.
+        x: acceleration of G of the object with the arms before.
+        P: their mobility at G.
         m: the arm's measurement.
-        size: (3,) how mobile P is, for judging pivots.
+        size: (3,) size of P, for judging pivots.
         tolerance: relative size of a pivot that counts as zero.
     """
     rows: list[tuple[Array, Array, Any]] = []
@@ -66,11 +66,11 @@ def row_updates(
             others.append((c, gain, e * inverse))
         return x, back_through(others)
 
-    return x, P, Update(back_through(rows), kept, weakest, independent, on_trunk, again)
+    return x, P, Update(back_through(rows), again, kept, weakest, independent, on_trunk)
 
 
 def back_through(rows: Sequence[tuple[Array, Array, Any]]) -> BackSubstitution:
-    """Return the way back through rows c, their gains and what they measured."""
+    """Return the back-substitution through rows c, with their gains and innovations."""
 
     def back_substitute(s: Array, beta: Array | None = None) -> Array:
         from_arm = np.zeros(6)
@@ -85,19 +85,19 @@ def back_through(rows: Sequence[tuple[Array, Array, Any]]) -> BackSubstitution:
 def independent_rows(
     m: Measurement, scale: Array, typical: Array
 ) -> tuple[list[Scalar], Array, Callable[[Array], Array]]:
-    """Return d and the rows of one arm with independent loads: R = L diag(d) L^T.
+    """Return the rows of one arm with a diagonal R, from the factorisation R = L diag(d) L^T.
 
-    The row with the largest pivot left comes first, so that L stays below one and the null
-    pivots of an arm of few joints, whose quotients mean nothing, come last.
+    The row with the largest remaining pivot comes first. The entries of L are therefore at most one, and the zero
+    pivots of an arm with few joints, whose quotients are meaningless, come last.
 
     Returns:
-        (rows,) d >= 0, and (rows, 10): L^-1 [C, r], each row's scale, its typical pivot, and one over
-        the part of the scale that is R's, in the chosen order; with a trunk its columns behind r. Where rows are
-        held, six columns or fewer more say which of them each was. Then what makes other r, (rows,) or (rows, m),
-        independent likewise: L^-1 r in the chosen order.
+        A tuple of three. First d >= 0, (rows,). Second, (rows, 10) in the chosen order: L^-1 [C, r], the scale of each
+        row, its typical pivot, and the reciprocal of R's part of the scale. With a trunk, its columns follow r; if rows
+        have a mask, up to six more columns identify the original row. Third, a function that applies L^-1, in the
+        chosen order, to another r, (rows,) or (rows, m).
     """
     width = 1 if m.r.ndim == 1 else m.r.shape[1]
-    numbers, inverse_size = 6 + width, 8 + width  # of the columns L^-1 [C, r]; of the one over the size
+    numbers, inverse_size = 6 + width, 8 + width  # number of columns of L^-1 [C, r]; index of the reciprocal size
     inverse_sizes = array([where(size > 0.0, 1.0 / where(size > 0.0, size, 1.0), 0.0) for size in m.own_sizes()])
     which = [] if m.held is None else [np.eye(len(m.held))]
     R, rows = m.R, np.column_stack([m.C, m.r, scale, typical, inverse_sizes, *which])
@@ -118,12 +118,12 @@ def independent_rows(
         exchanges: list[tuple[int, Scalar]] = []
         for i in range(j + 1, count):
             order = exchange(count, i, j)
-            # by more than rounding: rows that are equally immobile keep their order
+            # by more than rounding, so that rows that are equally immobile keep their order
             larger = R[i, i] * rows[i, inverse_size] > R[j, j] * rows[j, inverse_size] + SAME
             R = select(larger, R[np.ix_(order, order)], R)
             rows = select(larger, rows[order], rows)
             exchanges.append((i, where(larger, 1.0, 0.0)))
-        if j >= m.most:  # what is left of R is the rounding of zero
+        if j >= m.most:  # the remainder of R is only rounding
             steps.append((j, exchanges, None))
             return d + [0.0] * (count - j), rows, made_independent
         alive = R[j, j] * rows[j, inverse_size] > ROUNDING
@@ -139,7 +139,7 @@ def independent_rows(
 
 
 def exchange(count: int, i: int, j: int) -> list[int]:
-    """Return the order of so many rows in which two have changed places."""
+    """Return the order of `count` rows with rows i and j exchanged."""
     order = list(range(count))
     order[i], order[j] = j, i
     return order

@@ -1,10 +1,10 @@
-"""The chain's linear equations solved once more, K z = r, by the factors that forward dynamics left.
+"""A second solve of the chain's linear equations, K z = r, with the factors from forward dynamics.
 
     M z_q + J^T z_f = r_q,    J z_q - A z_a + H^T z_W = r_f,    M_C z_a - sum A^T z_f = r_a,    H z_f = r_W
 
-It is the chain at rest under joint torques r_q and a wrench r_a on the object, its grasps asked to gape by r_f: the
-filter again, with another r. The part r_W of the wrenches along the free directions is known beforehand. Bases may
-accelerate; what they feel is returned beside.
+These are the equations of the chain at rest with joint torques r_q, a wrench r_a on the object, and prescribed relative
+accelerations r_f at the grasps, which the filter solves with another r. The part r_W of the wrenches along the free
+directions is known in advance. Bases may accelerate, and their wrenches are returned as well.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Load(NamedTuple):
         torque: (N,) r_q.
         gap: (6,) r_f, about the contact point, world axes.
         free: (n_g,) r_W.
-        base: (6,) acceleration of the base origin, world axes.
+        base: (6,) acceleration of the base origin, in world axes.
     """
 
     torque: Array
@@ -44,14 +44,14 @@ class Load(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Forward dynamics at one state, with what its derivatives need.
+    """Forward dynamics at one state, with the data that its derivatives need.
 
     Attributes:
-        motion: the chain in motion.
+        motion: the chain's motion.
         found: its solution by `sequential`.
-        tips: the answers of all arms at their tips, by name.
-        unknowns: the solution, by arm; the base's wrench is zero there.
-        cases: what every arm's equations depend on, by name; bases on a trunk accelerate with it.
+        tips: tip responses of all arms, by name.
+        unknowns: the solution by arm, in which the base's wrench is zero.
+        cases: arguments of every arm's equations, by name; bases on a trunk accelerate with it.
         trunk: the trunk's part of the solution; None without one.
     """
 
@@ -64,12 +64,12 @@ class Point:
 
 
 def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
-    """Return the point that derivatives are taken at.
+    """Return the point at which derivatives are taken.
 
     Args:
-        motion: the chain in motion.
+        motion: the chain's motion.
         found: its solution by `sequential`.
-        route: how arms that hold nothing answer.
+        route: method for the arms without a grasp, see `tip_response`.
     """
     chain, alpha, none = motion.chain, found.object_acceleration, np.zeros(6)
     lone = [name for name in chain.arms if name not in chain.grasps]
@@ -99,14 +99,14 @@ def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
     return Point(motion, found, tips, unknowns, cases, trunk)
 
 
-class Asked(NamedTuple):
-    """What the object's filter is asked for by a load.
+class RightHandSide(NamedTuple):
+    """The right-hand side of the object's filter for given loads.
 
     Attributes:
-        tips: per grasp, the arm's answer under its load.
+        tips: per grasp, the arm's tip response with its load.
         known: per grasp, (6,) the wrench along the free directions.
         gaps: per grasp, (6,) r about the contact point, world axes.
-        wrench: (6,) on the object about C, world axes.
+        wrench: (6,) wrench on the object about C, world axes.
     """
 
     tips: list[TipResponse]
@@ -115,13 +115,15 @@ class Asked(NamedTuple):
     wrench: Array
 
 
-def asked(motion: ChainMotion, tips: list[TipResponse], loads: Mapping[str, Load], wrench: Array) -> Asked:
-    """Return what the filter is asked for; see `solved_again`.
+def right_hand_side(
+    motion: ChainMotion, tips: list[TipResponse], loads: Mapping[str, Load], wrench: Array
+) -> RightHandSide:
+    """Return the right-hand side of the filter; see `solved_again`.
 
     Args:
-        motion: the chain in motion.
-        tips: per grasp, the arm's answer at its tip.
-        loads: by arm.
+        motion: the chain's motion.
+        tips: per grasp, the arm's tip response.
+        loads: loads by arm.
         wrench: (6,) r_a.
     """
     held = [loads[name] for name in motion.chain.grasps]
@@ -130,24 +132,24 @@ def asked(motion: ChainMotion, tips: list[TipResponse], loads: Mapping[str, Load
     gaps = each(lambda tip, f, load: tip.free_acceleration - tip.mobility.apply(f) - load.gap, loaded, known, held)
     if any(grasp.free for grasp in motion.chain.grasps.values()):
         wrench, _ = scan(lambda w, c, f: (w + shift_wrench(c.offset, f), None), wrench, motion.contacts, known)
-    return Asked(loaded, known, gaps, wrench)
+    return RightHandSide(loaded, known, gaps, wrench)
 
 
 def solved_again(
     at: Point, loads: Mapping[str, Load], wrench: Array, *, together: bool = False
 ) -> tuple[dict[str, Unknowns], Array]:
-    """Return z by arm, with the base's wrench, and z_a. O(n) + O(l).
+    """Return z by arm, including the base's wrench, and z_a. O(n) + O(l).
 
     Args:
         at: the point.
-        loads: by arm; those of arms without a grasp have no gap.
+        loads: loads by arm; for arms without a grasp the gap is not used.
         wrench: (6,) r_a, about C, world axes.
-        together: the filter was given them when it solved for the point.
+        together: whether the filter already received these loads when it solved for the point.
     """
     chain, motion, none = at.motion.chain, at.motion, np.zeros(6)
     lone = [name for name in chain.arms if name not in chain.grasps]
     held = [loads[name] for name in chain.grasps]
-    tips, known, gaps, wrench = asked(motion, [at.tips[name] for name in chain.grasps], loads, wrench)
+    tips, known, gaps, wrench = right_hand_side(motion, [at.tips[name] for name in chain.grasps], loads, wrench)
     if together:
         assert at.found.second is not None
         wrenches, alpha = at.found.second
@@ -168,18 +170,18 @@ def solved_again(
 
 
 def under(tip: TipResponse, arm: ArmMotion, load: Load) -> TipResponse:
-    """Return the arm's answer at its tip at rest under a load."""
+    """Return the arm's tip response at rest with a load."""
     assert tip.again is not None
     return tip.again(driven(arm, load.torque, load.base))
 
 
 def along_free(c: Contact, free: Array) -> Array:
-    """Return the wrench along the free directions with H f = r_W, (6,)."""
+    """Return the wrench f (6,) along the free directions with H f = r_W."""
     return c.without_rates(free) if c.grasp.free else np.zeros(6)
 
 
 def answer(c: Contact, tip: TipResponse, load: Load, f: Array, alpha: Array, beta: Array | None = None) -> Unknowns:
-    """Return one arm's part of z, its wrench f and the accelerations of object and trunk's columns being known."""
+    """Return one arm's part of z from its wrench f and the accelerations of the object and of the trunk's columns."""
     qdd, base = tip.back_substitute(f, beta)
     apart = load.gap + shift_twist(c.offset, alpha) - tip.free_acceleration + tip.mobility.apply(f)
     if tip.base is not None and beta is not None:

@@ -1,7 +1,7 @@
-"""Algorithm `sequential`: the paper's Kalman filter carried across the arms, O(n) + O(l).
+"""Algorithm `sequential`: the paper's Kalman filter extended across the arms, O(n) + O(l).
 
-Every chain, every grasp. The paper solves Omega f = ... at O(l^3); here each arm is one more
-measurement of alpha(C), so the arms are passed through one after the other, out and back.
+It handles every chain and every grasp. The paper solves Omega f = ... in O(l^3); here each arm is one more measurement
+of alpha(C), and the arms are processed one after the other, in a forward and a backward pass.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ Second = Callable[[list[TipResponse]], tuple[list[Array], Array]]
 
 
 def sequential(motion: ChainMotion, route: Route = "auto", second: Second | None = None) -> Solution:
-    """Return the closed-chain accelerations: outward stages, object filter, back-substitution.
+    """Return the closed-chain accelerations, by tip responses, the object's filter and back-substitution.
 
     Args:
-        motion: the chain in motion.
-        route: how each arm answers at its tip.
-        second: from the arms' answers to what the filter is given besides; see `object_filter`. Without a trunk, and
-            where each row's pivot decides.
+        motion: the chain's motion.
+        route: method for the tip responses, see `tip_response`.
+        second: function of the tip responses that returns a second right-hand side, see `object_filter`. It is allowed
+            only without a trunk and without a choice of rows.
     """
     if motion.trunk is not None:
         return trunk_dynamics(motion, route)

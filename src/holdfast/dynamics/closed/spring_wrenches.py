@@ -1,4 +1,4 @@
-"""Springs between bodies as external wrenches, which are known from the state before anything is solved.
+"""Wrenches of springs between bodies, which follow from the state and act as external wrenches.
 
 d = x_b - x_a,  s = |d|,  ds/dt = d . (v_b - v_a) / s,  f_a = (k (s - L) + c ds/dt) d / s = -f_b
 """
@@ -24,12 +24,12 @@ from holdfast.state import Inputs, State
 
 
 class End(NamedTuple):
-    """Where an end of a spring is, world axes.
+    """The position and velocity of an end of a spring, in world axes.
 
     Attributes:
-        lever: (3,) from its body's origin [m].
-        position: (3,) [m].
-        velocity: (3,) [m/s].
+        lever: (3,) from the origin of its body to the end [m].
+        position: (3,) position in the world [m].
+        velocity: (3,) velocity [m/s].
     """
 
     lever: Array
@@ -38,13 +38,13 @@ class End(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """A spring at one instant.
+    """The stretch of a spring at one instant.
 
     Attributes:
         a, b: its ends.
         length: s [m].
-        rate: ds/dt [m/s]; 0 where the ends coincide.
-        direction: (3,) from a to b, a unit vector; 0 where the ends coincide.
+        rate: ds/dt [m/s]; 0 if the ends coincide.
+        direction: (3,) unit vector from a to b; 0 if the ends coincide.
     """
 
     a: End
@@ -67,7 +67,7 @@ class Stretch(NamedTuple):
 
 
 def with_springs(chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
-    """Return the inputs with what the chain's springs add to the wrenches on the bodies. O(springs) + O(n).
+    """Return the inputs with the wrenches of the chain's springs added. O(springs) + O(n).
 
     Args:
         chain: the chain.
@@ -106,12 +106,12 @@ def without_springs(chain: ClosedChain) -> ClosedChain:
 
 
 def stretches(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretch]:
-    """Return every spring at one instant. O(springs) + O(n).
+    """Return the stretch of every spring at one instant. O(springs) + O(n).
 
     Args:
         chain: the chain.
         state: positions and velocities.
-        inputs: shaped inputs; base motion enters.
+        inputs: shaped inputs, of which only the base motion matters.
     """
     if not chain.springs:
         return []
@@ -143,7 +143,7 @@ def stretches(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretch]
 
 
 def ends_on_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, attached: Sequence[SpringEnd]) -> list[End]:
-    """Return where the springs on an arm's links end."""
+    """Return the ends of springs on the links of an arm."""
     at = forward_kinematics(arm, q)
     twists = link_twists(arm, at, qd, base_twist)
     found = []
@@ -156,19 +156,19 @@ def ends_on_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, attached: Sequ
 
 
 def _place(chain: ClosedChain, end: SpringEnd) -> int:
-    """Return the place of a trunk's body in `Trunk.bodies`."""
+    """Return the index of a trunk's body in `Trunk.bodies`."""
     assert chain.trunk is not None
     return chain.trunk.body(end.link, "spring")
 
 
 def _on_body(point: Array, frame: Pose, twist: Array) -> End:
-    """Return an end on a body whose origin has a twist (6,), world axes."""
+    """Return an end on a body whose origin has the given twist (6,), in world axes."""
     lever = frame.R @ point
     return End(lever, frame.p + lever, twist[3:] + cross(twist[:3], lever))
 
 
 def stretch(a: End, b: End) -> Stretch:
-    """Return a spring between two ends."""
+    """Return the stretch of a spring between two ends."""
     d = b.position - a.position
     square = d @ d
     length = sqrt(square)

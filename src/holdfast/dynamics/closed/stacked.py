@@ -1,6 +1,6 @@
-"""The aggregate matrices of (2.2): what the dense algorithms are written in.
+"""The aggregate matrices of (2.2), for the dense algorithms.
 
-Stacks run over the arms that hold, in order; world axes, contact points and C.
+They are stacked over the arms with a grasp, in order; world axes, about contact points or C.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from holdfast.spatial.spatial_vector import twist_shift
 
 
 class Stacked:
-    """The stacked quantities of a chain in motion, each computed when first asked for.
+    """The stacked quantities of a chain, each computed when it is first used.
 
-    The letters are the paper's: M (script), J, C, T and the object's M(C), b(C), A, a(C).
+    The names follow the paper: M (script), J, C, T and the object's M(C), b(C), A, a(C).
     """
 
     def __init__(self, motion: ChainMotion) -> None:
@@ -56,7 +56,7 @@ class Stacked:
 
     @cached_property
     def Jdot_qd(self) -> Array:
-        """Jdot thetadot, less [0; g], (6l,)."""
+        """Jdot thetadot minus [0; g], (6l,)."""
         return concatenate(arm.bias.tip_acceleration for arm in self.motion.holding)
 
     @cached_property
@@ -82,7 +82,7 @@ class Stacked:
 
     @cached_property
     def K(self) -> Array:
-        """diag(K_i), rows orthonormal, K H^T = 0, (6l - sum n_g, 6l)."""
+        """diag(K_i), with orthonormal rows and K H^T = 0, (6l - sum n_g, 6l)."""
         return block_diagonal([c.K for c in self.motion.contacts])
 
     @cached_property
@@ -97,12 +97,12 @@ class Stacked:
 
     @property
     def b(self) -> Array:
-        """b(C) less the external wrench, (6,)."""
+        """b(C) minus the external wrench, (6,)."""
         return self.motion.body.bias - self.motion.body.wrench
 
     @property
     def object_free(self) -> Array:
-        """-M(C)^-1 b(C), the external wrench included, less [0; g], (6,)."""
+        """-M(C)^-1 b(C), including the external wrench, minus [0; g], (6,)."""
         return self.motion.body.free_acceleration + self.M_C_inverse @ self.motion.body.wrench
 
     @cached_property
@@ -120,7 +120,7 @@ class Stacked:
         return np.concatenate(parts) if parts else b
 
     def solution(self, qdd: Array, f: Array, W_dot: Array | None = None, alpha_C: Array | None = None) -> Solution:
-        """Return stacked results taken apart; alpha(C) = M(C)^-1 (A^T f - b(C)) unless given."""
+        """Return the solution from stacked results; alpha(C) = M(C)^-1 (A^T f - b(C)) unless it is given."""
         if alpha_C is None:
             alpha_C = self.M_C_inverse @ (self.A.T @ f) + self.object_free
         ends = np.cumsum([arm.arm.joint_count for arm in self.motion.holding])

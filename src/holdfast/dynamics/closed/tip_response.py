@@ -1,10 +1,10 @@
-"""The two stages of one arm around the object: outward to its tip, and back from the grasp force.
+"""The tip response of one arm, and the back-substitution from the grasp force to its joints.
 
-    outward:            Lambda = J M^-1 J^T  and  alpha_f = J M^-1 T' + Jdot qd   (4.1), (6.8)
+    tip response:       Lambda = J M^-1 J^T  and  alpha_f = J M^-1 T' + Jdot qd   (4.1), (6.8)
     back-substitution:  qdd = M^-1 (T' - J^T f)                                   (6.14)
 
-Two routes give the same numbers: `recursive`, O(N), and `mass_matrix`, O(N^3) but with
-fewer operations on short arms.
+Two routes give the same result: `recursive` in O(N), and `mass_matrix` in O(N^3), which needs fewer operations for
+short arms.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from holdfast.spatial.symmetric import Symmetric6, symmetric6, zero6
 
 Route = Literal["recursive", "mass_matrix", "auto"]
 
-# docs/operation_counts.md (make counts): the recursion is cheaper from here on.
+# Number of joints from which the recursion is cheaper, see docs/operation_counts.md (make counts).
 RECURSION_PAYS_FROM = 18
 
-NO_INERTIA = 1e-14  # of the arm's largest articulated inertia: what is left is rounding
+NO_INERTIA = 1e-14  # articulated inertias smaller than this, relative to the arm's largest, are rounding
 
 
 class BaseResponse(NamedTuple):
-    """How one arm answers at its base, which a trunk accelerates by S beta more than its motion says, world axes.
+    """The response of one arm to an additional acceleration S beta of its base on a trunk, in world axes.
 
         alpha_tip = alpha_f + X beta - Lambda f,    S^T w_base = S^T (w_0 + I S beta) + w + Y beta + X^T f
 
-    S are the arm's `base_columns`, I its inertia with the joints locked.
+    S are the arm's `base_columns`, and I is its inertia with locked joints.
 
     Attributes:
-        X: (6, c) from beta to the acceleration of the tip point.
-        Y: (c, c) what free joints add to the inertia that the columns feel.
-        wrench: (c,) what they add to the load, with beta and f zero.
+        X: (6, c) acceleration of the tip point per beta.
+        Y: (c, c) contribution of the free joints to the inertia of the columns.
+        wrench: (c,) contribution w of the free joints to the load of the columns, for beta = 0 and f = 0.
         locked: I about the base origin.
-        at_rest: (6,) w_0 of the base on the arm about the base origin, with its joints locked and beta zero.
+        at_rest: (6,) wrench w_0 of the base on the arm about the base origin, with locked joints and beta = 0.
     """
 
     X: Array
@@ -58,16 +58,18 @@ class BaseResponse(NamedTuple):
 
 
 class TipResponse(NamedTuple):
-    """How one arm answers at its tip, world axes about the tip point.
+    """The response of one arm at its tip, in world axes about the tip point.
 
     Attributes:
         mobility: Lambda(0).
-        free_acceleration: (6,) alpha_f(0), less [0; g].
-        pivots: (N,) positive for a proper arm: D, or the squared Cholesky diagonal.
-        back_substitute: f (6,), beta (c,) or None -> (qdd (N,), base wrench (6,) about the base origin, world axes).
-        length: of the arm stretched out, which levers are sums of [m].
-        base: how it answers at its base; None unless it stands on a trunk.
-        again: the same configuration under other torques and wrenches -> its answer, by the factors at hand.
+        free_acceleration: (6,) alpha_f(0) minus [0; g].
+        pivots: (N,) D, or the squared Cholesky diagonal; positive for a regular mass matrix.
+        back_substitute: function of f (6,) and beta (c,) or None that returns qdd (N,) and the base wrench (6,) about
+            the base origin, world axes.
+        length: length of the fully extended arm, an upper bound of its levers [m].
+        base: response at its base; None unless the arm is mounted on a trunk.
+        again: function of a motion with the same configuration and other torques and wrenches that returns its tip
+            response, using the same factors.
     """
 
     mobility: Symmetric6
@@ -80,7 +82,7 @@ class TipResponse(NamedTuple):
 
 
 def tip_response(motion: ArmMotion, route: Route) -> TipResponse:
-    """Return the arm's answer at its tip by the chosen route."""
+    """Return the arm's tip response by the chosen route."""
     if not motion.arm.joints:
         return prescribed(motion)
     if route == "auto":
@@ -89,7 +91,7 @@ def tip_response(motion: ArmMotion, route: Route) -> TipResponse:
 
 
 def prescribed(motion: ArmMotion) -> TipResponse:
-    """Return the answer of an anchor, which moves as its base does: Lambda = 0, and its base feels -f alone. O(1)."""
+    """Return the tip response of an anchor, which moves with its base: Lambda = 0, and the base carries -f. O(1)."""
     reach, none, of_base = motion.base_to_tip, np.zeros(0), motion.bias.of_base
     known = np.zeros(6) if of_base is None else rotate(motion.arm.base.R, of_base)
     S, base = motion.base_columns, None
@@ -106,7 +108,7 @@ def prescribed(motion: ArmMotion) -> TipResponse:
 
 
 def recursive(motion: ArmMotion) -> TipResponse:
-    """Return the answer by filtering and smoothing: (5.14), (6.10), then (6.17). O(N)."""
+    """Return the tip response by filtering and smoothing: (5.14), (6.10), then (6.17). O(N)."""
     arm, at = motion.arm, motion.at
     filter = articulated_filter(arm, at)
     R, base_R = at.end, arm.base.R
@@ -140,10 +142,10 @@ def recursive(motion: ArmMotion) -> TipResponse:
 
 
 def by_mass_matrix(motion: ArmMotion) -> TipResponse:
-    """Return the answer with M = L L^T, X = L^-1 J^T: Lambda = X^T X. O(N^3).
+    """Return the tip response with M = L L^T, X = L^-1 J^T: Lambda = X^T X. O(N^3).
 
-    At the base, with B^T S the torques that the trunk's columns ask for and Bh = L^-1 B^T S: phi^T S - X^T Bh, -Bh^T Bh
-    and Bh^T L^-1 (T - C).
+    With the torques B^T S that accelerations of the trunk's columns need, and Bh = L^-1 B^T S, the response at the base
+    is phi^T S - X^T Bh, -Bh^T Bh and Bh^T L^-1 (T - C).
     """
     arm, at = motion.arm, motion.at
     J = jacobian(arm, at)
@@ -178,21 +180,21 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
 
 
 def first_columns(motion: ArmMotion, columns: Array) -> Array:
-    """Return what columns of base accelerations are at the first link's origin, in its axes, (6, c)."""
+    """Return columns of base accelerations, shifted to the first link's origin and in its axes, (6, c)."""
     at = motion.at
     first = motion.arm.base.R @ at.l[0]
     return array([unrotate(at.R[0], shift_twist(first, column)) for column in columns.T]).T
 
 
 def responded(tip: TipResponse, f: Array, beta: Array | None = None) -> tuple[Array, Array]:
-    """Return qdd (N,) and the base's wrench on the arm under a wrench f of the arm on the object.
+    """Return qdd (N,) and the base's wrench on the arm for a wrench f of the arm on the object.
 
-    The accelerations are not-a-number where the arm's mass matrix is singular.
+    The accelerations are NaN if the arm's mass matrix is singular.
 
     Args:
-        tip: the arm's answer.
-        f: (6,).
-        beta: (c,) accelerations of the trunk's columns; None in the world.
+        tip: the arm's tip response.
+        f: (6,) wrench.
+        beta: (c,) accelerations of the trunk's columns; None without a trunk.
     """
     qdd, base = tip.back_substitute(f, beta)
     if not len(qdd):

@@ -1,16 +1,16 @@
-"""The virtual power of a chain's equations: the scalar whose derivatives are those of its dynamics.
+"""The virtual power of a chain's equations, a scalar from which the derivatives of its dynamics follow.
 
 With z = (qdd, f, alpha(C), W_dot) and multipliers y = (y_q, y_f, y_a, y_W)
 
     L = y_q.(M qdd + C + J^T f - T) + y_a.(M_C alpha + b_C - w - sum A^T f)
         + y_f.(J qdd + Jdot qd + g + H^T W_dot - a - A alpha) + y_W.H f
 
-dL/dy = 0 are the equations (2.11) with (b.1), and K = d2L/dz dy is their symmetric matrix. Of whatever the equations
-depend on, theta, a change theta_dot changes the solution by K z_dot = -d(dL/dy), z and y held, and a cotangent z_bar
-has the gradient -dL/dtheta with K y = z_bar (docs/theory/derivatives.md). L is written link by link, by d'Alembert:
-the power of the wrenches that the links' accelerations need along virtual twists U, those of rates y_q. A virtual
-twist of the base adds the power of the base's wrench, which so has its derivatives too. A bushing's wrench, known from
-the state, has the power of its two ends, and a multiplier of its own likewise.
+dL/dy = 0 are the equations (2.11) with (b.1), and K = d2L/dz dy is their symmetric matrix. Let theta be any argument of
+the equations. A rate theta_dot changes the solution by K z_dot = -d(dL/dy) for constant z and y, and a cotangent z_bar
+has the gradient -dL/dtheta with K y = z_bar (docs/theory/derivatives.md). L is a sum over the links, by d'Alembert's
+principle: the power of the wrenches needed for the links' accelerations, along the virtual twists U of joint rates y_q.
+A virtual twist of the base adds the power of the base's wrench, which gives the derivatives of that wrench, too. The
+wrench of a bushing, which follows from the state, contributes the power at its two ends, and has its own multiplier.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Unknowns(NamedTuple):
         contact_acceleration: (n_g,) W_dot; or its multiplier.
         object_acceleration: (6,) alpha(C) less [0; g]; or a virtual twist of C. The same for all arms.
         base: (6,) the base's wrench on the arm; or a virtual twist of the base origin.
-        known: (6,) the wrench of a bushing; or its multiplier. Of other arms (0,).
+        known: (6,) the wrench of a bushing; or its multiplier. (0,) for other grasps.
     """
 
     qdd: Array
@@ -63,13 +63,13 @@ class Unknowns(NamedTuple):
 
 
 class TipMotion(NamedTuple):
-    """How a tip moves, world axes.
+    """The motion of a tip, in world axes.
 
     Attributes:
-        pose: of its frame.
-        twist: (6,) of its point.
-        acceleration: (6,) of its point.
-        virtual: (6,) its virtual twist.
+        pose: pose of the tip frame.
+        twist: (6,) twist of the tip point.
+        acceleration: (6,) acceleration of the tip point.
+        virtual: (6,) virtual twist of the tip point.
     """
 
     pose: Pose
@@ -79,13 +79,13 @@ class TipMotion(NamedTuple):
 
 
 class ArmCase(NamedTuple):
-    """What the equations of one arm and its grasp depend on.
+    """The arguments of the equations of one arm and its grasp.
 
     Attributes:
-        given: the arm, and what it is given.
+        given: the arm, with its state, torques and loads.
         grasp: its grasp, or None.
         frame: pose of the object in the world.
-        twist: (6,) of C, world axes.
+        twist: (6,) twist of C, world axes.
     """
 
     given: ArmInputs
@@ -95,22 +95,22 @@ class ArmCase(NamedTuple):
 
     @property
     def in_motion(self) -> bool:
-        """Whether the equations are those of the arm in motion, which `joint_residuals` differentiates all at once."""
+        """Whether these are the equations of motion, which `joint_residuals` differentiates by all joints together."""
         return True
 
     def moved(self, acceleration: Array | None) -> ArmCase:
-        """Return the case of a base that accelerates by so much more, (6,); None: as it is."""
+        """Return the case with an additional acceleration (6,) of the base; None for no change."""
         given = self.given
         if acceleration is None:
             return self
         return self._replace(given=replace(given, base_acceleration=given.base_acceleration + acceleration))
 
     def base_wrench(self, z: Unknowns, y: Unknowns) -> Array:
-        """Return dL/dy by the virtual twist of the base: its wrench on the arm, (6,)."""
+        """Return the derivative of L by the virtual twist of the base, which is its wrench on the arm, (6,)."""
         return gradient(lambda base: self.power(z, y._replace(base=base), {}), y.base)[0]
 
     def numbers(self, names: Sequence[str]) -> dict[str, Array]:
-        """Return some of the numbers that may be varied, by name; rotations as matrices."""
+        """Return the named numbers with respect to which L can be differentiated; rotations are matrices."""
         given, arm = self.given, self.given.arm
         own = {
             "base_R": lambda: arm.base.R,
@@ -136,7 +136,7 @@ class ArmCase(NamedTuple):
         Args:
             z: the solution.
             y: the multipliers.
-            varied: what is to be taken in the place of the case's own numbers, as `numbers` names it.
+            varied: values that replace the case's own numbers, with the names of `numbers`.
         """
         given, arm = self.given, self.given.arm
         if "base_R" in varied or "base_p" in varied:
@@ -170,7 +170,7 @@ class ArmCase(NamedTuple):
         return power + self.grasp_power(z, y, at_tip, varied)
 
     def grasp_power(self, z: Unknowns, y: Unknowns, tip: TipMotion, varied: Numbers) -> Scalar:
-        """Return the grasp's part of L, given how the tip moves; otherwise as in `power`."""
+        """Return the grasp's part of L for a given motion of the tip; the other arguments are those of `power`."""
         grasp = self.grasp
         assert grasp is not None
         if "grasp_R" in varied or "grasp_p" in varied:
@@ -189,14 +189,14 @@ class ArmCase(NamedTuple):
         return power + y.wrench @ apart + together @ z.wrench
 
     def passive(self, q: Array, qd: Array, varied: Numbers) -> Array:
-        """Return what dampers and springs take from the joints' torques, (N,)."""
+        """Return the torques of dampers and springs, which are subtracted from the joint torques, (N,)."""
         arm = self.given.arm
         return varied.get("damping", arm.damping) * qd + arm.stiffness * (q - arm.rest)
 
     def velocity_gap(self, names: Sequence[str]) -> Linear:
-        """Return K (V+ - A V(C)), what the tip moves against its contact, made linear in the named numbers.
+        """Return the linearisation of K (V+ - A V(C)), the tip's velocity relative to its contact, in named numbers.
 
-        Of q, object_R and object_p, and of base_R, base_p and base_twist together.
+        The numbers may be q, object_R and object_p; and base_R, base_p and base_twist, which must be given together.
         """
         given, grasp = self.given, self.grasp
         assert grasp is not None
@@ -214,13 +214,13 @@ class ArmCase(NamedTuple):
         return linearised(gap, *self.numbers(names).values())
 
     def gradient(self, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
-        """Return -dL/dtheta by the named numbers, z and y held."""
+        """Return -dL/dtheta with respect to the named numbers, for constant z and y."""
         numbers = self.numbers(names)
         found = gradient(lambda *x: -self.power(z, y, dict(zip(names, x, strict=True))), *numbers.values())
         return dict(zip(names, found, strict=True))
 
     def residual(self, z: Unknowns, names: Sequence[str]) -> Linear:
-        """Return dL/dy, `Unknowns`, made linear in the named numbers, z held."""
+        """Return the linearisation of dL/dy, an `Unknowns`, in the named numbers for constant z."""
         zero = [np.zeros(len(part)) for part in z]  # L is linear in y
 
         def residual(*x: Array) -> tuple[Array, ...]:
@@ -231,13 +231,13 @@ class ArmCase(NamedTuple):
 
 
 class ObjectCase(NamedTuple):
-    """What the equations of the object depend on.
+    """The arguments of the equations of the object.
 
     Attributes:
         body: the object.
         frame: its pose (origin C) in the world.
-        twist: (6,) of C, world axes.
-        wrench: (6,) external, about C, world axes.
+        twist: (6,) twist of C, world axes.
+        wrench: (6,) external wrench about C, world axes.
     """
 
     body: HeldObject
@@ -246,7 +246,7 @@ class ObjectCase(NamedTuple):
     wrench: Array
 
     def numbers(self, names: Sequence[str]) -> dict[str, Array]:
-        """Return some of the numbers that may be varied, by name."""
+        """Return the named numbers with respect to which L can be differentiated."""
         own = {"object_R": self.frame.R, "object_twist": self.twist, "object_wrench": self.wrench}
         own |= {"object_mass": self.body.mass, "object_com": self.body.com, "object_inertia": self.body.inertia}
         return {name: np.asarray(own[name]) for name in names}
@@ -255,9 +255,9 @@ class ObjectCase(NamedTuple):
         """Return the object's part of L.
 
         Args:
-            alpha: (6,) alpha(C) less [0; g].
+            alpha: (6,) alpha(C) minus [0; g].
             y: (6,) its multiplier.
-            varied: what is to be taken in the place of the case's own numbers.
+            varied: values that replace the case's own numbers.
         """
         numbers = self.numbers(("object_R", "object_twist", "object_mass", "object_com", "object_inertia"))
         R, twist, mass, com, inertia = (varied.get(name, own) for name, own in numbers.items())
@@ -266,13 +266,13 @@ class ObjectCase(NamedTuple):
         return unrotate(R, y) @ needed - y @ varied.get("object_wrench", self.wrench)
 
     def gradient(self, alpha: Array, y: Array, names: Sequence[str]) -> dict[str, Array]:
-        """Return -dL/dtheta by the named numbers, alpha and y held."""
+        """Return -dL/dtheta with respect to the named numbers, for constant alpha and y."""
         numbers = self.numbers(names)
         found = gradient(lambda *x: -self.power(alpha, y, dict(zip(names, x, strict=True))), *numbers.values())
         return dict(zip(names, found, strict=True))
 
     def residual(self, alpha: Array, names: Sequence[str]) -> Linear:
-        """Return dL/dy, (6,), made linear in the named numbers, alpha held."""
+        """Return the linearisation of dL/dy, (6,), in the named numbers for constant alpha."""
 
         def residual(*x: Array) -> tuple[Array, ...]:
             return gradient(lambda y: self.power(alpha, y, dict(zip(names, x, strict=True))), np.zeros(6))

@@ -1,4 +1,4 @@
-"""Arms on a common trunk: its motion, and the object's filter carried through its joints.
+"""Algorithms for arms on a common trunk: its motion, and the object's filter extended through its joints.
 
-Everything here is about the origins of the trunk's bodies, along world axes.
+All quantities are about the origins of the trunk's bodies, and along world axes.
 """

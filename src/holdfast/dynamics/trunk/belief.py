@@ -1,4 +1,4 @@
-"""What is known of the object's acceleration while its arms are seen, body by body of a trunk."""
+"""The state of the object's filter (its belief about the object's acceleration) while it passes through a trunk."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
 from holdfast.dynamics.closed.measurement import Measurement, Update, of_beta, size_at_centre
-from holdfast.dynamics.closed.object_filter import by_rows
+from holdfast.dynamics.closed.object_filter import sizes_of_rows
 from holdfast.dynamics.closed.rigid_update import rigid_update, terminal_update
 from holdfast.dynamics.closed.row_updates import row_updates
 from holdfast.spatial.scalar import Array, Scalar, array, minimum
@@ -17,13 +17,13 @@ from holdfast.spatial.symmetric import mirrored
 
 
 class LastUpdate(NamedTuple):
-    """The update by the last arm that holds.
+    """The update by the last arm with a grasp.
 
     Attributes:
-        answer: beta (c,) of the trunk's columns, or None -> (6,) alpha(G), the external wrench on the object included,
-            and (6,) the wrench of the arm on the object, about G.
-        on_trunk: (c, 1 + c) [load | inertia] that the arm adds to what the trunk's columns feel, and the load of the
-            external wrench through all arms; of a mounted arm.
+        answer: function of beta (c,) for the trunk's columns, or None, that returns alpha(G) (6,), which includes the
+            effect of the external wrench on the object, and the wrench (6,) of the arm on the object, about G.
+        on_trunk: for a mounted arm, (c, 1 + c) [load | inertia] that it adds to the equations of the trunk's columns,
+            including the load of the external wrench through all arms.
         independent: as in `Update`.
     """
 
@@ -33,14 +33,14 @@ class LastUpdate(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """What is known of the object's acceleration when all arms further out have been seen.
+    """The state of the filter after all arms on the bodies further out have been included.
 
     Attributes:
-        x: (6, 1 + c) [x | X], alpha(G) = x + X beta; (6,) x where no trunk is left.
-        P: the mobility that is left, (6, 6) or in factors.
-        size: (3,) how mobile P is, for judging pivots.
-        kept: rows of the constraint that are independent.
-        weakest: the smallest pivot kept, relative to a typical one.
+        x: (6, 1 + c) [x | X] with alpha(G) = x + X beta; (6,) x after the trunk.
+        P: the remaining mobility, (6, 6) or in factors.
+        size: (3,) size of P, for judging pivots.
+        kept: number of independent rows of the constraint.
+        weakest: the smallest pivot of these rows, relative to a typical one.
     """
 
     x: Array
@@ -55,10 +55,10 @@ class Belief(NamedTuple):
 
     def factors(self) -> FactoredMobility:
         """Return P in factors."""
-        return self.P if isinstance(self.P, FactoredMobility) else factored(self.P, by_rows(self.size))
+        return self.P if isinstance(self.P, FactoredMobility) else factored(self.P, sizes_of_rows(self.size))
 
     def seen(self, m: Measurement, tolerance: float) -> tuple[Belief, Update]:
-        """Return the belief after an arm, and its back-substitution. A rigid one adds in parallel while P is dense."""
+        """Return the belief after an arm, and its back-substitution, by a parallel sum if possible."""
         if m.parallel and not isinstance(self.P, FactoredMobility):
             x, P, update = rigid_update(self.x, self.P, m, self.size)
             size = minimum(self.size, size_at_centre(m.extent))
@@ -68,7 +68,7 @@ class Belief(NamedTuple):
         return Belief(x, P, size, self.kept + update.kept, minimum(self.weakest, update.weakest)), update
 
     def seen_last(self, m: Measurement, tolerance: float, w: Array) -> tuple[Belief, LastUpdate]:
-        """Return the belief after the last arm, whose way back begins with the external wrench w on the object."""
+        """Return the belief after the last arm, and its update; w is the external wrench on the object."""
         if m.parallel and not isinstance(self.P, FactoredMobility):
             end = terminal_update(self.x, self.P, m, self.size, w)
             return self.seen(m, tolerance)[0], LastUpdate(end.answer, end.on_trunk, None)
@@ -83,7 +83,7 @@ class Belief(NamedTuple):
         return after, LastUpdate(answer, on_trunk, update.independent)
 
     def released(self, D: list[Scalar], w: list[Array]) -> Belief:
-        """Return the belief with P += sum D w w^T."""
+        """Return the belief with sum D w w^T added to P."""
         size = self.size
         for d, column in zip(D, w, strict=True):
             turning, moving = d * (column[:3] @ column[:3]), d * (column[3:] @ column[3:])

@@ -1,12 +1,12 @@
-"""Across the joints of a trunk, inward: one by one, all at once, or a floating base.
+"""The step of the filter across the joints of a trunk, one by one or all together, and across a floating base.
 
-With the inertia I and the wrench z that a body feels of everything there and further out, W = X H:
+The step goes inward. With the inertia I and the wrench z of everything on a body and further out, and W = X H:
 
     D = H^T I H + armature,  G = I H / D,  eps = tau' - H^T z;   a = (eps + W^T s) / D - G^T phi^T beta
     P += W D^-1 W^T,   x += W eps / D,   X <- (X - W G^T) phi^T
 
-Where the columns are the joints' accelerations they are crossed at once, D being their mass matrix and G = 0, W = X; so
-is a floating base, whose columns are all of its acceleration: D = I, eps = -z.
+If the columns are the accelerations of the joints, all joints are crossed together: D is their mass matrix, G = 0 and
+W = X. For a floating base, whose columns are all components of its acceleration, D = I and eps = -z.
 """
 
 from __future__ import annotations
@@ -26,54 +26,54 @@ from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import mirrored, symmetric6
 from holdfast.spatial.vector import outer
 
-NO_INERTIA = 1e-14  # of the largest inertia about a joint of the trunk: what is left is rounding
+NO_INERTIA = 1e-14  # inertias below this, relative to the largest about a joint of the trunk, are rounding
 
 
 class Welded(NamedTuple):
-    """A body of the trunk with its arms, their joints locked, about its origin.
+    """A body of the trunk together with its arms, whose joints are locked, about its origin.
 
     Attributes:
-        inertia: of all of them.
-        wrench: (6,) that they need at rest.
+        inertia: total inertia.
+        wrench: (6,) total bias wrench.
     """
 
     inertia: RigidInertia
     wrench: Array
 
     def plus(self, other: Welded) -> Welded:
-        """Return both together."""
+        """Return the sum of both."""
         return Welded(self.inertia.plus(other.inertia), self.wrench + other.wrench)
 
     def moved(self, offset: Array) -> Welded:
-        """Return the same about another point of the body, `offset` from there to the point before [m]."""
+        """Return the quantities about another point of the body; `offset` leads from there to the present point [m]."""
         return Welded(self.inertia.moved(np.eye(3), offset), shift_wrench(offset, self.wrench))
 
 
 class Felt(NamedTuple):
-    """What the trunk's columns feel besides: joints of arms that are free, grasps, and everything further out.
+    """Additional terms in the equations of the trunk's columns: free joints of arms, grasps, and bodies further out.
 
     Attributes:
-        load: (c,).
-        inertia: (c, c), symmetric.
+        load: (c,) load on the columns.
+        inertia: (c, c) symmetric inertia of the columns.
     """
 
     load: Array
     inertia: Array
 
     def plus(self, load: Array, inertia: Array) -> Felt:
-        """Return the sum."""
+        """Return the terms with a load and an inertia added."""
         return Felt(self.load + load, mirrored(self.inertia + inertia))
 
 
 class Crossing(NamedTuple):
-    """A joint of the trunk, several, or its floating base, on the way back.
+    """The result of crossing one or several joints of the trunk, or its floating base.
 
     Attributes:
-        belief: after it.
-        felt: by the body before.
-        accelerated: beta of the body before (6,), s (6,) -> accelerations of the joints or of the floating base, and
-            of the columns.
-        pivots: inertias about the joints; the smallest pivot of a floating base's, relative to its size.
+        belief: the belief after crossing.
+        felt: the additional terms for the body before.
+        accelerated: function of beta (6,) of the body before and of s (6,) that returns the accelerations of the joints
+            or of the floating base, and those of the columns.
+        pivots: inertias about the joints; for a floating base the smallest pivot, relative to its size.
     """
 
     belief: Belief
@@ -83,12 +83,12 @@ class Crossing(NamedTuple):
 
 
 def nothing_felt(columns: int) -> Felt:
-    """Return what nobody adds."""
+    """Return zero additional terms."""
     return Felt(np.zeros(columns), np.zeros((columns, columns)))
 
 
 def joint_crossed(body: TrunkBody, welded: Welded, belief: Belief, felt: Felt) -> Crossing:
-    """Return one joint crossed; see the module's equations."""
+    """Return the result of crossing one joint; see the equations of the module."""
     assert body.H is not None and body.joint is not None
     H, x, X = body.H, belief.x[:, 0], belief.x[:, 1:]
     inertia, wrench = welded.inertia.symmetric().plus(symmetric6(felt.inertia)), welded.wrench + felt.load
@@ -110,9 +110,9 @@ def joint_crossed(body: TrunkBody, welded: Welded, belief: Belief, felt: Felt) -
 
 
 def joints_crossed(bodies: Sequence[TrunkBody], welded: Sequence[Welded], belief: Belief, felt: Felt) -> Crossing:
-    """Return all joints crossed at once, where the columns are their accelerations.
+    """Return the result of crossing all joints together, if the columns are their accelerations.
 
-    Outermost first, the pivots are the inertias about the joints as they are met one by one.
+    The joints are eliminated from the outermost inward, so the pivots are the inertias about the joints.
     """
     M, T = joint_equations(bodies, welded)
     D, eps = (M + felt.inertia)[::-1, ::-1], (T - felt.load)[::-1]
@@ -134,7 +134,7 @@ def joints_crossed(bodies: Sequence[TrunkBody], welded: Sequence[Welded], belief
 
 
 def joint_equations(bodies: Sequence[TrunkBody], welded: Sequence[Welded]) -> tuple[Array, Array]:
-    """Return mass matrix (n_t, n_t), and torques less bias torques (n_t,), of joints under welded bodies. O(n_t^2)."""
+    """Return the mass matrix (n_t, n_t) and the torques minus bias torques (n_t,) of the trunk's joints. O(n_t^2)."""
     n = len(bodies)
     M: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
     T: list[Scalar] = [0.0] * n
@@ -153,13 +153,13 @@ def joint_equations(bodies: Sequence[TrunkBody], welded: Sequence[Welded]) -> tu
 
 
 def set_free(welded: Welded, belief: Belief, felt: Felt) -> Crossing:
-    """Return a floating base released."""
+    """Return the result of crossing a floating base."""
     D = welded.inertia.symmetric().dense() + felt.inertia
     return _released(belief, D, -(welded.wrench + felt.load))
 
 
 def _released(belief: Belief, D: Array, eps: Array) -> Crossing:
-    """Return the columns released, which have the inertia D and the drives eps."""
+    """Return the result of eliminating the columns, with their inertia D and generalised forces eps."""
     x, X = belief.x[:, 0], belief.x[:, 1:]
     factors = ldl(D, np.zeros(len(D)))  # positive definite: every pivot counts
     columns = forward_substitution(factors.L, X.T)  # L^-1 X^T

@@ -1,4 +1,4 @@
-"""Gradients and rates of a chain's trunk: from the bases that it carries, and to them."""
+"""Derivatives of the trunk's equations: gradients come from the bases mounted on it, and rates go to them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array, concatenate, each
 
 OF_JOINTS = ("q", "qd", "tau", "armature", "damping")
-# Arguments that are the trunk's alone, and what they are called in its equations.
+# Arguments of the trunk only, and their names in its equations.
 OF_TRUNK = {
     "trunk_link_wrench": "wrenches",
     "trunk_base_twist": "base_twist",
@@ -28,7 +28,7 @@ FLOATING_RESULT, BASE_RESULT = "floating_acceleration", "trunk_base_wrench"
 
 
 def trunk_load(at: Point, cotangents: Mapping[str, Array]) -> TrunkLoad:
-    """Return the trunk's part of cotangents. One of its base's wrench is a virtual twist of the base, negative."""
+    """Return the trunk's part of the cotangents; that of its base wrench is minus a virtual twist of the base."""
     chain, none = at.motion.chain, np.zeros(6)
     part = chain.joints[TRUNK]
     torque = cotangents["qdd"][part] if "qdd" in cotangents else np.zeros(part.stop - part.start)
@@ -39,7 +39,7 @@ def trunk_load(at: Point, cotangents: Mapping[str, Array]) -> TrunkLoad:
 def trunk_gradient(
     case: TrunkCase, z: TrunkUnknowns, y: TrunkUnknowns, of_bases: Sequence[CarriedBase], by: Sequence[str]
 ) -> dict[str, Array]:
-    """Return the trunk's part of gradients by some arguments; of "base_pose" one row an arm that stands on it."""
+    """Return the trunk's part of gradients by some arguments; "base_pose" has one row per arm mounted on the trunk."""
     names = [name for name in OF_JOINTS if name in by]
     names += [OF_TRUNK[name] for name in OF_TRUNK if name in by]
     names += ["base_acceleration"] if "gravity" in by else []
@@ -60,7 +60,7 @@ def trunk_gradient(
 
 
 def trunk_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
-    """Return how fast the numbers of the trunk's equations change under tangents of the chain's arguments."""
+    """Return the rates of the numbers in the trunk's equations for tangents of the chain's arguments."""
     chain, case = at.motion.chain, at.motion.trunk_case
     assert case is not None
     part = chain.joints[TRUNK]
@@ -84,7 +84,7 @@ def trunk_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
 def multipliers_through_trunk(
     at: Point, loads: Mapping[str, Load], alpha_bar: Array, load: TrunkLoad
 ) -> tuple[dict[str, Unknowns], Array, TrunkUnknowns]:
-    """Return y by arm with the virtual twists of all bases, y_a, and the trunk's."""
+    """Return y by arm including the virtual twists of all bases, y_a, and the trunk's part of y."""
     case = at.motion.trunk_case
     assert case is not None and at.trunk is not None
     solved = solved_through_trunk(at, loads, alpha_bar, load)
@@ -103,10 +103,10 @@ def gradient_through_trunk(
     of_arms: Mapping[str, dict[str, Array]],
     by: Sequence[str],
 ) -> dict[str, Array]:
-    """Return the trunk's part of gradients, what its arms' bases pull on included.
+    """Return the trunk's part of the gradients, including the effect through the bases of its arms.
 
-    The rows of arms on the trunk in `of_arms` become those by their bases in the axes of the trunk's bodies, and 0 by
-    what the trunk decides.
+    In `of_arms`, the rows by the base poses of arms on the trunk are replaced by those relative to the trunk's bodies,
+    and rows by arguments that the trunk determines are set to 0.
     """
     case = at.motion.trunk_case
     assert case is not None and at.trunk is not None
@@ -124,7 +124,7 @@ def gradient_through_trunk(
 
 
 def trunk_residual_rates(at: Point, tangents: Mapping[str, Array], of_arms: Mapping[str, Unknowns]) -> TrunkUnknowns:
-    """Return how fast the trunk's dL/dy changes while arguments do, z held; its arms' bases' wrenches change too."""
+    """Return the rates of the trunk's dL/dy for constant z, including the rates of its arms' base wrenches."""
     case = at.motion.trunk_case
     assert case is not None and at.trunk is not None
     none = {name: Unknowns(*(np.zeros(len(part)) for part in at.unknowns[name])) for name in case.mounts}
@@ -133,7 +133,7 @@ def trunk_residual_rates(at: Point, tangents: Mapping[str, Array], of_arms: Mapp
 
 
 def base_wrenches(at: Point, z: Mapping[str, Unknowns], y: Mapping[str, Unknowns]) -> list[Array]:
-    """Return the wrench of the trunk on each arm that stands on it, (6,) about the arm's base origin, for any z, y."""
+    """Return the wrench of the trunk on each arm mounted on it, (6,) about the arm's base origin, for any z and y."""
     assert at.motion.trunk_case is not None
     on = at.motion.trunk_case.mounts
     return each(

@@ -1,4 +1,4 @@
-"""Algorithm `sequential` for arms on a trunk: outward stages, the filter through the trunk, back-substitution."""
+"""Algorithm `sequential` for arms on a trunk: tip responses, the filter through the trunk, and back-substitution."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from holdfast.spatial.scalar import each
 
 
 def trunk_dynamics(motion: ChainMotion, route: Route = "auto") -> Solution:
-    """Return the closed-chain accelerations of a chain whose arms stand on a trunk. O(n) + O(l).
+    """Return the closed-chain accelerations of a chain with arms on a trunk. O(n) + O(l).
 
     Args:
-        motion: the chain in motion, with a trunk.
-        route: how each arm answers at its tip and base.
+        motion: the motion of a chain with a trunk.
+        route: method for the tip responses, see `tip_response`.
     """
     trunk = motion.trunk
     assert trunk is not None
@@ -54,13 +54,13 @@ def trunk_dynamics(motion: ChainMotion, route: Route = "auto") -> Solution:
 def filtered(
     motion: ChainMotion, tips: list[TipResponse], lone: list[TipResponse], tolerance: float = RANK_TOLERANCE
 ) -> TrunkSolution:
-    """Return what `trunk_filter` finds.
+    """Return the result of `trunk_filter` for a chain.
 
     Args:
-        motion: the chain in motion, with a trunk.
-        tips: the answers of the arms that hold.
-        lone: the answers of the arms on the trunk that do not.
-        tolerance: relative size of a pivot that counts as zero, where the contacts say which rows are held.
+        motion: the motion of a chain with a trunk.
+        tips: tip responses of the arms with a grasp.
+        lone: tip responses of the arms on the trunk without one.
+        tolerance: relative size of a pivot that counts as zero, if the contacts have masks of rows.
     """
     assert motion.trunk is not None
     grasps = dict(zip(motion.chain.grasps, zip(motion.contacts, tips, strict=True), strict=True))

@@ -1,20 +1,20 @@
-"""The object's filter carried through a trunk: inward body by body, then the arms in the world, and back.
+"""The object's filter extended through a trunk: inward body by body, then the arms without a trunk, and back.
 
-The belief about the object is alpha(G) = x + X beta, mobility P, beta the accelerations of the trunk's columns. At a
-body every arm that holds there is one more measurement, whose answer has a column for each component of beta
-(`measurement`); what the grasps learn of beta is an inertia N and a load n on the columns. Then the body's joint is
-crossed (`crossing`). Behind the last grasp nobody asks for the object any more: its external wrench w has been put upon
-the columns as a load -X^T w, and the trunk goes on alone.
+The belief about the object is alpha(G) = x + X beta with mobility P, where beta are the accelerations of the trunk's
+columns. On each body, every arm with a grasp is one more measurement, whose tip response has a column for each
+component of beta (`measurement`). The grasps add an inertia N and a load n to the equations of the columns. Then the
+body's joint is crossed (`crossing`). After the last grasp the object is eliminated: its external wrench w has become a
+load -X^T w on the columns, and only the equations of the trunk remain.
 
-It is block elimination of the whole chain's equations in another order, hence exact; nothing is subtracted from N or P
-(docs/theory/trunk.md).
+This is a block elimination of the equations of the whole chain in another order, and therefore exact. Nothing is
+subtracted from N or P (docs/theory/trunk.md).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,13 +41,13 @@ from holdfast.spatial.symmetric import symmetric6
 
 
 class TrunkSolution(NamedTuple):
-    """What the filter finds.
+    """The result of the filter.
 
     Attributes:
         found: grasp wrenches, the object's acceleration and the rank.
-        trunk: how the trunk accelerates.
-        betas: per body, (6,).
-        pivots: (n_t,) inertias about the joints, > 0 for a proper trunk.
+        trunk: acceleration of the trunk.
+        betas: per body, beta (6,).
+        pivots: (n_t,) inertias about the trunk's joints, > 0 if its mass matrix is regular.
     """
 
     found: ObjectSolution
@@ -66,16 +66,71 @@ def trunk_filter(
     """Return grasp wrenches, and the accelerations of object and trunk. O(l) + O(n_t).
 
     Args:
-        trunk: the trunk in motion.
-        grasps: the arms that hold, by name: grasp, and answer at tip and base.
-        lone: the answers of the arms on the trunk that hold nothing.
+        trunk: the trunk's motion.
+        grasps: contact and tip response of the arms with a grasp, by name.
+        lone: tip responses of the arms on the trunk without a grasp.
         body: the object.
-        tolerance: relative size of a pivot that counts as zero, where the contacts say which rows are held.
+        tolerance: relative size of a pivot that counts as zero, if the contacts have masks of rows.
     """
     contacts, tips = [c for c, _ in grasps.values()], {name: tip for name, (_, tip) in grasps.items()}
     about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
     rows = dict(zip(grasps, each(measurement, about, tips.values()), strict=True))
     bases = {name: tip.base for name, tip in {**tips, **lone}.items() if tip.base is not None}
+    contact_freedoms = sum(len(c.grasp.free) for c in contacts)
+    sweep = inward(trunk, rows, bases, body, contact_freedoms, tolerance)
+    wrenches, alpha, accelerations = outward(trunk, sweep, body.wrench)
+
+    belief = sweep.belief
+    found = ObjectSolution(
+        each(wrench_at_contact, about, [wrenches[name] for name in grasps]),
+        acceleration_at_C(body.centre, body.centripetal, alpha),
+        symmetric6(belief.dense()).mobility_shifted(-body.centre).dense(),
+        belief.kept,
+        belief.weakest,
+        [sweep.updates[name].independent for name in rows],
+    )
+    of_base = accelerations.pop(0) if trunk.floats else None
+    accelerating = TrunkAcceleration(concatenate(accelerations), of_base)
+    pivots = concatenate([sweep.crossings[k].pivots for k in stops(trunk)])
+    return TrunkSolution(found, accelerating, trunk.accelerations(accelerating), pivots)
+
+
+class InwardSweep(NamedTuple):
+    """The result of the inward sweep, for the outward one.
+
+    Attributes:
+        belief: the filter after all arms.
+        order: the arms with a grasp, by the index of the body on which they are mounted, -1 for the world.
+        last: the arm included last; None if no arm has a grasp.
+        updates: by arm.
+        crossings: by body.
+    """
+
+    belief: Belief
+    order: Mapping[int, list[str]]
+    last: str | None
+    updates: Mapping[str, Any]
+    crossings: Mapping[int, Crossing]
+
+
+def inward(
+    trunk: TrunkMotion,
+    rows: Mapping[str, Measurement],
+    bases: Mapping[str, BaseResponse],
+    body: FreeBody,
+    contact_freedoms: int,
+    tolerance: float,
+) -> InwardSweep:
+    """Return the filter after all arms and all joints of the trunk, from the outermost body to the world.
+
+    Args:
+        trunk: the trunk's motion.
+        rows: measurements of the arms with a grasp, by name.
+        bases: base responses of the arms on the trunk, by name.
+        body: the object.
+        contact_freedoms: number of free components of all grasps, which count as independent rows.
+        tolerance: relative size of a pivot that counts as zero, if the contacts have masks of rows.
+    """
     welded = with_locked_arms(trunk, bases)
     order = {k: in_order(rows, [name for name in rows if on(trunk, name) == k]) for k in range(-1, len(trunk.bodies))}
     everyone = [name for k in reversed(order) for name in order[k]]
@@ -85,12 +140,11 @@ def trunk_filter(
     dense = bool(everyone) and rows[everyone[0]].parallel
     P = body.mobility.dense() if dense else FactoredMobility(body.D, body.w)
     x = np.column_stack([body.acceleration, np.zeros((6, trunk.column_count))])
-    belief = Belief(x, P, size, sum(len(c.grasp.free) for c in contacts), 1.0)
+    belief = Belief(x, P, size, contact_freedoms, 1.0)
     felt, updates, crossings = nothing_felt(trunk.column_count), {}, {}
-    stops = [len(trunk.bodies) - 1] if trunk.by_joints else range(len(trunk.bodies))
-    for k in [*reversed(stops), -1]:
+    for k in [*reversed(stops(trunk)), -1]:
         if k < 0:
-            belief = belief._replace(x=belief.x[:, 0])  # what carries the trunk does not accelerate by more than said
+            belief = belief._replace(x=belief.x[:, 0])  # the base of the trunk has no additional acceleration
         for name, base in bases.items():
             if on(trunk, name) == k:
                 felt = felt.plus(base.wrench, base.Y)
@@ -102,50 +156,54 @@ def trunk_filter(
         if k >= 0:
             crossings[k] = crossed(trunk, k, welded, belief, felt)
             belief, felt = crossings[k].belief, crossings[k].felt
+    return InwardSweep(belief, order, last, updates, crossings)
 
-    alone = last is not None and on(trunk, last) >= 0  # the trunk, behind the last grasp
-    s, beta, found, accelerations = np.zeros(6) if alone else body.wrench, None, {}, []
-    alpha = None if everyone else belief.x + belief.factors().apply(body.wrench)
-    for k in [-1, *stops]:
+
+def outward(trunk: TrunkMotion, sweep: InwardSweep, w: Array) -> tuple[dict[str, Array], Array, list[Array]]:
+    """Return the arms' wrenches at G, alpha(G), and the accelerations of the joints from the world outward.
+
+    Args:
+        trunk: the trunk's motion.
+        sweep: the result of the inward sweep.
+        w: (6,) external wrench on the object about G.
+    """
+    last, belief = sweep.last, sweep.belief
+    alone = last is not None and on(trunk, last) >= 0  # only the trunk remains after the last grasp
+    s, beta, wrenches, accelerations = np.zeros(6) if alone else w, None, {}, []
+    alpha = belief.x + belief.factors().apply(w) if last is None else None
+    for k in [-1, *stops(trunk)]:
         if k >= 0:
-            a, beta = crossings[k].accelerated(np.zeros(6) if beta is None else beta, s)
+            a, beta = sweep.crossings[k].accelerated(np.zeros(6) if beta is None else beta, s)
             accelerations.append(a)
-        for name in reversed(order[k]):
+        for name in reversed(sweep.order[k]):
             if name == last:
-                alpha, found[name] = updates[name].answer(beta)
-                s = body.wrench + found[name]
+                alpha, wrenches[name] = sweep.updates[name].answer(beta)
+                s = w + wrenches[name]
             else:
-                found[name] = updates[name].back_substitute(s, beta)
-                s = s + found[name]
-
+                wrenches[name] = sweep.updates[name].back_substitute(s, beta)
+                s = s + wrenches[name]
     assert alpha is not None
-    answer = ObjectSolution(
-        each(wrench_at_contact, about, [found[name] for name in grasps]),
-        acceleration_at_C(body.centre, body.centripetal, alpha),
-        symmetric6(belief.dense()).mobility_shifted(-body.centre).dense(),
-        belief.kept,
-        belief.weakest,
-        [updates[name].independent for name in rows],
-    )
-    of_base = accelerations.pop(0) if trunk.floats else None
-    accelerating = TrunkAcceleration(concatenate(accelerations), of_base)
-    pivots = concatenate([crossings[k].pivots for k in stops])
-    return TrunkSolution(answer, accelerating, trunk.accelerations(accelerating), pivots)
+    return wrenches, alpha, accelerations
+
+
+def stops(trunk: TrunkMotion) -> list[int]:
+    """Return the indices of the bodies whose joints are crossed: all, or the outermost one for all joints at once."""
+    return [len(trunk.bodies) - 1] if trunk.by_joints else list(range(len(trunk.bodies)))
 
 
 def on(trunk: TrunkMotion, name: str) -> int:
-    """Return the place of the body that an arm stands on; -1 for the world."""
+    """Return the index of the body on which an arm is mounted; -1 for the world."""
     mount = trunk.mounts.get(name)
     return -1 if mount is None else mount.body
 
 
 def in_order(rows: Mapping[str, Measurement], names: list[str]) -> list[str]:
-    """Return the arms of one body, those first that add in parallel."""
+    """Return the arms of one body; those included by a parallel sum come first."""
     return [*(n for n in names if rows[n].parallel), *(n for n in names if not rows[n].parallel)]
 
 
 def with_locked_arms(trunk: TrunkMotion, bases: Mapping[str, BaseResponse]) -> list[Welded]:
-    """Return every body of the trunk with its arms, their joints locked."""
+    """Return every body of the trunk together with its arms, whose joints are locked."""
     arms = each(
         lambda inertia, wrench, offset: Welded(inertia, wrench).moved(offset),
         [base.locked for base in bases.values()],
@@ -159,7 +217,7 @@ def with_locked_arms(trunk: TrunkMotion, bases: Mapping[str, BaseResponse]) -> l
 
 
 def crossed(trunk: TrunkMotion, k: int, welded: list[Welded], belief: Belief, felt: Felt) -> Crossing:
-    """Return the joint of body k crossed, or all that the columns stand for."""
+    """Return the result of crossing the joint of body k, or all joints if the columns are their accelerations."""
     if trunk.by_joints:
         return joints_crossed(trunk.bodies, welded, belief, felt)
     if trunk.bodies[k].joint is None:

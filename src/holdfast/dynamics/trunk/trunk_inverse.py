@@ -1,4 +1,4 @@
-"""Inverse dynamics of arms on a trunk: the arms by Newton and Euler, then the trunk under their base wrenches."""
+"""Inverse dynamics of arms on a trunk: Newton-Euler recursions for the arms, then for the trunk with their wrenches."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum
 from holdfast.spatial.spatial_vector import shift_wrench
 
-UNDRIVEN = 1e-8  # of the largest wrench on the floating base: what is left is rounding
+UNDRIVEN = 1e-8  # a wrench on the floating base below this, relative to the largest one, is rounding
 
 
 class TrunkTorques(NamedTuple):
-    """What given accelerations ask for.
+    """The torques and the base wrench for given accelerations.
 
     Attributes:
-        tau: (n,) of the drives of trunk and arms.
-        base: (6,) wrench below the first body, about its base origin: what a floating base would need.
+        tau: (n,) torques of the drives of trunk and arms.
+        base: (6,) wrench on the first body, about the base origin, which must be zero for a floating base.
         largest: the largest entry of any wrench on a body of the trunk.
     """
 
@@ -37,9 +37,9 @@ def trunk_torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None 
     """Return the drives' torques of trunk and arms, and the wrench on the base. O(n).
 
     Args:
-        motion: the chain in motion, with a trunk, its drives' torques zero.
+        motion: the motion of a chain with a trunk, with zero drive torques.
         qdd: (n,) joint accelerations.
-        f: (arms, 6) of each arm on the object, about the contact, world axes.
+        f: (arms, 6) wrench of each arm on the object, about the contact, world axes.
         base: (6,) true acceleration of a floating base; None without one.
     """
     chain, trunk = motion.chain, motion.trunk
@@ -66,7 +66,7 @@ def trunk_torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None 
                 largest = maximum(largest, abs(entry))
         if body.H is not None and body.joint is not None:
             rotor = body.joint.armature * accelerations[k - trunk.floats]
-            torques.insert(0, body.H @ total + rotor - body.torque)  # which is the passive torque's, reversed
+            torques.insert(0, body.H @ total + rotor - body.torque)  # body.torque is minus the passive torque
         total = shift_wrench(body.reach, total)
     return TrunkTorques(concatenate([torques, *of_arms]), total, largest)
 
@@ -81,7 +81,7 @@ def require_undriven(found: TrunkTorques) -> None:
     """Refuse accelerations of a floating base for which it would need a drive.
 
     Raises:
-        StateError: naming the wrench.
+        StateError: a wrench on the base is needed; the message gives it.
     """
     if not float(np.abs(found.base).max()) <= UNDRIVEN * float(found.largest):
         raise StateError(

@@ -1,10 +1,11 @@
-"""The trunk in motion: its bodies outward, and where the arms stand on them.
+"""The motion of a trunk: the kinematics and bias of its bodies, from the base outward, and of the bases mounted on it.
 
-zeta(k)    acceleration of body k, less [0; g], while no joint of the trunk accelerates
-beta(k)    what its joints add to it: beta(k) = phi^T beta(k+1) + H^T a(k)
+zeta(k)    acceleration of body k minus [0; g], without accelerations of the trunk's joints
+beta(k)    contribution of the joints' accelerations: beta(k) = phi^T beta(k+1) + H^T a(k)
 
-The trunk's columns are what the arms on it answer to: the six components of beta(k) of the body that carries an arm,
-or, where no more than five joints all lie below the one body that carries arms, the accelerations of these joints.
+The trunk's columns are the accelerations to which the arms on it respond: the six components of beta(k) of the body on
+which an arm is mounted. If all arms are mounted on the last body, and the trunk has at most five joints, they are the
+accelerations of these joints instead.
 """
 
 from __future__ import annotations
@@ -35,22 +36,22 @@ from holdfast.spatial.spatial_vector import (
 )
 from holdfast.state import Inputs, State
 
-FEWER_THAN_SIX = 5  # joints, whose accelerations are fewer columns than the components of one
+FEWER_THAN_SIX = 5  # up to this number, joints have fewer accelerations than a body
 
 
 class TrunkBody(NamedTuple):
-    """One body of a trunk, world axes about its frame's origin.
+    """One body of a trunk, in world axes about its frame's origin.
 
     Attributes:
-        joint: what moves it against the body before; None for a floating base.
+        joint: the joint between the body before and this one; None for a floating base.
         H: (6,) motion subspace of the joint; None for a floating base.
-        frame: its pose in the world.
+        frame: pose of the body in the world.
         reach: (3,) from the origin of the body before, or of the base, to its own [m].
-        twist: (6,).
-        zeta: (6,).
-        inertia: M(k), of the body alone.
-        wrench: (6,) M zeta + b, external wrenches taken off.
-        torque: of the drive, less what dampers and springs take [N m or N]; 0 for a floating base.
+        twist: (6,) twist.
+        zeta: (6,) acceleration without joint accelerations.
+        inertia: M(k) of the body alone.
+        wrench: (6,) M zeta + b minus external wrenches.
+        torque: torque of the drive minus those of dampers and springs [N m or N]; 0 for a floating base.
     """
 
     joint: Joint | None
@@ -65,15 +66,15 @@ class TrunkBody(NamedTuple):
 
 
 class Mount(NamedTuple):
-    """Where an arm stands on a trunk, world axes.
+    """The base of an arm that is mounted on a trunk, in world axes.
 
     Attributes:
-        body: the place of its body in `TrunkMotion.bodies`.
+        body: index of its body in `TrunkMotion.bodies`.
         offset: (3,) from the body's origin to the arm's base origin [m].
-        frame: the arm's base in the world.
-        twist: (6,) of the base origin.
+        frame: pose of the arm's base in the world.
+        twist: (6,) twist of the base origin.
         acceleration: (6,) zeta of the base origin.
-        columns: (6, c) what the trunk's columns add to that.
+        columns: (6, c) additional acceleration per acceleration of the trunk's columns.
     """
 
     body: int
@@ -85,12 +86,12 @@ class Mount(NamedTuple):
 
 
 class TrunkMotion(NamedTuple):
-    """A trunk in motion.
+    """The motion of a trunk.
 
     Attributes:
-        bodies: base outward, a floating base first.
-        mounts: by arm name.
-        base: pose of the base frame in the world, which a fixed trunk begins at.
+        bodies: the bodies from the base outward, beginning with a floating base if there is one.
+        mounts: the mounted bases, by arm name.
+        base: pose of the base frame in the world.
         by_joints: whether the columns are the joints' accelerations.
     """
 
@@ -101,16 +102,16 @@ class TrunkMotion(NamedTuple):
 
     @property
     def floats(self) -> bool:
-        """Whether it begins with a floating base."""
+        """Whether the trunk begins with a floating base."""
         return self.bodies[0].joint is None
 
     @property
     def column_count(self) -> int:
-        """How many columns there are."""
+        """Number of columns."""
         return len(self.bodies) if self.by_joints else 6
 
     def at_rest(self) -> TrunkMotion:
-        """Return the same configuration without torques, motion, gravity or external wrenches."""
+        """Return the trunk at the same configuration without torques, velocities, gravity or external wrenches."""
         none = np.zeros(6)
         still = [b._replace(twist=none, zeta=none, wrench=none, torque=0.0) for b in self.bodies]
         mounts = {name: m._replace(twist=none, acceleration=none) for name, m in self.mounts.items()}
@@ -128,9 +129,9 @@ class TrunkMotion(NamedTuple):
         return betas
 
     def jacobian(self, name: str, reach: Array) -> tuple[Array, Array]:
-        """Return the twist of an arm's tip by the trunk's joint rates (6, n_t) and its floating base's twist (6, 6).
+        """Return the Jacobians of an arm's tip by the trunk's joints (6, n_t) and by its floating base (6, 6).
 
-        Both are zero for an arm in the world; without a floating base the second is (6, 0).
+        Both are zero for an arm that is not mounted on the trunk; without a floating base the second is (6, 0).
 
         Args:
             name: the arm.
@@ -140,7 +141,7 @@ class TrunkMotion(NamedTuple):
         joints = np.zeros((6, len(self.bodies) - floats))
         if mount is None:
             return joints, np.zeros((6, 6 if floats else 0))
-        reach = mount.offset + reach  # from the body's origin, and then from those before
+        reach = mount.offset + reach  # from the origin of the body, and later of the bodies before
         for k in reversed(range(mount.body + 1)):
             H = self.bodies[k].H
             if H is not None:
@@ -149,21 +150,21 @@ class TrunkMotion(NamedTuple):
         return joints, twist_shift(reach) if floats else np.zeros((6, 0))
 
     def under(self, name: str, betas: list[Array]) -> Array | None:
-        """Return beta at the base of an arm, (6,); None if it stands in the world."""
+        """Return beta at the base of an arm, (6,); None if it is not mounted on the trunk."""
         mount = self.mounts.get(name)
         return None if mount is None else shift_twist(mount.offset, betas[mount.body])
 
     def of_columns(self, name: str, found: TrunkAcceleration, betas: list[Array]) -> Array | None:
-        """Return the accelerations of the columns that an arm answers to, (c,); None if it stands in the world."""
+        """Return the accelerations of an arm's columns, (c,); None if it is not mounted on the trunk."""
         mount = self.mounts.get(name)
         return None if mount is None else found.qdd if self.by_joints else betas[mount.body]
 
 
 class TrunkAcceleration(NamedTuple):
-    """How a trunk accelerates.
+    """The acceleration of a trunk.
 
     Attributes:
-        qdd: (n_t,) of its joints.
+        qdd: (n_t,) accelerations of its joints.
         base: (6,) true acceleration of a floating base, world axes; None without one.
     """
 
@@ -172,7 +173,7 @@ class TrunkAcceleration(NamedTuple):
 
 
 def trunk_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> TrunkMotion | None:
-    """Return the chain's trunk in motion, None without one. O(n_t).
+    """Return the motion of the chain's trunk; None without one. O(n_t).
 
     Args:
         chain: the chain.
@@ -189,9 +190,9 @@ def trunk_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
 
 
 def base_motion(chain: ClosedChain, state: State, inputs: Inputs) -> tuple[Array, Array]:
-    """Return twist and acceleration, less [0; g], of the base of a chain's trunk, (6,) each, world axes.
+    """Return the twist and the acceleration minus [0; g] of the base of a chain's trunk, (6,) each, world axes.
 
-    What a floating base accelerates by is to be found.
+    For a floating base, whose acceleration is unknown, the acceleration is -[0; g].
     """
     gravity = concatenate([np.zeros(3), chain.gravity])
     if chain.floats:
@@ -202,12 +203,12 @@ def base_motion(chain: ClosedChain, state: State, inputs: Inputs) -> tuple[Array
 
 
 class Standing(NamedTuple):
-    """Trunk and arms where they are, for what needs no dynamics.
+    """The kinematics of trunk and bases, for computations without dynamics.
 
     Attributes:
-        trunk: its bodies; none without a trunk.
-        arms: every arm on a base in the world.
-        base_twists: of those bases, (6,) each, world axes.
+        trunk: the bodies of the trunk; empty without one.
+        arms: every arm, with its base at its pose in the world.
+        base_twists: twists of the bases, (6,) each, world axes.
     """
 
     trunk: list[TrunkBody]
@@ -216,12 +217,12 @@ class Standing(NamedTuple):
 
 
 def standing(chain: ClosedChain, state: State, inputs: Inputs) -> Standing:
-    """Return where the bodies of the trunk are and where all arms stand. O(n_t).
+    """Return the kinematics of the bodies of the trunk and of the bases of all arms. O(n_t).
 
     Args:
         chain: the chain.
         state: positions and velocities.
-        inputs: shaped inputs; base motion enters.
+        inputs: shaped inputs, of which only the base motion matters.
     """
     assert inputs.base_twists is not None
     trunk, arms = trunk_motion(chain, state, np.zeros(chain.joint_count), inputs), list(chain.arms.values())
@@ -235,7 +236,7 @@ def standing(chain: ClosedChain, state: State, inputs: Inputs) -> Standing:
 
 
 def trunk_at_rest(chain: ClosedChain, state: State) -> TrunkMotion | None:
-    """Return the chain's trunk without torques, motion, gravity or external wrenches, None without one. O(n_t)."""
+    """Return the chain's trunk without torques, velocities, gravity or external wrenches; None without one. O(n_t)."""
     if chain.trunk is None:
         return None
     none, still = np.zeros(6), np.zeros(chain.trunk.joint_count)
@@ -245,7 +246,7 @@ def trunk_at_rest(chain: ClosedChain, state: State) -> TrunkMotion | None:
 def _outward(
     chain: ClosedChain, state: State, qd: Array, torque: Array, twist: Array, zeta: Array, wrenches: Array | None
 ) -> TrunkMotion:
-    """Return the bodies, base outward, and the mounts; see `trunk_motion`."""
+    """Return the motion of the trunk, computed from the base outward; see `trunk_motion`."""
     trunk = chain.trunk
     assert trunk is not None
     base = trunk.base if state.base_frame is None else state.base_frame
@@ -270,13 +271,13 @@ def _outward(
 
 
 def _answers_by_joints(chain: ClosedChain) -> bool:
-    """Return whether the columns are the joints' accelerations: fewer, but of one body only (docs/theory/trunk.md)."""
+    """Return whether the columns are the joints' accelerations; see the module's docstring and docs/theory/trunk.md."""
     last = len(chain.trunk.bodies) - 1 if chain.trunk is not None else 0
     return not chain.floats and last < FEWER_THAN_SIX and all(k == last for k in chain.mounted_on.values())
 
 
 def _columns(bodies: list[TrunkBody]) -> Array:
-    """Return what the joints' accelerations add to that of the last body, (6, n_t)."""
+    """Return the acceleration of the last body per acceleration of the joints, (6, n_t)."""
     reach, columns = np.zeros(3), []
     for body in reversed(bodies):
         assert body.H is not None
@@ -286,7 +287,7 @@ def _columns(bodies: list[TrunkBody]) -> Array:
 
 
 def _joints(serial: Arm, q: Array, qd: Array, torque: Array, base_twist: Array, base_zeta: Array) -> list[TrunkBody]:
-    """Return the bodies that joints move."""
+    """Return the bodies after the joints of the trunk."""
     at = forward_kinematics(serial, q)
     twists = link_twists(serial, at, qd, base_twist)
     zetas = bias_accelerations(serial, at, twists, qd, base_twist, base_zeta)
@@ -302,7 +303,7 @@ def _joints(serial: Arm, q: Array, qd: Array, torque: Array, base_twist: Array, 
 
 
 def _body(link: Link, R: Array, w: Array, zeta: Array, K: Array) -> tuple[RigidInertia, Array]:
-    """Return inertia and bias wrench of a body about its frame's origin, world axes; w, zeta and K are in its own."""
+    """Return inertia and bias wrench of a body about its origin in world axes; w, zeta and K are in body axes."""
     inertia = link.spatial_inertia
     return inertia.moved(R, np.zeros(3)), rotate(R, inertia.wrench(zeta, w, K))
 
@@ -311,9 +312,9 @@ def _standing(place: Pose, body: tuple[Pose, Array, Array], columns: Array) -> t
     """Return offset, frame, twist, zeta and columns of an arm's base.
 
     Args:
-        place: of the base in the body's axes.
+        place: pose of the base relative to the body.
         body: frame, twist and zeta of the body.
-        columns: (6, c) what the trunk's columns add to zeta.
+        columns: (6, c) acceleration of the body per acceleration of the trunk's columns.
     """
     at, twist, zeta = body
     offset, w = at.R @ place.p, twist[:3]

@@ -1,10 +1,10 @@
-"""The trunk's part of the virtual power, and how it carries the bases of the arms that stand on it.
+"""The trunk's part of the virtual power, and the motion of the bases mounted on it.
 
     L_t = y_t.(armature qdd_t + damping qd_t + stiffness (q_t - rest) - T_t) + sum_k U_k.(M_k alpha_k + b_k - w_k)
 
 U are the virtual twists of its bodies. An arm on the trunk has its own part of L (`closed.virtual_power`), which
-depends on the pose, the twist, the acceleration and the virtual twist of its base; these are functions of the trunk's
-numbers. So a gradient goes on from the arms' bases through the trunk, and rates come from the trunk to the bases
+depends on the pose, the twist, the acceleration and the virtual twist of its base. These are functions of the trunk's
+numbers, so gradients are propagated from the bases to the trunk, and rates from the trunk to the bases
 (docs/theory/derivatives.md).
 """
 
@@ -41,12 +41,12 @@ class TrunkUnknowns(NamedTuple):
 
 
 class CarriedBase(NamedTuple):
-    """What an arm's equations need of the base that the trunk carries, world axes.
+    """The motion of a base mounted on the trunk, for the equations of its arm, in world axes.
 
     Attributes:
-        base_R, base_p: its pose.
-        base_twist: (6,) of its origin.
-        base_acceleration: (6,) of its origin less [0; g].
+        base_R, base_p: pose of the base.
+        base_twist: (6,) twist of its origin.
+        base_acceleration: (6,) acceleration of its origin minus [0; g].
         virtual: (6,) virtual twist of its origin.
     """
 
@@ -61,16 +61,16 @@ MOTION = CarriedBase._fields[:-1]
 
 
 class TrunkCase(NamedTuple):
-    """What the equations of a trunk depend on.
+    """The arguments of the equations of a trunk.
 
     Attributes:
         trunk: the trunk.
         base: pose of its base in the world.
-        q, qd, tau: (n_t,) of its joints.
-        base_twist: (6,) of the base origin, world axes.
-        base_acceleration: (6,) less [0; g]; of a floating base -[0; g].
-        wrenches: (bodies, 6) external, about the bodies' origins, world axes.
-        mounts: by arm, the place of its body, and its base in that body's axes.
+        q, qd, tau: (n_t,) positions, rates and torques of its joints.
+        base_twist: (6,) twist of the base origin, world axes.
+        base_acceleration: (6,) acceleration of the base origin minus [0; g], which is -[0; g] for a floating base.
+        wrenches: (bodies, 6) external wrenches about the bodies' origins, world axes.
+        mounts: by arm, the index of its body, and the pose of its base relative to that body.
     """
 
     trunk: Trunk
@@ -84,7 +84,7 @@ class TrunkCase(NamedTuple):
     mounts: Mapping[str, tuple[int, Pose]]
 
     def numbers(self, names: Sequence[str]) -> dict[str, Array]:
-        """Return some of the numbers that may be varied, by name; rotations as matrices, those of mounts stacked."""
+        """Return the named numbers; rotations are matrices, and those of mounts are stacked."""
         joints, places = self.trunk.joints, [place for _, place in self.mounts.values()]
         own = {
             "base_R": lambda: self.base.R,
@@ -97,17 +97,17 @@ class TrunkCase(NamedTuple):
         return {name: own[name]() if name in own else getattr(self, name) for name in names}
 
     def outward(self, z: TrunkUnknowns, y: TrunkUnknowns, varied: Numbers) -> tuple[Scalar, list[CarriedBase]]:
-        """Return the trunk's part of L, and the bases that it carries.
+        """Return the trunk's part of L, and the motions of the bases mounted on it.
 
         Args:
             z: the solution.
             y: the multipliers.
-            varied: what is to be taken in the place of the case's own numbers, as `numbers` names it.
+            varied: values that replace the case's own numbers, with the names of `numbers`.
         """
         own = self.numbers(("base_R", "base_p", "q", "qd", "tau", "base_twist", "base_acceleration", "wrenches"))
         R, p, q, qd, tau, twist, acceleration, external = (varied.get(name, x) for name, x in own.items())
         base, acceleration, power = Pose.unchecked(R, p), acceleration + z.base, 0.0
-        bodies = []  # of each: frame, twist and virtual twist, acceleration with its gradient, in its own axes
+        bodies = []  # for each: frame, twist and virtual twist, acceleration and its gradient, in body axes
         if self.trunk.floating is not None:
             v, a = unrotate(R, twist), unrotate(R, acceleration)
             bodies.append((base, v, unrotate(R, y.base), a, acceleration_gradient(a[:3], v[:3])))
@@ -134,23 +134,23 @@ class TrunkCase(NamedTuple):
         return power, carried
 
     def passive(self, arm: Arm, q: Array, qd: Array, varied: Numbers) -> Array:
-        """Return what dampers and springs take from the joints' torques, (n_t,)."""
+        """Return the torques of dampers and springs, which are subtracted from the joint torques, (n_t,)."""
         return varied.get("damping", arm.damping) * qd + arm.stiffness * (q - arm.rest)
 
     def carried(self, z: TrunkUnknowns, y: TrunkUnknowns) -> dict[str, CarriedBase]:
-        """Return the bases that the trunk carries, by arm."""
+        """Return the motions of the bases mounted on the trunk, by arm."""
         return dict(zip(self.mounts, self.outward(z, y, {})[1], strict=True))
 
     def gradient(
         self, z: TrunkUnknowns, y: TrunkUnknowns, of_bases: Sequence[CarriedBase], names: Sequence[str]
     ) -> dict[str, Array]:
-        """Return -dL/dtheta by the named numbers, z and y held.
+        """Return -dL/dtheta with respect to the named numbers, for constant z and y.
 
         Args:
             z: the solution.
             y: the multipliers.
-            of_bases: -dL/d of the arms that stand on it, by what the trunk makes of their bases.
-            names: of numbers.
+            of_bases: -dL/dtheta of the arms mounted on the trunk, with respect to the motions of their bases.
+            names: names of the numbers.
         """
         numbers = self.numbers(names)
 
@@ -165,7 +165,7 @@ class TrunkCase(NamedTuple):
         return dict(zip(names, gradient(less, *numbers.values()), strict=True))
 
     def base_rates(self, z: TrunkUnknowns, rates: Numbers) -> dict[str, dict[str, Array]]:
-        """Return how fast the motion of the bases that it carries changes, by arm, while numbers do, z held."""
+        """Return the rates of the motions of the mounted bases, by arm, for rates of the numbers and constant z."""
         none = TrunkUnknowns(np.zeros(len(self.q)), np.zeros(6))
 
         def motion(*x: Array) -> list[Array]:
@@ -182,13 +182,13 @@ class TrunkCase(NamedTuple):
     def residual_rates(
         self, z: TrunkUnknowns, wrenches: Sequence[Array], rates: Numbers, of_wrenches: Sequence[Array]
     ) -> TrunkUnknowns:
-        """Return how fast dL/dy changes while numbers and the wrenches on its arms do, z held.
+        """Return the rates of dL/dy for rates of the numbers and of the wrenches on the arms, and constant z.
 
         Args:
             z: the solution.
-            wrenches: (6,) of the trunk on each arm about the arm's base origin.
-            rates: of numbers, by name.
-            of_wrenches: of the wrenches, (6,) each.
+            wrenches: (6,) wrench of the trunk on each arm about the arm's base origin.
+            rates: rates of the numbers, by name.
+            of_wrenches: rates of the wrenches, (6,) each.
         """
         count = len(wrenches)
 

@@ -1,7 +1,8 @@
-"""The equations of a chain with a trunk solved once more, K z = r: the chain at rest under loads, through the trunk.
+"""A second solve of the equations of a chain with a trunk, K z = r, which is the chain at rest with given loads.
 
-See `closed.second_solve`. The trunk's joints have torques of r, a floating base a wrench; a base in the world may
-accelerate, and so may every arm's base against the trunk: cotangents of the wrenches that are exchanged there.
+See `closed.second_solve`. In r, the trunk's joints have torques, and a floating base has a wrench. A base fixed in the
+world may have an acceleration, and so may the base of every arm relative to the trunk; these are the cotangents of the
+wrenches at these bases.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_solution import base_wrench
 from holdfast.dynamics.closed.held_rows import holding
-from holdfast.dynamics.closed.second_solve import Load, Point, answer, asked, under
+from holdfast.dynamics.closed.second_solve import Load, Point, answer, right_hand_side, under
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import Unknowns
 from holdfast.dynamics.trunk.trunk_filter import trunk_filter
@@ -28,9 +29,9 @@ class TrunkLoad(NamedTuple):
     """The trunk's part of r.
 
     Attributes:
-        torque: (n_t,) on its joints.
-        wrench: (6,) on a floating base about its origin, world axes; 0 without one.
-        base: (6,) acceleration of a base in the world; 0 of one that floats.
+        torque: (n_t,) torques of its joints.
+        wrench: (6,) wrench on a floating base about its origin, world axes; 0 without one.
+        base: (6,) acceleration of a base in the world; 0 for a floating base.
     """
 
     torque: Array
@@ -39,13 +40,13 @@ class TrunkLoad(NamedTuple):
 
 
 class SolvedAgain(NamedTuple):
-    """z of a chain with a trunk.
+    """The solution z of a chain with a trunk.
 
     Attributes:
-        arms: by name; `base` is the wrench of the base, or of the trunk, on the arm.
-        object_acceleration: (6,).
-        trunk: of its joints and base.
-        base_wrench: (6,) of the base on the trunk.
+        arms: parts of z by arm; `base` is the wrench of the base, or of the trunk, on the arm.
+        object_acceleration: (6,) acceleration of the object.
+        trunk: accelerations of the trunk's joints and base.
+        base_wrench: (6,) wrench of the base on the trunk.
     """
 
     arms: dict[str, Unknowns]
@@ -59,9 +60,9 @@ def solved_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Array, lo
 
     Args:
         at: the point.
-        loads: by arm; those of arms without a grasp have no gap.
-        wrench: (6,) on the object about C, world axes.
-        load: of the trunk.
+        loads: loads by arm; for arms without a grasp the gap is not used.
+        wrench: (6,) wrench on the object about C, world axes.
+        load: load of the trunk.
     """
     motion = at.motion if at.found.held is None else holding(at.motion, at.found.held)
     chain, contacts, none = motion.chain, motion.contacts, np.zeros(6)
@@ -73,7 +74,7 @@ def solved_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Array, lo
     }
     lone = [name for name in chain.arms if name not in chain.grasps]
     held = [loads[name] for name in chain.grasps]
-    tips, known, gaps, wrench = asked(motion, [at.tips[name] for name in chain.grasps], loads, wrench)
+    tips, known, gaps, wrench = right_hand_side(motion, [at.tips[name] for name in chain.grasps], loads, wrench)
     alone = each(
         under, [at.tips[name] for name in lone], [motion.arms[n] for n in lone], [loads[name] for name in lone]
     )
@@ -103,7 +104,7 @@ def solved_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Array, lo
 
 
 def driven_trunk(trunk: TrunkMotion, load: TrunkLoad) -> TrunkMotion:
-    """Return the trunk at rest under a load."""
+    """Return the trunk at rest with a load."""
     still, zeta, bodies, k = trunk.at_rest(), load.base, [], 0
     for body in still.bodies:
         if body.joint is None:
@@ -120,7 +121,7 @@ def driven_trunk(trunk: TrunkMotion, load: TrunkLoad) -> TrunkMotion:
 
 
 def reading(tip: TipResponse, known: Array, gap: Array) -> TipResponse:
-    """Return what the filter reads of an arm: r at its tip, and at its base what a known wrench f adds, X^T f."""
+    """Return the tip response for the filter: r at the tip, and at the base the load X^T f of a known wrench f."""
     base = tip.base
     if base is not None:
         base = base._replace(wrench=base.wrench + known @ base.X)

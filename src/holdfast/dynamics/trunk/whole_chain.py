@@ -1,8 +1,8 @@
-"""The equations of trunk and arms together, with all matrices written out: what `kkt` solves where there is a trunk.
+"""The equations of trunk and arms as dense matrices, for the method `kkt`.
 
-With the base acceleration beta of an arm among its unknowns its equations are M qdd + B^T beta + C + J^T f = T, and the
-wrench of the trunk on it B qdd + I beta + w (docs/theory/trunk.md). beta = S u, u the accelerations of the floating
-base and of the trunk's joints, so trunk and arms have the mass matrix
+With the acceleration beta of an arm's base as a further unknown, the arm's equations are M qdd + B^T beta + C + J^T f =
+T, and the wrench of the trunk on it is B qdd + I beta + w (docs/theory/trunk.md). With beta = S u, where u are the
+accelerations of the floating base and of the trunk's joints, the mass matrix of trunk and arms is
 
     [ M_t + sum S_i^T I_i S_i    S_1^T B_1   S_2^T B_2 .. ]
     [ B_1^T S_1                  M_1                      ]
@@ -27,12 +27,12 @@ from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift
 
 
 class WholeChain(NamedTuple):
-    """Mass matrix, torques and tip Jacobians over u (floating base, trunk's joints) and the joints of all arms.
+    """Mass matrix, torques and tip Jacobians for u (floating base, trunk's joints) and the joints of all arms.
 
     Attributes:
-        M: (m, m), m = n, or n + 6 with a floating base.
-        T_free: (m,) torques less the bias torques; of a floating base the wrench that it feels, reversed.
-        J: (6l, m) of the arms that hold, their contact points, world axes.
+        M: (m, m) with m = n, or n + 6 with a floating base.
+        T_free: (m,) torques minus the bias torques; for a floating base, minus its bias wrench.
+        J: (6l, m) Jacobians of the contact points of the arms with a grasp, world axes.
     """
 
     M: Array
@@ -41,7 +41,7 @@ class WholeChain(NamedTuple):
 
 
 class OnBase(NamedTuple):
-    """An arm as its base feels it: B (6, N), I (6, 6) with the joints locked, and w (6,) at qdd = 0."""
+    """The wrench of an arm's base, B qdd + I beta + w: B (6, N), I (6, 6) with locked joints, and w (6,) at qdd = 0."""
 
     B: Array
     I: Array
@@ -52,7 +52,7 @@ def whole_chain(motion: ChainMotion) -> WholeChain:
     """Return the matrices of trunk and arms. O(n^2).
 
     Args:
-        motion: the chain in motion, with a trunk.
+        motion: the motion of a chain with a trunk.
     """
     chain, trunk = motion.chain, motion.trunk
     assert trunk is not None
@@ -81,14 +81,14 @@ def whole_chain(motion: ChainMotion) -> WholeChain:
 
 
 def of_whole_chain(motion: ChainMotion, u: Array, f: Array, W_dot: Array, alpha_C: Array) -> Solution:
-    """Return stacked results taken apart.
+    """Return the solution from stacked results.
 
     Args:
-        motion: the chain in motion.
+        motion: the chain's motion.
         u: (m,) accelerations of the floating base and all joints.
         f: (6l,) grasp wrenches.
-        W_dot: flat.
-        alpha_C: (6,), less [0; g].
+        W_dot: W_dot of all grasps, flat.
+        alpha_C: (6,) alpha(C) minus [0; g].
     """
     chain = motion.chain
     first = 6 if chain.floats else 0
@@ -123,7 +123,7 @@ def _of_trunk(trunk: TrunkMotion) -> tuple[dict[str, Array], Array, Array]:
 
 
 def _on_base(arm: ArmMotion) -> OnBase:
-    """Return what the base of an arm feels of it."""
+    """Return the matrices of the wrench at the base of an arm."""
     at, base = arm.at, arm.arm.base.R
     if not arm.arm.joints:
         of_base = arm.bias.of_base

@@ -1,1 +1,1 @@
-"""Mesh files (STL, OBJ, Collada) of robots, which nobody vouches for: read with named errors, in bounded memory."""
+"""Readers of untrusted mesh files (STL, OBJ, Collada), with named errors and bounded memory."""

@@ -1,8 +1,8 @@
-"""Collada (.dae): the triangles of the scene's nodes, where they stand, in metres.
+"""The reader of Collada files (.dae), which returns the triangles of all nodes of the scene in metres.
 
-As RViz and Gazebo read robots: lengths are in the file's unit, and its `up_axis` is passed over, since URDF says how
-meshes are turned. Materials, textures, normals, lines and skins are passed over too. A DOCTYPE is refused, since it can
-define entities without bound; elements are bounded in number and depth.
+Files are read as in RViz and Gazebo: lengths are in the unit of the file, and its `up_axis` is ignored, because the
+URDF defines the orientation of meshes. Materials, textures, normals, lines and skins are ignored, too. A DOCTYPE is
+refused, because it can define unbounded entities; the number and the depth of elements are bounded.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from holdfast.robots.mesh_files.limits import MOST_TRIANGLES, MeshFault, numbers, require_triangles
 from holdfast.spatial.scalar import Array
 
-DEEPEST_NODE = 50  # nodes within nodes, instances included
+DEEPEST_NODE = 50  # levels of nested nodes, instances included
 MOST_NODES = 20_000
 
 
@@ -26,7 +26,7 @@ def read_collada(content: bytes) -> tuple[Array, Array]:
     """Return vertices (V, 3) and faces (F, 3).
 
     Raises:
-        MeshFault: what is wrong with it.
+        MeshFault: the file is invalid; the message says why.
     """
     root = parse_collada(content)
     vertices, faces, base, seen = [], [], 0, 0
@@ -36,9 +36,9 @@ def read_collada(content: bytes) -> tuple[Array, Array]:
         if geometry not in read:
             read[geometry] = surfaces(_target(by_id, geometry, "geometry"))
         for surface in read[geometry]:
-            seen += len(surface.faces)  # before any is made: one surface may stand in many places
+            seen += len(surface.faces)  # before any is created, because a surface may be used many times
             require_triangles(max(seen, 1))
-            turned = np.linalg.det(transform[:3, :3]) < 0  # a mirrored surface still faces outward
+            turned = np.linalg.det(transform[:3, :3]) < 0  # keeps the faces of a mirrored surface outward
             faces.append((surface.faces[:, ::-1] if turned else surface.faces) + base)
             base += len(surface.vertices)
             vertices.append(surface.vertices @ transform[:3, :3].T + transform[:3, 3])
@@ -47,7 +47,7 @@ def read_collada(content: bytes) -> tuple[Array, Array]:
 
 
 def _scene(root: Element, by_id: dict[str, Element]) -> Element:
-    """Return the visual scene that is to be shown; the first where the file does not say."""
+    """Return the visual scene that the file selects, or the first one."""
     instance = root.find("scene/instance_visual_scene")
     if instance is not None:
         return _target(by_id, instance.get("url", ""), "visual_scene")
@@ -58,7 +58,7 @@ def _scene(root: Element, by_id: dict[str, Element]) -> Element:
 
 
 def _target(by_id: dict[str, Element], url: str, tag: str) -> Element:
-    """Return what `#name` refers to."""
+    """Return the element to which `#name` refers."""
     found = by_id.get(url.removeprefix("#"))
     if found is None or found.tag != tag or not url.startswith("#"):
         raise MeshFault(f"expected the url of a {tag} in the file, got '{url[:60]}'")
@@ -66,7 +66,7 @@ def _target(by_id: dict[str, Element], url: str, tag: str) -> Element:
 
 
 def _metres(root: Element) -> float:
-    """Return the length of the file's unit [m]."""
+    """Return the length of the file's unit [m], 1 by default."""
     unit = root.find("asset/unit")
     (length,) = (1.0,) if unit is None else _values(unit.get("meter", "1"), 1, "unit")
     if not length > 0.0:
@@ -75,7 +75,7 @@ def _metres(root: Element) -> float:
 
 
 def _placed(scene: Element, by_id: dict[str, Element], outer: Array) -> Iterator[tuple[str, Array]]:
-    """Yield the url of each geometry that stands in the scene, and its transform (4, 4)."""
+    """Yield the url of each geometry in the scene, and its transform (4, 4)."""
     waiting, count = [(node, outer, 1) for node in reversed(scene.findall("node"))], 0
     while waiting:
         node, transform, depth = waiting.pop()
@@ -132,7 +132,7 @@ DEEPEST_ELEMENT = 200
 
 
 def parse_collada(content: bytes) -> Element:
-    """Return the root element; tags are without prefixes.
+    """Return the root element, with tags without prefixes.
 
     Raises:
         MeshFault: not well-formed, not Collada, or beyond the bounds.
@@ -170,11 +170,11 @@ def parse_collada(content: bytes) -> Element:
     return root
 
 
-MOST_OFFSET = 64  # numbers a corner has: of its vertex, normal, texture, ...
+MOST_OFFSET = 64  # numbers per corner: indices of its vertex, normal, texture, ...
 
 
 class Surface(NamedTuple):
-    """Triangles.
+    """A surface of triangles.
 
     Attributes:
         vertices: (V, 3).
@@ -186,10 +186,10 @@ class Surface(NamedTuple):
 
 
 def surfaces(geometry: Element) -> list[Surface]:
-    """Return the surfaces of a geometry; none if it is lines, or a spline.
+    """Return the surfaces of a geometry; empty for lines and splines.
 
     Raises:
-        MeshFault: what is wrong with it.
+        MeshFault: the file is invalid; the message says why.
     """
     mesh = geometry.find("mesh")
     if mesh is None:
@@ -210,7 +210,7 @@ def surfaces(geometry: Element) -> list[Surface]:
 
 
 def _surface(points: Array, faces: Array) -> Surface:
-    """Return the faces with the points that they use alone: those may stand in many places."""
+    """Return the faces with only the points that they use, because the surface may be used many times."""
     if faces.min() < 0 or faces.max() >= len(points):
         raise MeshFault(f"expected faces of its {len(points)} vertices, got one of others")
     used, indices = np.unique(faces, return_inverse=True)
@@ -218,7 +218,7 @@ def _surface(points: Array, faces: Array) -> Surface:
 
 
 def _corner(part: Element) -> tuple[int, int, str]:
-    """Return which of a corner's numbers is its vertex, how many a corner has, and where the vertices are."""
+    """Return the position of the vertex among a corner's numbers, their count, and the url of the vertices."""
     vertex, most = None, 0
     for one in part.findall("input"):
         offset = _whole(one, "offset", 0, MOST_OFFSET)
@@ -231,7 +231,7 @@ def _corner(part: Element) -> tuple[int, int, str]:
 
 
 def _points(by_id: dict[str, Element], url: str) -> Array:
-    """Return the points (V, 3) that a VERTEX input refers to."""
+    """Return the points (V, 3) to which a VERTEX input refers."""
     vertices = by_id.get(url.removeprefix("#"))
     inputs = [] if vertices is None else [one for one in vertices.findall("input") if one.get("semantic") == "POSITION"]
     source = by_id.get(inputs[0].get("source", "").removeprefix("#")) if inputs else None
@@ -252,7 +252,7 @@ def _points(by_id: dict[str, Element], url: str) -> Array:
 
 
 def _faces(part: Element, stride: int) -> Array:
-    """Return the numbers of each triangle's three corners, (F, 3 stride); a polygon becomes a fan."""
+    """Return the numbers of each triangle's three corners, (F, 3 stride); polygons are split into fans."""
     lists = [numbers(p.text or "", int, "p") for p in part.findall("p")]
     count = _whole(part, "count", 0, 2**40)
     if part.tag == "polygons":
@@ -283,7 +283,7 @@ def _faces(part: Element, stride: int) -> Array:
 
 
 def _whole(element: Element, attribute: str, default: int, most: int) -> int:
-    """Return a whole number from 0 to `most`, or the default where the attribute is missing."""
+    """Return an integer from 0 to `most`; the default if the attribute is missing."""
     stated = element.get(attribute)
     if stated is None:
         return default

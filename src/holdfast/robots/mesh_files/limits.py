@@ -1,4 +1,4 @@
-"""How large a mesh may be, and the errors of those that are larger, damaged or not to be had."""
+"""Limits of the size of meshes, and the error for meshes that are too large, damaged or unavailable."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from holdfast.spatial.scalar import Array
 
 LARGEST_FILE = 64 * 2**20  # [bytes]
-MOST_TRIANGLES = 2_000_000  # of a file, and of all files of an arm together
+MOST_TRIANGLES = 2_000_000  # in one file, and in all files of an arm together
 MOST_VERTICES = 3 * MOST_TRIANGLES
-FARTHEST = 1e6  # [m, before scaling]; beyond it the viewer's float32 has no millimetres left anyway
+FARTHEST = 1e6  # [m, before scaling]; beyond it, the float32 numbers of the viewer cannot resolve millimetres
 
 
 class MeshFault(Exception):
-    """A mesh file cannot be had; the message says why, without the file's name."""
+    """A mesh file cannot be used; the message says why, without the file's name."""
 
 
 def require_triangles(count: int) -> None:
-    """Refuse a number of triangles before room is made for them.
+    """Check a number of triangles before memory is allocated for them.
 
     Raises:
-        MeshFault: none, or too many.
+        MeshFault: there are none, or too many.
     """
     if not count:
         raise MeshFault("has no surface")
@@ -31,15 +31,15 @@ def require_triangles(count: int) -> None:
 
 
 def numbers(text: str | bytes, kind: type[float] | type[int], what: str) -> Array:
-    """Return the numbers of a text with blanks between, in memory of at most a few times its length.
+    """Return the numbers in a text, separated by blanks, using memory of at most a few times its length.
 
     Raises:
-        MeshFault: a word that is no number.
+        MeshFault: a word is not a number.
     """
     if not text.strip():
         return np.zeros(0, dtype=kind)
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # NumPy only warns of what it does not understand
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy only warns about invalid text
         try:
             return np.fromstring(text, dtype=kind, sep=" ")  # pyright: ignore[reportArgumentType, reportCallIssue]
         except (ValueError, DeprecationWarning, OverflowError) as cause:
@@ -47,10 +47,10 @@ def numbers(text: str | bytes, kind: type[float] | type[int], what: str) -> Arra
 
 
 def require_plain(vertices: Array, faces: Array) -> None:
-    """Refuse vertices that are nowhere or very far away, and faces of vertices that are not there.
+    """Check that vertices are finite and not too far away, and that faces refer to existing vertices.
 
     Raises:
-        MeshFault: saying which.
+        MeshFault: they do not; the message says which.
     """
     require_triangles(len(faces))
     if not (np.abs(vertices) <= FARTHEST).all():  # false for NaN too

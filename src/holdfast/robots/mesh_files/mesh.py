@@ -1,4 +1,4 @@
-"""A surface of triangles."""
+"""Triangle meshes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from holdfast.spatial.scalar import Array
 
 
 class Mesh(NamedTuple):
-    """A surface of triangles, which turn counter-clockwise seen from outside.
+    """A surface of triangles, which are counter-clockwise seen from outside.
 
     Attributes:
-        vertices: (V, 3) [m]; a sharp edge may have its vertices twice, so that shading stops there.
+        vertices: (V, 3) [m]; the vertices of a sharp edge may be duplicated, so that shading is not smoothed across it.
         faces: (F, 3) indices of vertices.
     """
 
@@ -22,12 +22,12 @@ class Mesh(NamedTuple):
     faces: Array
 
     def at(self, pose: Pose) -> Mesh:
-        """Return the mesh moved from its own frame to where `pose` is."""
+        """Return the mesh transformed by the pose of its frame."""
         return Mesh(self.vertices @ pose.R.T + pose.p, self.faces)
 
 
 def distinct(points: Array) -> tuple[Array, Array]:
-    """Return the places among points (N, 3) once each, and at which of them each point is, (N,)."""
+    """Return the distinct points among points (N, 3), and for each point its index in these, (N,)."""
     order = np.lexsort(points.T)  # several times faster than np.unique of rows
     is_new = np.ones(len(points), dtype=bool)
     is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)

@@ -1,4 +1,4 @@
-"""Wavefront OBJ: the vertices and faces alone; groups, normals, textures and materials are passed over."""
+"""The reader of Wavefront OBJ files, which uses vertices and faces and ignores everything else."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ LONGEST_LINE = 100_000  # characters
 
 
 def read_obj(content: bytes) -> tuple[Array, Array]:
-    """Return vertices (V, 3) and faces (F, 3); a polygon becomes a fan.
+    """Return vertices (V, 3) and faces (F, 3); polygons are split into fans.
 
     Raises:
-        MeshFault: what is wrong with it, with its line.
+        MeshFault: the file is invalid; the message gives the line.
     """
     _require_vertices(content.count(b"\nv "))
-    require_triangles(max(content.count(b"\nf "), 1))  # each is at least one
+    require_triangles(max(content.count(b"\nf "), 1))  # each face is at least one triangle
     points, triangles = array("d"), array("q")
     line, begin = 0, 0
-    while begin < len(content):  # line by line, without a list of them
+    while begin < len(content):  # line by line, without a list of all lines
         end = content.find(b"\n", begin)
         end = len(content) if end < 0 else end
         if end - begin > LONGEST_LINE:
@@ -57,7 +57,7 @@ def _require_three(words: list[bytes]) -> None:
 
 
 def _vertex(word: bytes, known: int) -> int:
-    """Return which vertex a corner such as `7/2/5` is, from 0 on; `-1` is the last one so far."""
+    """Return the index, from 0, of the vertex of a corner such as `7/2/5`; `-1` refers to the last vertex so far."""
     number = int(word.split(b"/", 1)[0])
     index = number - 1 if number > 0 else known + number
     if not number or not 0 <= index < 2**62:

@@ -1,4 +1,4 @@
-"""A mesh file by the name that a robot's file gives it: where the file is, and the surface in it."""
+"""Finding and reading the mesh files that are named in a robot's file."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def read_mesh(filename: str, folder: Path) -> Mesh:
     """Return the surface in a mesh file.
 
     Args:
-        filename: as the robot's file gives it.
-        folder: that relative names start from.
+        filename: name in the robot's file.
+        folder: folder to which relative names refer.
 
     Raises:
-        MeshFault: where it is and why it cannot be had.
+        MeshFault: the file cannot be used; the message gives its path and the reason.
     """
     path = mesh_path(filename, folder)
     read = READERS.get(path.suffix.lower())
@@ -35,7 +35,7 @@ def read_mesh(filename: str, folder: Path) -> Mesh:
             content = file.read(LARGEST_FILE + 1)
         if len(content) > LARGEST_FILE:
             raise MeshFault(f"expected at most {LARGEST_FILE >> 20} MiB, got more")
-        with np.errstate(all="ignore"):  # what is no number, or overflows, is refused just below
+        with np.errstate(all="ignore"):  # invalid numbers and overflows are refused below
             vertices, faces = read(content)
         require_plain(vertices, faces)
     except OSError as cause:
@@ -49,19 +49,19 @@ MANIFEST = "package.xml"
 
 
 def mesh_path(filename: str, folder: Path) -> Path:
-    """Return where a mesh file is.
+    """Return the path of a mesh file.
 
-    A robot's package is the nearest folder at or above its file's that has a package.xml, or
-    else the folder above its file's. A relative name, an absolute one and `file://` must lie in
-    it. `package://name/...` and `model://name/...` are looked for at and above the robot's file:
-    in its package, and in folders of that name that have a package.xml.
+    The package of a robot is the nearest folder, at or above that of its file, that contains a package.xml, or
+    otherwise the parent of the file's folder. Relative names, absolute names and `file://` must refer to files in this
+    package. `package://name/...` and `model://name/...` are searched at and above the robot's file: in its package, and
+    in folders of that name that contain a package.xml.
 
     Args:
-        filename: as the robot's file gives it.
-        folder: that the robot's file is in.
+        filename: name in the robot's file.
+        folder: folder of the robot's file.
 
     Raises:
-        MeshFault: no such file, or one outside.
+        MeshFault: there is no such file, or it is outside the package.
     """
     shown = filename if len(filename) <= 200 and filename.isprintable() else ascii(filename[:200])
     scheme, separator, rest = filename.rpartition("://")
@@ -80,7 +80,7 @@ def mesh_path(filename: str, folder: Path) -> Path:
         found = next((path for path in candidates if path.is_file()), None)
     except OSError as cause:
         raise MeshFault(f"{shown}: {cause.strerror or 'cannot be read'}") from cause
-    except ValueError as cause:  # a name that no file system takes
+    except ValueError as cause:  # a name that is not allowed in file systems
         raise MeshFault(f"{shown}: {cause}") from cause
     if found is None:
         raise MeshFault(f"{shown}: no such file")
@@ -92,7 +92,7 @@ def _package_of(folder: Path) -> Path:
 
 
 def _in_packages(rest: str, folder: Path, root: Path) -> list[Path]:
-    """Return where `name/path` may be."""
+    """Return the possible paths of `name/path` in packages."""
     name, _, path = rest.partition("/")
     if not name or ".." in rest.replace("\\", "/").split("/"):
         raise MeshFault(f"{rest[:200]!r}: expected the name of a package and a path in it, without '..'")
@@ -100,6 +100,6 @@ def _in_packages(rest: str, folder: Path, root: Path) -> list[Path]:
     for above in (folder, *folder.parents):
         if above.is_relative_to(root) or (above / name).is_relative_to(root) or (above / name / MANIFEST).is_file():
             places.append(above / name / path)
-        if above.is_relative_to(root):  # the package's folder may bear another name
+        if above.is_relative_to(root):  # the folder of the package may have another name
             places.append(above / path)
     return [place for place in places if not os.path.isabs(path)]

@@ -1,4 +1,4 @@
-"""What a closed surface encloses, as a body of uniform density."""
+"""The mass properties of the solid of uniform density inside a closed surface."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from holdfast.robots.mesh_files.mesh import Mesh, distinct
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.spatial.scalar import Array
 
-THINNEST = 1e-12  # of the extent's cube; a surface that encloses less is flat
+THINNEST = 1e-12  # a surface that encloses less than this part of its extent's cube is flat
 
 
 class Solid(NamedTuple):
-    """Integrals over what a surface encloses.
+    """Integrals over the volume inside a surface.
 
     Attributes:
-        volume: [m^3].
-        centre: (3,) in the mesh's frame [m].
-        inertia: (3, 3) about the centre, of density 1 [m^5].
+        volume: volume [m^3].
+        centre: (3,) centroid in the mesh's frame [m].
+        inertia: (3, 3) inertia about the centroid for density 1 [m^5].
     """
 
     volume: float
@@ -38,11 +38,11 @@ class Solid(NamedTuple):
 def held_object_from_mesh(
     path: str | PathLike[str], mass: float | None, density: float | None, scale: float
 ) -> HeldObject:
-    """Return what `HeldObject.from_mesh` does.
+    """Return the object of a mesh file; see `HeldObject.from_mesh`.
 
     Raises:
-        ModelError: both or neither of mass and density, or one that is not > 0.
-        SceneError: a file that cannot be read, or whose surface does not enclose a solid.
+        ModelError: both or neither of mass and density are given, or a number is not > 0.
+        SceneError: the file cannot be read, or its surface does not enclose a solid.
     """
     if (mass is None) == (density is None):
         raise ModelError(f"from_mesh: expected one of mass and density, got {'neither' if mass is None else 'both'}")
@@ -62,16 +62,14 @@ def held_object_from_mesh(
 
 
 def solid(mesh: Mesh) -> Solid:
-    """Return volume, centre and inertia of what a closed surface encloses. O(F log F).
+    """Return the volume, centroid and inertia of the solid inside a closed surface. O(F log F).
 
-    By the divergence theorem the integrals are sums over tetrahedra (O, a, b, c) of the faces,
-
+    By the divergence theorem the integrals are sums over the tetrahedra (O, a, b, c) of the faces,
         v = a . (b x c) / 6,   int x = v s / 4,   int x x^T = v (a a^T + b b^T + c c^T + s s^T) / 20,
-
-    s = a + b + c, whatever O is; the last is taken about the centre. Where parts overlap they count twice.
+    with s = a + b + c and any O; the last is computed about the centroid. Overlapping parts count twice.
 
     Raises:
-        MeshFault: a surface that is open, inside out or flat.
+        MeshFault: the surface is open, inside out or flat.
     """
     places, which = distinct(mesh.vertices)
     if gaps := _open_edges(which[mesh.faces], len(places)):
@@ -97,7 +95,7 @@ def solid(mesh: Mesh) -> Solid:
 
 
 def _open_edges(faces: Array, count: int) -> int:
-    """Return how many edges are not passed as often one way as the other."""
+    """Return the number of edges that do not occur equally often in both directions."""
     start, end = faces, np.roll(faces, -1, axis=1)
     edges = (np.minimum(start, end) * count + np.maximum(start, end)).ravel()
     _, which = np.unique(edges, return_inverse=True)

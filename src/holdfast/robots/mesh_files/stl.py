@@ -1,4 +1,4 @@
-"""STL, binary and text: triangles, each with its own corners."""
+"""The reader of STL files, binary and text, which consist of triangles with separate corners."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def read_stl(content: bytes) -> tuple[Array, Array]:
     """Return vertices (V, 3) and faces (F, 3); corners at one point become one vertex.
 
     Raises:
-        MeshFault: what is wrong with it.
+        MeshFault: the file is invalid; the message says why.
     """
     count = int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
-    is_binary = len(content) == _HEAD + count * _TRIANGLE  # some binary files begin with "solid" too
+    is_binary = len(content) == _HEAD + count * _TRIANGLE  # some binary files also begin with "solid"
     if not is_binary and content.lstrip()[:5].lower() == b"solid":
         corners = _of_text(content)
     else:

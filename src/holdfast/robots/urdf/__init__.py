@@ -1,8 +1,8 @@
-"""Arms out of URDF files, read with the standard library alone.
+"""Import of arms from URDF files, with the standard library only.
 
-A file passes through `source` (text, file, xacro), `document` (XML elements with lines), `reader`
-and `attributes` (a tree of typed links and joints, `planar` ones taken apart; nothing is passed over), `path` (what the
-caller chose: base, tip, held joints), `bodies` (what is welded together), `chain` (arms) and `trunk` (what arms share).
+A file is processed by `source` (text, file or xacro), `document` (XML elements with line numbers), `reader` and
+`attributes` (a tree of typed links and joints; `planar` joints are split), `path` (the choices of the caller: base,
+tip, locked joints), `bodies` (links that are welded together), `chain` (arms) and `trunk` (shared joints).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What elements of a URDF may say: their vocabulary, and typed attributes; refusals name file, line and element.
+"""The elements and attributes of URDF files, read with types; errors give file, line and element.
 
-No name is ignored silently: one that looks like a misspelt one is refused, one that closes
-a loop is refused, and any other unknown name becomes a note.
+No name is ignored silently. A name that looks like a misspelling is refused, an element that closes a loop is refused,
+and any other unknown name causes a note.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from holdfast.robots.urdf.document import Element, quoted, shortened
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-LARGEST = 1e9  # of lengths, angles, masses and inertias in SI; more is a mistake, and would overflow in products
+LARGEST = 1e9  # limit of lengths, angles, masses and inertias in SI units; larger values are mistakes
 LONGEST_NAME = 256
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -29,10 +29,10 @@ class Vocabulary(NamedTuple):
     """The attributes and children that an element may have.
 
     Attributes:
-        attributes: those that are read.
-        children: those that are read, each at most once except in <robot>.
-        skipped: attributes and children that cannot matter for dynamics: pictures, contacts, safety
-            and simulators' own extensions.
+        attributes: attributes that are read.
+        children: children that are read, each at most once except in <robot>.
+        skipped: attributes and children without influence on the dynamics: visuals, contacts, safety
+            and extensions of simulators.
     """
 
     attributes: tuple[str, ...]
@@ -70,10 +70,10 @@ LOOPS = ("constraint", "loop", "loop_joint", "coupling")
 
 
 def unread_notes(element: Element) -> tuple[str, ...]:
-    """Return notes on everything in an element, and in those of its children that are read, that is not read.
+    """Return notes on everything that is not read in an element and in those of its children that are read.
 
     Raises:
-        SceneError: a misspelt or a duplicate name, unexpanded xacro, a loop.
+        SceneError: a name is misspelt or duplicate, the file contains unexpanded xacro, or there is a loop.
     """
     known = VOCABULARY[element.tag]
     unknown = ", ".join(_unknown(element, known))
@@ -119,7 +119,7 @@ def _refuse(child: Element, known: tuple[str, ...]) -> None:
 
 
 def _misspelt(word: str, known: tuple[str, ...]) -> str:
-    """Return the known name that this one must be a misspelling of, or nothing."""
+    """Return the known name of which this one seems to be a misspelling, or ''."""
     if len(word) > 40:
         return ""
     near = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.8 if len(word) > 3 else 0.6)
@@ -127,7 +127,7 @@ def _misspelt(word: str, known: tuple[str, ...]) -> str:
 
 
 def name(element: Element, attribute: str = "name") -> str:
-    """Return a name: not blank, printable, at most 256 characters."""
+    """Return a name, which must be printable, not blank, and at most 256 characters long."""
     stated = text(element, attribute, "a name")
     if not stated.strip() or not stated.isprintable() or len(stated) > LONGEST_NAME:
         raise element.refuse(
@@ -140,7 +140,7 @@ def name(element: Element, attribute: str = "name") -> str:
 def number(
     element: Element, attribute: str, default: float | None = None, *, at_least: float = -math.inf, size: float = 1e300
 ) -> float:
-    """Return a finite number, or the default where the attribute is missing and there is one."""
+    """Return a finite number; if the attribute is missing, the default is returned if there is one."""
     if default is not None and attribute not in element.attributes:
         return default
     (value,) = numbers(element, attribute, 1, size)
@@ -150,7 +150,7 @@ def number(
 
 
 def limit(element: Element, attribute: str) -> float | None:
-    """Return a number or an infinity, None where the attribute is missing."""
+    """Return a number, which may be infinite; None if the attribute is missing."""
     stated = element.attributes.get(attribute)
     if stated is None:
         return None
@@ -160,7 +160,7 @@ def limit(element: Element, attribute: str) -> float | None:
 
 
 def vector(element: Element, attribute: str, default: tuple[float, float, float] | None = None) -> Array:
-    """Return three numbers, or the default where the attribute is missing and there is one."""
+    """Return three numbers; if the attribute is missing, the default is returned if there is one."""
     if default is not None and attribute not in element.attributes:
         return np.array(default)
     return np.array(numbers(element, attribute, 3, LARGEST))
@@ -176,7 +176,7 @@ def axis(element: Element) -> Array:
 
 
 def pose(element: Element | None) -> Pose:
-    """Return the pose of an <origin>: `xyz`, and `rpy` about the fixed axes x, y, z; the identity for None."""
+    """Return the pose of an <origin> with `xyz`, and `rpy` about the fixed axes x, y, z; the identity for None."""
     if element is None:
         return Pose.identity()
     rpy = vector(element, "rpy", (0.0, 0.0, 0.0))
@@ -184,7 +184,7 @@ def pose(element: Element | None) -> Pose:
 
 
 def text(element: Element, attribute: str, expected: str) -> str:
-    """Return an attribute as it stands."""
+    """Return the text of an attribute."""
     if attribute not in element.attributes:
         present = [shortened(other) for other in list(element.attributes)[:20]]
         hint = checks.did_you_mean(attribute, present) if present else ""
@@ -193,7 +193,7 @@ def text(element: Element, attribute: str, expected: str) -> str:
 
 
 def numbers(element: Element, attribute: str, count: int, size: float) -> list[float]:
-    """Return so many numbers, separated by white space, none larger than `size`."""
+    """Return `count` numbers, separated by white space, whose absolute values must not exceed `size`."""
     expected = "a number" if count == 1 else f"{count} numbers separated by blanks"
     stated = text(element, attribute, expected)
     words = stated.split() if len(stated) < 1000 else []

@@ -1,11 +1,9 @@
-"""A path through a tree of links as rigid bodies and the joints between them.
+"""The path through a tree of links as a chain of rigid bodies and the joints between them.
 
-Fixed and held joints weld their links together, side branches included. A joint that is
-passed from child to parent turns about the same axis the other way: with T0 its placement,
-
+Fixed and locked joints weld their links together, including side branches. A joint that is passed from child to parent
+rotates about the same axis in the opposite direction. With its placement T0,
     parent -> child   T0 Rot(a, q)          child -> parent   Rot(-a, q) T0^-1,
-
-so the body beyond it takes the joint's frame for its own, and its link lies at T0^-1 in it.
+so the frame of the body beyond it is that of the joint, and its link has the pose T0^-1 in this frame.
 """
 
 from __future__ import annotations
@@ -26,12 +24,12 @@ Welded = dict[str, Pose]  # pose in the body's frame, by link name
 
 @dataclass(frozen=True, eq=False)
 class WeldedBody:
-    """Links that one joint moves as one.
+    """Links that are moved by one joint as a single body.
 
     Attributes:
-        step: the joint, and in which direction it is passed.
+        step: the joint, and the direction in which it is passed.
         placement: pose of the body's frame at q = 0 in the frame of the body before.
-        links: pose in the body's frame, by link name; the link that the joint moves first.
+        links: poses in the body's frame, by link name, beginning with the link that the joint moves.
     """
 
     step: PassedJoint
@@ -44,12 +42,12 @@ class FoldedChain:
     """A robot as one chain of bodies.
 
     Attributes:
-        base: name of the link that stands still.
+        base: name of the base link.
         path: the joints from it to the tip link.
-        on_base: pose in the base link's frame, by name of the links that stand still with it.
-        bodies: what moves, base to tip.
+        on_base: poses in the base link's frame of the links that are fixed to it, by name.
+        bodies: the moving bodies, base to tip.
         tip: pose of the tip link in the last body's frame.
-        floats: whether the base link moves too.
+        floats: whether the base link is a free body.
     """
 
     base: str
@@ -66,7 +64,7 @@ class FoldedChain:
 
 
 def fold(base: str, path: list[PassedJoint], locks: Locks, *, floats: bool = False) -> FoldedChain:
-    """Return the bodies along the path from the base link, which stands still unless it floats. O(links)."""
+    """Return the bodies along the path from the base link, which is fixed unless it floats. O(links)."""
     at = Pose.identity()
     on_base, bodies = {base: at}, []
     welded = on_base
@@ -82,7 +80,7 @@ def fold(base: str, path: list[PassedJoint], locks: Locks, *, floats: bool = Fal
         welded = {step.beyond: at}
         bodies.append(WeldedBody(step, placement, welded))
     passed = {step.joint.name for step in path}
-    others = locks.others and floats  # what moves on a base that stands still does not matter
+    others = locks.others and floats  # joints on a fixed base do not matter
     _weld_branches(on_base, passed, replace(locks, others=others))
     for body in bodies:
         _weld_branches(body.links, passed, locks)
@@ -90,7 +88,7 @@ def fold(base: str, path: list[PassedJoint], locks: Locks, *, floats: bool = Fal
 
 
 def _weld_branches(links: Welded, passed: set[str], locks: Locks) -> None:
-    """Add to the links of a body what hangs on them by fixed and held joints off the path."""
+    """Add the links that are attached to those of a body by fixed and locked joints off the path."""
     waiting = list(links)
     while waiting:
         link = waiting.pop()
@@ -103,7 +101,7 @@ def _weld_branches(links: Welded, passed: set[str], locks: Locks) -> None:
 
 
 def moving_branches(links: Welded, passed: Container[str], locks: Locks) -> list[UrdfJoint]:
-    """Return the joints off the path that move something on a body, however far out. O(links)."""
+    """Return the movable joints off the path on a body, at any depth. O(links)."""
     found, waiting, seen = [], list(links), set(links)
     while waiting:
         link = waiting.pop()
@@ -119,14 +117,14 @@ def moving_branches(links: Welded, passed: Container[str], locks: Locks) -> list
 
 
 def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool) -> Link:
-    """Return the links of a body as one.
+    """Return the links of a body combined to one link.
 
-        m = sum m_i,  c = sum m_i c_i / m,  J = sum R_i J_i R_i^T + m_i (d_i.d_i 1 - d_i d_i^T),
+        m = sum m_i,  c = sum m_i c_i / m,  J = sum R_i J_i R_i^T + m_i (d_i.d_i 1 - d_i d_i^T)
 
-    d_i = c_i - c. Each link by itself must be possible; `moved` says why it must have a mass.
+    with d_i = c_i - c. Each link must be physically possible; `moved` is the reason why the body must have a mass.
 
     Raises:
-        SceneError: an impossible link, or a body without any <inertial>.
+        SceneError: a link is physically impossible, or the body has no <inertial>.
     """
     name = next(iter(links))
     parts = inertia_parts(robot, links, physical)
@@ -140,10 +138,10 @@ def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool) -> 
 
 
 def inertia_parts(robot: UrdfRobot, links: Welded, physical: bool) -> list[tuple[float, Array, Array]]:
-    """Return mass, mass centre and inertia about it of each link that has any, in the frame its pose is given in.
+    """Return the mass, mass centre and inertia about it of each link that has them, in the frame of the links' poses.
 
     Raises:
-        SceneError: an impossible link.
+        SceneError: a link is physically impossible.
     """
     parts: list[tuple[float, Array, Array]] = []
     for link, at in links.items():

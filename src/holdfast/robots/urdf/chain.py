@@ -1,4 +1,4 @@
-"""Arms out of a URDF file, with what became of the rest of the robot."""
+"""Arms from a URDF file, with information on the other links and joints of the robot."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from holdfast.robots.urdf.source import Source
 from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
 
-SAME_PLACE = 1e-6  # [m] between the origins of two frames
-UPRIGHT = 0.1  # [rad] between z and the direction to the tip
+SAME_PLACE = 1e-6  # [m] distance below which the origins of two frames are at the same place
+UPRIGHT = 0.1  # [rad] largest angle between z and the direction to the tip
 
 
 class UrdfOptions(TypedDict, total=False):
@@ -41,20 +41,20 @@ class UrdfOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class UrdfChain:
-    """An arm, and what became of the rest of the robot.
+    """An arm with information on the other links and joints of the robot.
 
     Attributes:
-        arm: the arm; its joints and links bear the file's names.
-        robot: the file's links and joints.
-        base: name of the link that stands still.
-        tip: name of the link whose frame is the tip.
-        locked: where joints within the arm and its base are held [rad or m], by name.
-        bodies: N + 1 mappings from link name to pose: of the links on the base in the base's
-            frame, then of the links welded into arm link k in its frame.
-        elsewhere: names of the links that joints of their own move on the base.
-        notes: what was read differently from what the file states, or not at all, with its line; and a tip
-            whose z axis does not point out of the hand.
-        tip_note: that last note alone; empty if there is none.
+        arm: the arm; its joints and links have the names in the file.
+        robot: the links and joints in the file.
+        base: name of the base link.
+        tip: name of the link whose frame is the tip frame.
+        locked: positions of locked joints within the arm and its base [rad or m], by name.
+        bodies: N + 1 mappings from link name to pose: first the links on the base in the base's
+            frame, then the links welded to arm link k in its frame.
+        elsewhere: names of the links that move relative to the base by joints off the path.
+        notes: notes, with line numbers, on what was not read, or was interpreted differently from the file; and on a
+            tip whose z axis does not point out of the hand.
+        tip_note: the last of these notes alone; "" if there is none.
     """
 
     arm: Arm
@@ -75,7 +75,7 @@ def urdf_chain(
     tip: str | None = None,
     **options: Unpack[UrdfOptions],
 ) -> UrdfChain:
-    """Return what `load_urdf` loads, with what became of every link, and notes. O(links).
+    """Return the arm of `load_urdf` with the assignment of every link and with notes. O(links).
 
     Args:
         path_or_text: as for `load_urdf`.
@@ -98,13 +98,13 @@ def urdf_chain(
 
 
 def mount_of(options: UrdfOptions) -> Pose:
-    """Return the `mount` of the options as a pose; the world's own frame by default."""
+    """Return the option `mount` as a pose; by default the world frame."""
     mount = options.get("mount")
     return Pose.identity() if mount is None else checks.pose(mount, "mount")
 
 
 def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
-    """Return the arm whose base link is mounted at a pose; nothing moves on it unheld."""
+    """Return the arm with its base link at a pose; all other joints on it must be locked."""
     robot, base = locks.robot, folded.base
     tip = folded.path[-1].beyond if folded.path else base
     if not folded.bodies:
@@ -141,7 +141,7 @@ def joints_and_links(robot: UrdfRobot, folded: FoldedChain, options: UrdfOptions
 
 
 def read_within(locks: Locks, folded: FoldedChain) -> tuple[dict[str, float], list[str]]:
-    """Return where joints within a chain and its base are held, and the notes on its links and joints."""
+    """Return the positions of locked joints within a chain and its base, and the notes on its links and joints."""
     robot = locks.robot
     inside = {name: robot.links[name] for links in (folded.on_base, *folded.moving) for name in links}
     within = [joint for joint in robot.joints.values() if joint.parent in inside and joint.child in inside]
@@ -153,7 +153,7 @@ def read_within(locks: Locks, folded: FoldedChain) -> tuple[dict[str, float], li
 
 
 def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: FoldedChain) -> str:
-    """Return the note on a tip whose z axis does not point out of the hand, with links there whose does; or nothing."""
+    """Return the note on a tip whose z axis does not point out of the hand, with better links at this place, or ''."""
     if not (advice := tip_advice(arm)):
         return ""
     better = [
@@ -185,14 +185,14 @@ def _joint(body: WeldedBody) -> Joint:
 
 
 def _plain(pose: Pose) -> Pose:
-    """Return the pose without -0.0, so that compiled code folds it."""
+    """Return the pose without -0.0, so that the compiler can drop zeros."""
     return Pose(pose.R + 0.0, pose.p + 0.0)
 
 
 def urdf_chains(
     path_or_text: str | PathLike[str], arms: Mapping[str, tuple[str, str]], **options: Unpack[UrdfOptions]
 ) -> dict[str, UrdfChain]:
-    """Return what `load_urdf_arms` loads, with what became of every link, and notes. O(arms links).
+    """Return the arms of `load_urdf_arms` with the assignment of every link and with notes. O(arms links).
 
     Args:
         path_or_text: as for `load_urdf_arms`.
@@ -212,7 +212,7 @@ def urdf_chains(
         refuse_unsupported(locks, path)
     loose = shared(locks, ends_of)
     resting = {joint.name: resting_position(joint) for joint, _ in loose}
-    held_too = replace(locks, given={**resting, **held})  # so that one refusal says what would still move then
+    held_too = replace(locks, given={**resting, **held})  # so that one error lists all joints that would still move
     folds = {name: fold(base, paths[name], held_too) for name, (base, _) in ends_of.items()}
     loose += [one for folded in folds.values() for one in hanging(held_too, folded)]
     refuse_loose(locks, loose)
@@ -225,7 +225,7 @@ def urdf_chains(
 
 
 def _ends_of_arms(robot: UrdfRobot, arms: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
-    """Return base and tip link of each arm, checked."""
+    """Return the checked names of the base and tip link of each arm."""
     if not isinstance(arms, Mapping) or not arms:
         raise robot.element.refuse("arms: expected (base, tip) by name, such as {'left': ('torso', 'left_hand')}")
     found = {}
@@ -240,7 +240,7 @@ def _ends_of_arms(robot: UrdfRobot, arms: Mapping[str, tuple[str, str]]) -> dict
 
 
 def _standing(locks: Locks, base: str) -> tuple[Pose, list[str]]:
-    """Return the pose of an arm's base link in the root link's frame, and notes on joints below it held unasked."""
+    """Return the pose of an arm's base link in the root link's frame, and notes on joints locked automatically."""
     at, notes = Pose.identity(), []
     for joint, _ in path_between(locks.robot, locks.robot.root, base):
         across, q = locks.pose(joint), locks.position(joint)
@@ -265,32 +265,31 @@ def load_urdf(
 ) -> Arm:
     """Return the arm between two links of a URDF file. O(links).
 
-    Links that are fixed to one another become one. What hangs on the base does not matter
-    and is left out; what hangs on the arm belongs to it, so joints off the path from base
-    to tip (fingers, another arm) must be held. `urdf_chain` returns what became of each link.
+    Links that are fixed to one another are combined. Other links on the base are left out, because they do not affect
+    the arm. Other links on the arm are part of it, so joints off the path from base to tip (of fingers, or of another
+    arm) must be locked. `urdf_chain` also returns the assignment of each link.
 
-    Joints keep the file's sign, axis, limits, damping and friction. The base need not be
-    the root: joints may be passed from child to parent. A rate or effort limit of 0, and a
-    range of 0, count as not given. Angles within 1e-12 rad of a multiple of pi/2 are taken
-    as that multiple. A link without <inertial> is massless, and must be fixed to one that
-    has mass.
+    Joints keep the sign, axis, limits, damping and friction in the file. The base need not be the root, and joints may
+    be passed from child to parent. A rate or effort limit of 0, and a position range of 0, mean that there is no limit.
+    Angles within 1e-12 rad of a multiple of pi/2 are rounded to that multiple. A link without <inertial> is massless,
+    and must be fixed to one that has mass.
 
     Args:
         path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).
-        base: name of the link that stands still; default: the root.
-        tip: name of the link whose frame is the tip; default: the only end link.
-        locked: positions to hold joints at [rad or m], by name. A joint that mimics a held
-            one is held with it.
-        lock_others: hold every joint that hangs on the arm at 0, or at its limit nearest to 0.
-        mount: pose of the base link in the world (a Pose or wxyz_xyz); default: the world.
+        base: name of the base link; by default the root.
+        tip: name of the link whose frame is the tip frame; by default the only end link.
+        locked: positions of joints to lock [rad or m], by name. A joint that mimics a locked one is locked, too.
+        lock_others: lock every other joint on the arm at 0, or at its limit nearest to 0.
+        mount: pose of the base link in the world (a Pose or wxyz_xyz); by default the world frame.
         physical: False accepts principal moments that no mass distribution has.
-        xacro_args: values of the file's <xacro:arg> by name.
-        trust_xacro: whether to expand a `.xacro` file, which runs the Python in it.
+        xacro_args: values of the file's <xacro:arg> elements by name.
+        trust_xacro: whether to expand a `.xacro` file, which runs the Python code in it.
 
     Raises:
-        SceneError: what is wrong or cannot be an arm, with file, line and element, and what to try.
-        ModelError: a mount that is no pose.
-        MissingExtra: a `.xacro` file without xacrodoc.
+        SceneError: the file has an error or does not contain such an arm; the message gives file, line, element and
+            advice.
+        ModelError: the mount is not a pose.
+        MissingExtra: the file is a `.xacro` file, and xacrodoc is not installed.
     """
     return urdf_chain(
         path_or_text,
@@ -316,20 +315,20 @@ def load_urdf_arms(
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
 ) -> dict[str, Arm]:
-    """Return several arms of one robot, each where it stands on it. O(arms links).
+    """Return several arms of one robot, each with its base at its place on the robot. O(arms links).
 
         load_urdf_arms("robot.urdf", {"left": ("torso", "left_hand"), "right": ("torso", "right_hand")})
 
-    Links that stand still may be shared. A joint that moves two arms, or an arm's base, must be
-    held: `lock_others` holds those that are on no arm's path, a torso below both bases for one, at 0
-    or at their limit nearest to 0; `locked` holds any, where it says. One refusal lists them all.
+    Arms may share fixed links. A joint that moves two arms, or the base of an arm, must be locked: `lock_others` locks
+    those that are not on the path of an arm (for example a torso below both bases) at 0 or at their limit nearest to 0;
+    `locked` locks any joint at a given position. One error lists all joints that still have to be locked.
 
     Args:
         path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).
         arms: names of base and tip link, by arm.
         locked: as for `load_urdf`, for all arms.
         lock_others: as for `load_urdf`.
-        mount: pose of the file's root link in the world (a Pose or wxyz_xyz); default: the world.
+        mount: pose of the file's root link in the world (a Pose or wxyz_xyz); by default the world frame.
         physical: as for `load_urdf`.
         xacro_args: as for `load_urdf`.
         trust_xacro: as for `load_urdf`.

@@ -1,4 +1,4 @@
-"""XML elements that know their line, read by expat in bounded time and memory, without entities."""
+"""XML elements with line numbers, read by expat in bounded time and memory and without entities."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Element:
     """An XML element.
 
     Attributes:
-        tag: its name, prefix included.
-        attributes: text by name.
-        source: the file's name.
-        line: where it begins.
-        parent: the element around it, None for the root.
+        tag: its name, including a prefix.
+        attributes: texts of the attributes by name.
+        source: name of the file.
+        line: line in which it begins.
+        parent: the enclosing element; None for the root.
         children: the elements in it, in order.
-        stray: the first text found between them, shortened; empty if none.
+        stray: the first text between them, shortened; empty if there is none.
     """
 
     tag: str
@@ -40,18 +40,18 @@ class Element:
 
     @property
     def label(self) -> str:
-        """Where it is inside the document, such as `link 'hand', inertial, mass`."""
+        """Position in the document, such as `link 'hand', inertial, mass`."""
         name = self.attributes.get("name")
         own = self.tag if name is None else f"{self.tag} {quoted(name)}"
         inside = self.parent is not None and self.parent.parent is not None
         return f"{self.parent.label}, {own}" if inside and self.parent else own
 
     def first(self, tag: str) -> Element | None:
-        """Return the first child of that name, if there is one."""
+        """Return the first child with this name; None if there is none."""
         return next((child for child in self.children if child.tag == tag), None)
 
     def required(self, tag: str) -> Element:
-        """Return the first child of that name."""
+        """Return the first child with this name, which must exist."""
         if (child := self.first(tag)) is None:
             raise self.refuse(f"expected <{tag}>, got none")
         return child
@@ -61,12 +61,12 @@ class Element:
         return f"{self.source}:{self.line}: " + " ".join(f"{shortened(self.label, 200)}: {problem}".split())
 
     def refuse(self, problem: str) -> SceneError:
-        """Return the error that names file, line and element."""
+        """Return an error that gives file, line and element."""
         return SceneError(self.message(problem))
 
     @contextmanager
     def refusals(self) -> Iterator[None]:
-        """Turn the model's refusal `link 'hand': inertia: ...` into one that names the line."""
+        """Convert errors of the model, such as `link 'hand': inertia: ...`, to errors that give the line."""
         try:
             yield
         except SceneError:
@@ -78,24 +78,24 @@ class Element:
 
 
 def shortened(text: str, length: int = 60) -> str:
-    """Return a text of at most so many characters, dots for the rest."""
+    """Return a text shortened to at most `length` characters, with dots at the end."""
     return text if len(text) <= length else text[: length - 3] + "..."
 
 
 def quoted(text: str) -> str:
-    """Return a text from a file as messages show it: printable, short, in quotes."""
+    """Return a text from a file for messages: printable, short and in quotes."""
     return repr(shortened(text))
 
 
 def hint(name: str, known: Iterable[str]) -> str:
-    """Return ' Did you mean ...?', or what is known, shortened."""
+    """Return ' Did you mean ...?' with the closest known name, or a shortened list of known names."""
     known = list(known)
     near = difflib.get_close_matches(name[:256], known, n=1, cutoff=0.6) if len(known) <= 2000 else []
     return f" Did you mean '{near[0]}'?" if near else f" Known: {listed(known)}."
 
 
 def listed(names: Iterable[str], most: int = 12) -> str:
-    """Return names with quotes and commas, at most so many."""
+    """Return names with quotes and commas, at most `most` of them."""
     names = list(names)
     rest = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(quoted(name) for name in names[:most]) + rest if names else "none"
@@ -105,12 +105,12 @@ def parse_document(text: bytes | str, source: str) -> Element:
     """Return the root element of an XML document. O(length).
 
     Args:
-        text: the document; bytes in an encoding that it declares (UTF-8 if it does not).
-        source: the file's name, for messages.
+        text: the document; bytes in the encoding that it declares, or UTF-8.
+        source: name of the file, for messages.
 
     Raises:
-        SceneError: not well-formed, an unknown encoding, a DOCTYPE (no robot needs one, and
-            entities can grow without bound), more than 32 MiB, 100,000 elements or 100 levels.
+        SceneError: the document is not well-formed, has an unknown encoding or a DOCTYPE (which can define unbounded
+            entities), or has more than 32 MiB, 100,000 elements or 100 levels.
     """
     if len(text) > LARGEST_FILE:
         raise SceneError(f"{source}:1: robot: expected at most {LARGEST_FILE >> 20} MiB, got {len(text) >> 20} MiB")
@@ -126,7 +126,7 @@ def parse_document(text: bytes | str, source: str) -> Element:
             f"{source}:{fault.lineno}: {shortened(where, 200)}: not well-formed XML: {reason}"
             f" (column {fault.offset + 1}){_ADVICE.get(reason, '')}"
         ) from fault
-    except (ValueError, LookupError) as fault:  # encodings that Python does not know, or of several bytes a letter
+    except (ValueError, LookupError) as fault:  # unknown encodings, or multi-byte encodings
         raise SceneError(f"{source}:1: document: cannot be decoded: {fault}; try saving it as UTF-8") from fault
     return builder.root[0]
 

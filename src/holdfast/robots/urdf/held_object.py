@@ -1,4 +1,4 @@
-"""The object that arms hold, out of a URDF file."""
+"""The held object from a URDF file."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from holdfast.spatial.pose import Pose
 
 
 def held_object_from_urdf(path_or_text: str | PathLike[str], link: str | None, physical: bool) -> HeldObject:
-    """Return what `HeldObject.from_urdf` does. O(links).
+    """Return the object of a URDF file; see `HeldObject.from_urdf`. O(links).
 
     Raises:
-        SceneError: as there.
+        SceneError: as for `HeldObject.from_urdf`.
     """
     robot = read_urdf(path_or_text)
     start = robot.root if link is None else known_link(robot, link, "link")

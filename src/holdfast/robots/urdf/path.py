@@ -1,4 +1,4 @@
-"""Where an arm begins and ends in a tree of links, the joints between, and which joints are held."""
+"""The base and the tip of an arm in a tree of links, the joints between them, and the locked joints."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class PassedJoint(NamedTuple):
 
     @property
     def beyond(self) -> str:
-        """Name of the link that it leads to."""
+        """Name of the link after the joint."""
         return self.joint.child if self.down else self.joint.parent
 
 
 def path_between(robot: UrdfRobot, start: str, end: str) -> list[PassedJoint]:
-    """Return the joints from one link to another: up to their common ancestor, then down. O(links)."""
+    """Return the joints from one link to another, up to their common ancestor and then down. O(links)."""
     up, down = _to_root(robot, start), _to_root(robot, end)
     while up and down and up[-1] is down[-1]:
         up.pop()
@@ -55,10 +55,10 @@ def _to_root(robot: UrdfRobot, link: str) -> list[UrdfJoint]:
 
 
 def known_link(robot: UrdfRobot, link: str, what: str) -> str:
-    """Return the name of a link if the robot has it.
+    """Return the name of a link after checking that the robot has it.
 
     Raises:
-        SceneError: it has none of that name.
+        SceneError: there is no link with this name.
     """
     if not isinstance(link, str) or link not in robot.links:
         shown = quoted(link) if isinstance(link, str) else f"a {type(link).__name__}"
@@ -67,10 +67,10 @@ def known_link(robot: UrdfRobot, link: str, what: str) -> str:
 
 
 def ends(robot: UrdfRobot, base: str | None, tip: str | None, locked: Container[str]) -> tuple[str, str]:
-    """Return base and tip: the root, and the only end link beyond a moving joint, unless given.
+    """Return base and tip, which are by default the root and the only end link after a moving joint.
 
     Raises:
-        SceneError: an unknown link, or no or several tips to choose from, with their names.
+        SceneError: a link is unknown, or there is no such end link or more than one; the message lists them.
     """
     start = robot.root if base is None else known_link(robot, base, "base")
     if tip is not None:
@@ -87,7 +87,7 @@ def ends(robot: UrdfRobot, base: str | None, tip: str | None, locked: Container[
 
 
 def _moving_joints(robot: UrdfRobot, start: str, locked: Container[str]) -> dict[str, int]:
-    """Return how many joints that move lie between a link and each link below it, itself included."""
+    """Return the number of moving joints between a link and each link below it, itself included."""
     counts, waiting = {start: 0}, [start]
     while waiting:
         link = waiting.pop()
@@ -98,7 +98,7 @@ def _moving_joints(robot: UrdfRobot, start: str, locked: Container[str]) -> dict
 
 
 def _choice(robot: UrdfRobot, start: str, tips: list[str], counts: dict[str, int]) -> SceneError:
-    """Return the refusal that lists the tips, longest arms first, and where they part."""
+    """Return the error that lists the possible tips, longest arms first, and the link at which they branch."""
     shown = [f"{quoted(link)} ({counts[link]})" for link in tips[:12]]
     if len(tips) > 12:
         shown.append(f"{len(tips) - 12} more")
@@ -112,7 +112,7 @@ def _choice(robot: UrdfRobot, start: str, tips: list[str], counts: dict[str, int
 
 
 def _fork(robot: UrdfRobot, start: str, tips: list[str]) -> str:
-    """Return the last link that is on the path from the start to every tip."""
+    """Return the last link that is on the paths from the start to all tips."""
     on_path = {start}
     for link in tips:
         while link not in on_path:
@@ -126,12 +126,12 @@ def _fork(robot: UrdfRobot, start: str, tips: list[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Locks:
-    """The joints that are held.
+    """The joints that are locked.
 
     Attributes:
         robot: the robot.
-        given: position by joint name, as the caller gave it.
-        others: hold also every joint that hangs on an arm, or moves its base, but is on no arm's path.
+        given: positions given by the caller, by joint name.
+        others: also lock every joint on an arm, or below its base, that is not on the path of an arm.
         on_path: names of the joints between base and tip of the arms.
     """
 
@@ -141,9 +141,9 @@ class Locks:
     on_path: frozenset[str]
 
     def position(self, joint: UrdfJoint) -> float | None:
-        """Return where a joint is held [rad or m], None if it moves.
+        """Return the position at which a joint is locked [rad or m]; None if it moves.
 
-        A joint that mimics a held one is held where that one puts it.
+        A joint that mimics a locked one is locked at the corresponding position.
         """
         followed, multiplier, offset = joint, 1.0, 0.0
         for _ in range(DEEPEST_MIMIC):
@@ -162,7 +162,7 @@ class Locks:
         raise joint.element.refuse(f"mimic: follows {DEEPEST_MIMIC} joints or itself; expected one that follows none")
 
     def _own_position(self, joint: UrdfJoint) -> float | None:
-        """Return where a joint is held by itself, None if it is not."""
+        """Return the position at which a joint itself is locked, without mimicry; None if it is not."""
         if joint.name in self.given:
             return self.given[joint.name]
         if self.others and joint.kind in MOVING and joint.name not in self.on_path:
@@ -170,7 +170,7 @@ class Locks:
         return None
 
     def pose(self, joint: UrdfJoint) -> Pose | None:
-        """Return the pose of the child frame in the parent frame, None if the joint moves."""
+        """Return the pose of the child frame in the parent frame; None if the joint moves."""
         if joint.is_fixed:
             return joint.origin
         q = self.position(joint)
@@ -182,16 +182,16 @@ class Locks:
 
 
 def resting_position(joint: UrdfJoint) -> float:
-    """Return where a joint rests unless the caller gives a position: at 0, or at its limit nearest to 0 [rad or m]."""
+    """Return the default position of a locked joint: 0, or its limit nearest to 0 [rad or m]."""
     low, high = joint.position_limits
     return min(max(0.0, low), high)
 
 
 def checked_locks(robot: UrdfRobot, locked: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the positions to hold joints at, each of a joint that can move, within its limits.
+    """Return the checked positions of joints to lock.
 
     Raises:
-        SceneError: an unknown or immovable joint, a position that is none or beyond a limit.
+        SceneError: a joint is unknown or cannot move, or a position is not a number within its limits.
     """
     if not isinstance(locked or {}, Mapping):
         raise robot.element.refuse(f"locked: expected positions by joint name, got a {type(locked).__name__}")
@@ -212,7 +212,7 @@ def checked_locks(robot: UrdfRobot, locked: Mapping[str, float] | None) -> dict[
 
 
 def _bounded(joint: UrdfJoint, position: float) -> float:
-    """Return a position that is small enough to compute with."""
+    """Return a position after checking its size."""
     if not abs(position) <= LARGEST:
         raise joint.element.refuse(f"locked: expected sizes up to {LARGEST:g} [rad or m], got {position:g}")
     return position

@@ -1,4 +1,4 @@
-"""Planar joints, taken apart: along two directions of the plane, then about its normal."""
+"""Splitting of planar joints into two prismatic joints in the plane and a revolute joint about its normal."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ UNREAD = ("limit", "dynamics", "mimic")
 
 
 def taken_apart(joint: UrdfJoint) -> tuple[list[UrdfJoint], list[UrdfLink]]:
-    """Return the three joints of one freedom that a planar joint is, and the two links without mass between them.
+    """Return the three joints with one degree of freedom that replace a planar joint, and two massless links between.
 
-    A planar joint 'name' becomes 'name.1' and 'name.2', which slide, and 'name.3', which turns about the normal. They
-    slide along the child's x and y for a normal along z, y and z for x, z and x for y; for any other normal, along
-    the nearest such directions in the plane.
+    A planar joint 'name' becomes the prismatic joints 'name.1' and 'name.2' and the revolute joint 'name.3' about the
+    normal. The prismatic joints are along the child's x and y for a normal along z, along y and z for x, and along z
+    and x for y; for any other normal, they are along the nearest such directions in the plane.
     """
     normal, name, element = joint.axis, joint.name, joint.element
     along = np.eye(3)[(int(np.argmax(np.abs(normal))) + 1) % 3]

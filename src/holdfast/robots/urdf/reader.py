@@ -1,4 +1,4 @@
-"""URDF files to trees of links and joints."""
+"""The reader of URDF files, which returns a tree of links and joints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from holdfast.robots.urdf.source import Source, read_source
 from holdfast.spatial.inertia import turned
 from holdfast.spatial.scalar import Array
 
-SMALLEST_RADIUS = 1e-8  # [m] of gyration; iCub's exporter leaves 1e-35 to 1e-18 kg m^2 beside zeros, which no body has
+SMALLEST_RADIUS = 1e-8  # [m] of gyration; iCub's exporter writes 1e-35 to 1e-18 kg m^2 instead of zeros
 Named = TypeVar("Named", UrdfLink, UrdfJoint)
 
 
@@ -31,20 +31,20 @@ def read_urdf(
 ) -> UrdfRobot:
     """Return the tree of links and joints that a URDF file describes. O(links + joints).
 
-    Every link and joint is read, wherever it stands; whether masses and inertias are
-    possible is asked where they are used. Angles within 1e-12 rad of a multiple of pi/2
-    are taken as that multiple. A planar joint becomes two that slide and one that turns.
+    All links and joints are read. Masses and inertias are checked only when they are used. Angles within 1e-12 rad of a
+    multiple of pi/2 are rounded to that multiple. A planar joint becomes two prismatic joints and a revolute one.
 
     Args:
-        path_or_text: a file, or the text itself (it begins with `<`). A file whose name ends
+        path_or_text: a file, or the text itself (which begins with `<`). A file whose name ends
             in `.xacro` is expanded first (extra `robots`), if `trust_xacro` is true.
-        xacro_args: values of the file's <xacro:arg> by name.
-        trust_xacro: whether to expand a `.xacro` file. That runs the Python expressions in it
-            and in the files that it includes, which can do whatever you can.
+        xacro_args: values of the file's <xacro:arg> elements by name.
+        trust_xacro: whether to expand a `.xacro` file. This runs the Python expressions in it and in the files that it
+            includes, with all permissions of the user.
 
     Raises:
-        SceneError: what is wrong, with file, line and element; a .xacro file without `trust_xacro`.
-        MissingExtra: a .xacro file without xacrodoc.
+        SceneError: the file has an error (the message gives file, line and element), or is a .xacro file and
+            `trust_xacro` is False.
+        MissingExtra: the file is a .xacro file, and xacrodoc is not installed.
     """
     source = read_source(path_or_text, xacro_args, trust_xacro)
     root = parse_document(source.text, source.name)
@@ -64,7 +64,7 @@ def read_urdf(
 
 
 def _by_name(members: list[Named]) -> dict[str, Named]:
-    """Return links or joints by name; the same name twice is refused."""
+    """Return links or joints by name; duplicate names are refused."""
     found: dict[str, Named] = {}
     for member in members:
         if member.name in found:
@@ -75,11 +75,13 @@ def _by_name(members: list[Named]) -> dict[str, Named]:
 
 
 def _root(element: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> str:
-    """Return the one link that is no joint's child, if links and joints form a tree. O(links + joints).
+    """Return the root, the only link that is not the child of a joint, after checking that there is a tree.
+
+    O(links + joints).
 
     Raises:
-        SceneError: no link, a joint to an unknown link, a link with two parents, a loop,
-            several roots.
+        SceneError: there are no links, a joint refers to an unknown link, a link has two parents, or there is a loop or
+            more than one root.
     """
     if not links:
         raise element.refuse("expected at least one <link>, got none")
@@ -104,7 +106,7 @@ def _root(element: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, 
 
 
 def _refuse_circles(robot: UrdfRobot) -> None:
-    """Refuse links that cannot be reached from the root: each has a parent, so they stand in a circle."""
+    """Refuse links that cannot be reached from the root; each has a parent, so they form a cycle."""
     reached, waiting = {robot.root}, [robot.root]
     while waiting:
         children = [joint.child for joint in robot.joints_below[waiting.pop()]]
@@ -115,7 +117,7 @@ def _refuse_circles(robot: UrdfRobot) -> None:
 
 
 def _link(element: Element) -> UrdfLink:
-    """Return a link; without <inertial> it weighs nothing."""
+    """Return a link, which is massless without <inertial>."""
     notes = list(attributes.unread_notes(element))
     inertial = element.first("inertial")
     weight = None if inertial is None else _inertial(inertial, notes)
@@ -123,7 +125,7 @@ def _link(element: Element) -> UrdfLink:
 
 
 def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
-    """Return mass, mass centre and inertia, turned into link axes; an inertia that is only rounding is 0."""
+    """Return the mass, mass centre and inertia in link axes; an inertia that is only rounding becomes 0."""
     mass = attributes.number(element.required("mass"), "value", size=attributes.LARGEST)
     moments = element.required("inertia")
     J = _symmetric(moments)
@@ -135,7 +137,7 @@ def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
 
 
 def _symmetric(moments: Element) -> Array:
-    """Return the (3, 3) matrix; entries below the diagonal may be given too, and must agree."""
+    """Return the (3, 3) inertia matrix; entries below the diagonal are optional, and must agree with those above."""
     xx, xy, xz, yy, yz, zz = (
         attributes.number(moments, key, size=attributes.LARGEST) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
@@ -146,7 +148,7 @@ def _symmetric(moments: Element) -> Array:
 
 
 def _joint(element: Element) -> UrdfJoint:
-    """Return a joint; axis, limits and friction of one that cannot move mean nothing and are not read."""
+    """Return a joint; the axis, limits and friction of a fixed joint have no meaning and are not read."""
     notes = list(attributes.unread_notes(element))
     kind = _kind(element)
     moving = kind in MOVING
@@ -173,7 +175,7 @@ def _joint(element: Element) -> UrdfJoint:
 
 
 def _kind(element: Element) -> str:
-    """Return the joint's type, one that URDF or its dialects know."""
+    """Return the joint's type, one of those defined by URDF or its dialects."""
     kind = attributes.name(element, "type")
     known = (*MOVING, PLANAR, "fixed", *UNSUPPORTED)
     if kind not in known:
@@ -184,7 +186,7 @@ def _kind(element: Element) -> str:
 
 
 def _axis(element: Element, notes: list[str]) -> np.ndarray:
-    """Return the unit axis; x where none is given, as the format prescribes."""
+    """Return the unit axis, which is x by default, as the format prescribes."""
     if (axis := element.first("axis")) is not None:
         return attributes.axis(axis)
     notes.append(element.message("no <axis>, taken as 1 0 0"))
@@ -200,7 +202,7 @@ def _dynamics(element: Element) -> tuple[float, ...]:
 
 
 def _mimic(element: Element) -> Mimic | None:
-    """Return which joint this one follows, if it does."""
+    """Return the joint that this joint mimics, or None."""
     if (mimic := element.first("mimic")) is None:
         return None
     followed = attributes.name(mimic, "joint")
@@ -209,11 +211,10 @@ def _mimic(element: Element) -> Mimic | None:
 
 
 def _limits(element: Element, kind: str, notes: list[str]) -> tuple[tuple[float, float], float, float]:
-    """Return limits of position, rate and effort, infinite where the file gives none.
+    """Return the limits of position, rate and effort, which are infinite if the file gives none.
 
-    Programs that write URDF fill in zeros for what they do not know. A joint that may not
-    move at all would be a fixed one, so a rate, an effort or a range of zero counts as not
-    given, and is noted.
+    Programs that write URDF files often use zeros for unknown values. Because a joint that cannot move would be a fixed
+    joint, a rate, an effort or a range of zero means that there is no limit, and causes a note.
     """
     limit = element.first("limit")
     if limit is None:
@@ -226,7 +227,7 @@ def _limits(element: Element, kind: str, notes: list[str]) -> tuple[tuple[float,
         if lower is not None or upper is not None:
             notes.append(limit.message("lower, upper: not read, since a continuous joint has none"))
         return UNBOUNDED, rate, effort
-    low, high = lower or 0.0, upper or 0.0  # one alone: the format says 0 for the other
+    low, high = lower or 0.0, upper or 0.0  # the format defines 0 for a missing bound
     if low == high == 0.0:
         notes.append(limit.message("lower, upper: a range of 0, taken as unlimited"))
         return UNBOUNDED, rate, effort
@@ -236,7 +237,7 @@ def _limits(element: Element, kind: str, notes: list[str]) -> tuple[tuple[float,
 
 
 def _bound(limit: Element, key: str, notes: list[str]) -> float:
-    """Return the largest rate or effort; infinite for none and for zero."""
+    """Return the largest rate or effort, which is infinite if it is missing or zero."""
     value = attributes.limit(limit, key)
     if value is None or value == 0.0:
         notes.append(limit.message(f"{key}: {'missing' if value is None else '0'}, taken as unlimited"))

@@ -1,4 +1,4 @@
-"""What keeps a path through a robot from being an arm: each refusal names the joint and what to pass."""
+"""Checks that a path through a robot is an arm; the errors name the joint and the arguments to pass."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint, path_between, resting_position
 from holdfast.robots.urdf.robot import MOVING, UrdfJoint
 
-MOST_REASONS = 8  # of joints, in one message
-MOST_HELD = 40  # joints in one advice
+MOST_REASONS = 8  # reasons in one message
+MOST_HELD = 40  # joints in the advice of one message
 
 
 def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
-    """Refuse joints on the path that an arm cannot have: several freedoms, or the motion of another."""
+    """Refuse joints on the path with several degrees of freedom, and joints that mimic others."""
     for joint, down in path:
         if not joint.is_fixed and joint.kind not in MOVING:
             end, link = ("base", joint.child) if down else ("tip", joint.child)
@@ -34,11 +34,11 @@ def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
 
 
 class LooseJoint(NamedTuple):
-    """A joint that moves what must stand still.
+    """A joint that must be locked.
 
     Attributes:
         joint: the joint.
-        why: what it does, such as "moves both arm 'left' and arm 'right'".
+        why: the reason, such as "moves both arm 'left' and arm 'right'".
     """
 
     joint: UrdfJoint
@@ -48,7 +48,7 @@ class LooseJoint(NamedTuple):
 def hanging(
     locks: Locks, folded: FoldedChain, what: str = "arm", passed: Container[str] | None = None
 ) -> list[LooseJoint]:
-    """Return the joints that move links which hang on an arm or a trunk, but for those that are passed: its own."""
+    """Return the joints that move links on an arm or a trunk but are not on its path."""
     passed = {joint.name for joint, _ in folded.path} if passed is None else passed
     return [
         LooseJoint(
@@ -60,7 +60,7 @@ def hanging(
 
 
 def shared(locks: Locks, ends: Mapping[str, tuple[str, str]]) -> list[LooseJoint]:
-    """Return the joints that move several arms, or the bases of arms; `ends` has base and tip link by arm."""
+    """Return the joints that move several arms, or the bases of arms; `ends` contains base and tip link by arm."""
     arms: dict[str, list[str]] = {}
     bases: dict[str, list[str]] = {}
     robot = locks.robot
@@ -76,7 +76,7 @@ def shared(locks: Locks, ends: Mapping[str, tuple[str, str]]) -> list[LooseJoint
 
 
 def refuse_loose(locks: Locks, loose: list[LooseJoint]) -> None:
-    """Refuse all joints that move what must stand still at once, with what to pass so that they are held."""
+    """Raise one error for all joints that must be locked, with the arguments that lock them."""
     if odd := [one for one in loose if one.joint.kind not in MOVING]:
         raise odd[0].joint.element.refuse(
             f"type: expected a joint that can be locked, since it {odd[0].why}, got {quoted(odd[0].joint.kind)};"
@@ -96,14 +96,14 @@ def refuse_loose(locks: Locks, loose: list[LooseJoint]) -> None:
 
 
 def _advice(locks: Locks, loose: list[LooseJoint]) -> str:
-    """Return what to pass so that these joints are held; those that follow another of them need nothing."""
+    """Return the arguments that lock these joints; those that mimic another of them need not be given."""
     joints = {one.joint.name: one.joint for one in loose}
     free = [joint for joint in joints.values() if joint.mimic is None or joint.mimic.joint not in joints]
-    own = any(joint.name in locks.on_path or joint.mimic is not None for joint in free)  # no others to the arms
+    own = any(joint.name in locks.on_path or joint.mimic is not None for joint in free)  # not locked by `lock_others`
     return f"try {_held(free)}" + ("" if own else " or lock_others=True")
 
 
 def _held(joints: list[UrdfJoint]) -> str:
-    """Return `locked=` of joints, each at its resting position, as code."""
+    """Return the argument `locked=` for joints at their default positions, as code."""
     held = ", ".join(f"{quoted(joint.name)}: {resting_position(joint)!r}" for joint in joints[:MOST_HELD])
     return f"locked={{{held}{', ...' if len(joints) > MOST_HELD else ''}}}"

@@ -1,4 +1,4 @@
-"""A robot as a URDF file describes it: a tree of links and joints, plain data."""
+"""The tree of links and joints that a URDF file describes, as plain data."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 MOVING = {urdf: kind for kind, row in JOINT_TYPES.items() for urdf in row.urdf}  # kinds of `Joint` by URDF type
-PLANAR = "planar"  # read as three joints of one freedom
+PLANAR = "planar"  # read as three joints with one degree of freedom
 UNSUPPORTED = ("floating", "ball", "spherical")
 
 
 @dataclass(frozen=True, eq=False)
 class UrdfInertial:
-    """Mass, mass centre and inertia of a link.
+    """The mass, mass centre and inertia of a link.
 
     Attributes:
-        mass: [kg].
+        mass: mass [kg].
         com: (3,) mass centre in link axes [m].
-        inertia: (3, 3) about the mass centre, link axes [kg m^2].
-        element: the <inertial>.
+        inertia: (3, 3) inertia about the mass centre, link axes [kg m^2].
+        element: the <inertial> element.
     """
 
     mass: float
@@ -35,13 +35,13 @@ class UrdfInertial:
 
 @dataclass(frozen=True, eq=False)
 class UrdfLink:
-    """A link.
+    """A link of a URDF file.
 
     Attributes:
         name: its name.
         inertial: mass, mass centre and inertia; None if the file gives none.
-        element: the <link>.
-        notes: what of it was read differently from what the file states, or not at all.
+        element: the <link> element.
+        notes: notes on what was not read, or was interpreted differently from the file.
     """
 
     name: str
@@ -52,12 +52,12 @@ class UrdfLink:
 
 @dataclass(frozen=True)
 class Mimic:
-    """q = multiplier q_joint + offset.
+    """A joint that mimics another, q = multiplier q_joint + offset.
 
     Attributes:
-        joint: the name of the joint that is followed.
-        multiplier: [1].
-        offset: [rad or m].
+        joint: name of the joint that is mimicked.
+        multiplier: factor [1].
+        offset: offset [rad or m].
     """
 
     joint: str
@@ -67,24 +67,25 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint.
+    """A joint of a URDF file.
 
     Attributes:
         name: its name.
-        kind: "revolute", "continuous", "prismatic", "fixed", or one that no arm can have.
-        parent: name of the link it is on.
-        child: name of the link it moves.
+        kind: "revolute", "continuous", "prismatic", "fixed", or a type that arms cannot have.
+        parent: name of the parent link.
+        child: name of the link that it moves.
         origin: pose of the child frame in the parent frame at q = 0.
         axis: (3,) unit vector in child axes.
         position_limits: lowest and highest q [rad or m]; infinite if the file gives none.
         rate_limit: largest |qd| [rad/s or m/s]; infinite if the file gives none.
         effort_limit: largest |tau| [N m or N]; infinite if the file gives none.
-        damping: [N m s/rad or N s/m].
-        friction: [N m or N].
-        stiffness, rest: of a spring in it [N m/rad or N/m, rad or m]; SDF's names, which many URDFs use.
-        mimic: the joint it follows, or None.
-        element: the <joint>.
-        notes: what of it was read differently from what the file states, or not at all.
+        damping: viscous damping [N m s/rad or N s/m].
+        friction: Coulomb friction [N m or N].
+        stiffness, rest: stiffness and rest position of a spring [N m/rad or N/m, rad or m], which many URDF files give
+            with the names of SDF.
+        mimic: the joint that it mimics, or None.
+        element: the <joint> element.
+        notes: notes on what was not read, or was interpreted differently from the file.
     """
 
     name: str
@@ -106,12 +107,12 @@ class UrdfJoint:
 
     @property
     def is_fixed(self) -> bool:
-        """Whether it never moves."""
+        """Whether the joint is fixed."""
         return self.kind == "fixed"
 
     @property
     def turns(self) -> bool:
-        """Whether its position is an angle [rad]; else it is a length [m]."""
+        """Whether its position is an angle [rad]; otherwise it is a length [m]."""
         return self.kind not in MOVING or JOINT_TYPES[MOVING[self.kind]].turns
 
     def other(self, link: str) -> str:
@@ -125,12 +126,12 @@ class UrdfRobot:
 
     Attributes:
         name: its name.
-        links: by name, in the file's order.
-        joints: by name, in the file's order.
-        root: the name of the link that no joint moves.
-        element: the <robot>.
-        notes: what of the <robot> itself was not read.
-        folder: that relative names of meshes start from; empty for a text that came without a file.
+        links: links by name, in the file's order.
+        joints: joints by name, in the file's order.
+        root: name of the root link.
+        element: the <robot> element.
+        notes: notes on what was not read in the <robot> element itself.
+        folder: folder to which relative names of meshes refer; "" for a text without a file.
     """
 
     name: str
@@ -143,19 +144,19 @@ class UrdfRobot:
 
     @cached_property
     def joint_above(self) -> Mapping[str, UrdfJoint]:
-        """The joint whose child a link is, by link; the root has none."""
+        """The joint above each link, by link name; the root has none."""
         return {joint.child: joint for joint in self.joints.values()}
 
     @cached_property
     def joints_below(self) -> Mapping[str, tuple[UrdfJoint, ...]]:
-        """The joints whose parent a link is, by link."""
+        """The joints below each link, by link name."""
         below: dict[str, list[UrdfJoint]] = {link: [] for link in self.links}
         for joint in self.joints.values():
             below[joint.parent].append(joint)
         return {link: tuple(joints) for link, joints in below.items()}
 
     def joints_at(self, link: str) -> tuple[UrdfJoint, ...]:
-        """Return all joints of a link, the one above it first."""
+        """Return all joints of a link, beginning with the one above it."""
         above = self.joint_above.get(link)
         return self.joints_below[link] if above is None else (above, *self.joints_below[link])
 
@@ -165,7 +166,7 @@ _DEEPEST = 40  # levels that are shown by indentation; long chains stay readable
 
 
 def urdf_tree(robot: UrdfRobot) -> str:
-    """Return one line a link, children indented below parents, with the joint that moves it.
+    """Return one line per link with the joint that moves it; children are indented below their parents.
 
         base
           shoulder   joint1: revolute, -2.9 to 2.9 rad, 2.2 rad/s, 87 N m

@@ -1,4 +1,4 @@
-"""Where a URDF comes from: a text, a file, or a xacro file that is expanded first."""
+"""Sources of URDF text: a string, a file, or a xacro file that is expanded first."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from holdfast.robots.urdf.document import LARGEST_FILE, quoted, shortened
 
 @dataclass(frozen=True)
 class Source:
-    """The text of a URDF.
+    """The text of a URDF file.
 
     Attributes:
-        name: for messages.
-        text: the XML, bytes if their encoding is still to be found out.
-        folder: that relative names of meshes start from; None for a text that came without a file.
-        notes: what xacro printed, and its warnings.
+        name: name in messages.
+        text: the XML text; bytes if the encoding is not known yet.
+        folder: folder to which relative names of meshes refer; None for a text without a file.
+        notes: output and warnings of xacro.
     """
 
     name: str
@@ -35,12 +35,12 @@ class Source:
 def read_source(
     path_or_text: str | PathLike[str] | Source, xacro_args: Mapping[str, str] | None = None, trust_xacro: bool = False
 ) -> Source:
-    """Return the text of a URDF from a file, a xacro file, or as it is; a source that was read already stays.
+    """Return the text of a URDF from a string, a file or a xacro file; a `Source` is returned unchanged.
 
     Raises:
-        SceneError: a file that cannot be read or expanded, a .xacro file without `trust_xacro`, or
-            `xacro_args` for one that is not xacro.
-        MissingExtra: a .xacro file without xacrodoc.
+        SceneError: the file cannot be read or expanded, it is a .xacro file and `trust_xacro` is False, or `xacro_args`
+            are given for another file.
+        MissingExtra: the file is a .xacro file, and xacrodoc is not installed.
     """
     if isinstance(path_or_text, Source):
         return path_or_text
@@ -63,23 +63,23 @@ def read_source(
 
 
 def _read_bytes(path: str, name: str) -> bytes:
-    """Return at most one byte more than the largest file may have."""
+    """Return the content of a file, at most one byte more than the largest allowed size."""
     try:
-        if not Path(path).is_file():  # a directory, or a pipe that would never end
+        if not Path(path).is_file():  # a directory, or a pipe that might never end
             raise OSError("is not a file" if Path(path).exists() else "no such file")
         with open(path, "rb") as file:
             return file.read(LARGEST_FILE + 1)
     except OSError as cause:
         raise SceneError(f"{name}: cannot be read: {cause.strerror or cause}") from cause
-    except ValueError as cause:  # a path that no file system takes
+    except ValueError as cause:  # a path that is not allowed in file systems
         raise SceneError(f"{quoted(path)}: cannot be read: {cause}") from cause
 
 
 def _expanded(path: str, xacro_args: dict[str, str], trusted: bool) -> Source:
-    """Return what xacro makes of a file; its lines are counted after expansion."""
+    """Return the expansion of a xacro file, whose lines are counted after expansion."""
     name = shortened(path, 200)
     _read_bytes(path, name)
-    if trusted is not True:  # xacro's own guard against this does not look into a lambda
+    if trusted is not True:  # xacro's own protection does not cover lambdas
         raise SceneError(
             f"{name}: expanding xacro runs the Python code in it and in the files that it includes; if you trust"
             " them all, try trust_xacro=True (--trust-xacro on the command line), or expand it to a .urdf yourself"
@@ -97,10 +97,10 @@ def _expanded(path: str, xacro_args: dict[str, str], trusted: bool) -> Source:
             redirect_stdout(printed),
             warnings.catch_warnings(record=True) as warned,
         ):
-            warnings.simplefilter("always")  # chdir: xacro looks for relative includes from where it stands
+            warnings.simplefilter("always")  # xacro resolves relative includes from the working directory
             document = xacro_document.from_file(folder / file, subargs=xacro_args, resolve_packages=False)
             text = document.to_urdf_string()
-    except Exception as cause:  # xacro evaluates expressions, which can raise anything
+    except Exception as cause:  # xacro evaluates expressions, which can raise any error
         reason = " ".join(f"{printed.getvalue()} {type(cause).__name__}: {cause}".split())
         advice = "; try xacrodoc.packages.update_package_cache({name: folder})" if "Package not found" in reason else ""
         raise SceneError(f"{name}: xacro cannot expand it: {shortened(reason, 400)}{advice}") from cause

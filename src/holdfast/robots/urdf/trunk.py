@@ -1,4 +1,4 @@
-"""Arms on a common trunk out of a URDF file: the joints that several arms share are the trunk."""
+"""Arms on a common trunk from a URDF file; the trunk consists of the joints that several arms share."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ Path = list[PassedJoint]
 
 @dataclass(frozen=True, eq=False)
 class UrdfTrunkChain:
-    """What `load_urdf_trunk` loads, and what became of the file's links.
+    """The result of `load_urdf_trunk`, with the assignment of the file's links.
 
     Attributes:
         found: trunk, arms and mounts.
-        robot: the file's links and joints.
-        bodies: as many mappings from link name to pose as the trunk has links, and one before: of the links on its
-            base, which stands still or floats, in the base's frame, then of those welded into link k in its frame.
-        chains: each arm by name, without the links that it stands on, which are the trunk's.
+        robot: the links and joints in the file.
+        bodies: mappings from link name to pose, one more than the trunk has links: first the links on its base, which
+            is fixed or floats, in the base's frame, then those welded to link k in its frame.
+        chains: each arm by name, without the links of the trunk.
     """
 
     found: ArmsOnTrunk
@@ -50,26 +50,28 @@ def load_urdf_trunk(
     floating: bool = False,
     **options: Unpack[UrdfOptions],
 ) -> ArmsOnTrunk:
-    """Return arms of one robot and the joints that they share, as the trunk that they stand on. O(arms links).
+    """Return arms of one robot, and the joints that they share as the trunk on which they are mounted. O(arms links).
 
         load_urdf_trunk("robot.urdf", {"left": "left_hand", "right": "right_hand"}, lock_others=True)
 
-    From the base on, the joints on the way to more than one tip are the trunk, as far as they move; each arm
-    begins where no other goes along. Arms may leave the trunk at different links, or stand on the base; a trunk
-    that branches is refused. Links that are fixed to the trunk count for it. What hangs on trunk and arms by
-    joints of its own (a head, fingers; legs on a base that floats) must be held, as for `load_urdf_arms`.
+    The trunk consists of the movable joints, from the base on, that are on the paths to more than one tip. Each arm
+    begins where its path is not shared. Arms may be mounted on different links of the trunk, or on the base; a trunk
+    that branches is refused. Links that are fixed to the trunk are part of it. Other joints on the trunk and the arms
+    (of a head, of fingers, or of legs on a floating base) must be locked, as for `load_urdf_arms`.
 
     Args:
         path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).
-        tips: name of the link whose frame is the tip, by arm; or such names alone, which are the arms' names then.
-        base: name of the link that stands still, or floats; default: the root.
-        floating: whether the base is a free body, as it also is where the file's first joint on the way to all
-            tips is a floating one; its frame is then that of the link beyond, and its pose is in the state.
+        tips: name of the link whose frame is the tip frame, by arm; or a list of such names, which are then the names
+            of the arms, too.
+        base: name of the base link, which is fixed or floats; by default the root.
+        floating: whether the base is a free body. It also is one if the first joint on the path to all tips is a
+            floating joint; its frame is then that of the link after this joint. The pose of a free body is part of the
+            state.
         **options: as for `load_urdf_arms`, with `mount` the pose of the base link in the world.
 
     Raises:
-        SceneError: as for `load_urdf_arms`; no joint that moves two arms, on a base that stands still; a trunk
-            that branches; an arm without a joint of its own; a mount of a base that floats.
+        SceneError: as for `load_urdf_arms`; or no joint moves two arms and the base is fixed, the trunk branches, an
+            arm has no joint of its own, or a mount is given for a floating base.
         ModelError, MissingExtra: as for `load_urdf_arms`.
     """
     return urdf_trunk(path_or_text, tips, base=base, floating=floating, **options).found
@@ -83,7 +85,7 @@ def urdf_trunk(
     floating: bool = False,
     **options: Unpack[UrdfOptions],
 ) -> UrdfTrunkChain:
-    """Return what `load_urdf_trunk` loads, with what became of every link. O(arms links).
+    """Return the result of `load_urdf_trunk` with the assignment of every link. O(arms links).
 
     Args:
         path_or_text: as for `load_urdf_trunk`.
@@ -125,7 +127,7 @@ def urdf_trunk(
 
 
 def _ends(robot: UrdfRobot, tips: Mapping[str, str] | Iterable[str]) -> dict[str, str]:
-    """Return the tip link of each arm, checked."""
+    """Return the checked name of the tip link of each arm."""
     if not checks.is_listed(tips) or not (given := [*tips]):
         raise robot.element.refuse("tips: expected links by arm, such as {'left': 'left_hand', 'right': 'right_hand'}")
     named = tips if isinstance(tips, Mapping) else {str(tip): tip for tip in given}
@@ -133,7 +135,7 @@ def _ends(robot: UrdfRobot, tips: Mapping[str, str] | Iterable[str]) -> dict[str
 
 
 def _base(robot: UrdfRobot, start: str, ends: Mapping[str, str], floating: bool) -> tuple[str, bool]:
-    """Return the base and whether it floats: beyond a floating joint that is the first on the way to every tip."""
+    """Return the base and whether it floats; a floating joint that is first on all paths moves the base beyond it."""
     paths = [path_between(robot, start, tip) for tip in ends.values()]
     first = {next((step for step in path if not step.joint.is_fixed), None) for path in paths}
     step = first.pop()
@@ -142,16 +144,16 @@ def _base(robot: UrdfRobot, start: str, ends: Mapping[str, str], floating: bool)
 
 
 def _floating_above(robot: UrdfRobot, link: str) -> set[str]:
-    """Return the name of the joint above a link if it is a floating one: a body that floats does not feel it."""
+    """Return the name of the joint above a link if it is a floating joint, which does not constrain a free body."""
     above = robot.joint_above.get(link)
     return {above.name} if above is not None and above.kind == "floating" else set()
 
 
 def _shared(locks: Locks, paths: Mapping[str, Path]) -> dict[str, Path]:
-    """Return the moving joints that each arm shares with another: the first ones on the way to its tip.
+    """Return the moving joints that each arm shares with another, which are the first ones on the path to its tip.
 
     Raises:
-        SceneError: an arm without a joint of its own; a trunk that branches.
+        SceneError: an arm has no joint of its own, or the trunk branches.
     """
     moving = {name: [step for step in path if locks.pose(step.joint) is None] for name, path in paths.items()}
     counts = shared_counts(moving)
@@ -168,14 +170,14 @@ def _shared(locks: Locks, paths: Mapping[str, Path]) -> dict[str, Path]:
 
 
 def _until(path: Path, shared: Path) -> Path:
-    """Return the path up to the last of the joints that are shared."""
+    """Return the path up to the last shared joint."""
     return path[: path.index(shared[-1]) + 1] if shared else []
 
 
 def _on_trunk(
     locks: Locks, common: FoldedChain, folds: Mapping[str, FoldedChain], shared: Mapping[str, int], options: UrdfOptions
 ) -> UrdfTrunkChain:
-    """Return trunk and arms, which have so many joints of the trunk below them."""
+    """Return trunk and arms; `shared` contains the number of trunk joints below each arm."""
     robot, floats = locks.robot, common.floats
     free = welded_link(robot, common.on_base, "it floats", options.get("physical", True)) if floats else None
     bodies = (common.on_base, *(body.links for body in common.bodies))
@@ -193,7 +195,7 @@ def _on_trunk(
         else:
             at = trunk.base
         chain = chain_of(locks, folded, at, options)
-        visuals = chain.arm.visuals  # what the arm stands on is the trunk's
+        visuals = chain.arm.visuals  # the link below the arm belongs to the trunk
         own = replace(
             chain.arm, visuals=None if visuals is None else replace(visuals, bodies=((), *visuals.bodies[1:]))
         )

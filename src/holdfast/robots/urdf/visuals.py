@@ -1,4 +1,4 @@
-"""What the links of a URDF look like: its <visual> elements, for a viewer."""
+"""The visuals of links from the <visual> elements of a URDF file, for viewers."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ Bodies = Sequence[Mapping[str, Pose]]
 
 
 class Chain(Protocol):
-    """What has visuals: a `UrdfChain` or a `UrdfTrunkChain`."""
+    """A `UrdfChain` or a `UrdfTrunkChain`."""
 
     @property
     def robot(self) -> UrdfRobot:
-        """The file's links and joints."""
+        """The links and joints in the file."""
         ...
 
     @property
     def bodies(self) -> Bodies:
-        """Mappings from link name to pose: of the links on the base, then of those welded into each link."""
+        """Mappings from link name to pose: first of the links on the base, then of those welded to each link."""
         ...
 
 
 def urdf_visuals(chain: Chain) -> tuple[tuple[Visual, ...], ...]:
-    """Return what the base and each link of an arm, or of a trunk, look like, N + 1 tuples. O(links).
+    """Return the visuals of the base and of each link of an arm, or of a trunk, N + 1 tuples. O(links).
 
-    Poses are in the frame of the base, then of arm link k, so a viewer turns link k's
-    visuals with it. Links that move on the base by joints of their own are not shown.
+    Poses are in the frame of the base or of arm link k, so a viewer moves the visuals of link k with it. Links that
+    move relative to the base by other joints are not included.
 
     Raises:
-        SceneError: a shape that is none, with file, line and element.
+        SceneError: a shape is invalid; the message gives file, line and element.
     """
     return _visuals(chain.robot, chain.bodies)
 
 
 def visuals_of_bodies(robot: UrdfRobot, bodies: Bodies) -> tuple[Visuals | None, list[str]]:
-    """Return what bodies look like, None without visuals, and notes on what cannot be read of it.
+    """Return the visuals of bodies (None without any), and notes on visuals that cannot be read.
 
     Args:
-        robot: the file's links and joints.
-        bodies: as those of a `UrdfChain`.
+        robot: the links and joints in the file.
+        bodies: bodies as in a `UrdfChain`.
     """
     try:
         visuals = _visuals(robot, bodies)
-    except SceneError as cause:  # no reason to refuse an arm
+    except SceneError as cause:  # invalid visuals are no reason to refuse an arm
         return None, [f"{cause}; drawn with simple solids"]
     return Visuals(visuals, robot.folder) if any(visuals) else None, []
 
@@ -69,7 +69,7 @@ def _visuals(robot: UrdfRobot, bodies: Bodies) -> tuple[tuple[Visual, ...], ...]
 
 
 def _visual(element: Element, link: str, at: Pose, colours: dict[str, Rgba]) -> Visual:
-    """Return one <visual> of a link that lies at a pose."""
+    """Return one <visual> of a link with the given pose."""
     rgba = None
     if (material := element.first("material")) is not None:
         rgba = _rgba(material) or colours.get(material.attributes.get("name", ""))
@@ -103,7 +103,7 @@ def _three(
 
 
 def _colours(robot: UrdfRobot) -> dict[str, Rgba]:
-    """Return the colours that materials are given by name, once for the whole file."""
+    """Return the colours of named materials in the whole file."""
     named = [child for child in robot.element.children if child.tag == "material"]
     for link in robot.links.values():
         named += [m for visual in link.element.children if visual.tag == "visual" and (m := visual.first("material"))]
@@ -111,7 +111,7 @@ def _colours(robot: UrdfRobot) -> dict[str, Rgba]:
 
 
 def _rgba(material: Element) -> Rgba | None:
-    """Return a material's own colour, if it has one."""
+    """Return the colour of a material, or None."""
     if (colour := material.first("color")) is None:
         return None
     r, g, b, a = attributes.numbers(colour, "rgba", 4, attributes.LARGEST)

@@ -1,1 +1,1 @@
-"""Many steps of many systems in machine code: the functions of the simulation, traced."""
+"""Rollouts: many steps of many systems in machine code, traced from the functions of `simulation`."""

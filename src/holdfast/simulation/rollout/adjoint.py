@@ -1,4 +1,4 @@
-"""The adjoint of a step as machine code: from cotangents at its end to gradients at its beginning."""
+"""The adjoint of a step in machine code, which maps cotangents at its end to gradients at its start."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from holdfast.simulation.runge_kutta import EULER, Tableau
 from holdfast.spatial.scalar import Array
 
 UNUSED = ("held", "least_margin", "least_joint_margin", "search", "keep_rows", "contact", "limits")
-WITH = "with."  # before the names of what cotangents are given of
-FOUND = "found."  # before the names of gradients
-BEFORE = "before"  # what the law remembers at a step's beginning
+WITH = "with."  # prefix of the names of cotangents
+FOUND = "found."  # prefix of the names of gradients
+BEFORE = "before"  # the law's memory at the start of a step
 
 
 class AdjointKernel:
-    """The adjoint of a step of one chain under one law.
+    """The adjoint of a step of one chain with one control law.
 
     Attributes:
-        by: what gradients are by, as `VariedStep.linear` names it.
+        by: the arguments of which gradients are returned, with the names of `VariedStep.linear`.
         of: results at the step's end that have cotangents, besides the state and the memory.
-        externals: the arrays its machine code takes and returns.
+        externals: input and output arrays of the machine code.
     """
 
     def __init__(self, step: StepKernel, tableau: Tableau | None, by: Sequence[str], of: Sequence[str]) -> None:
-        """Take what is differentiated; compiled when it is first run.
+        """Store what is differentiated; the machine code is compiled at the first run.
 
         Args:
             step: the step.
-            tableau: its scheme; None: of a projection onto the grasps alone, as `Rollout.start` makes it.
-            by: what gradients are by.
+            tableau: scheme of the step; None for the projection onto the grasps in `Rollout.start`.
+            by: the arguments of which gradients are returned.
             of: results that have cotangents.
         """
         self.by, self.of, self._step = tuple(by), tuple(of), step
         self._shapes = adjoint_shapes(step, self.by, self.of)
-        if tableau is None:  # the law has no part in it
+        if tableau is None:  # the projection does not depend on the law
             del self._shapes[f"{WITH}{BEFORE}"]
         own = step_externals(step.structure, step.law)
         plain = {name: e for name, e in own.items() if e.role != "carried" and name not in UNUSED}
@@ -63,7 +63,7 @@ class AdjointKernel:
 
     @classmethod
     def of_step(cls, step: StepKernel, tableau: Tableau | None, by: Sequence[str], of: Sequence[str]) -> AdjointKernel:
-        """Return the adjoint of a step, made once."""
+        """Return the adjoint of a step, which is created at the first call and then reused."""
         key = None if tableau is None else tableau.name, tuple(by), tuple(of)
         if key not in step.adjoints:
             step.adjoints[key] = cls(step, tableau, by, of)
@@ -81,13 +81,13 @@ class AdjointKernel:
     def run(
         self, given: Mapping[str, Array], cotangents: Mapping[str, Array], count: int, threads: int = 1
     ) -> dict[str, Array]:
-        """Return gradients, (count, *shape) each.
+        """Return the gradients, (count, *shape) each.
 
         Args:
-            given: inputs and parameters, (*shape) for all systems or with a leading axis.
-            cotangents: with a leading axis.
-            count: how many systems.
-            threads: how many share them.
+            given: inputs and parameters, (*shape) for all systems or (count, *shape).
+            cotangents: cotangents by name, (count, *shape) each.
+            count: number of systems.
+            threads: number of threads.
         """
         found = {name: np.zeros((count, *self._shapes[f"{FOUND}{name}"])) for name in self.by}
         every = {**self._step.parameters, **given}
@@ -102,7 +102,7 @@ class AdjointKernel:
 
 
 def adjoint_shapes(step: StepKernel, by: Sequence[str], of: Sequence[str]) -> dict[str, Shape]:
-    """Return the shapes of cotangents and gradients, by the machine code's names; of poses (6,)."""
+    """Return the shapes of cotangents and gradients, with the names of the machine code; poses have shape (6,)."""
     known = (
         shapes(step.chain) | gradient_shapes(step.chain) | dict.fromkeys((BEFORE, "memory"), (len(step.law.memory),))
     )

@@ -1,4 +1,4 @@
-"""The arguments of a rollout's calls: the law's parameters, the chain's, step lengths and counts, checked."""
+"""Checks of the arguments of a rollout: parameters of the law and of the chain, step lengths and counts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
 from holdfast.spatial.scalar import Array
 
-StopMargins = Mapping[int, float]  # margins below which a system stops, by the code that it gets
+StopMargins = Mapping[int, float]  # margins below which a system stops, by the status code that it then gets
 MOST_STEPS = 10**9  # of one call: days, beyond which a count is a slip
 CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
 OF_LINKS = (*LINKS, "link_wrench", "trunk_link_wrench")
@@ -27,10 +27,10 @@ _TAKEN = (*CHAINS, *OF_LINKS, *_OWN, "record", "least_margin", "stop_at_limits",
 
 
 def require_free_names(parameters: Mapping[str, Any]) -> None:
-    """Refuse parameters of a law that a rollout's calls have arguments of the same name for.
+    """Refuse parameters of a law that have the name of another argument of a rollout.
 
     Raises:
-        ModelError: naming the first.
+        ModelError: there is such a parameter; the message names the first.
     """
     for name in parameters:
         if name in _TAKEN:
@@ -41,14 +41,14 @@ def require_free_names(parameters: Mapping[str, Any]) -> None:
 
 
 def state_arguments(chain: ClosedChain, *given: Any) -> dict[str, Any]:
-    """Return the state that `start` is given, by the names of its arrays.
+    """Return the state passed to `start`, by the names of its arrays.
 
     Args:
         chain: the chain.
-        given: in the order of `STATE` and `FLOATING`; the latter None where no base floats.
+        given: arrays in the order of `STATE` and `FLOATING`; the latter are None without a floating base.
 
     Raises:
-        StateError: a floating base's pose or twist is missing, or given where none floats.
+        StateError: the pose or twist of a floating base is missing, or is given although no base floats.
     """
     named = dict(zip((*STATE, *FLOATING), given, strict=True))
     for name in FLOATING:
@@ -60,15 +60,16 @@ def state_arguments(chain: ClosedChain, *given: Any) -> dict[str, Any]:
 
 
 def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dict[str, Array]:
-    """Return a call's inputs and parameters of the machine code, by its names, (1 or systems, *shape) each.
+    """Return the arguments of a call with the names of the machine code, (1 or systems, *shape) each.
 
     Args:
-        kernel: a step under a law.
-        given: any of the law's parameters, of `CHAINS`, and of `OF_LINKS` where the machine code takes them.
-        count: how many systems; an array has a row for each of them, or is for all.
+        kernel: the kernel of a step.
+        given: parameters of the law, arguments in `CHAINS`, and arguments in `OF_LINKS` if the kernel has been compiled
+            with them.
+        count: number of systems; an array has one row per system, or one value for all.
 
     Raises:
-        StateError: an unknown name, a wrong shape, numbers that are not finite (of the chain's).
+        StateError: a name is unknown, a shape is wrong, or a parameter of the chain is not finite.
     """
     laws, chains = kernel.law.parameters, {}
     known = [*CHAINS, *(name for name in OF_LINKS if name in kernel.externals)]
@@ -94,14 +95,14 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
 
 
 def kernel_arguments(kernel: StepKernel, given: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return inputs and parameters of the machine code from all that calls have given so far.
+    """Return the inputs and the parameters of the machine code from the arguments of all calls so far.
 
     Args:
-        kernel: a step under a law.
-        given: as `call_inputs` returns it; what another law takes is not used.
+        kernel: the kernel of a step.
+        given: arguments as `call_inputs` returns them; parameters of other laws are ignored.
 
     Raises:
-        StateError: the law was never given one of its parameters, or the systems are of another chain.
+        StateError: a parameter of the law has never been given, or the systems belong to another chain.
     """
     wrenches = [name for name in ("object_wrench", *WRENCHES) if name in kernel.externals]
     inputs = {name: np.zeros(kernel.externals[name].shape) for name in wrenches}
@@ -128,7 +129,7 @@ def _rows(x: Array, shape: tuple[int, ...]) -> Array:
 
 
 def fitting(name: str, value: Any, shape: tuple[int, ...], count: int) -> Array:
-    """Return a value as a float64 array of a shape, or with a row for each system.
+    """Return a value as a float64 array of the given shape, or with one row per system.
 
     Raises:
         StateError: it has another shape.
@@ -140,10 +141,10 @@ def fitting(name: str, value: Any, shape: tuple[int, ...], count: int) -> Array:
 
 
 def number(name: str, value: Any, infinite: bool = False) -> float:
-    """Return a number, finite unless infinite ones are welcome.
+    """Return the value as a float, which must be finite unless `infinite` is True.
 
     Raises:
-        StateError: it is none.
+        StateError: it is not such a number.
     """
     try:
         x = np.nan if isinstance(value, str | bytes | bool | np.bool_) else float(value)
@@ -155,10 +156,10 @@ def number(name: str, value: Any, infinite: bool = False) -> float:
 
 
 def whole_number(name: str, value: Any, most: int | None = None) -> int:
-    """Return an integer of at least one, and at most so many.
+    """Return the value as an integer, which must be at least one and at most `most`.
 
     Raises:
-        StateError: it is none.
+        StateError: it is not such an integer.
     """
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
         raise StateError(f"{name}: expected an integer >= 1, got {checks.short(value)}")
@@ -185,10 +186,10 @@ def step_lengths(step: Any, count: int) -> Array:
 
 
 def whole_steps(duration: float, step: float) -> int:
-    """Return how many steps a duration is.
+    """Return the number of steps in a duration.
 
     Raises:
-        StateError: it is no whole number of them.
+        StateError: the duration is not a whole number of steps.
     """
     count = duration / step
     steps = round(count) if np.isfinite(count) else 0
@@ -198,7 +199,7 @@ def whole_steps(duration: float, step: float) -> int:
 
 
 def stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:
-    """Return the margins below which systems stop."""
+    """Return the margins below which systems stop, by status code."""
     checks.flag(stop_at_limits, "stop_at_limits", StateError)
     return {
         SLIPPED: number("least_margin", least_margin, infinite=True),
@@ -207,7 +208,7 @@ def stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:
 
 
 def common_time(systems: RolloutSystems) -> float:
-    """Return the time at which all systems are that go on."""
+    """Return the time of the running systems, which must be the same for all of them."""
     times = np.unique(systems.t[systems.running]) if systems.running.any() else systems.t.max(keepdims=True)
     if times[-1] - times[0] > 1e-9 * max(1.0, abs(times[0])):
         raise StateError(
@@ -218,7 +219,7 @@ def common_time(systems: RolloutSystems) -> float:
 
 
 def step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array]:
-    """Return the inputs of the machine code besides torques and wrenches: the time, and what stops a system."""
+    """Return the inputs of the machine code other than torques and wrenches: times, and margins that stop systems."""
     return {
         "begin": systems.begin,
         "step": systems.step_length,

@@ -1,4 +1,4 @@
-"""`holdfast.compile_rollout`: many systems stepped in machine code, control law included."""
+"""`holdfast.compile_rollout`, which compiles the steps of many systems with their control law."""
 
 from __future__ import annotations
 
@@ -26,33 +26,34 @@ def compile_rollout(
     inputs: GivenInputs | None = None,
     parameters: Sequence[str] = (),
 ) -> Rollout:
-    """Compile steps of a chain under a control law to machine code of this computer.
+    """Compile the steps of a chain with a control law to machine code for this computer.
 
-    A step is the scheme's stages, two Newton rounds back onto the grasps in position, then in
-    velocity, in the kinetic metric.
+    A step consists of the stages of the scheme, followed by two Newton iterations that project the positions onto the
+    grasps, and a projection of the velocities, both in the kinetic metric.
 
     Args:
         chain: arms, object and grasps.
-        law: torques, a `ControlLaw` or a ready-made controller that can be traced; without one they are given to every
-            call as `tau`, and held for each step.
-        scheme: `rk4`, or `midpoint`: half the evaluations, second order.
-        generic_rank: rank of the grasp constraint away from singular configurations; found from the
-            first systems if not given.
-        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name or "trunk", as for `simulate`;
-            written as a control law is, as it becomes part of the machine code.
-        inputs: external wrenches that depend on t, or on (t, state), as for `simulate`; written as a control law is, as
-            they become part of the machine code. Those given to calls come on top.
-        parameters: what else may be given, as for `compile`: `link_inertia` (link_mass, link_com,
-            link_inertia), `link_wrench` (external wrenches on the links).
+        law: a `ControlLaw`, or a controller of the library that can be traced. Without a law, the torques are passed to
+            every call as `tau` and are constant during each step.
+        scheme: `rk4`, or `midpoint`, which is of second order and needs half as many evaluations.
+        generic_rank: rank of the grasp constraint away from singular configurations; by default it is determined from
+            the first systems.
+        base_motion: functions t -> (pose, twist, acceleration) of moving bases, by arm name or "trunk", as for
+            `simulate`. They become part of the machine code, so the rules for writing control laws apply.
+        inputs: external wrenches that depend on t or on (t, state), as for `simulate`. They become part of the machine
+            code, so the rules for writing control laws apply. Wrenches passed to calls are added to them.
+        parameters: names of optional groups of arguments, as for `compile`: `link_inertia` (link_mass, link_com,
+            link_inertia) and `link_wrench` (external wrenches on the links).
 
     Returns:
         The rollout: `start` makes systems of it, `step` and `run` move them.
 
     Raises:
-        ModelError: no such scheme, or one that estimates errors; a parameter of the law is named as an argument; a base
-            motion of no arm, inputs that are no function of (t) or (t, state).
-        StateError: no such optional parameter, or no rank.
-        CompileError: (when first started) the law, a base motion or inputs do what cannot be traced; the line is named.
+        ModelError: the scheme is unknown or adaptive, a parameter of the law has the name of another argument, a base
+            motion belongs to no arm, or the inputs are not a function of (t) or (t, state).
+        StateError: an optional group of arguments is unknown, or `generic_rank` is not a rank.
+        CompileError: (at the first start) the law, a base motion or the inputs cannot be traced; the message names the
+            line.
     """
     if scheme_of(scheme).adaptive:
         raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
@@ -70,10 +71,10 @@ def compile_rollout(
 
 
 def _traced(law: ControlLaw | Controller, chain: ClosedChain) -> ControlLaw:
-    """Return the law of what may be one.
+    """Return a control law or a controller of the library as a `ControlLaw`.
 
     Raises:
-        ModelError: a function, which need not depend on its arguments alone.
+        ModelError: it is another function, which need not depend on its arguments alone.
     """
     found = law if isinstance(law, ControlLaw) else None if isinstance(law, GivenLaw) else law_of(law, chain)
     if found is None:

@@ -1,8 +1,8 @@
-"""The steppers of `simulate` whose steps are machine code, and which stepper a run gets.
+"""The steppers of `simulate` that use machine code, and the choice of the stepper for a run.
 
-Where the controller and the base motions are part of the machine code, a whole step is one call (`FusedStepper`), and
-several ends cost about as much as one. Elsewhere dynamics, projection and a traced law are machine code, and the
-environment or the controller is asked from Python at every stage (`StagewiseStepper`), by steps of any scheme.
+If the controller and the base motions can be compiled, a whole step is one call of machine code (`FusedStepper`), and
+steps to several end times cost about as much as one. Otherwise, dynamics, projection and a traced law are machine code,
+while the environment or the controller is evaluated in Python at every stage (`StagewiseStepper`, for any scheme).
 """
 
 from __future__ import annotations
@@ -36,22 +36,23 @@ from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Step
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-WORTH_COMPILING = 45  # steps: fewer are taken by the reference in the time that compiling takes
-LOOKED_AT = 16  # steps that the looks inside one come to, where something is limited
+WORTH_COMPILING = 45  # steps: compiling takes as long as about this many steps without machine code
+LOOKED_AT = 16  # with limits, the evaluations inside a step cost about as much as this many steps
 
 
 @dataclass(frozen=True, eq=False)
 class StagewiseStepper:
-    """Steps whose environment and controller are asked from Python at every stage; see `Stepper`.
+    """Takes steps whose environment and controller are evaluated in Python at every stage; see `Stepper`.
 
     Attributes:
-        environment: the chain and what acts on it; wrenches on links only where inputs depend on the state.
-        controller: torques; None where they are part of the kernel.
-        kernel: a step, of which only the end is used: states closed, or evaluated.
+        environment: the chain, its base motions and external inputs; wrenches on links are possible only if the inputs
+            depend on the state.
+        controller: the controller; None if the kernel contains the law.
+        kernel: a compiled step of length zero, which projects or evaluates states.
         generic_rank: rank of the constraint away from singular configurations.
         scheme: the Runge-Kutta scheme.
-        tolerance: what `Advance.error` compares the scheme's estimates with.
-        values: of the law's parameters, by the kernel's names.
+        tolerance: the tolerance by which the estimated errors are divided to give `Advance.error`.
+        values: values of the law's parameters, with the names of the kernel.
     """
 
     environment: Environment
@@ -72,7 +73,7 @@ class StagewiseStepper:
         tolerance: Tolerance,
         law: ControlLaw | None = None,
     ) -> StagewiseStepper:
-        """Return the stepper of a controller; a `law` that gives the same torques is asked in its place."""
+        """Return the stepper for a controller; if a `law` with the same torques is given, it is compiled instead."""
         ours = held_torques(environment.chain.joint_count) if law is None else law
         options = Options(
             base_motion=bases_move(environment), implicit=scheme.implicit, link_wrenches=environment.of_state
@@ -89,7 +90,7 @@ class StagewiseStepper:
         return self.evaluate(t, closed, memory), gaps
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
-        """Return the chain at a given state, taken as it is."""
+        """Return the chain at a given state without projection."""
         found, (moment,) = self._evaluated([t], [state], memory, None)
         return instant_of(found, 0, moment)
 
@@ -101,7 +102,7 @@ class StagewiseStepper:
         except HoldfastError as cause:
             if len(ends) == 1:
                 return [Advance(ends[0], None, NO_GAPS, np.zeros(4), failure=cause)]
-            return [self.advance(now, [end])[0] for end in ends]  # who fails alone fails alone
+            return [self.advance(now, [end])[0] for end in ends]  # a failure of one end must not affect the others
         adaptive, ratio = self.scheme.adaptive, self.tolerance.ratio
         errors = [ratio(step.estimates, now.state, step.later.state) if adaptive else 0.0 for step in steps]
         return [
@@ -110,7 +111,7 @@ class StagewiseStepper:
         ]
 
     def _answers(self, now: Instant, questions: Sequence[Question]) -> list[Any]:
-        """Return what steps from `now` ask, all of them the same."""
+        """Answer the requests of several steps from `now`, which are all of the same kind."""
         times, states, held = [one.t for one in questions], [one.state for one in questions], now.result.held
         if isinstance(questions[0], Closing):
             return self._closed(times, states, held)
@@ -123,7 +124,7 @@ class StagewiseStepper:
         ]
 
     def _closed(self, times: list[float], states: list[State], rows: Array | None) -> list[tuple[State, Gaps]]:
-        """Return the states projected onto the grasps, and the gaps."""
+        """Return the states projected onto the grasps, and the gaps before and after."""
         moments = [self._stage_inputs(t, state) for t, state in zip(times, states, strict=True)]
         systems = self._run(states, moments, None, rows, held=False)
         return [(state_of(systems, row), gaps_of(systems, row)) for row in range(len(states))]
@@ -136,17 +137,17 @@ class StagewiseStepper:
         rows: Array | None,
         implicit: Sequence[Implicit] = (),
     ) -> tuple[Systems, list[StageInputs]]:
-        """Return what follows from the states under the controller's torques."""
+        """Return the evaluated systems at the given states, with the controller's torques, and their inputs."""
         moments = [
             self._driven(self._stage_inputs(t, state), state, memory) for t, state in zip(times, states, strict=True)
         ]
         return self._run(states, moments, memory, rows, held=True, implicit=implicit), moments
 
     def _stage_inputs(self, t: float, state: State) -> StageInputs:
-        """Return what the machine code is given at a time and in a state, without torques.
+        """Return the inputs of the machine code at a time and state, without torques.
 
         Raises:
-            MethodNotApplicable: there are wrenches on links that it has no place for; they are not ignored.
+            MethodNotApplicable: there are wrenches on links, for which the machine code was not compiled.
         """
         tau = None if self.controller is None else np.zeros(self.environment.chain.joint_count)
         if self._still is not None:
@@ -158,7 +159,7 @@ class StagewiseStepper:
 
     @cached_property
     def _still(self) -> Inputs | None:
-        """What acts on a chain on which the same acts all along; None on any other."""
+        """The inputs if they are constant; otherwise None."""
         given = self.environment.inputs
         if self.environment.base_motion or not isinstance(given, Inputs):
             return None
@@ -167,10 +168,10 @@ class StagewiseStepper:
         return shaped
 
     def _require_places(self, t: float, shaped: Inputs) -> None:
-        """Refuse inputs that machine code has no place for.
+        """Refuse inputs for which the machine code was not compiled.
 
         Raises:
-            MethodNotApplicable: naming them.
+            MethodNotApplicable: there are such inputs; the message names them.
         """
         on_links = () if self.environment.of_state else ("link_wrenches", "trunk_link_wrenches")
         for what in (*on_links, "trunk_base_twist", "trunk_base_acceleration"):
@@ -182,7 +183,7 @@ class StagewiseStepper:
                 )
 
     def _driven(self, at: StageInputs, state: State, memory: Any) -> StageInputs:
-        """Return what the machine code is given, with the controller's torques and what it carries on."""
+        """Return the inputs of the machine code, completed by the controller's torques and memory."""
         if self.controller is None:
             return replace(at, memory=memory)
         tau, kept = torques_and_memory(self.controller(at.t, state, memory))
@@ -198,15 +199,15 @@ class StagewiseStepper:
         held: bool,
         implicit: Sequence[Implicit] = (),
     ) -> Systems:
-        """Return the systems after a step of length zero, or refuse it.
+        """Return the systems after a step of length zero; an error is raised if one fails.
 
         Args:
-            states: where they are.
-            moments: what they are given.
-            memory: the law's.
-            rows: which components of the grasps are held; None: those chosen where they are.
-            held: take the states as they are.
-            implicit: what forward dynamics differs by, of each; none if by nothing.
+            states: states of the systems.
+            moments: inputs of the systems.
+            memory: memory of the law.
+            rows: rows of the constraint to satisfy; None to choose them at the given states.
+            held: evaluate the states without projection.
+            implicit: additional armatures and torques of each system; empty for none.
         """
         systems = self.kernel.systems(state_rows(states), memory)
         hold_rows(systems, rows)
@@ -240,7 +241,7 @@ class StagewiseStepper:
 
 
 def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
-    """Return the wrenches on links at some moments, by the machine code's names; zeros where none are given."""
+    """Return the wrenches on links at several instants, with the names of the machine code; zero if not given."""
     bodies = 0 if chain.trunk is None else len(chain.trunk.bodies)
     counts = {"link_wrench": sum(arm.joint_count for arm in chain.arms.values()), "trunk_link_wrench": bodies}
     found = {name: np.zeros((len(acting), count, 6)) for name, count in counts.items()}
@@ -252,13 +253,16 @@ def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
 
 
 def _late(found: Systems, row: int, at: StageInputs) -> Instant:
-    """Return one system as an instant that is put together when need be."""
+    """Return one system as an instant that is evaluated in full only when this is needed."""
     tau = found["drive"][row] if at.tau is None else at.tau
     return late_instant(at.t, (found["q"][row], found["qd"][row], tau), lambda: instant_of(found, row, at))
 
 
 def _slope(found: Array, at: Stage) -> Array:
-    """Return the slope at a stage; the machine took the attitude there for a step's start."""
+    """Return the slope at a stage, with the rates of the rotation vectors relative to the start of the step.
+
+    The machine code has treated the attitude at the stage as that of a step's start.
+    """
     slope = found.copy()
     for part, turn, twist in zip(body_parts(at.state), at.turns, twists(at.state), strict=True):
         slope[part.start : part.start + 3] = rotation_vector_rate(turn, twist[:3])
@@ -266,12 +270,12 @@ def _slope(found: Array, at: Stage) -> Array:
 
 
 def bases_move(environment: Environment) -> bool:
-    """Return whether bases move, or may do so as what acts on the chain changes with time."""
+    """Return whether bases move, or may move because the inputs are a function of time."""
     return bool(environment.base_motion) or (unsteady(environment.inputs) and not environment.of_state)
 
 
 def unsteady(given: GivenInputs) -> bool:
-    """Return whether inputs move bases, or change with time or state."""
+    """Return whether the inputs contain base motions, or depend on time or state."""
     return not isinstance(given, Inputs) or any(getattr(given, name) is not None for name in MOVING_BASES)
 
 
@@ -283,22 +287,22 @@ def stepper_for(
     tolerance: Tolerance,
     steps: int,
 ) -> Stepper:
-    """Return the stepper that suits a run; all of them give the same answers to rounding.
+    """Return the most suitable stepper for a run; the results of all steppers agree up to rounding.
 
-    A `ControlLaw`, or a controller or base motion that says it is `traceable`, becomes part of the machine code;
-    any other one is asked from Python, stage by stage. So go schemes that estimate their errors.
+    A `ControlLaw`, and a controller or base motion whose attribute `traceable` is True, become part of the machine
+    code. All other functions are evaluated in Python, stage by stage, and so are all steps of adaptive schemes.
 
     Args:
-        environment: the chain and what acts on it.
-        controller: torques.
+        environment: the chain, its base motions and external inputs.
+        controller: the controller.
         generic_rank: rank of the constraint away from singular configurations.
         scheme: the Runge-Kutta scheme.
-        tolerance: for schemes that estimate errors.
-        steps: how many there will be, at least.
+        tolerance: tolerance of adaptive schemes.
+        steps: the least number of steps that the run will take.
 
     Raises:
-        StateError: a law that takes parameters, which a run does not have.
-        CompileError: a law does what cannot be traced.
+        StateError: the law has parameters, which cannot be given in a run.
+        CompileError: the law cannot be traced.
     """
     few = steps * (LOOKED_AT if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
     acting = _acting_at_first(environment)
@@ -309,14 +313,14 @@ def stepper_for(
     motions = environment.base_motion.values()
     traceable = not unsteady(environment.inputs) and all(getattr(motion, "traceable", False) for motion in motions)
     if law is None or scheme.adaptive or not traceable:
-        if _moves_trunk_base(environment, acting):  # which stagewise steps have no place for
+        if _moves_trunk_base(environment, acting):  # stagewise steps do not support this
             return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
         return StagewiseStepper.of(environment, controller, generic_rank, scheme, tolerance, law)
     return FusedStepper.of(environment, law, scheme, generic_rank, values)
 
 
 def _acting_at_first(environment: Environment) -> Inputs:
-    """Return what acts at t = 0; nothing where that depends on the state, for which any wrench has a place."""
+    """Return the inputs at t = 0; empty if they depend on the state, because then any wrench is supported."""
     given = environment.inputs
     if isinstance(given, Inputs):
         return given
@@ -324,6 +328,6 @@ def _acting_at_first(environment: Environment) -> Inputs:
 
 
 def _moves_trunk_base(environment: Environment, acting: Inputs) -> bool:
-    """Return whether the base of a trunk in the world moves."""
+    """Return whether the base of a trunk has a prescribed motion."""
     given = (acting.trunk_base_twist, acting.trunk_base_acceleration)
     return TRUNK in environment.base_motion or any(x is not None for x in given)

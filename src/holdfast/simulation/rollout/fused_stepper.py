@@ -1,4 +1,4 @@
-"""Whole steps as machine code: a law and base motions that can be traced, constant wrenches."""
+"""The stepper for whole steps in machine code, with a traceable law and base motions and constant wrenches."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from holdfast.state import Inputs, State
 
 @dataclass(frozen=True, eq=False)
 class FusedStepper:
-    """Steps of a chain under a control law, base motions traceable, external wrenches constant; see `Stepper`.
+    """Takes whole steps in machine code, for traceable laws and base motions and constant wrenches; see `Stepper`.
 
     Attributes:
-        environment: the chain and what acts on it.
-        kernel: its step.
-        scheme: the Runge-Kutta scheme of its steps; it estimates no errors.
+        environment: the chain, its base motions and external inputs.
+        kernel: the compiled step.
+        scheme: the Runge-Kutta scheme, which must not be adaptive.
         generic_rank: rank of the constraint away from singular configurations.
-        values: of the law's parameters, by the kernel's names.
+        values: values of the law's parameters, with the names of the kernel.
     """
 
     environment: Environment
@@ -49,7 +49,7 @@ class FusedStepper:
         generic_rank: int,
         values: Mapping[str, Array] | None = None,
     ) -> FusedStepper:
-        """Return the stepper of a law, under values of its parameters."""
+        """Return the stepper for a law with the given values of its parameters."""
         kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=environment.base_motion, quick=True)
         return cls(environment, kernel, scheme, generic_rank, by_name(values or {}))
 
@@ -58,11 +58,11 @@ class FusedStepper:
         return self._at(t, state, memory, held=False)
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
-        """Return the chain at a given state, taken as it is."""
+        """Return the chain at a given state without projection."""
         return self._at(t, state, memory, held=True)[0]
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
-        """Return where one step leads; see `Stepper`."""
+        """Return the results of single steps; see `Stepper`."""
         systems = self.kernel.systems(state_rows([now.state] * len(ends)), now.memory)
         systems["slope"][...] = now.rates(no_turns(now.state))
         hold_rows(systems, now.result.held)
@@ -91,7 +91,7 @@ class FusedStepper:
             "step": steps,
             "held": np.array(float(held)),
             "object_wrench": wrench,
-            "search": np.array(0.0),  # `simulate` does, and finds when
+            "search": np.array(0.0),  # `simulate` searches for singular configurations itself
             **self.values,
         }
         self.kernel.run(systems, inputs, {})
@@ -109,18 +109,18 @@ class FusedStepper:
 
     @cached_property
     def _acting(self) -> Inputs:
-        """What acts on the chain, but for moving bases."""
+        """The constant inputs of the chain, without base motions."""
         acting = self.environment.inputs
         assert isinstance(acting, Inputs)
         return acting.shaped(self.environment.chain)
 
 
 def by_name(values: Mapping[str, Array]) -> dict[str, Array]:
-    """Return values of a law's parameters by the kernel's names."""
+    """Return the values of a law's parameters with the names of the kernel."""
     return {f"control.{name}": x for name, x in values.items()}
 
 
 def hold_rows(systems: Systems, held: Array | None) -> None:
-    """Let systems whose steps hold chosen rows hold these; None: leave them as they are."""
+    """Set the rows of the constraint that the steps of these systems satisfy; None leaves them unchanged."""
     if held is not None:
         systems["held_rows"][...] = held

@@ -1,4 +1,4 @@
-"""One step of many systems as machine code: the arrays it takes, and what a system is between two steps."""
+"""The machine code of one step of many systems: its arrays, and the data that systems carry between steps."""
 
 from __future__ import annotations
 
@@ -39,12 +39,14 @@ PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_in
 
 
 def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str, Shape]:
-    """Return what a system is between two steps, by name; arrays without numbers only of the joints.
+    """Return the shapes of the arrays that a system carries between two steps, by name.
+
+    Arrays without entries are left out, except those of the joints.
 
     Args:
         chain: the chain.
-        law: its law.
-        held: whether steps hold chosen rows of the constraint.
+        law: its control law.
+        held: whether steps satisfy a chosen subset of the constraint rows.
     """
     n, grasps, memory = chain.joint_count, (len(chain.grasps),), (len(law.memory),)
     own: dict[str, Shape] = {"slope": (increment_size(chain),), "drive": (n,), "memory": memory}
@@ -52,13 +54,13 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str,
     found = {name: (shapes(chain) | own)[name] for name in traced_step.step_results(chain)}
     found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
     found |= {"worst_margin": grasps, "worst_time": grasps}
-    if held:  # in velocity and, where they are others, in position; see `dynamics.closed.held_rows`
+    if held:  # for velocity and, if they differ, for position; see `dynamics.closed.held_rows`
         found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
     return {name: shape for name, shape in found.items() if math.prod(shape) or name in OF_JOINTS}
 
 
 def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:
-    """Return the arrays of a step: inputs, parameters, and what is carried on."""
+    """Return the arrays of a step: inputs, parameters, and carried arrays."""
     chain, options = structure.chain, structure.options
     own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "keep_rows", "generic_rank"), ())
     n = chain.joint_count
@@ -95,19 +97,19 @@ Systems = dict[str, Array]  # carried arrays by name, (systems, *shape) each
 
 
 class StepKernel:
-    """A step of one chain under one law.
+    """The compiled step of one chain with one control law.
 
     Attributes:
         chain: the chain.
         law: the control law.
-        motions: of the bases that move.
-        acting: wrenches that are part of the machine code, besides those of a call.
-        structure: the chain as the compiler sees it.
-        adjoints: kernels of its adjoint so far.
-        carried: shapes of what a system is between two steps.
-        externals: the arrays its machine code takes and returns.
-        parameters: the chain's own, by the machine code's names.
-        defaults: of inputs that need not be given.
+        motions: motions of the moving bases.
+        acting: wrenches that are part of the machine code, in addition to those of a call.
+        structure: the structure of the chain for the compiler.
+        adjoints: the adjoint kernels created so far.
+        carried: shapes of the arrays that a system carries between two steps.
+        externals: input and output arrays of the machine code.
+        parameters: parameters of the chain, with the names of the machine code.
+        defaults: default values of optional inputs.
     """
 
     def __init__(
@@ -122,7 +124,7 @@ class StepKernel:
         options: Options | None = None,
         quick: bool = False,
     ) -> None:
-        """Take what is to be stepped; compiled at the first step, sooner if `quick`."""
+        """Store what is to be compiled at the first step; `quick` shortens the compilation at the cost of run time."""
         self.chain, self.law, self.motions, self.acting = chain, law, dict(motions or {}), acting
         held = 0 <= generic_rank < chain.constraint_row_count
         self.structure = structure = Structure(chain, replace(options or Options(), held=held))
@@ -132,7 +134,7 @@ class StepKernel:
         name, code = f"step/{tableau.name}", partial(self.compiled, externals, quick=quick)
         self._step = code(name, lambda: step_schedule(*system, tableau))
         self._slopes = code("evaluation", lambda: traced(externals, slopes))
-        self.adjoints: dict[Any, Any] = {}  # of `adjoint.AdjointKernel`, made when asked for
+        self.adjoints: dict[Any, Any] = {}  # values are `adjoint.AdjointKernel`, created on demand
         self.carried = carried_shapes(chain, law, structure.options.held)
         self.externals = externals
         own = parameters_of(chain, generic_rank) | {"contact": _contact(chain), "limits": np.array(joint_limits(chain))}
@@ -145,7 +147,7 @@ class StepKernel:
         self._own, self._table = self._tabled(self.parameters | self.defaults, np.zeros((len(externals), 2), np.int64))
 
     def schedule(self, tableau: Tableau) -> Schedule:
-        """Return what a step under inputs of its own computes, the slope at its beginning included."""
+        """Return the schedule of a step that also evaluates the slope at its start, because its inputs have changed."""
         system = self.structure, self.law, self.motions, self.acting
 
         def step(given: Given) -> dict[str, Any]:
@@ -156,13 +158,13 @@ class StepKernel:
     def compiled(
         self, externals: Mapping[str, External], of: str, schedule: Callable[[], Schedule], quick: bool = False
     ) -> BatchKernel:
-        """Return machine code for this chain under this law, to be found on disk by what it computes.
+        """Return machine code for this chain and law, which is cached on disk under a key of what it computes.
 
         Args:
-            externals: the arrays it takes and returns.
-            of: what it computes.
-            schedule: how.
-            quick: compile sooner what will not run for long.
+            externals: input and output arrays.
+            of: name of what it computes, part of the key.
+            schedule: returns the schedule to compile.
+            quick: shorten the compilation at the cost of run time.
         """
         law, moving = self.law, exact_fingerprint([self.motions, self.acting])
         friction = hashlib.sha256(joint_friction(self.chain).tobytes()).hexdigest()
@@ -172,12 +174,12 @@ class StepKernel:
         return BatchKernel(externals, schedule, key, quick=quick)
 
     def systems(self, state: Mapping[str, Array], memory: Array | None = None, count: int | None = None) -> Systems:
-        """Return systems that have only their states; a step of length zero closes them and finds everything else.
+        """Return systems of which only the states are set; a step of length zero projects and evaluates them.
 
         Args:
-            state: as `state_fields` names its arrays, a row for each system, or one for all.
-            memory: the law's, likewise; by default as it says.
-            count: how many, where no array has rows.
+            state: arrays with the names of `state_fields`, with one row per system or one value for all.
+            memory: memory of the law, likewise; by default its initial memory.
+            count: number of systems if no array has rows.
         """
         count = len(state["object_pose"]) if count is None else count
         found = {name: np.zeros((count, *shape)) for name, shape in self.carried.items()}
@@ -201,25 +203,25 @@ class StepKernel:
         *,
         slopes_only: bool = False,
     ) -> None:
-        """Take so many steps in place; a system that cannot stays at its last good state and says why.
+        """Take a number of steps in place; a system that fails keeps its last good state and gets a status code.
 
         Args:
-            systems: as `systems` returns them (see `require_own`); their slopes must be found under the same inputs.
-            inputs: of the inputs' shapes, shared by all systems, or with a leading axis; no margin stops a system
-                unless one is given. What passes a singular configuration is stopped unless "search" is 0.
-            parameters: likewise, where they differ from the chain's own.
-            repeats: steps.
-            threads: how many share the systems.
-            slopes_only: take no step, but find the slopes where the systems are anew, under other inputs.
+            systems: systems from `systems` (see `require_own`), whose slopes were evaluated with the same inputs.
+            inputs: inputs by name, with one value for all systems or one row per system. No margin stops a system
+                unless one is given. A system that passes a singular configuration is stopped unless "search" is 0.
+            parameters: parameters that differ from those of the chain, likewise.
+            repeats: number of steps.
+            threads: number of threads.
+            slopes_only: take no step, but evaluate the slopes at the current states again, with new inputs.
         """
         given = {**parameters, **inputs, **{f"last.{name}": x for name, x in systems.items()}}
         assert self._asked <= given.keys(), "machine code would read where nothing is"
         kept, table = self._tabled(given, self._table.copy())
         (self._slopes if slopes_only else self._step).run_batch(table, len(systems["object_pose"]), threads, repeats)
-        del kept  # not before the machine code has read it
+        del kept  # the arrays must live until the machine code has read them
 
     def _tabled(self, given: Mapping[str, Array], table: Array) -> tuple[list[Array], Array]:
-        """Return arrays as machine code reads them, and the table with their addresses and strides in it."""
+        """Return the arrays in the layout of the machine code, and the table with their addresses and strides."""
         kept = []
         for name, x in given.items():
             if name in self._layout:
@@ -229,10 +231,10 @@ class StepKernel:
         return kept, table
 
     def require_own(self, systems: Systems) -> None:
-        """Refuse arrays that the machine code would read or write beyond their ends, or not at all.
+        """Refuse systems whose arrays do not have the shapes and the layout that the machine code expects.
 
         Raises:
-            StateError: the systems are not of this chain and law, or cannot be written in place.
+            StateError: the systems belong to another chain or law, or cannot be written in place.
         """
         count = len(systems["object_pose"])
         for name, shape in self.carried.items():
@@ -248,7 +250,7 @@ class StepKernel:
 
 
 def _contact(chain: ClosedChain) -> Array:
-    """Return what the grasps' margins are made of, (grasps, 6); see `traced_step.contact_margin`."""
+    """Return the parameters of the grasps' margins, (grasps, 6); see `traced_step.contact_margin`."""
     rows: list[list[float]] = []
     for grasp in chain.grasps.values():
         contact, limits = grasp.contact, grasp.wrench_limits or WrenchLimits()

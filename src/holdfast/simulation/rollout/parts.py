@@ -1,7 +1,7 @@
-"""Steps of many systems in equal parts: where a whole one is too long, and where a stop must be confirmed.
+"""Steps of many systems in equal parts, to reduce the drift or to confirm that a system stops.
 
-As in `simulate`, a step that leaves the grasps too far open is taken in parts (`simulation.stepper`), and a slip, limit
-or singularity is believed only where shorter steps show it too (`simulation.confirmation`).
+As in `simulate`, a step that leaves the grasps too far open is divided into parts (`simulation.stepper`), and a slip, a
+limit or a singularity counts only if shorter steps show it, too (`simulation.confirmation`).
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from holdfast.simulation.stepper import MOST_PARTS, parts_needed
 from holdfast.spatial.scalar import Array
 
 HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
-# (systems, step) -> None: one step in place
+# function (systems, step lengths) that takes one step in place
 TakeStep = Callable[[RolloutSystems, Array], None]
 
 
 def subdivided(systems: RolloutSystems, limit: float, order: int, advance: TakeStep) -> None:
-    """Take one step in place, in parts for the systems that it leaves open by more than a limit before projection.
+    """Take one step in place, in parts for systems whose position gap before projection exceeds a limit.
 
     Args:
-        systems: with their step lengths set.
-        limit: of the position gaps [m or rad].
-        order: of the scheme.
+        systems: the systems, with their step lengths set.
+        limit: greatest accepted position gap [m or rad].
+        order: order of the scheme.
         advance: takes a step.
     """
     before = systems.copy()
@@ -48,11 +48,11 @@ def subdivided(systems: RolloutSystems, limit: float, order: int, advance: TakeS
 
 
 def in_parts(begin: RolloutSystems, parts: int, advance: TakeStep) -> RolloutSystems:
-    """Return systems after a step in equal parts; what the law remembers moves on once, as in a whole step.
+    """Return systems after a step in equal parts; the law's memory is updated once, as in a whole step.
 
     Args:
-        begin: with their step lengths set.
-        parts: how many.
+        begin: the systems at the step's start, with their step lengths set.
+        parts: number of parts.
         advance: takes a step.
     """
     systems, gaps = begin.copy(), np.zeros((len(begin), 4))
@@ -68,12 +68,12 @@ def in_parts(begin: RolloutSystems, parts: int, advance: TakeStep) -> RolloutSys
 def contradicted(
     stopped: RolloutSystems, begin: RolloutSystems, least: Mapping[int, float], advance: TakeStep
 ) -> Array:
-    """Return which systems were stopped by a step that is too long, (systems,).
+    """Return which systems stopped only because the step is too long, (systems,).
 
     Args:
-        stopped: systems that have just slipped, passed a limit or turned singular, at their last good states.
-        begin: the same, free to go on.
-        least: margins that stop a system, by its code: of every one-sided contact, of every joint limit.
+        stopped: systems that have just slipped, passed a limit or become singular, at their last good states.
+        begin: the same systems before they stopped.
+        least: margins below which a system stops, by status code: for one-sided contacts and for joint limits.
         advance: takes a step.
     """
     code = stopped.arrays["code"]
@@ -92,12 +92,12 @@ def contradicted(
             m = np.where(fallen, _margins(systems, kind), 0.0)
             found |= shown & (~systems.running | ~(np.abs(m - m1) <= allowed).all(axis=1))
     ends = np.array([chain_strength(systems.arrays["condition"]) for systems in (begin, shorter[-1])])
-    beside = ends.min(axis=0) < BESIDE * ends.sum(axis=0)  # of a singular configuration: shorter steps do not pass it
+    beside = ends.min(axis=0) < BESIDE * ends.sum(axis=0)  # near singular configurations, shorter steps may agree
     return found | ((code == SINGULAR) & ~beside & np.all([systems.running for systems in shorter], axis=0))
 
 
 def _margins(systems: RolloutSystems, kind: int) -> Array:
-    """Return the margins that a kind of stop looks at, (systems, ...)."""
+    """Return the margins that belong to a status code, (systems, ...)."""
     return systems.joint_margin.reshape(len(systems), -1) if kind == LIMITED else systems.margin
 
 

@@ -1,4 +1,4 @@
-"""One system of a rollout as a run: its steps taken again, with everything that a run records."""
+"""Replay of one system of a rollout as a run: its steps are repeated, and everything that a run records is computed."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
         raise StateError(f"system: expected a number from 0 to {count - 1}, got {checks.short(number)}")
     stride = begun.every if every is None else whole_number("every", every)
     rollout, at, last = begun.rollout, begun.systems.copy([number]), record.systems.copy([number])
-    at.call_inputs, at.under = last.call_inputs, ()  # what `run` was given acts from the start
+    at.call_inputs, at.under = last.call_inputs, ()  # the arguments of `run` act from the start
     world = _environment(rollout, last)
     steps = round((float(record.t[-1]) - float(record.t[0])) / begun.step)
     samples = [_sample(world, rollout, at)]
@@ -61,7 +61,7 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
 
 
 def _environment(rollout: Any, systems: RolloutSystems) -> Environment:
-    """Return the chain of one system with its own parameters, and what acts on it."""
+    """Return the environment of one system: the chain with the system's parameters, base motions and inputs."""
     inputs, parameters = kernel_arguments(rollout.kernel, systems.call_inputs)
     fields = {name: systems.arrays[name][0] for name in state_fields(rollout.chain)}
     own = rollout.kernel.parameters | parameters
@@ -76,7 +76,7 @@ def _environment(rollout: Any, systems: RolloutSystems) -> Environment:
 
 
 def _with_own_bodies(chain: ClosedChain, own: Mapping[str, Array]) -> ClosedChain:
-    """Return the chain with the payload, the gravity and the links of a system."""
+    """Return the chain with the object, gravity and link inertias of a system."""
     held = replace(
         chain.held_object,
         mass=float(own["object_mass"]),
@@ -93,7 +93,7 @@ def _with_own_bodies(chain: ClosedChain, own: Mapping[str, Array]) -> ClosedChai
 
 
 def _sample(world: Environment, rollout: Any, at: RolloutSystems) -> Trajectory:
-    """Return the sample of a system where it is, under the torques that it is under."""
+    """Return a sample of a system at its current state, with its current torques."""
     parts = {field: at.arrays[name][0] for name, field in state_fields(rollout.chain).items()}
     tau = np.array(at.tau[0])
     now = evaluate(

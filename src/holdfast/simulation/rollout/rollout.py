@@ -1,4 +1,4 @@
-"""Many systems stepped in machine code, control law included."""
+"""The class `Rollout`, which advances many systems in machine code, including their control law."""
 
 from __future__ import annotations
 
@@ -50,16 +50,16 @@ RECORDED = ("q", "qd", "object_pose", "object_twist", "grasp_wrench")
 
 
 class Rollout:
-    """Steps of many systems as machine code; made by `compile_rollout`.
+    """Advances many systems in machine code; created by `compile_rollout`.
 
     Attributes:
         chain: the chain.
         law: the control law.
-        scheme: the Runge-Kutta scheme's name.
-        generic_rank: rank of the grasp constraint in general, or None while it is not known.
-        base_motion: of the bases that move, by arm name.
-        inputs: wrenches that act besides those given to calls; None without.
-        options: what the machine code takes.
+        scheme: name of the Runge-Kutta scheme.
+        generic_rank: rank of the grasp constraint away from singular configurations, or None while it is unknown.
+        base_motion: motions of the moving bases, by arm name.
+        inputs: wrenches that act in addition to those passed to calls; None for none.
+        options: options of the machine code.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Rollout:
         return self._kernels[False]
 
     def _kernels_for(self, generic_rank: int | None) -> dict[bool, StepKernel]:
-        """Return the scheme's step and, True, the implicit one; they hold as many rows as a low generic rank says."""
+        """Return the kernel of the scheme (key False) and that of the linearly implicit scheme (key True)."""
         rank = -1 if generic_rank is None else generic_rank
 
         def of(tableau: Tableau) -> StepKernel:
@@ -92,12 +92,12 @@ class Rollout:
         return {False: of(scheme_of(self.scheme)), True: of(IMEX)}
 
     def __repr__(self) -> str:
-        """Return chain, scheme and the law's parameters, a line each."""
+        """Return the scheme, the parameters of the law, and the chain."""
         given = ", ".join(self.law.parameters) or "none"
         return f"<Rollout by {self.scheme}, parameters of its law: {given}\n{self.chain!r}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what makes the rollout again: machine code is compiled, or found on disk."""
+        """Return the arguments that create the rollout again; its machine code is then compiled or loaded from disk."""
         law = travelling_law(self.law, self.chain)
         motions = {name: travelling_motion(name, motion) for name, motion in self.base_motion.items()}
         inputs = travelling_inputs(self.inputs, self.chain)
@@ -118,23 +118,23 @@ class Rollout:
         progress: bool = False,
         **given: Any,
     ) -> RolloutSystems:
-        """Return systems at given states, brought onto the grasps (they must nearly hold).
+        """Return systems at given states, projected onto the grasps, which the states must nearly satisfy.
 
         Args:
-            q: (systems, n), or (n,) shared by all; as the other states [rad or m].
-            qd: joint rates.
+            q: (systems, n) or (n,) joint positions [rad or m].
+            qd: joint rates, of the same shape.
             object_pose: (7,) wxyz_xyz.
             object_twist: (6,) [omega; v of C], world axes.
             floating_pose: (7,) wxyz_xyz of a trunk's floating base, if there is one.
-            floating_twist: (6,) of its origin, world axes.
-            memory: (m,) of the law; by default as it says.
-            t: the time they are at [s].
-            threads: how many share the systems.
+            floating_twist: (6,) twist of its origin, world axes.
+            memory: (m,) memory of the law; by default its initial memory.
+            t: initial time [s].
+            threads: number of threads.
             progress: whether to show that machine code is made, which takes seconds the first time.
-            **given: the law's parameters and the chain's, as for `step`; the systems keep them.
+            **given: parameters of the law and the chain, as for `step`; the systems keep them.
 
         Raises:
-            StateError: wrong shapes, or no system at all.
+            StateError: a shape is wrong, or there are no systems.
         """
         every = (q, qd, object_pose, object_twist, floating_pose, floating_twist)
         systems = systems_at(self, state_arguments(self.chain, *every), memory, number("t", t))
@@ -143,20 +143,21 @@ class Rollout:
             return self._started(systems, whole_number("threads", threads))
 
     def take_over(self, systems: RolloutSystems, *, threads: int = 1, **given: Any) -> RolloutSystems:
-        """Return systems of another rollout of the same arms and object under this one's grasps and law.
+        """Return systems of another rollout with the same arms and object, with the grasps and the law of this one.
 
-        Grasps that close do so with the impulse that brings all grasps to rest in themselves, as `Attach` in
-        `simulate`; a system in which one is open by more than 1e-6 m or rad stands still. Those that open let go.
-        Time, work and what stands still stay; the law's memory too where it has as many numbers, and the
-        arguments of earlier calls where they still mean something. The worst margins begin anew.
+        Grasps that close exert the impulse that stops all relative velocities which the grasps do not allow, like
+        `Attach` in `simulate`. A system in which a closing grasp is open by more than 1e-6 m or rad is stopped. Grasps
+        that open release the object. Time, work and the status of stopped systems are kept. So are the law's memory, if
+        it has the same size, and the arguments of earlier calls that also apply to this rollout. The worst margins are
+        reset.
 
         Args:
-            systems: what another rollout's `start` or `step` returned; left as they are.
-            threads: how many share the systems.
+            systems: systems from `start` or `step` of another rollout, which are not changed.
+            threads: number of threads.
             **given: as for `start`.
 
         Raises:
-            StateError: other joints, or wrong shapes.
+            StateError: the joints differ, or a shape is wrong.
         """
         joints, others = self.chain.joint_names(), systems.chain.joint_names()
         if joints != others:
@@ -201,38 +202,39 @@ class Rollout:
     ) -> RolloutSystems:
         """Advance systems in place by a number of steps, and return them.
 
-        A system that cannot, because the constraint is singular, a margin would fall below
-        `least_margin`, a joint would pass a limit, or the step is too long, stands still from then on; see `status`. A
-        slip, limit or singularity that the step does not show in halves and quarters, at the cost of a few steps, is
-        a step too long.
+        A system stops, and keeps its last good state, if the constraint becomes singular, a margin would fall below
+        `least_margin`, a joint would exceed a limit, or the step is too long; its `status` gives the reason. When a
+        step shows a slip, a limit or a singularity, it is repeated in halves and quarters, which costs a few steps. If
+        these do not confirm it, the step is reported as too long.
 
         Args:
-            systems: what `start` returned.
-            step: h [s]; one for all, or (systems,).
-            steps: how many.
-            least_margin: of every one-sided contact at every step's end [N]; 0 stops slipping systems.
-            stop_at_limits: whether a joint beyond a limit of its position, rate or effort at a step's end stops its
-                system.
-            largest_drift: a step that leaves a system's grasps open by more than this before projection is taken in
-                equal parts for that system, as in `simulate` [m or rad]; None: every step is taken whole.
-            threads: how many share the systems; no bit depends on it.
-            **given: the law's parameters, shared or (systems, ...); object_wrench (6,), gravity,
-                object_mass, object_com, object_inertia, base_pose, grasp_pose, and those asked for of link_wrench,
-                link_mass, link_com, link_inertia, as in `CompiledChain.forward_dynamics`. What is not given stays as
-                given last, in `start` or in a step; before that it is the chain's.
+            systems: systems from `start`.
+            step: step h [s], one for all systems or (systems,).
+            steps: number of steps.
+            least_margin: least accepted margin of every one-sided contact at the end of every step [N]; 0 stops systems
+                that slip.
+            stop_at_limits: whether a system stops if a joint is beyond a limit of its position, rate or effort at the
+                end of a step.
+            largest_drift: largest position gap that a step may leave before projection; for systems with a larger gap
+                the step is divided into equal parts, as in `simulate` [m or rad]. None: steps are not divided.
+            threads: number of threads; the results do not depend on it.
+            **given: parameters of the law, shared or (systems, ...); object_wrench (6,), gravity,
+                object_mass, object_com, object_inertia, base_pose, grasp_pose; and link_wrench,
+                link_mass, link_com, link_inertia if they were compiled in, as in `CompiledChain.forward_dynamics`. An
+                argument that is not given keeps its last value, from `start` or from a step, or that of the chain.
 
         Raises:
-            StateError: wrong shapes, unknown names, a step that is not positive.
+            StateError: a shape is wrong, a name is unknown, or the step is not positive.
         """
         steps, threads = whole_number("steps", steps, MOST_STEPS), whole_number("threads", threads)
         least = stop_margins(least_margin, stop_at_limits)
         limit = None if largest_drift is None else checks.number(largest_drift, "largest_drift", above=0.0)
         lengths, new = step_lengths(step, len(systems)), call_inputs(self.kernel, given, len(systems))
         inputs, parameters = kernel_arguments(self.kernel, systems.call_inputs | new)
-        self.kernel.require_own(systems.arrays)  # nothing is changed before the last refusal
+        self.kernel.require_own(systems.arrays)  # all checks come before the first change
         systems.set_step_length(lengths)
         systems.started_from = None
-        if systems.keep_inputs(new, self.law, self.inputs):  # slopes were found under other torques
+        if systems.keep_inputs(new, self.law, self.inputs):  # the slopes were evaluated with other torques
             inputs |= step_inputs(systems, NO_STOPS)
             self.kernel.run(systems.arrays, inputs, parameters, 1, threads, slopes_only=True)
         return self.advance(systems, steps, least, limit, threads)
@@ -245,7 +247,7 @@ class Rollout:
         limit: float | None = None,
         threads: int = 1,
     ) -> RolloutSystems:
-        """Take steps in place of the lengths and under the arguments that the systems have; see `step`."""
+        """Take steps in place, with the step lengths and the arguments stored in the systems; see `step`."""
         going = systems.running
         if limit is None:
             self._advance(systems, systems.step_length, steps, least, threads)
@@ -279,14 +281,14 @@ class Rollout:
         progress: bool | Callable[[float], object] | None = None,
         **given: Any,
     ) -> RolloutRecord:
-        """Advance systems by a duration and return them at every so many steps.
+        """Advance systems by a duration, and return their recorded arrays.
 
         Args:
-            systems: what `start` returned; left as they are.
-            duration: a whole number of steps [s].
-            step: h [s].
-            every: steps from one record to the next.
-            record: names of the arrays to record: attributes of `RolloutSystems`.
+            systems: systems from `start`, which are not changed.
+            duration: duration, a whole number of steps [s].
+            step: step h [s].
+            every: number of steps between two records.
+            record: names of the arrays to record, which are attributes of `RolloutSystems`.
             least_margin: as for `step`.
             stop_at_limits: as for `step`.
             largest_drift: as for `step`.
@@ -295,8 +297,8 @@ class Rollout:
             **given: as for `step`.
 
         Raises:
-            StateError: wrong shapes or names, a duration that is no whole number of steps, or systems
-                that are not all at one time.
+            StateError: a shape or name is wrong, the duration is not a whole number of steps, or the systems have
+                different times.
         """
         step = float(step_lengths(step, 1)[0])
         steps = whole_steps(number("duration", duration), step)
@@ -337,16 +339,16 @@ class Rollout:
         threads: int = 1,
         **given: Any,
     ) -> Tape:
-        """Take steps and keep them, so that gradients come back through them; see `Tape.vjp`.
+        """Take steps and store them, so that gradients can be propagated back through them; see `Tape.vjp`.
 
         Args:
-            systems: what `start` returned; left as they are.
-            step: h [s]; one for all, or (systems,).
-            steps: how many.
-            every: how many steps apart the states are that are kept, the steps between them being taken again on the
-                way back; None: 1, or about sqrt(steps) where states would take more than a GiB.
-            record: names of arrays to keep at the end of every step: attributes of `RolloutSystems`.
-            schedule: parameters of the law that change from step to step, by name (steps, ...) or (steps, systems,
+            systems: systems from `start`, which are not changed.
+            step: step h [s], one for all systems or (systems,).
+            steps: number of steps.
+            every: number of steps between two stored states; the steps between them are repeated in the backward pass.
+                None: 1, or about sqrt(steps) if the states would take more than a GiB.
+            record: names of the arrays to record at the end of every step, which are attributes of `RolloutSystems`.
+            schedule: parameters of the law that change from step to step, by name, (steps, ...) or (steps, systems,
                 ...).
             least_margin: as for `step`.
             stop_at_limits: as for `step`.
@@ -354,13 +356,13 @@ class Rollout:
             **given: as for `step`.
 
         Raises:
-            StateError: wrong shapes or names.
+            StateError: a shape or name is wrong.
         """
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
         return Tape(self, systems, step, steps, every, record, schedule or {}, options, given)
 
     def _started(self, systems: RolloutSystems, threads: int) -> RolloutSystems:
-        """Return systems at states as they are brought onto the grasps, and all that is known there."""
+        """Return the systems projected onto the grasps and evaluated there."""
         given = {name: systems.arrays[name].copy() for name in state_fields(self.chain)}
         if self.generic_rank is None and (near := next(closed_systems(self, systems), None)) is not None:
             self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
@@ -376,7 +378,7 @@ class Rollout:
     def _advance(
         self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int = 1
     ) -> None:
-        """Take steps in place under the arguments of calls so far, and believe what they show."""
+        """Take steps in place with the stored arguments, without confirming the systems that stop."""
         systems.set_step_length(step_length)
         stiff = stiff_systems(systems, scheme_of(self.scheme), partial(located, self))
         for implicit in np.unique(stiff).tolist():

@@ -1,4 +1,4 @@
-"""Systems of machine code as instants, and back."""
+"""Conversion between the systems of machine code and instants."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from holdfast.state import Inputs, State, found_state
 
 @dataclass(frozen=True, eq=False)
 class StageInputs:
-    """What a system is given from outside at one time.
+    """The inputs of a system at one time.
 
     Attributes:
         t: time [s].
-        chain: its bases where they are.
-        inputs: shaped.
-        tau: (n,) torques of the controller; None where they are machine code's.
-        memory: what the controller carries on.
+        chain: the chain, with its bases at their poses at that time.
+        inputs: external wrenches and base motion as arrays.
+        tau: (n,) torques of the controller; None if the machine code computes them.
+        memory: memory that the controller has returned.
     """
 
     t: float
@@ -45,13 +45,13 @@ class StageInputs:
 
 
 def state_rows(states: Sequence[State]) -> dict[str, Array]:
-    """Return states as arrays with a row each."""
+    """Return states as arrays with one row per state."""
     fields = STATE_FIELDS | (FLOATING_FIELDS if states[0].base_pose is not None else {})
     return {name: np.array([getattr(state, field) for state in states]) for name, field in fields.items()}
 
 
 def state_of(systems: Systems, row: int) -> State:
-    """Return one system's state, to the bit."""
+    """Return the state of one system, identical in all bits."""
     fields = STATE_FIELDS | FLOATING_FIELDS
     return found_state({field: systems[name][row].copy() for name, field in fields.items() if name in systems})
 
@@ -60,15 +60,15 @@ def instant_of(systems: Systems, row: int, at: StageInputs) -> Instant:
     """Return one system as an instant.
 
     Args:
-        systems: after a step, or a step of length zero.
-        row: which.
-        at: what the system was given.
+        systems: systems after a step, which may have length zero.
+        row: index of the system.
+        at: inputs of the system.
     """
     x = {name: array[row].copy() for name, array in systems.items()}
     tau, memory = (x["drive"], x.get("memory", at.memory)) if at.tau is None else (at.tau, at.memory)
     chain, state, rank = at.chain, state_of(systems, row), int(x["rank"])
     unique = rank == chain.constraint_row_count
-    if not unique:  # machine code gives one solution for the forces, the reference the smallest
+    if not unique:  # machine code returns any solution for the forces, but the reference returns the smallest
         net = tau - friction_torque(joint_friction(chain), state.qd)
         x |= _smallest_forces(chain_motion(chain, state, net, at.inputs), x)
     found = ForwardResult(
@@ -91,7 +91,7 @@ def instant_of(systems: Systems, row: int, at: StageInputs) -> Instant:
 
 
 def _smallest_forces(motion: ChainMotion, x: dict[str, Array]) -> dict[str, Array]:
-    """Return the smallest grasp wrenches with which a system moves as it does, and the base wrenches with them."""
+    """Return the smallest grasp wrenches that give the same motion, and the corresponding base wrenches."""
     chain, trunk = motion.chain, None
     if motion.trunk is not None:
         trunk = TrunkAcceleration(x["qdd"][chain.joints[TRUNK]], x.get("floating_acceleration"))
@@ -109,13 +109,13 @@ def _smallest_forces(motion: ChainMotion, x: dict[str, Array]) -> dict[str, Arra
 
 
 def gaps_of(systems: Systems, row: int) -> Gaps:
-    """Return the gaps that projection found and left."""
+    """Return the gaps before and after projection."""
     drift, left = systems["gaps"][row].reshape(2, 2)
     return Gaps(np.array([drift[0], left[0]]), np.array([drift[1], left[1]]))
 
 
 def failure(code: float) -> HoldfastError | None:
-    """Return why a system stands still, None if it does not."""
+    """Return the error for a status code; None for a running system."""
     if code == SINGULAR:
         return SingularChainError(
             "the grasp constraint is singular, or nearly so: its rank drops or its condition passes"
@@ -132,10 +132,10 @@ def failure(code: float) -> HoldfastError | None:
 
 
 def refuse(systems: Systems) -> None:
-    """Refuse systems of which one stands still.
+    """Raise an error if one of the systems has stopped.
 
     Raises:
-        SingularChainError, ClosureError, StateError: why the first of them does.
+        SingularChainError, ClosureError, StateError: the reason why the first of them has stopped.
     """
     for code in systems["code"]:
         fault = failure(code)

@@ -1,4 +1,4 @@
-"""Whether a step of a rollout passes a singular configuration; machine code of many systems has no singular vectors."""
+"""A test, without singular vectors, of whether a step of a rollout passes a singular configuration."""
 
 from __future__ import annotations
 
@@ -20,23 +20,24 @@ if TYPE_CHECKING:
     from holdfast.simulation.rollout.traced_step import TracedSystem
 
 BESIDE = 0.1
-LEAPING = 1e-3  # of how far the joints move
+LEAPING = 1e-3  # drift relative to the motion of the joints
 
 
 def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: Gap) -> Scalar:
     """Return whether a step seems to pass a singular configuration, 1 or 0.
 
-    The strength s = condition^-1/2 of the constraint is the size of what changes sign there. So its values at the
-    step's start, middle and end lie on a straight line, but for the step's curvature, if the last, or the last two, are
-    taken with the other sign; and together they are no more than what the joints' motion may have changed. A step that
-    begins or ends within a twentieth of its length from the configuration counts too, and one near it that leaves the
-    grasps open by so much before projection that it may have leapt over it.
+    The strength s = condition^-1/2 of the constraint is the absolute value of a quantity that changes sign at a
+    singular configuration. If a step passes one, the strengths at its start, middle and end therefore lie on a straight
+    line, up to the curvature of the step, once the last or the last two are taken with the opposite sign. In addition,
+    their sum is not larger than the motion of the joints can explain. A step that begins or ends within a twentieth of
+    its length from the configuration counts as passing it. So does a step near the configuration whose gaps before
+    projection are so large that it may have leapt across.
 
     Args:
-        system: after its evaluations.
+        system: the system after all evaluations of the step.
         tableau: the scheme.
         end: the state at the step's end.
-        drift: gaps that projection found.
+        drift: gaps before projection.
     """
     nodes, found = [*tableau.c[1:].tolist(), 1.0], system.conditions
     if tableau.implicit:
@@ -52,7 +53,7 @@ def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: G
     moved = [*(end.q - system.last("q")), *concatenate(turned)]
     far = reduce(maximum, [abs(x) for x in moved])
     if any(not joint.turns for joint in system.real.all_joints):
-        far = float("inf")  # how far a joint slides says nothing by itself
+        far = float("inf")  # the displacement of a sliding joint has no scale of its own
     both, most = first + last, STRENGTH_LOST * far
     passed = where(both < most, where(other_sign - BESIDE * both < kept_sign, 1.0, 0.0), 0.0)
     leaping = where(both < 2.0 * most, where(drift.position > LEAPING * far, 1.0, 0.0), 0.0)
@@ -60,7 +61,7 @@ def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: G
 
 
 def _between(system: TracedSystem, end: State) -> Scalar:
-    """Return the condition half-way through an implicit step, whose stages are of a chain with more armature."""
+    """Return the condition half-way through an implicit step, whose own stages have larger armatures."""
     begin = system.state
     poses = [name for name in ("object_pose", "base_pose") if getattr(end, name) is not None]
     there = {name: _halfway(getattr(begin, name), getattr(end, name)) for name in poses}
@@ -70,5 +71,5 @@ def _between(system: TracedSystem, end: State) -> Scalar:
 
 
 def _halfway(a: Array, b: Array) -> Array:
-    """Return the pose between two that are not far apart, (7,)."""
+    """Return the pose half-way between two poses that are close to each other, (7,)."""
     return concatenate([rotation.quaternion_midpoint(a[:4], b[:4]), 0.5 * (a[4:] + b[4:])])

@@ -1,4 +1,4 @@
-"""How systems of a rollout start: on the grasps, by rows that suit them."""
+"""The start of a rollout: systems are created, and the constraint rows for their projection are chosen."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 
 def systems_at(rollout: Rollout, given: Mapping[str, Any], memory: Any, t: float) -> RolloutSystems:
-    """Return systems at users' states as they are, faulty ones marked as such.
+    """Return systems at the states given by the user, not projected yet; invalid states are marked by their status.
 
     Raises:
-        StateError: wrong shapes, or no system at all.
+        StateError: a shape is wrong, or there are no systems.
     """
     shapes = {name: rollout.kernel.carried[name] for name in given}
     state = {name: arrays.floats(name, x, shapes[name]) for name, x in given.items()}
@@ -48,11 +48,11 @@ def systems_at(rollout: Rollout, given: Mapping[str, Any], memory: Any, t: float
 
 
 def hold_rows(rollout: Rollout, systems: RolloutSystems, close: Callable[[RolloutSystems], None]) -> None:
-    """Bring systems near the grasps by rows that suit one of them; each then chooses its own.
+    """Project systems onto the grasps with constraint rows that suit one of them, and let each then choose its own.
 
     Args:
-        rollout: whose they are.
-        systems: with nothing but states; changed in place.
+        rollout: the rollout of the systems.
+        systems: systems of which only the states are set; changed in place.
         close: takes a step of length zero.
     """
     rank, begun = rollout.generic_rank, systems.copy()
@@ -68,7 +68,7 @@ def hold_rows(rollout: Rollout, systems: RolloutSystems, close: Callable[[Rollou
 
 
 def closed_systems(rollout: Rollout, systems: RolloutSystems) -> Iterator[tuple[ClosedChain, State]]:
-    """Yield chain and state, closed, of the first systems whose grasps nearly hold."""
+    """Yield the chain and the projected state of the first systems whose grasps are nearly satisfied."""
     for row in np.flatnonzero(systems.running)[:MOST_TRIED].tolist():
         chain, state = located(rollout, systems, row)
         closed = closed_near(chain, state)
@@ -77,7 +77,7 @@ def closed_systems(rollout: Rollout, systems: RolloutSystems) -> Iterator[tuple[
 
 
 def located(rollout: Rollout, systems: RolloutSystems, row: int) -> tuple[ClosedChain, State]:
-    """Return one system's chain, its bases where they are, and its state."""
+    """Return the chain of one system, with its bases at their current poses, and its state."""
     _, parameters = kernel_arguments(rollout.kernel, systems.call_inputs)
     at = {name: systems.arrays[name] for name in state_fields(rollout.chain)} | rollout.kernel.parameters | parameters
     chain, state = system(rollout.chain, at, row)

@@ -1,4 +1,4 @@
-"""Which systems of a rollout take linearly implicit steps: each decided by itself, as `simulate` decides."""
+"""The choice between explicit and linearly implicit steps, made for each system by the criterion of `simulate`."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ Located = Callable[[RolloutSystems, int], tuple[ClosedChain, State]]
 
 
 def stiff_systems(systems: RolloutSystems, scheme: Tableau, located: Located) -> Array:
-    """Return which systems settle or swing too fast for explicit steps of their length, (systems,).
+    """Return which systems have dampers or springs too stiff for explicit steps of their length, (systems,).
 
     Args:
-        systems: with their step lengths set.
-        scheme: of explicit steps.
-        located: returns one of them.
+        systems: the systems, with their step lengths set.
+        scheme: the explicit scheme.
+        located: returns the chain and the state of one system.
     """
     longest, none = float(systems.step_length.max()), np.zeros(len(systems), dtype=bool)
-    at_rest = np.zeros(systems.chain.joint_count)  # where friction is steepest
+    at_rest = np.zeros(systems.chain.joint_count)  # the slope of friction is greatest at rest
     if scheme.implicit or not may_be_too_fast(systems.chain, at_rest, longest, scheme):
         return none
     return systems.step_length * _rates(systems, located) > USED * scheme.stability_interval
 
 
 def _rates(systems: RolloutSystems, located: Located) -> Array:
-    """Return how fast each settles or swings [1/s], found anew where its joints have moved far."""
+    """Return the fastest passive rate of each system [1/s], recomputed for systems whose joints have moved far."""
     cells, count = cell(systems.q), len(systems)
     known = systems.arrays.setdefault(CELL, np.full(cells.shape, np.nan))
     rates = systems.arrays.setdefault(RATE, np.zeros(count))

@@ -1,4 +1,4 @@
-"""Many systems between two steps, why each goes on or stands still, and the record of a rollout."""
+"""The systems of a rollout between two steps, their status, and the record of a rollout."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from holdfast.state import State
 
 
 class RolloutStatus(Enum):
-    """Whether a system goes on, or why it stands still at its last good state."""
+    """Whether a system is running, or why it has stopped at its last good state."""
 
     RUNNING = "goes on"
     SLIPPED = "a grasp's margin falls below the least allowed within the next step"
@@ -41,7 +41,7 @@ _STATUSES = np.array(list(RolloutStatus))
 
 
 def _carried(key: str, meaning: str) -> Any:
-    """Return a property of systems: an array that the machine code carries on, without columns where it has none."""
+    """Return a property for a carried array of the machine code; it has no columns if the chain has no such array."""
 
     def read(systems: RolloutSystems) -> Array:
         return read_only(systems.arrays.get(key, np.zeros((len(systems), 0))))
@@ -55,19 +55,19 @@ PASSIVE = {"passive_rate", "passive_cell"}  # found where steps may be too long:
 class RolloutSystems:
     """Many systems of one chain, advanced in place by `Rollout.step`.
 
-    Every array has the systems along its first axis; it follows the steps and cannot be written, as what goes with
-    a state is found by `Rollout.start`. A system that cannot go on keeps its last good
-    state; its `status` says why.
+    The first axis of every array is the system. The arrays are updated by the steps and are read-only; use
+    `Rollout.start` for other states. A system that has stopped keeps its last good state, and its `status` gives the
+    reason.
 
     Attributes:
         chain: the chain.
-        arrays: what the machine code carries on, by name.
-        begin: (systems,) when the steps began that are counted now [s].
-        step_length: (systems,) their length [s].
-        call_inputs: the arguments of calls so far, by the machine code's names, (1 or systems, ...) each; each acts
-            until a call gives it anew.
-        under: the law and the wrenches under which their slopes were found.
-        started_from: the states that a start brought onto the grasps, by name; None once a step was taken.
+        arrays: the carried arrays of the machine code, by name.
+        begin: (systems,) time from which the steps are counted [s].
+        step_length: (systems,) length of these steps [s].
+        call_inputs: the arguments of calls so far, with the names of the machine code, (1 or systems, ...) each. An
+            argument acts until a call replaces it.
+        under: the law and the wrenches with which the slopes were evaluated.
+        started_from: the states before their projection at the start, by name; None after the first step.
     """
 
     q: Array = _carried("q", "(systems, n) joint positions [rad or m].")
@@ -115,12 +115,12 @@ class RolloutSystems:
         return len(self.begin)
 
     def __repr__(self) -> str:
-        """Return how many there are, when, and what became of them, on one line."""
+        """Return the number of systems, their times and their status, on one line."""
         times = f"{self.t.min():g} s" if np.ptp(self.t) == 0 else f"{self.t.min():g} to {self.t.max():g} s"
         return f"<RolloutSystems: {len(self)} at t = {times}; {fates(self)}>"
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse what would not act: arrays in the place of the machine code's, and names that nothing reads."""
+        """Refuse assignments without effect: to the arrays of the machine code, and to unknown names."""
         if isinstance(getattr(type(self), name, None), property):
             raise FrozenError(
                 f"systems: {name}: expected what the last step found to stay, as the next one begins with it; try"
@@ -132,13 +132,13 @@ class RolloutSystems:
         object.__setattr__(self, name, value)
 
     def state(self, system: int) -> State:
-        """Return the state of one system, as `simulate` and the functions of one state take it.
+        """Return the state of one system, for `simulate` and other functions of a single state.
 
         Args:
-            system: its number, from 0.
+            system: number of the system, from 0.
 
         Raises:
-            StateError: no such system, or one whose inputs were faulty.
+            StateError: there is no such system, or its inputs were invalid.
         """
         if isinstance(system, bool) or not isinstance(system, int | np.integer) or not 0 <= system < len(self):
             raise StateError(f"system: expected a number from 0 to {len(self) - 1}, got {checks.short(system)}")
@@ -146,37 +146,37 @@ class RolloutSystems:
 
     @property
     def t(self) -> Array:
-        """(systems,) time of each [s]: a whole number of steps, so that it does not drift."""
+        """(systems,) time of each system [s], computed from the number of steps so that rounding does not add up."""
         return self.begin + self.arrays["count"] * self.step_length
 
     @property
     def joint_margin(self) -> Array:
-        """(systems, 3, n) of every joint's position, rate and effort, see `joint_margins`; infinite without a limit."""
+        """(systems, 3, n) margins of position, rate and effort, see `joint_margins`; infinite without a limit."""
         found = margins_of_joints(joint_limits(self.chain), *(self.arrays[name] for name in ("q", "qd", "drive")))
         return read_only(np.stack(found, axis=1))
 
     @property
     def gap(self) -> Array:
-        """(systems, 2) the largest open gap of any grasp, in position [m or rad] and in velocity."""
+        """(systems, 2) the largest gap of any grasp, in position [m or rad] and in velocity."""
         return read_only(self.arrays["gaps"][:, 2:])
 
     @property
     def drift(self) -> Array:
-        """(systems, 2) the same as the last step left it, before projection."""
+        """(systems, 2) the largest gap of any grasp after the last step, before projection."""
         return read_only(self.arrays["gaps"][:, :2])
 
     @property
     def status(self) -> Array:
-        """(systems,) of `RolloutStatus`."""
+        """(systems,) status of each system, a `RolloutStatus`."""
         return _STATUSES[self.arrays["code"].astype(int)]
 
     @property
     def running(self) -> Array:
-        """(systems,) whether each goes on."""
+        """(systems,) whether each system is running."""
         return self.arrays["code"] == 0.0
 
     def set_step_length(self, step: Array) -> None:
-        """Count steps of another length from now on; (systems,) [s]."""
+        """Set the length of the next steps, (systems,) [s]."""
         changed = self.step_length != step
         if changed.any():
             self.begin = np.where(changed, self.t, self.begin)
@@ -184,11 +184,11 @@ class RolloutSystems:
             self.step_length = step
 
     def keep_inputs(self, given: Mapping[str, Array], *under: object) -> bool:
-        """Keep the arguments of a call until they are given anew; return whether anything may act that did not before.
+        """Store the arguments of a call until they are replaced; return whether the inputs may have changed.
 
         Args:
-            given: arrays by the machine code's names, (1 or systems, ...) each.
-            under: the law and the wrenches that act besides.
+            given: arrays with the names of the machine code, (1 or systems, ...) each.
+            under: the law and the additional wrenches.
         """
         new = {name: np.array(x) for name, x in given.items() if not np.array_equal(x, self.call_inputs.get(name, ()))}
         changed = bool(new) or [*map(id, self.under)] != [*map(id, under)]
@@ -196,10 +196,10 @@ class RolloutSystems:
         return changed
 
     def copy(self, rows: Any = None) -> RolloutSystems:
-        """Return the systems, or some of them by number or truth value, apart from these.
+        """Return a copy of the systems, or of some of them, selected by numbers or by a boolean mask.
 
         Raises:
-            StateError: no such systems.
+            StateError: there are no such systems.
         """
         which = slice(None) if rows is None else self._rows(rows)
         arrays = {name: x[which].copy() for name, x in self.arrays.items()}
@@ -222,13 +222,13 @@ class RolloutSystems:
         )
 
     def freed(self, rows: Array) -> RolloutSystems:
-        """Return copies of some systems that go on from where they stand."""
+        """Return copies of some systems with the status running."""
         found = self.copy(rows)
         found.arrays["code"][...] = 0.0
         return found
 
     def put(self, rows: Array, other: RolloutSystems) -> None:
-        """Set some systems, by number, to others."""
+        """Replace the systems with the given numbers by other systems."""
         for name, x in other.arrays.items():
             self.arrays[name][rows] = x
         self.begin[rows], self.step_length[rows] = other.begin, other.step_length
@@ -271,7 +271,7 @@ class RolloutSystems:
             self.started_from = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled: a law may be a function without a name, and slopes can be found anew."""
+        """Return the state to pickle, without the law, which may be a function that cannot be pickled."""
         return vars(self) | {"under": ()}
 
 
@@ -290,21 +290,21 @@ def require_recorded(names: Any) -> None:
 
 
 def fates(systems: RolloutSystems) -> str:
-    """Return how many systems go on, and how many stand still and why."""
+    """Return the number of systems with each status, in words."""
     names, counts = np.unique([status.name.lower() for status in systems.status], return_counts=True)
     return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Begun(Frozen):
-    """What a record is made from.
+    """The arguments from which a record was made.
 
     Attributes:
         rollout: the `Rollout`.
-        systems: as they were at first.
-        step: h [s].
-        every: steps from one record to the next.
-        options: of `Rollout.step`.
+        systems: the systems at the start.
+        step: step h [s].
+        every: number of steps between two records.
+        options: options of `Rollout.step`.
     """
 
     rollout: Any
@@ -316,16 +316,15 @@ class Begun(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class RolloutRecord(Frozen):
-    """Systems at the recorded times; the first axis of every array is the time, the second the system.
+    """The recorded arrays of a rollout; the first axis of every array is the time, the second the system.
 
     Attributes:
         t: (records,) [s].
-        arrays: what was asked for, by name, (records, systems, ...); of a system that stands still,
-            its last good state.
-        systems: at the end.
-        stopped: (systems,) when each stopped [s], infinite if it did not; the instant of a slip
-            is refined within its step.
-        begun: what it is made from; None for one put together from arrays.
+        arrays: the recorded arrays by name, (records, systems, ...); a stopped system keeps its last good state.
+        systems: the systems at the end.
+        stopped: (systems,) time at which each system stopped [s], infinite if it did not; the time of a slip is refined
+            within its step.
+        begun: the arguments of the rollout; None for a record that was assembled from arrays.
     """
 
     t: Array
@@ -335,24 +334,24 @@ class RolloutRecord(Frozen):
     begun: Begun | None = None
 
     def __repr__(self) -> str:
-        """Return how many systems there are, when, what was recorded, and what became of them, on one line."""
+        """Return the number of systems, the recorded times and arrays, and the status of the systems, on one line."""
         span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no time"
         what = f"{len(self.systems)} systems at {len(self.t)} times, {span}: {', '.join(self.arrays)}"
         return f"<RolloutRecord of {what}; {fates(self.systems)}>"
 
     def trajectory(self, system: int, every: int | None = None) -> Trajectory:
-        """Return one system as a run, with all that `simulate` records and all methods of a run.
+        """Return one system as a run, with everything that `simulate` records and all methods of a run.
 
-        Its steps are taken again, to the same bits; the samples are at the recorded times, or closer. Margins
-        are looked at at the samples only. A system that stood still ends where it did, and `stopped` says why.
+        The steps are repeated with identical bits; the samples are at the recorded times, or closer together. Margins
+        are evaluated at the samples only. The run of a system that stopped ends there, and `stopped` gives the reason.
 
         Args:
-            system: its number, from 0.
-            every: steps from one sample to the next; as recorded by default.
+            system: number of the system, from 0.
+            every: number of steps between two samples; by default as recorded.
 
         Raises:
-            StateError: no such system, a record that was put together from arrays, or a system whose first state
-                is faulty.
+            StateError: there is no such system, the record was assembled from arrays, or the first state of the system
+                is invalid.
         """
         from holdfast.simulation.rollout.replay import replayed_run
 
@@ -362,8 +361,8 @@ class RolloutRecord(Frozen):
         """Write the record as a folder, which `holdfast.io.load_record` reads, and return the folder.
 
         Args:
-            folder: where to; made if need be.
-            overwrite: replace an earlier record there, which stays until the new one is whole.
+            folder: the folder to write; it is created if it does not exist.
+            overwrite: replace an earlier record in this folder; it is kept until the new one is complete.
 
         Raises:
             ResultError: the folder is in use or cannot be written.
@@ -373,7 +372,7 @@ class RolloutRecord(Frozen):
         return save_record(self, folder, overwrite)
 
     def to_pandas(self) -> Any:
-        """Return the record as a pandas DataFrame: a row for each system and time, which index it.
+        """Return the record as a pandas DataFrame with one row per system and time, which form its index.
 
         Raises:
             MissingExtra: pandas is not installed.
@@ -383,7 +382,7 @@ class RolloutRecord(Frozen):
         return frame_of_record(self)
 
     def to_xarray(self) -> Any:
-        """Return the record as an xarray Dataset: its arrays over `t` and `system`, joints and arms by name.
+        """Return the record as an xarray Dataset: arrays over `t` and `system`, with joints and arms by name.
 
         Raises:
             MissingExtra: xarray is not installed.

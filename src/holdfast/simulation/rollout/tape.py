@@ -1,7 +1,7 @@
-"""A rollout whose steps are kept, so that gradients come back through it.
+"""Tapes: rollouts whose steps are stored, so that gradients can be propagated back through them.
 
-Only states are kept: what a step computed is computed again on the way back. Where that would be too many, every so
-many states are kept, and the steps between them are taken again, to the same bits.
+Only the states are stored; the backward pass repeats the computations of each step. If the states would need too much
+memory, only some of them are stored, and the steps between them are repeated with identical bits.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ from holdfast.spatial.scalar import Array
 if TYPE_CHECKING:
     from holdfast.simulation.rollout.rollout import Rollout
 
-MOST_KEPT = 2**30  # bytes of states, beyond which steps are taken again
+MOST_KEPT = 2**30  # bytes: if the states need more memory, only some of them are stored
 STEP, MEMORY = "step", "memory"
-FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")  # which may not be unique
+FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")  # these need not be unique
 
 
 class KeptStep(NamedTuple):
-    """A step that was taken.
+    """A stored step.
 
     Attributes:
-        given: what it was given, the state at its beginning included, by the machine code's names.
-        stiff: (systems,) whether it was implicit.
-        went: (systems,) whether a system took it; the others stood still.
+        given: the arguments of the step and the state at its start, with the names of the machine code.
+        stiff: (systems,) whether the step was linearly implicit.
+        went: (systems,) whether the system took the step; the others had stopped.
     """
 
     given: dict[str, Array]
@@ -61,14 +61,14 @@ class KeptStep(NamedTuple):
 
 
 class Tape:
-    """Steps of systems, kept for gradients; made by `Rollout.tape`.
+    """Stored steps of systems, for gradients; created by `Rollout.tape`.
 
     Attributes:
-        rollout: what takes the steps.
-        systems: at the end.
-        steps: how many were taken.
-        every: how many steps apart the states are that are kept.
-        records: what was asked for at the end of every step, by name, (steps, systems, ...).
+        rollout: the rollout that took the steps.
+        systems: the systems at the end.
+        steps: number of steps.
+        every: number of steps between two stored states.
+        records: the recorded arrays at the end of every step, by name, (steps, systems, ...).
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Tape:
         self.systems, self.records = at, {name: np.array(x) for name, x in rows.items()}
 
     def __repr__(self) -> str:
-        """Return how many steps of how many systems there are, on one line."""
+        """Return the numbers of steps and systems, on one line."""
         return f"<Tape of {self.steps} steps of {len(self.systems)} systems, states kept every {self.every}>"
 
     def vjp(
@@ -120,32 +120,33 @@ class Tape:
         by: Sequence[str] | None = None,
         threads: int = 1,
     ) -> Derivatives:
-        """Return gradients of sum(cotangent . result) over all that the steps returned. O(steps) (O(n) + O(l)).
+        """Return the gradients of sum(cotangent . result) over the results of all steps. O(steps) (O(n) + O(l)).
 
-        They are exact derivatives of the discrete map, projections included: each step is differentiated as it ran, at
-        the states that it had. Poses turn by R -> exp(turn) R and shift, (6,) [turn; shift], on both sides. A system
-        that stood still passes cotangents on unchanged.
+        These are the exact derivatives of the discrete steps, including their projections, at the stored states. The
+        derivatives of poses refer to R -> exp(turn) R and a shift, (6,) [turn; shift], in cotangents and in gradients.
+        A step that a stopped system did not take leaves its cotangents unchanged.
 
         Args:
             final: cotangents at the end, by name: q (systems, n), qd, object_pose (systems, 6), object_twist,
                 floating_pose and floating_twist, and the law's memory.
-            along: those at the end of every step, (steps, systems, ...): of the same, of tau, and of the results of
-                forward dynamics: qdd, grasp_wrench (.., arms, 6), object_acceleration, contact_acceleration,
+            along: cotangents at the end of every step, (steps, systems, ...): of the same arrays, of tau, and of the
+                results of forward dynamics: qdd, grasp_wrench (.., arms, 6), object_acceleration, contact_acceleration,
                 base_wrench.
-            by: what gradients are by: the arrays of the state and `memory` at the beginning, parameters of the law,
-                the length of a `step`, object_wrench, gravity, object_mass, object_com, object_inertia, grasp_pose,
-                base_pose, and those that the rollout takes of link_mass, link_com, link_inertia, link_wrench. By
-                default the state and all parameters of the law. Where the tape begins with what `Rollout.start` or
-                `take_over` returned, they are by what those were given: the grasps close again.
-            threads: how many share the systems.
+            by: the arguments of which gradients are returned: the arrays of the state and `memory` at the start,
+                parameters of the law, the length of a `step`, object_wrench, gravity, object_mass, object_com,
+                object_inertia, grasp_pose, base_pose, and, if the rollout was compiled with them, link_mass, link_com,
+                link_inertia, link_wrench. By default the state and all parameters of the law. If the tape begins with
+                systems from `Rollout.start` or `take_over`, the gradients refer to the states passed to these
+                functions, before the projection onto the grasps.
+            threads: number of threads.
 
         Returns:
-            By name (systems, ...), summed over the steps; (steps, systems, ...) of what is given step by step.
-            `result` is the systems at the end.
+            The gradients by name: (systems, ...), summed over the steps, or (steps, systems, ...) for arguments given
+            step by step. `result` contains the systems at the end.
 
         Raises:
-            StateError: wrong names or shapes, or results of a system that never took a step.
-            MethodNotApplicable: a cotangent of forces that are not unique.
+            StateError: a name or shape is wrong, or a cotangent belongs to a system that never took a step.
+            MethodNotApplicable: a cotangent belongs to forces that are not unique.
         """
         chain, law = self.rollout.chain, self.rollout.law
         for name, x in (("final", final), ("along", along)):
@@ -166,7 +167,7 @@ class Tape:
     def _vjp(
         self, final: Mapping[str, Any], along: Mapping[str, Any], by: Mapping[str, str], threads: int
     ) -> Derivatives:
-        """Return gradients; `by` has the machine code's names."""
+        """Return the gradients; `by` contains the names of the machine code."""
         chain, count, kernel = self.rollout.chain, len(self.systems), self.rollout.kernel
         carried = (*state_fields(chain), *([BEFORE] if len(self.rollout.law.memory) else []))
         of = tuple(dict.fromkeys(name for name in (*along, *final) if name not in carried))
@@ -211,7 +212,7 @@ class Tape:
     def _through_start(
         self, bars: dict[str, Array], totals: dict[str, Array], parameters: Sequence[str], threads: int
     ) -> None:
-        """Carry gradients on through the projection by which systems that have just started came here, in place."""
+        """Propagate gradients, in place, back through the projection onto the grasps at the start of the systems."""
         first, came_from = next(self._forward(0)), self._came_from
         rows = np.flatnonzero(first.went)
         if came_from is None or not len(rows):
@@ -228,7 +229,7 @@ class Tape:
     # ---- steps ----
 
     def _taken(self, at: RolloutSystems, k: int) -> KeptStep:
-        """Take the k-th step in place and return it."""
+        """Take step k in place and return it."""
         rollout, running = self.rollout, at.running
         at.set_step_length(step_lengths(self._step, len(at)))
         stiff = stiff_systems(at, scheme_of(rollout.scheme), partial(located, rollout))
@@ -237,7 +238,7 @@ class Tape:
         given = {name.removeprefix(CONTROL): x[k] for name, x in self._schedule.items()}
         if given or k == 0:
             rollout.step(at, self._step, steps=1, **self._options, **given, **(self._given if k == 0 else {}))
-        else:  # nothing is new
+        else:  # the arguments have not changed
             least = stop_margins(self._options["least_margin"], self._options["stop_at_limits"])
             rollout.advance(at, 1, least, threads=self._options["threads"])
         if given or k == 0 or self._acting is None:
@@ -252,7 +253,7 @@ class Tape:
             yield from reversed(list(zip(range(first, until), self._forward(first), strict=False)))
 
     def _forward(self, first: int) -> Iterator[KeptStep]:
-        """Yield the steps from a kept state on."""
+        """Yield the steps from one stored state to the next."""
         if self.every == 1:
             yield from self._kept[first : first + 1]
             return
@@ -264,10 +265,10 @@ class Tape:
         tableau = IMEX if stiff else scheme_of(self.rollout.scheme)
         return AdjointKernel.of_step(self.rollout.kernel, tableau, by, of)
 
-    # ---- what is known ----
+    # ---- arguments ----
 
     def _scheduled(self, schedule: Mapping[str, Any], count: int) -> dict[str, Array]:
-        """Return what is given step by step, by the machine code's names."""
+        """Return the arguments given step by step, with the names of the machine code."""
         checks.instance(schedule, Mapping, "tape: schedule", StateError)
         shapes = self.rollout.law.parameters
         found = {}
@@ -281,10 +282,10 @@ class Tape:
         return found
 
     def _require_unique(self, along: Mapping[str, Any]) -> None:
-        """Refuse cotangents of forces of which there are many.
+        """Refuse cotangents of forces that are not unique.
 
         Raises:
-            MethodNotApplicable: naming them.
+            MethodNotApplicable: there is such a cotangent; the message names it.
         """
         for name in FORCES:
             if name in along and "held_rows" in self.rollout.kernel.carried:
@@ -311,7 +312,7 @@ def _of_rows(
     count: int,
     threads: int,
 ) -> dict[str, Array]:
-    """Return gradients of some systems."""
+    """Return the gradients of the systems with the given numbers."""
     if len(rows) == count:
         return adjoint.run(given, bars, count, threads)
     shapes = {name: e.shape for name, e in adjoint.externals.items()}

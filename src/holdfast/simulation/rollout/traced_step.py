@@ -1,7 +1,7 @@
-"""A time step of many systems, as the reference takes it, and whether it is accepted.
+"""The traced time step of a system, with the functions of the reference, and the decision whether it is accepted.
 
-state at each stage of the scheme -> control -> forward dynamics -> slope; the end of the step -> projection
--> control -> forward dynamics -> slope (the next step's first) -> margins -> why a system stops, if it does
+At each stage of the scheme: state -> control -> forward dynamics -> slope. At the end of the step: projection ->
+control -> forward dynamics -> slope (the first of the next step) -> margins -> status code.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from holdfast.spatial.scalar import (
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import Inputs, State
 
-# Why a system stands still, as the machine code numbers it; 0: it does not. TOO_LONG is found afterwards.
+# Status codes of the machine code. The machine code itself does not return TOO_LONG, which is determined afterwards.
 RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
 
 STEP_RESULTS = (
@@ -72,25 +72,25 @@ STEP_RESULTS = (
     "condition",
     "margin",
 )
-OF_TRUNK = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}  # in a solution
+OF_TRUNK = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}  # in solutions
 
 
 def step_results(chain: ClosedChain) -> tuple[str, ...]:
-    """Return what is known of a system at the end of a step, by the names of its arrays."""
+    """Return the names of the arrays that are known at the end of a step."""
     of_trunk = [] if chain.trunk is None else ["trunk_base_wrench"]
     of_trunk += ["floating_acceleration"] if chain.floats else []
     return *state_fields(chain), *STEP_RESULTS, *of_trunk
 
 
 class Evaluation(NamedTuple):
-    """The chain at one state under its law.
+    """The evaluation of a system at one state.
 
     Attributes:
         state: positions and velocities.
-        found: forward dynamics.
-        drive: (n,) the law's torques.
-        memory: what the law carries on.
-        power: (4,) see `balance.WORK_TERMS` [W].
+        found: result of forward dynamics.
+        drive: (n,) torques of the law.
+        memory: memory that the law has returned.
+        power: (4,) in the order of `balance.WORK_TERMS` [W].
     """
 
     state: State
@@ -100,23 +100,23 @@ class Evaluation(NamedTuple):
     power: Array
 
     def slope(self, turns: list[Array]) -> Array:
-        """Return d/dt of an `increment`, where exp(turn) has brought the object here."""
+        """Return the time derivative of an `increment`, for rotation vectors `turns` since the step's start."""
         found = self.found.whole
         accelerations = (found.object_acceleration, found.base_acceleration)
         return increment_rate(self.state, found.qdd, accelerations, self.power, turns)
 
 
 class TracedSystem:
-    """One system while a step is traced.
+    """One system during the tracing of a step.
 
     Attributes:
-        real: the chain as the caller has it.
-        given: the caller's arrays.
-        environment: its chain, parameters in place, and what calls say acts on it.
-        acting: what acts on it besides.
-        law: its law.
-        worst: (2,) the worst condition and status of any evaluation so far.
-        conditions: of every evaluation so far.
+        real: the chain of the caller.
+        given: the arrays of the caller.
+        environment: the chain with the given parameters, and the inputs of the call.
+        acting: additional wrenches that are part of the machine code.
+        law: the control law.
+        worst: (2,) the worst condition and status of all evaluations so far.
+        conditions: the conditions of all evaluations so far.
     """
 
     def __init__(
@@ -141,40 +141,40 @@ class TracedSystem:
 
     @property
     def state(self) -> State:
-        """Where it is."""
+        """The state at the start of the step."""
         return State(**{field: self.last(name) for name, field in state_fields(self.real).items()})
 
     @property
     def held(self) -> Array | None:
-        """Which components of the grasps it holds through the step, if they were chosen; see `held_rows`."""
+        """The constraint rows that the step satisfies, if they were chosen; see `held_rows`."""
         return self.given.get("last.held_rows")
 
     @property
     def added(self) -> Implicit | None:
-        """What the caller makes forward dynamics differ by, where it asks stage by stage."""
+        """The additional armatures and torques given by the caller, for stagewise steps."""
         armature = self.given.get("added_armature")
         return None if armature is None else Implicit(armature, self.given["added_torque"])
 
     def last(self, name: str) -> Array:
-        """Return what was known at the end of the step before."""
+        """Return the named array at the end of the previous step; empty if there is none."""
         found = self.given.get(f"last.{name}")
         return np.zeros(0) if found is None else found
 
     def time(self, steps: float) -> Scalar:
-        """Return the time so many steps after the beginning of this one."""
+        """Return the time at the given fraction of this step [s]."""
         return self.given["begin"][()] + (self.last("count")[()] + steps) * self.given["step"][()]
 
     def evaluate(
         self, t: Scalar, state: State, memory: Array, choose: bool, implicit: Implicit | None = None
     ) -> Evaluation:
-        """Return torques, then forward dynamics and the power.
+        """Return the torques, and the forward dynamics and power with these torques.
 
         Args:
             t: time [s].
-            state: where.
-            memory: the law's.
-            choose: take the rows to hold anew, if any are chosen, rather than those of the step's beginning.
-            implicit: what forward dynamics differs by in a stage of a linearly implicit step.
+            state: positions and velocities.
+            memory: memory to pass to the law.
+            choose: choose the constraint rows at this state, instead of using those of the step's start.
+            implicit: additional armatures and torques in a stage of a linearly implicit step.
         """
         held = self.held
         if choose and held is not None:
@@ -204,19 +204,19 @@ class TracedSystem:
     def power(
         self, chain: ClosedChain, state: State, drive: Array, lost: Array, inputs: Inputs, whole: ChainSolution
     ) -> Array:
-        """Return (4,), see `balance.WORK_TERMS` [W]."""
+        """Return the power (4,) in the order of `balance.WORK_TERMS` [W]."""
         powers = power_of(chain, state, drive, whole.base_wrench, inputs, whole.trunk_base_wrench)
         return work_rates(powers, lost, state.qd)
 
     def answer(self, question: Question) -> Any:
-        """Return what a step asks; of a system that is held, at the state as it is."""
+        """Answer a request of a step; if the input `held` is set, states are not projected."""
         still = self.given["held"][()] > 0.5
         t, at = question.t, question.state
         if isinstance(question, Arrival):
             return self.evaluate(t, at, self.last("memory"), True, self.added)
         fields = state_fields(self.real)
         poses = {field: name for name, field in fields.items() if name.endswith("pose")}
-        # a turn by nothing may cost the last bit
+        # a rotation by zero could change the last bit
         kept = {field: select(still, self.last(name), getattr(at, field)) for field, name in poses.items()}
         at = replace(at, **kept)
         if isinstance(question, Stage):
@@ -231,7 +231,7 @@ class TracedSystem:
 def step(
     structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, tableau: Tableau, given: Given
 ) -> dict[str, Any]:
-    """Return what a system carries on after one step: `take_step`, refused systems staying where they are."""
+    """Return the carried arrays of a system after `take_step`; a system that stops keeps its last state."""
     system = TracedSystem(structure, law, motions, acting, given)
     times = [system.time(c) for c in (*tableau.c.tolist(), 1.0)]
     passive = passive_at(structure.chain, system.last("qd")) if tableau.implicit else None
@@ -277,7 +277,7 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
 
     Args:
         kind: of the grasp.
-        contact: (6,) whether it is one-sided, mu, torsion radius or half length, largest moment, largest force, lever.
+        contact: (6,) [1 if it is one-sided, mu, torsion radius or half length, largest moment, largest force, lever].
         f: (6,) wrench, contact axes.
     """
     one_sided, mu, size, moment, force, lever = contact
@@ -292,18 +292,18 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
 def stop_code(
     system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap, passed: Scalar
 ) -> Scalar:
-    """Return why a system stands still after the step, as numbered above.
+    """Return the status code of a system after the step.
 
     Args:
         system: the system.
-        kept: what is known at the step's end.
-        worst: (2,) condition and status.
-        drift: gaps that projection found,
-        gaps: and left.
+        kept: arrays at the step's end, by name.
+        worst: (2,) the worst condition and status.
+        drift: gaps before projection.
+        gaps: gaps after projection.
         passed: whether the step passes a singular configuration, 1 or 0.
     """
     given, margins = system.given, list(kept["margin"])
-    # x - x, which would do as well, is folded to zero
+    # x - x would detect the same, but it is folded to zero
     total = sum(sum(abs(entry) for entry in x.flat) for name, x in kept.items() if name != "margin")
     least = reduce(minimum, margins) if margins else float("inf")
     of_joints = margins_of_joints(JointLimits(*given["limits"]), kept["q"], kept["qd"], kept["drive"])
@@ -314,7 +314,7 @@ def stop_code(
     fault = where(worst[1] < FIRST_BAD, fault, float(SINGULAR))
     fault = where(passed < 0.5, fault, float(SINGULAR))
     fault = where(drift.position <= FARTHEST, fault, float(OPEN))
-    left = where(given["held"][()] > 0.5, 0.0, gaps.position)  # what is held is not closed
+    left = where(given["held"][()] > 0.5, 0.0, gaps.position)  # without projection the gaps do not matter
     fault = where(left <= LEFT_OPEN, fault, float(OPEN))
     fault = where(total < float("inf"), fault, float(BROKEN))
     for margin in margins:  # infinite where nothing limits, not-a-number where squares of forces overflow
@@ -326,15 +326,15 @@ def stop_code(
 def carried(
     system: TracedSystem, kept: Mapping[str, Array], code: Scalar, work: Array, t: Scalar, gaps: Array
 ) -> dict[str, Array]:
-    """Return what the system carries on: the step's end if it goes on, else what it was.
+    """Return the carried arrays: those at the step's end if the system is running, otherwise the previous ones.
 
     Args:
         system: the system.
-        kept: what is known at the step's end.
-        code: why it stands still.
-        work: (4,) done during the step [J].
+        kept: arrays at the step's end, by name.
+        code: status code of the system.
+        work: (4,) work done during the step [J].
         t: the step's end [s].
-        gaps: (4,) position and velocity before projection, and after.
+        gaps: (4,) position and velocity gaps before projection, and after it.
     """
     on, last = code < 0.5, system.last
     found = {name: select(on, x, last(name)) for name, x in kept.items()}
@@ -352,7 +352,7 @@ def carried(
 def evaluation(
     structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, given: Given
 ) -> dict[str, Array]:
-    """Return the slope where a system is, under other torques or parameters; the law's memory moves on anew."""
+    """Return the slope at the current state with new inputs; the law is evaluated again with its previous memory."""
     system = TracedSystem(structure, law, motions, acting, given)
     now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
     on = system.last("code")[()] < 0.5

@@ -1,7 +1,7 @@
-"""Functions of the user's that become machine code: control laws, external wrenches and the motions of bases.
+"""User functions that become machine code: control laws, external wrenches and the motions of bases.
 
-All are traced to programs. A program also travels to other processes as plain data where a function cannot: a lambda,
-or a function made by another, has no name that a second process could find it by.
+All are traced to programs. A program can also be sent to other processes, as plain data, if the function itself cannot
+be pickled: a lambda or a nested function has no name under which another process could import it.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, cos, exp, sin, tanh, where
 from holdfast.state import Inputs, State
 
-Motions = Mapping[str, BaseMotion]  # of the bases that move, by arm name
-WRENCHES = ("object_wrench", "link_wrenches", "trunk_link_wrenches")  # in `Inputs`
+Motions = Mapping[str, BaseMotion]  # motions of the moving bases, by arm name
+WRENCHES = ("object_wrench", "link_wrenches", "trunk_link_wrenches")  # fields of `Inputs`
 
 
 def checked_motion(name: str, motion: BaseMotion) -> Callable[[Scalar], tuple[Pose, Array, Array]]:
-    """Return the motion, its pose not-a-number where what it returns is none: on floats that is refused."""
+    """Return the motion with a check of its pose: an invalid pose is refused on floats, and becomes NaN if traced."""
 
     def found(t: Scalar) -> tuple[Pose, Array, Array]:
         pose, twist, acceleration = motion_of(name, motion(t))
@@ -49,17 +49,17 @@ def checked_motion(name: str, motion: BaseMotion) -> Callable[[Scalar], tuple[Po
 
 
 def with_wrenches(inputs: Inputs, acting: GivenInputs, chain: ClosedChain, t: Scalar, state: State) -> Inputs:
-    """Return inputs, and the wrenches that act besides, together.
+    """Return the inputs of a call with the additional wrenches added.
 
     Args:
-        inputs: what a call gives.
-        acting: what acts besides.
-        chain: what it acts on.
+        inputs: inputs of the call.
+        acting: the additional wrenches, or the function that returns them.
+        chain: the chain.
         t: time [s].
         state: positions and velocities.
 
     Raises:
-        StateError: what acts besides moves bases, or has other shapes.
+        StateError: the additional inputs contain base motions, or have wrong shapes.
     """
     found = inputs_at(acting, take_state(acting), t, state)
     require_wrenches(found, "of a rollout")
@@ -72,7 +72,7 @@ def _sum(a: Array | None, b: Array | None) -> Array | None:
 
 
 def travelling_inputs(acting: GivenInputs | None, chain: ClosedChain) -> GivenInputs | None:
-    """Return inputs themselves if they can be pickled, else wrenches of the same meaning that can."""
+    """Return the inputs if they can be pickled, or otherwise an equivalent traced function that can."""
     if acting is None or _travels(acting):
         return acting
     fields, size = state_fields(chain), shapes(chain)
@@ -88,14 +88,14 @@ def travelling_inputs(acting: GivenInputs | None, chain: ClosedChain) -> GivenIn
 
 
 def travelling_law(law: ControlLaw, chain: ClosedChain) -> ControlLaw:
-    """Return the law itself if it can be pickled, else one of the same meaning that can."""
+    """Return the law if it can be pickled, or otherwise an equivalent traced law that can."""
     if _travels(law.torque):
         return law
     return replace(law, torque=TracedTorque(law_program(law, chain), tuple(law.parameters)))
 
 
 def travelling_motion(name: str, motion: BaseMotion) -> BaseMotion:
-    """Return the motion of a base itself if it can be pickled, else one of the same meaning that can."""
+    """Return the motion of a base if it can be pickled, or otherwise an equivalent traced motion that can."""
     if _travels(motion):
         return motion
 
@@ -108,11 +108,11 @@ def travelling_motion(name: str, motion: BaseMotion) -> BaseMotion:
 
 @dataclass(frozen=True, eq=False)
 class TracedTorque:
-    """The torques of a law: (t, state, memory, parameters) -> (torques, memory).
+    """A traced control law, a function (t, state, memory, parameters) -> (torques, memory).
 
     Attributes:
-        program: takes t, the state's arrays, memory and the parameters; returns torques and memory.
-        parameters: their names, in order.
+        program: program of t, the state's arrays, the memory and the parameters that returns torques and memory.
+        parameters: names of the parameters, in order.
     """
 
     program: Program
@@ -126,34 +126,34 @@ class TracedTorque:
 
 @dataclass(frozen=True, eq=False)
 class TracedMotion:
-    """The motion of a base: t -> (pose, twist, acceleration).
+    """A traced motion of a base, a function t -> (pose, twist, acceleration).
 
     Attributes:
-        program: takes t; returns R, p, twist and acceleration.
+        program: program of t that returns R, p, twist and acceleration.
     """
 
     program: Program
 
     def __call__(self, t: Scalar) -> tuple[Pose, Array, Array]:
-        """Return pose, twist and acceleration at a time [s]."""
+        """Return the pose, twist and acceleration at a time [s]."""
         R, p, twist, acceleration = replayed(self.program, t)
         return Pose.unchecked(R, p), twist, acceleration
 
 
 @dataclass(frozen=True, eq=False)
 class TracedInputs:
-    """External wrenches: (t, state) -> Inputs.
+    """Traced external wrenches, a function (t, state) -> Inputs.
 
     Attributes:
-        program: takes t and the state's arrays; returns the wrenches.
-        given: the fields of `Inputs` that these are, in order.
+        program: program of t and the state's arrays that returns the wrenches.
+        given: the fields of `Inputs` that the program returns, in order.
     """
 
     program: Program
     given: tuple[str, ...]
 
     def __call__(self, t: Scalar, state: State) -> Inputs:
-        """Return the wrenches at a time [s] in a state."""
+        """Return the wrenches at a time [s] and a state."""
         found = replayed(self.program, t, *_parts(state))
         return Inputs(**dict(zip(self.given, found, strict=True)))
 
@@ -165,7 +165,7 @@ def _parts(state: State) -> list[Array]:
 
 
 def replayed(program: Program, *arrays: Any) -> list[Array]:
-    """Return a program's outputs, on floats or traced again."""
+    """Return the outputs of a program, evaluated on floats or on traced numbers."""
     entries = [x for array in arrays for x in np.asarray(array).flat]
     values: list[Scalar] = []
     for kind, places, value in program.instructions:
@@ -178,7 +178,7 @@ def replayed(program: Program, *arrays: Any) -> list[Array]:
 
 
 def _applied(kind: str, *operands: Scalar) -> Scalar:
-    """Return the result of one operation, a node if any operand is one."""
+    """Return the result of one operation, which is a node if any operand is one."""
     node = next((x for x in operands if isinstance(x, Node)), None)
     return _ON_FLOATS[kind](*operands) if node is None else node.graph.apply(kind, *operands)
 
@@ -189,6 +189,6 @@ _ON_FLOATS: dict[str, Callable[..., Scalar]] = {**OPERATIONS, "sin": sin, "cos":
 def _travels(function: object) -> bool:
     try:
         pickle.dumps(function)
-    except Exception:  # whatever objects that the function holds raise
+    except Exception:  # objects held by the function may raise any error
         return False
     return True

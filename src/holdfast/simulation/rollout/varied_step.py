@@ -1,9 +1,9 @@
-"""A time step made linear: its own text, run on numbers that are varied.
+"""Linearisation of a time step, by running the code of the step on numbers that carry derivatives.
 
-What the text asks for, forward dynamics and the rounds of projection, has derivatives by one more solve each
-(`dynamics.point_rule`); what lies between, the law included, is differentiated operation by operation. Both of a
-projection's rounds are differentiated as they run: a projector that had converged would be off by as much as the step
-had drifted.
+Forward dynamics and each iteration of the projection are differentiated by one additional solve
+(`dynamics.point_rule`). All other operations, including those of the law, are differentiated one by one. Both
+iterations of the projection are differentiated as they are computed, because the derivative of the converged projection
+would differ by the order of the step's drift.
 """
 
 from __future__ import annotations
@@ -47,19 +47,19 @@ from holdfast.state import Inputs, State
 
 POSES = ("object_pose", "floating_pose")
 FIELDS = {"object_wrench": "object_wrench", "link_wrench": "link_wrenches", "trunk_link_wrench": "trunk_link_wrenches"}
-RESULTS = {"floating_acceleration": "base_acceleration"}  # of forward dynamics, as a solution calls them
-CONTROL = "control."  # before the names of the law's parameters
+RESULTS = {"floating_acceleration": "base_acceleration"}  # results of forward dynamics with another name in a solution
+CONTROL = "control."  # prefix of the names of the law's parameters
 
 
 class VariedSystem(TracedSystem):
-    """A system some of whose numbers are varied.
+    """A system in which some of the numbers carry derivatives.
 
     Attributes:
-        varied: by name; of the model and the inputs, tangents that are zero.
-        memory: what the law remembers through the step.
+        varied: the varied numbers by name; for parameters of the model and for inputs, these are zero tangents.
+        memory: the law's memory during the step.
         many: as in `VariedStep`.
-        heavier: (n,) armature that a stage of an implicit step adds; None in others.
-        taker: what takes the loops of forward dynamics; those of the text itself are Python's.
+        heavier: (n,) armature added in a stage of a linearly implicit step; None in other stages.
+        taker: runs the loops inside forward dynamics; the loops of the step itself are Python loops.
     """
 
     def __init__(self, of: VariedStep, given: Given, varied: Mapping[str, Array], taker: Loops | None) -> None:
@@ -78,7 +78,7 @@ class VariedSystem(TracedSystem):
     def evaluate(
         self, t: Scalar, state: State, memory: Array, choose: bool, implicit: Implicit | None = None
     ) -> Evaluation:
-        """Return torques, then forward dynamics; see `TracedSystem.evaluate`."""
+        """Return the torques and forward dynamics; see `TracedSystem.evaluate`."""
         self.heavier = None if implicit is None else implicit.armature
         plain = None if implicit is None else implicit._replace(armature=bare(implicit.armature))
         return super().evaluate(t, state, memory, choose, plain)
@@ -117,24 +117,24 @@ class VariedSystem(TracedSystem):
     def power(
         self, chain: ClosedChain, state: State, drive: Array, lost: Array, inputs: Inputs, whole: ChainSolution
     ) -> Array:
-        """Return none: work has no derivatives."""
+        """Return zeros, because derivatives of the work are not computed."""
         return np.zeros(OF_WORK)
 
     def answer(self, question: Question) -> Any:
-        """Return what a step asks; at its end, the state."""
+        """Answer a request of a step; the answer at its end is the state."""
         t, at = question.t, question.state
         if isinstance(question, Stage):
             return self.evaluate(t, at, self.memory, False, question.implicit).slope(question.turns)
         return at if isinstance(question, Arrival) else (self.closed(t, at), None)
 
     def closed(self, t: Scalar, state: State) -> State:
-        """Return a state back on the grasps; see `projection.after_step`."""
+        """Return a state projected onto the grasps; see `projection.after_step`."""
         for _ in range(STEP_ROUNDS):
             state = displaced_by(state, self._change(t, state, round_point, OF_ROUND))
         return quickened(state, self._change(t, state, impulse_point, OF_PROJECTION))
 
     def model(self) -> dict[str, Array]:
-        """Return what is varied of the model."""
+        """Return the varied parameters of the model."""
         beside = (*state_fields(self.real), *FIELDS, "before", "step")
         return {name: x for name, x in self.varied.items() if name not in beside and not name.startswith(CONTROL)}
 
@@ -162,7 +162,7 @@ class VariedSystem(TracedSystem):
 def ruled(
     at: Point, results: Mapping[str, Array], arguments: Mapping[str, Array], many: bool = False
 ) -> dict[str, Array]:
-    """Return results at a point, with their derivatives by those of the arguments that vary."""
+    """Return the results at a point, with their derivatives with respect to the varied arguments."""
     varied = {name: x for name, x in arguments.items() if is_recorded(x)}
     poses = {name: bare(varied[name]) for name in POSES if name in varied}
     rule = PointRule(at, {name: x.shape for name, x in results.items()}, tuple(varied), poses)
@@ -172,12 +172,12 @@ def ruled(
 
 
 def state_arrays(chain: ClosedChain, state: State) -> dict[str, Array]:
-    """Return a state's arrays by the names that rollouts have for them."""
+    """Return the arrays of a state with the names used in rollouts."""
     return {name: getattr(state, field) for name, field in state_fields(chain).items()}
 
 
 def plain(state: State) -> State:
-    """Return a state of what its numbers are, varied or not."""
+    """Return a state with the plain values of its numbers, without derivatives."""
     return State(**{name: bare(x) for name, x in parts_of(state).items()})
 
 
@@ -188,12 +188,12 @@ def parts_of(state: State) -> dict[str, Array]:
 
 
 class LinearStep(NamedTuple):
-    """A step made linear.
+    """The linearisation of a step.
 
     Attributes:
-        linear: the text, poses at its end as wxyz_xyz.
-        by: what is varied.
-        found: what the step returns, by name.
+        linear: the linearised code of the step, with poses at its end as wxyz_xyz.
+        by: names of the varied arguments.
+        found: results of the step, by name.
     """
 
     linear: Linear
@@ -201,29 +201,29 @@ class LinearStep(NamedTuple):
     found: dict[str, Array]
 
     def rates(self, tangents: Mapping[str, Array]) -> dict[str, Array]:
-        """Return how fast what the step returns changes; poses by [turn; shift]."""
+        """Return the rates of the step's results for the given tangents; rates of poses are [turn; shift]."""
         given = [tangents.get(name, np.zeros(shape)) for name, shape in zip(self.by, self.linear.shapes, strict=True)]
         found = dict(zip(self.found, self.linear.rates(*given), strict=True))
         return found | {name: motion_of(self.found[name], found[name]) for name in POSES if name in found}
 
     def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the gradient of sum(cotangent . what the step returns); poses turn and shift on both sides."""
+        """Return the gradient of sum(cotangent . result); cotangents and gradients of poses refer to [turn; shift]."""
         given = {name: cotangents.get(name, np.zeros(x.shape)) for name, x in self.found.items()}
         given |= {name: by_pose(self.found[name], cotangents[name]) for name in POSES if name in cotangents}
         return dict(zip(self.by, self.linear.gradient(*given.values()), strict=True))
 
 
 class VariedStep(NamedTuple):
-    """A step of one chain under one law, to be made linear.
+    """A step of one chain with one control law, to be linearised.
 
     Attributes:
-        structure: the chain.
-        law: its law.
-        motions: of the bases that move.
-        acting: wrenches that act besides those given.
+        structure: the structure of the chain.
+        law: the control law.
+        motions: motions of the moving bases.
+        acting: wrenches in addition to those passed to the step.
         tableau: the scheme.
-        environment: the chain with its parameters and what acts on it, if they are not traced.
-        many: on floats, whether many products will be taken with it.
+        environment: the chain with its parameters and inputs, if they are not traced.
+        many: on floats, whether the linearisation will be used for many products.
     """
 
     structure: Structure
@@ -235,21 +235,22 @@ class VariedStep(NamedTuple):
     many: bool = False
 
     def linear(self, given: Given, by: Sequence[str], of: Sequence[str] = ()) -> LinearStep:
-        """Return a step made linear; its text runs once.
+        """Return the linearisation of a step, whose code runs once.
 
         Args:
-            given: what the step is given, as `TracedSystem`; "last.before" is what the law remembers at its beginning.
-            by: what is varied: arrays of the state, "before", "step", "control.*", arguments of forward dynamics.
-            of: results at its end that are wanted: those of forward dynamics, "tau", "memory".
+            given: arguments of the step, as for `TracedSystem`; "last.before" is the law's memory at the start.
+            by: names of the varied arguments: arrays of the state, "before", "step", "control.*", and arguments of
+                forward dynamics.
+            of: names of the required results at the end: results of forward dynamics, "tau", "memory".
         """
         return self._linear(given, by, lambda system: self._step(system, of))
 
     def closing(self, given: Given, by: Sequence[str]) -> LinearStep:
-        """Return the projection onto the grasps with which a rollout starts, made linear."""
+        """Return the linearisation of the projection onto the grasps at the start of a rollout."""
         return self._linear(given, by, lambda s: state_arrays(s.real, s.closed(s.time(0.0), s.state)))
 
     def _step(self, system: VariedSystem, of: Sequence[str]) -> dict[str, Array]:
-        """Return the state after a step, what the law remembered through it, and results at the end."""
+        """Return the state after a step, the law's memory during it, and the results at its end."""
         start, h = system.state, system.given["step"][()]
         now = system.evaluate(system.time(0.0), start, system.last("before"), choose=False)
         system.memory = now.memory
