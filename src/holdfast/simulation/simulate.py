@@ -109,8 +109,8 @@ def simulate(
         largest_drift: largest position gap that a fixed step may leave before projection, for example 1e-10; a step
             with a larger gap is divided into equal parts [m or rad]. None: steps are not divided.
         start: checkpoint from which to continue; `state` is then not used, and only the later samples are returned.
-        progress: True to show a progress bar, in a notebook or on a terminal; or a function that is called with the time
-            after every step.
+        progress: True to show a progress bar, in a notebook or on a terminal; or a function that is called with the
+            time after every step.
         on_sample: called with every new sample.
         on_checkpoint: called after `on_sample` with a checkpoint from which the run can be continued.
         make_stepper: returns the stepper. By default steps are compiled to machine code if there are enough of them.
