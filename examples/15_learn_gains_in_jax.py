@@ -43,7 +43,8 @@ def reflex(chain: hf.ClosedChain, state: hf.State) -> hf.ControlLaw:
 
 def main(out: Path = OUT) -> dict[str, Any]:
     """Return the costs on the way, and how far boxes with other pushes are off before and after."""
-    jax.config.update("jax_enable_x64", True)
+    config: Any = jax.config
+    config.update("jax_enable_x64", True)
     chain, state = chain_at_rest()
     rollout, hold = hf.compile_rollout(chain, reflex(chain, state), scheme="midpoint"), hf.holding_torques(chain, state)
     run = hf.interop.to_jax(rollout, of=["object_pose", "tau"], step=STEP, steps=STEPS)
