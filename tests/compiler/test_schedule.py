@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, External, Group, Internal, Schedule, Wire
+from holdfast.compiler.targets.layout import Layout
 from holdfast.compiler.targets.llvm import functions, module
 from tests.compiler.programs import ArrayKernel, all_same_bits, same_bits
 from tests.compiler.schedules import COUNTS, Writer, inputs_of, schedules, stage
@@ -166,6 +167,32 @@ def test_handed_on(order):
     assert kernel(digits)[0] == expected
     assert kernel(np.stack([digits] * 7))[0].tolist() == [expected] * 7
     assert interpret_schedule(schedule, {"m": digits})["sum"] == expected
+
+
+def test_copies():
+    """A batch reads consecutive numbers where they are; in another order they are copied, and for one system always."""
+    doubled = stage("doubled", lambda x: (x * 2.0,), [{"x": (5,)}], [("y",)])
+    handed = stage("handed", lambda y: (y[1:4], y[::-1]), [{"y": (5,)}], [("middle", "turned")])
+    used = stage("used", lambda middle, turned: (middle - turned[:3],), [{"middle": (3,), "turned": (5,)}], [("z",)])
+    externals = {"x": External((5,), "input"), "z": External((3,), "output")}
+    internals = {"y": Internal(1, 5), "middle": Internal(1, 3), "turned": Internal(1, 5)}
+    stages = {
+        "doubled": (doubled, ["x", "y"]),
+        "handed": (handed, ["y", "middle", "turned"]),
+        "used": (used, ["middle", "turned", "z"]),
+    }
+    groups = {
+        name: Group(made, 1, {port: Wire(port, (0,)) for port in ports}, side_by_side=False)
+        for name, (made, ports) in stages.items()
+    }
+    calls = tuple(Call(name, 0, (0,)) for name in groups)
+    schedule = Schedule(externals, internals, groups, (), calls)
+    for layout, copied in ((Layout(schedule, 4), [3, 5]), (Layout(schedule, 4, systems=4), [0, 5])):
+        assert [len(output.places) for output in layout.computed(calls[1]).outputs[:2]] == copied
+    x = np.arange(35.0).reshape(7, 5)
+    expected = 2.0 * (x[:, 1:4] - x[:, :1:-1])
+    kernel = kernel_of(schedule, 4)
+    assert np.array_equal(kernel(x)[0], expected) and np.array_equal(kernel(x[6])[0], expected[6])
 
 
 def test_parameters_are_prepared_once():

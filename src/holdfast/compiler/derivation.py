@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from holdfast.compiler.composition import Composition
-from holdfast.compiler.graph import SERIAL, Graph
+from holdfast.compiler.graph import Graph
 from holdfast.compiler.needed import Needed
 from holdfast.compiler.node import Node
 from holdfast.compiler.region import Origin, Scan, Source, TracedGroup
@@ -300,8 +300,15 @@ class Derivation:
                 at = origin.group, max(1, origin.group.phase(origin.node))
                 nodes.setdefault(at, set()).add(origin.node)
                 items.setdefault(at, set()).add(origin.item)
+        # What the glue hands on stays in its order, so that a batch can read it where it is.
+        put = [self.traced.origins.get(node) for put in self.glue_outputs for node in put.numbers]
+        rank = {origin.node: -k for k, origin in enumerate(reversed(put)) if origin is not None}
+
+        def key(node: Node) -> tuple[int, int]:
+            return rank.get(node, 1), node.serial
+
         order = [
-            (group, sorted(items[group, phase]), tuple(sorted(nodes[group, phase], key=SERIAL)), phase)
+            (group, sorted(items[group, phase]), tuple(sorted(nodes[group, phase], key=key)), phase)
             for group, phase in nodes
         ]
         return sorted(order, key=lambda x: (self.traced.groups.index(x[0]), x[3]))

@@ -202,7 +202,7 @@ class Bound:
 def address_of(x: np.ndarray) -> int:
     """Return `x.ctypes.data`, in a quarter of the time if the array is writable."""
     try:
-        return ctypes.addressof(_BYTE.from_buffer(x))
+        return ctypes.addressof(_BYTE.from_buffer(x))  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError):  # read-only, or without entries
         return x.ctypes.data
 

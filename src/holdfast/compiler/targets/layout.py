@@ -6,8 +6,12 @@ one lane per item. All other arrays are contiguous. For a batch, each number is 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
+from holdfast.compiler.program import Program
 from holdfast.compiler.schedule import Call, Group, Schedule, Wire
 from holdfast.compiler.targets.split import Access, SplitProgram
 
@@ -71,6 +75,23 @@ class Layout:
             for phase, size in enumerate(group.stage.pieces.memory):
                 self._memories[name, phase] = self._area(group.count, size, width)
         self._pack_outputs()
+        # The addresses of items that are copies of numbers elsewhere in a batch's working memory, by array and item.
+        self._copies: dict[tuple[str, int], Address] = {}
+        for call in schedule.calls if systems > 1 else ():
+            for port, address in self._copied(call):
+                wire = schedule.groups[call.group].wires[port]
+                self._copies[wire.array, wire.places[0]] = address
+
+    def computed(self, call: Call) -> Program:
+        """Return the program of a stage's phase without the results that are copies: they are read at their origin."""
+        stage = self._group(call.group).stage
+        program = stage.pieces.programs[call.phase]
+        outputs = list(program.outputs)
+        for k, port in enumerate(stage.outputs[call.phase]):
+            wire = self._group(call.group).wires[port]
+            if (wire.array, wire.places[0]) in self._copies:
+                outputs[k] = outputs[k]._replace(shape=(0,), places=())
+        return replace(program, outputs=tuple(outputs))
 
     def blocks(self, group: str, items: tuple[int, ...]) -> list[int]:
         """Return the first item of every block of items that run side by side, in order."""
@@ -142,7 +163,28 @@ class Layout:
             if self.systems == 1:
                 return Address(self._externals[wire.array], wire.places[item])
             return Address(None, self.external_areas[wire.array].start + wire.places[item] * self.systems)
-        return self._at(self._internal_areas[wire.array], wire.places[item])
+        copied = self._copies.get((wire.array, wire.places[item])) if self.systems > 1 else None
+        return copied or self._at(self._internal_areas[wire.array], wire.places[item])
+
+    def _copied(self, call: Call) -> Iterator[tuple[str, Address]]:
+        """Return the results of a phase that are consecutive numbers of one of its inputs, and where these are."""
+        group = self._group(call.group)
+        stage, internals = group.stage, self.schedule.internals
+        program = stage.pieces.programs[call.phase]
+        sizes = [math.prod(shape) for shape in program.input_shapes]
+        owners = [(k, e) for k, size in enumerate(sizes) for e in range(size)]
+        for port, output in zip(stage.outputs[call.phase], program.outputs, strict=False):
+            first, count = output.places[0] if output.places else -1, len(output.places)
+            consecutive = tuple(output.places) == tuple(range(first, first + count))
+            if group.count > 1 or not consecutive or not 0 <= first <= len(owners) - count:
+                continue
+            (k, e), (last, _) = owners[first], owners[first + count - 1]
+            if k != last or k >= len(stage.input_ports):
+                continue
+            source, target = group.wires[stage.input_ports[k]].array, group.wires[port].array
+            if source in internals and target in internals and internals[target].size == count:
+                start = self.address(call.group, stage.input_ports[k], 0)
+                yield port, Address(None, start.offset + e * self.systems)
 
     def _group(self, name: str) -> Group:
         return self.schedule.groups[name]

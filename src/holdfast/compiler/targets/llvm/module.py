@@ -44,6 +44,8 @@ class Module:
 
     def _call(self, call: Call, lines: list[str], label: str) -> str:
         made = self._function(call)
+        if not made.split.writes:
+            return label
         runs = self.layout.places(call, made.split)
         if len(runs) <= _UNROLLED:
             for places in runs:
@@ -82,10 +84,12 @@ class Module:
         layout, stage = self.layout, self.layout.schedule.groups[call.group].stage
         inputs, outputs = layout.accesses(call)
         lanes = max(layout.systems, layout.width[call.group])
-        key = (id(stage), call.phase, lanes, tuple(inputs), tuple(outputs))
+        program = layout.computed(call)
+        handed = tuple([len(output.places) for output in program.outputs])
+        key = (id(stage), call.phase, lanes, tuple(inputs), tuple(outputs), handed)
         if key not in self._known:
             name = f"{stage.name}.{call.phase}.{len(self._known)}"
-            made = function(name, stage.pieces.programs[call.phase], lanes, inputs, outputs)
+            made = function(name, program, lanes, inputs, outputs)
             self.functions += made.lines
             self.scratch = max(self.scratch, made.split.scratch * lanes)
             self.lanes.add(lanes)
