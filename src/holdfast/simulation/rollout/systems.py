@@ -213,9 +213,11 @@ class RolloutSystems:
     def _rows(self, rows: Any) -> Any:
         """Return which systems, as an index that keeps the first axis."""
         with suppress(IndexError, ValueError, TypeError):
-            which = rows if isinstance(rows, slice) else np.atleast_1d(rows)
-            which = which.astype(int) if np.size(which) == 0 else which
-            if np.empty(len(self))[which].ndim == 1 and np.ndim(which) < 2:
+            if isinstance(rows, slice):
+                return rows
+            which = np.atleast_1d(rows)
+            which = which if which.size else which.astype(int)
+            if which.ndim == 1 and np.empty(len(self))[which].ndim == 1:
                 return which
         raise StateError(
             f"rows: expected numbers from 0 to {len(self) - 1} or {len(self)} truth values, got {checks.short(rows)}"
