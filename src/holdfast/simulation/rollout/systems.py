@@ -212,11 +212,10 @@ class RolloutSystems:
 
     def _rows(self, rows: Any) -> Any:
         """Return which systems, as an index that keeps the first axis."""
+        if isinstance(rows, slice):
+            return rows
         with suppress(IndexError, ValueError, TypeError):
-            if isinstance(rows, slice):
-                return rows
-            which = np.atleast_1d(rows)
-            which = which.astype(int) if which.size == 0 else which
+            which = np.atleast_1d(rows) if np.size(rows) else np.zeros(0, dtype=int)
             if which.ndim == 1 and np.empty(len(self))[which].ndim == 1:
                 return which
         raise StateError(
