@@ -16,7 +16,8 @@ from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk
 from holdfast.spatial.inertia import about_origin
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, array
+from holdfast.spatial.vector import skew
 from holdfast.state import Inputs, State
 
 Body = TypeVar("Body", Link, HeldObject)
@@ -83,6 +84,12 @@ class VariedCase(NamedTuple):
         """Return the case with some numbers replaced by scalars of any kind; nothing is checked."""
         own = {name: numbers.get(name, x) for name, x in self.own.items()}
         return VariedCase(self._chain(numbers), self._state(numbers), self._inputs(numbers), own)
+
+    def on_varied_bases(self, tangents: Array) -> VariedCase:
+        """Return the same on bases that turn and shift by tangents, (arms, 6), which are zero but may vary."""
+        R, p = self.numbers(("base_R", "base_p")).values()
+        turned = array([frame + skew(turn) @ frame for frame, turn in zip(R, tangents[:, :3], strict=True)])
+        return self.varied({"base_R": turned, "base_p": p + tangents[:, 3:]})
 
     def _chain(self, numbers: Numbers) -> ClosedChain:
         given, made = self.chain, object.__new__(ClosedChain)

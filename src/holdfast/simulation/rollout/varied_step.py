@@ -41,8 +41,7 @@ from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
 from holdfast.spatial.differentiation import bare, by_rule, is_recorded, linearised
 from holdfast.spatial.linear import Linear
-from holdfast.spatial.scalar import Array, Loops, Scalar, array, loops
-from holdfast.spatial.vector import skew
+from holdfast.spatial.scalar import Array, Loops, Scalar, loops
 from holdfast.state import Inputs, State
 
 POSES = ("object_pose", "floating_pose")
@@ -108,10 +107,7 @@ class VariedSystem(TracedSystem):
         here = framed(State(**parts_of(state)))
         case = VariedCase(chain, here, inputs, {})
         if "base_pose" in self.varied:
-            R, p = case.numbers(("base_R", "base_p")).values()
-            moved = self.varied["base_pose"]  # tangents that are zero
-            turned = array([frame + skew(turn) @ frame for frame, turn in zip(R, moved[:, :3], strict=True)])
-            case = case.varied({"base_R": turned, "base_p": p + moved[:, 3:]})
+            case = case.on_varied_bases(self.varied["base_pose"])
         return with_springs(case.chain, here, inputs)
 
     def power(
