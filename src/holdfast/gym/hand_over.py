@@ -67,14 +67,12 @@ class HandOverTask(Frozen, Task):
     | wrench   | 6 a | of each of a arms on the object about its contact, [moment; force], object axes [N m, N]
     | q, qd    | n, n| joint positions and rates [rad or m, rad/s or m/s]
 
-    The reward of a control step of length dt is the sum of
+    The reward of a control step of length dt is the sum of the following terms, in which turn and distance are those of
+    the gap (zero once the receiver holds the object) or those from the goal:
 
-    - dt reach_reward / (1 + (turn / capture_angle)^2 + (distance / capture)^2) with the angle and the distance of the
-      gap, or dt reach_reward once the receiver holds the object;
-    - once the giver has released it, dt goal_reward / (1 + (turn / tolerance_angle)^2 + (distance / tolerance)^2) with
-      the angle and the distance from the goal;
-    - -dt internal_cost max(0, internal_force / largest_internal - 1);
-    - -dt effort_cost times the mean square of the torque entries of the action;
+    - for the gap, dt reach_reward / (1 + (turn / capture_angle)^2 + (distance / capture)^2);
+    - for the goal, after the release, dt goal_reward / (1 + (turn / tolerance_angle)^2 + (distance / tolerance)^2);
+    - -dt internal_cost max(0, internal_force / largest_internal - 1) - dt effort_cost mean(a[:n]^2);
     - once, when the receiver grasps, -impact_cost times the speed between its tip and its place;
     - once, success_reward at the goal, or -failure_cost if the episode terminates otherwise.
 
@@ -104,15 +102,12 @@ class HandOverTask(Frozen, Task):
         joint_torque: (n,) torques at an action of 1; by default a tenth of the effort limits, or 10 without a limit.
         joint_damping: damping of all joints [N m s/rad or N s/m].
         squeeze: force of every holding arm along its contact normal, while two or more arms hold the object [N].
-        capture: largest distance of the tip from its place on the object at which the receiver can grasp [m].
-        capture_angle: largest angle between them at which it can [rad].
-        capture_speed: largest speed between them at which it can [m/s].
-        capture_rate: largest angular rate between them at which it can [rad/s].
+        capture, capture_angle: largest distance [m] and angle [rad] of the tip from its place at which it can grasp.
+        capture_speed, capture_rate: largest speed [m/s] and angular rate [rad/s] between them at which it can.
         largest_internal: internal force above which the reward decreases [N].
         crushing_internal: internal force at which the object breaks [N].
         lost: distance from its initial position at which the object counts as lost [m].
-        tolerance: distance within which the object counts as at its goal [m].
-        tolerance_angle: angle within which it does [rad].
+        tolerance, tolerance_angle: distance [m] and angle [rad] within which the object counts as at its goal.
         still: speed below which the object counts as at rest at its goal [m/s].
         reach_reward: reward for a second at the grasp.
         goal_reward: reward for a second at the goal.
