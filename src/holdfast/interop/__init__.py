@@ -1,4 +1,4 @@
-"""Interfaces to other libraries: MuJoCo's MJCF, the conventions of Pinocchio, functions for SciPy and JAX, MCAP files."""
+"""Interfaces to other libraries: MJCF of MuJoCo, conventions of Pinocchio, functions for SciPy and JAX, MCAP files."""
 
 import lazy_loader
 
