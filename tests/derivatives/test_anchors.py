@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,3 +59,32 @@ def test_anchors_alone():
         size = np.abs(slope).max()
         assert np.abs(own[of] - slope).max() < 1e-6 * size
         assert np.abs(one[of] - own[of]).max() < 1e-12 * size
+
+
+@pytest.mark.parametrize("joints", [(5, 4), (5,)])
+def test_inverse_dynamics(joints):
+    """Anchors have no torques: the Jacobian is that of its products, in machine code too."""
+    p = pinned(random_problem(2, arms=len(joints), joints=joints, moving_base=True), ("rigid",), 2)
+    random, chain, s = np.random.default_rng(1), p.chain, p.state
+    qdd, wrench, tau = (random.normal(size=shape) for shape in (len(s.q), (len(chain.arms), 6), len(s.q)))
+    inputs = replace(p.inputs, link_wrenches=None)
+    pulled = hf.inverse_dynamics_vjp(chain, s, qdd, wrench, inputs, tau=tau, by=("q", "grasp_wrench"))
+    own = hf.inverse_dynamics_jacobian(chain, s, qdd, wrench, inputs, by=("q", "grasp_wrench"))
+    moving = {"base_twist": p.inputs.base_twists, "base_acceleration": p.inputs.base_accelerations}
+    one = hf.compile(chain).inverse_dynamics_jacobian(s.q, s.qd, qdd, wrench, by=("q", "grasp_wrench"), **moving)
+    for by in ("q", "grasp_wrench"):
+        size = np.abs(own["tau", by]).max()
+        assert np.abs(np.tensordot(tau, own["tau", by], 1) - pulled[by]).max() < 1e-12 * size
+        assert np.abs(one["tau", by] - own["tau", by]).max() < 1e-12 * size
+
+
+def test_inverse_dynamics_of_anchors_alone():
+    """Without joints there are no torques, and the Jacobian has no rows."""
+    p = pinned(random_problem(1, arms=1, joints=3), ("rigid",), 1)
+    chain = p.chain.without_grasp(p.chain.names[0])
+    chain = hf.ClosedChain(
+        {name: a for name, a in chain.arms.items() if name in chain.grasps}, chain.held_object, chain.grasps
+    )
+    state = hf.State(np.zeros(0), np.zeros(0), p.state.object_pose, p.state.object_twist)
+    found = hf.inverse_dynamics_jacobian(chain, state, np.zeros(0), np.zeros((1, 6)), by=("q", "object_pose"))
+    assert found["tau", "q"].shape == (0, 0) and found["tau", "object_pose"].shape == (0, 6)

@@ -94,6 +94,8 @@ class LinearText(NamedTuple):
             count, row = entries.stop - entries.start, gradient_of(linear)
             rows = each(row, units[:count, :count]) if count > 1 else [row(np.ones(1))]
             found += [self._row(varied, x) for x in rows]
+        if not found:  # a result without entries, such as the torques of anchors alone
+            return {name: np.zeros((0, *x.shape)) for name, x in self._row((), np.zeros(0)).items()}
         return {
             name: concatenate(row[name].ravel() for row in found).reshape(-1, *found[0][name].shape)
             for name in self.names
