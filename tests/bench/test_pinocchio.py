@@ -38,6 +38,7 @@ def test_constraint_dynamics(size, form):
     assert ("without the wrench" in entry.note) == (form == "tree")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["free", "tree"])
 def test_lcaba_is_tuned(form):
     """The chosen setting is accurate, stays so after thousands of calls, and is named."""

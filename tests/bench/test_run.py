@@ -52,6 +52,7 @@ def test_schema():
     assert document["format"] == 1
 
 
+@pytest.mark.slow
 def test_is_plain_json():
     """Nothing of NumPy, nothing that JSON does not know."""
     document = tiny_document()

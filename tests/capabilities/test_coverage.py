@@ -13,6 +13,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "coverage.md"
 QUICK = [title for title, questions in TABLES.items() if all(q.quick for q in questions)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("title", QUICK)
 def test_page_answers_as_the_library_does(title):
     """Each cell, and each refusal's words."""

@@ -58,6 +58,7 @@ def test_refused(scene, capsys, old, new, code, message):
     assert not Path("results").exists()
 
 
+@pytest.mark.slow
 def test_sampled(scene, capsys):
     """Sample time and delay by an option or in the scene: the same run, both kept with it; bad ones are refused."""
     scene.write_text(TEXT.replace("duration = 2.0", "duration = 0.012").replace("begin = 0.2", "begin = 0.0"))

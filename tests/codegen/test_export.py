@@ -109,6 +109,7 @@ def test_refusals(case, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_refused_chains_and_states(tmp_path):
     """No inverse dynamics of what floats, no step from open grasps, no scheme that estimates errors."""
     chain, state = chain_and_state("floating")

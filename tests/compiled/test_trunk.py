@@ -32,6 +32,7 @@ def given(chain, state, tau, inputs):
     return arguments, {name: x for name, x in wanted.items() if x is not None}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_reference(name):
     """One system and a batch have the reference's answers, and one another's bits."""

@@ -91,6 +91,7 @@ def test_results_past_the_caches():
     assert found["qdd", "tau"].strides[0] * count > 2**20 and chain.joint_count**2 >= 64
 
 
+@pytest.mark.slow
 def test_some_of_it():
     """Fewer gradients and directions are the same numbers; names that are none are refused by name."""
     p, random = random_chain(100), np.random.default_rng(0)
@@ -110,6 +111,7 @@ def test_some_of_it():
         fast.forward_dynamics_jvp(**given(p), along={"object_weight": np.ones(3)})
 
 
+@pytest.mark.slow
 def test_singular_and_invalid_systems():
     """Each of them has not-a-number for itself alone; the others have the bits of a clean batch."""
     p = as_chain(two_collinear_stretched_6r(1))

@@ -161,6 +161,7 @@ def test_random_chains_by_the_reference(seed):
     assert worst < RANDOM
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trunk", [trunk for trunk in TRUNKS if trunk])
 @pytest.mark.parametrize("seed", mostly_long(range(200, 208), (201, 204)))
 def test_trunks_by_the_reference(seed, trunk):
@@ -194,6 +195,7 @@ def test_the_matrix_of_a_trunk_by_the_reference():
             assert relative_gap(matrix, expected.block(o, b)) < RANDOM, (o, b)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "any_kind"), mostly_long([(100, True), (103, True), (301, False)], [(100, True), (301, False)])
 )

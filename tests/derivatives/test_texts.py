@@ -55,6 +55,7 @@ def test_a_gradient_along_a_direction_is_a_cotangent_along_the_rates(name, kind)
     assert sum(parts) == pytest.approx(expected, abs=1e-13 * np.abs(parts).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_derivatives_come_with_what_the_function_returns(name, kind):
     of = asked(name, kind)

@@ -39,6 +39,7 @@ def test_tangent():
     assert np.abs(expected - T @ np.linalg.lstsq(T, expected, rcond=None)[0]).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("rigid", "hinge"), ("ball", "rigid"), ("softfinger", "hinge")])
 def test_motions_nearby(kinds):
     """From rest, two runs that begin apart by T z stay apart by T exp(A t) z, but for the square of z."""

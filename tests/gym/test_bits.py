@@ -55,6 +55,7 @@ def walk_together(kinds: Any, task: Any, mode: AutoresetMode, count: int, steps:
     return ended, fates
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_carry(mode):
     """Over a hundred steps in which episodes slip, and last their time."""

@@ -18,6 +18,7 @@ from tests.gym.problems import careless_hand_over, carry, short_carry
 IDS = {"holdfast/Carry-v0": carry, "holdfast/HandOver-v0": careless_hand_over}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IDS)
 def test_check_env(name):
     """Gymnasium's own check finds nothing, and nothing to warn of."""

@@ -81,6 +81,7 @@ def directional(fast, values, name, along, h=1e-4):
     return sum(w * (at(s) - at(-s)) for s, w in ((1, 45.0), (2, -9.0), (3, 1.0))) / (60 * h)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("route", ["ffi", "callback"])
 def test_gradient_by_every_argument(problem, route, monkeypatch):
     """Values are those of a call from Python; gradients as finite differences have them, none along a quaternion."""
@@ -156,6 +157,7 @@ def moved(values, name, by):
     return values | {name: x}
 
 
+@pytest.mark.slow
 def test_vmaps(problem):
     """A vmap in another, and the rows of a Jacobian under one, are the single calls, also with what is shared."""
     fast, values = problem

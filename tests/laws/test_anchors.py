@@ -34,6 +34,7 @@ def held_by_two(seed: int, kind: str, **options) -> Problem:
     return pinned(random_problem(seed, joints=(7, 8), moving_base=True, **options), (kind,), seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", mostly_long(KINDS, ("hinge", "softfinger", "screw")))
 def test_fifty_digits(kind):
     """Accelerations, grasp wrenches and base wrenches by the filter, the dense equations and machine code."""

@@ -138,6 +138,7 @@ def test_closing(kinds):
             assert (len(gap.position), len(gap.velocity)) == counts[grasp.kind]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [("slider", "universal", "rigid"), ("screw", "planar", "cylinder")], ids="-".join)
 def test_machine_code(kinds):
     """Compiled functions answer as the reference does, for one system and for a batch on other bases."""

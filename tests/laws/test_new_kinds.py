@@ -241,6 +241,7 @@ def test_machine_code(problem):
         np.testing.assert_allclose(gaps[name].velocity, expected[name].velocity, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_simulation(problem):
     """A run without torques keeps energy and grasps."""
     chain = problem.chain

@@ -61,6 +61,7 @@ def eventful():
     return (chain, state, Remembering(), 0.09, 0.01), options
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "parts"), [("rk4", 2), pytest.param("dop853", 2, marks=pytest.mark.long)])
 def test_going_on_changes_no_bit(scheme, parts):
     """From any checkpoint, through disk, the rest of the run is bit for bit what it was."""

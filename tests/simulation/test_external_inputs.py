@@ -253,6 +253,7 @@ def tied(chain: hf.ClosedChain) -> hf.ClosedChain:
     return replace(chain, springs=springs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
 def test_rollouts(scheme: str):
     """A spring by hand becomes machine code, of many systems, as the library's does; calls' wrenches come on top."""
@@ -286,6 +287,7 @@ def pushed(inputs: hf.Inputs, push: np.ndarray) -> hf.Inputs:
     return replace(inputs, object_wrench=inputs.object_wrench + push)
 
 
+@pytest.mark.slow
 def test_rollouts_of_other_wrenches():
     """Systems that go on in a rollout of other wrenches begin with a slope under these; after a pickle to the bit."""
     chain, state = lone()

@@ -55,6 +55,7 @@ def test_a_run_stops_before_a_singular_configuration(options, controller):
     assert expected - 1e-2 < run.t[-1] < expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", mostly_long(SCHEMES, SCHEMES[::2]))
 def test_continuing_through_singular_configurations(options):
     """A parallelogram stays one: every configuration within a millionth of a second, energy as on the way to them."""
@@ -148,6 +149,7 @@ def test_ordinary_steps_far_from_singular_configurations_need_no_adaptive_parts(
     assert run.stopped is None and len(run.t) == 51
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scheme", "step"),
     mostly_long(

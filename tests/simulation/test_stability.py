@@ -172,6 +172,7 @@ def test_after_a_grasp_opens():
     assert run.occurrences[1].t == pytest.approx(1.5 * step)
 
 
+@pytest.mark.slow
 def test_after_a_motion():
     """An elbow that stretches: its inertia falls, and steps become implicit on the way, to the bit in a resumed run."""
     links = [Link(1.0, [0.5, 0.0, 0.0], 0.01 * np.eye(3)) for _ in range(2)]

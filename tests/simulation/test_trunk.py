@@ -47,6 +47,7 @@ def test_balances(seed, joints, floating):
         assert not fine.trunk_base_wrench.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("below", [1, 3])
 def test_an_arms_first_joints_as_a_trunk(below):
     """A chain runs alike whether the first joints of an arm are its own or a trunk's, base motion included."""

@@ -3,6 +3,8 @@
 from collections import Counter
 from itertools import islice
 
+import pytest
+
 from tests.acceptance.comparison import trunk_errors
 from tests.acceptance.test_trunks import ROUTES, TOLERANCE, accepted
 from tests.systems.trunk_problems import in_machine_code
@@ -10,6 +12,7 @@ from tests.systems.trunk_problems import in_machine_code
 SYSTEMS, COMPILED = 10, 1
 
 
+@pytest.mark.slow
 def test_random_systems():
     """`sequential` by both routes, `kkt` where forces are unique, machine code: <= 1e-9, and the rank."""
     drawn = Counter[str]()

@@ -12,6 +12,7 @@ from tests.simulation.rollout.problems import given_torques, problem, started, s
 DURATION = 0.08
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["legs", "five"])
 def test_closure(name):
     """After every step every grasp is closed to rounding; the gaps reported are those that the reference finds."""

@@ -79,6 +79,7 @@ def shaken(base: Pose, seed: int) -> Any:
     return motion
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "moving", "by"), [("one", False, "midpoint"), ("five", True, "rk4"), ("five", True, "dop853")]
 )
@@ -92,6 +93,7 @@ def test_stagewise(name, moving, by):
     agree(StagewiseStepper.of(environment, stubborn, rank, scheme(by), Tolerance(1e-9)), reference, state)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "moving", "by"), [("one", False, "dop853"), ("five", True, "rk4")])
 def test_stagewise_with_a_law(name, moving, by):
     """A law of time, state and memory is machine code too where bases move or errors are estimated."""

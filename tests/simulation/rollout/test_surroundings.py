@@ -92,6 +92,7 @@ def agree(systems: RolloutSystems, row: int, run: Trajectory) -> None:
     assert difference(found, expected) <= AGREEMENT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "scheme"), [("five", "midpoint"), pytest.param("legs", "rk4", marks=pytest.mark.long)]
 )
@@ -344,6 +345,7 @@ def test_long_steps_are_parted():
     assert same_bits(record.systems.q, systems.q) and same_bits(record.systems.t, systems.t)
 
 
+@pytest.mark.slow
 def test_grasps_that_open_and_close():
     """A rollout that takes over lets go and grips as the events of `simulate`, impulse included.
 

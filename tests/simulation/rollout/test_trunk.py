@@ -50,6 +50,7 @@ def leaning(joint_count: int) -> ControlLaw:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floating", mostly_long([True, False], [False]))
 def test_rollouts_are_runs(floating):
     """Under a law that looks at the base, or on a base that moves, and wrenches on every link: as `simulate`."""
@@ -83,6 +84,7 @@ def test_rollouts_are_runs(floating):
     assert not np.allclose(systems.q[0], systems.q[1], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fused", [True, False])
 def test_steppers(fused):
     """Whole steps of machine code, and steps whose controller is asked from Python, are the reference's."""
