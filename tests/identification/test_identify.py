@@ -75,7 +75,7 @@ def test_noisy_recordings(model, swung, by, seeds):
         rows = system.rows.copy()
         rows[..., -1] -= np.einsum("src,sc->sr", system.maps, measured - system.measured)
         found = estimate(replace(system, rows=rows, measured=measured), look, kinds, None, 0.3)
-        assert not found.held.size
+        assert not found.fixed.size
         error = found.plain - TRUE
         errors.append(error)
         scale = np.sqrt(np.diag(found.covariance))

@@ -234,7 +234,7 @@ class CarryTask(Frozen, Task):
 
     @cached_property
     def _phases(self) -> tuple[Phase, ...]:
-        look = BatchText(self.look, self.looked_at(self.chain), self.says())
+        look = BatchText(self.look, self.argument_shapes(self.chain), self.result_shapes())
         return (Phase(compile_rollout(self.chain, self.law), look),)
 
     @property

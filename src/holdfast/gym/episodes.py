@@ -49,7 +49,7 @@ class Episodes:
         self.drawn = {name: np.tile(x, (count, *[1] * x.ndim)) for name, x in middle.items()}
         self.steps, self.phase = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
         self.actions = np.zeros((count, task.action_size))
-        self.seen = {name: np.zeros((count, *shape)) for name, shape in task.says().items()}
+        self.seen = {name: np.zeros((count, *shape)) for name, shape in task.result_shapes().items()}
         self.systems = [self._started(number, np.arange(count)) for number in range(len(task.phases))]
 
     def begin(

@@ -262,8 +262,8 @@ class HandOverTask(Frozen, Task):
         return compile_rollout(chain, joint_law(chain, self.joint_torque, squeeze, self.joint_damping))
 
     def _look_in(self, phase: int) -> BatchText:
-        inputs = self.looked_at(self.chains[phase]) | {name: x.shape for name, x in self.frames.items()}
-        return BatchText(partial(self.look, phase), inputs, self.says())
+        inputs = self.argument_shapes(self.chains[phase]) | {name: x.shape for name, x in self.frames.items()}
+        return BatchText(partial(self.look, phase), inputs, self.result_shapes())
 
     @property
     def frames(self) -> Mapping[str, Array]:

@@ -132,14 +132,14 @@ class Task(ABC):
         """Arrays that all episodes share and that `look` takes."""
         return {}
 
-    def looked_at(self, chain: ClosedChain) -> dict[str, Shape]:
+    def argument_shapes(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of the arguments of a phase's `look`, by name."""
         every = shapes(self.chain)
         own = {name: every[name] for name in (*state_fields(chain), "grasp_wrench")}
         own |= {"margin": (len(chain.grasps),), "code": (), "t": (), "action": (self.action_size,)}
         return own | {**self.drawn, **self.kept}
 
-    def says(self) -> dict[str, Shape]:
+    def result_shapes(self) -> dict[str, Shape]:
         """Return the shapes of the results of `look`, by name."""
         size = sum(len(bound) for bound in self.observed.values())
         return {"observation": (size,), "reward": (), "terminated": ()} | dict.fromkeys(self.info_names, ())

@@ -50,7 +50,7 @@ class Estimate:
     Attributes:
         plain: (p,) the estimate xi.
         covariance: (p, p) covariance of xi; 0 along the fixed combinations.
-        held: (p, d) orthonormal basis of the combinations that keep the model's values, with unknowns scaled by size.
+        fixed: (p, d) orthonormal basis of the combinations that keep the model's values, with unknowns scaled by size.
         residuals: (samples, r) residuals of the rows.
         noise: (channels,) standard deviations that define the weights.
         misfit: mean square of the whitened residuals, which is 1 if the noise has these standard deviations.
@@ -60,7 +60,7 @@ class Estimate:
 
     plain: Array
     covariance: Array
-    held: Array
+    fixed: Array
     residuals: Array
     noise: Array
     misfit: float
@@ -82,17 +82,17 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
         checks.finite(x, "identify: recordings")
     sizes = channel_sizes(system.measured, kinds)
     noise, theta = HARDLY * sizes if given is None else given, look.start
-    held, rows = np.zeros((0, 0)), system.rows
+    fixed, rows = np.zeros((0, 0)), system.rows
     for _ in range(ROUNDS if given is None else 1):
         W = whitener(system.maps, noise)
         rows = W @ system.rows
         _, R = np.linalg.qr(rows.reshape(-1, rows.shape[2]))
-        held, told = combinations(R @ look.features(look.linear(theta))[1] * look.linear_sizes, largest)
-        theta = solved(R, look, held, told)
+        fixed, identified = combinations(R @ look.features(look.linear(theta))[1] * look.linear_sizes, largest)
+        theta = solved(R, look, fixed, identified)
         values = look.features(look.linear(theta))[0]
         if given is None:
             noise = estimated(W @ system.maps, rows @ values, kinds, sizes)
-    if held.shape[0] == held.shape[1]:
+    if fixed.shape[0] == fixed.shape[1]:
         raise StateError(
             "identify: expected a recording that identifies some part of the payload, got one in which all its effects"
             " are below the noise; try larger and faster motions, above all rotations"
@@ -104,7 +104,7 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
         correlation = 0.0
     to_x, to_plain = look.slopes(theta)
     change = (to_plain @ np.linalg.inv(to_x)) * look.linear_sizes / look.sizes[:, None]
-    Z = null_space(held.T @ change)
+    Z = null_space(fixed.T @ change)
     pull = np.einsum("srj,sr->j", J @ Z, e)  # zero unless the estimate is on the bound of possible bodies
     gain = float(pull @ np.linalg.solve(np.einsum("srj,srk->jk", J @ Z, J @ Z), pull))
     spread = change @ Z @ variance(J @ Z, e, correlation, given is not None) @ Z.T @ change.T
@@ -113,7 +113,7 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
     misfit = float((e * e).sum()) / freedoms
     left = system.rows @ values
     checks.finite(np.append(covariance, left), "identify: the estimate")
-    return Estimate(look.plain(theta), covariance, held, left, noise, misfit, correlation, gain < BOUNDED)
+    return Estimate(look.plain(theta), covariance, fixed, left, noise, misfit, correlation, gain < BOUNDED)
 
 
 def combinations(J: Array, largest: float) -> tuple[Array, Array]:
@@ -124,30 +124,30 @@ def combinations(J: Array, largest: float) -> tuple[Array, Array]:
     return Vt[count:].T, Vt[:count].T
 
 
-def solved(R: Array, look: Unknowns, held: Array, told: Array) -> Array:
+def solved(R: Array, look: Unknowns, fixed: Array, identified: Array) -> Array:
     """Return theta of the physically possible body with the least sum of squares.
 
     Args:
         R: (.., features) triangle of the whitened rows.
         look: the unknowns.
-        held: basis of the combinations that keep the model's values.
-        told: basis of the other combinations.
+        fixed: basis of the combinations that keep the model's values.
+        identified: basis of the other combinations.
     """
     firm = FIRM * float(np.linalg.norm(R[:, :10] * look.linear_sizes[:10], ord=2)) or 1.0
 
     def rows_at(theta: Array) -> Array:
         off = (look.plain(theta) - look.model) / look.sizes
-        return np.concatenate([R @ look.features(look.linear(theta))[0], firm * (held.T @ off)])
+        return np.concatenate([R @ look.features(look.linear(theta))[0], firm * (fixed.T @ off)])
 
     def slopes_at(theta: Array) -> Array:
         to_x, to_plain = look.slopes(theta)
         of_rows = R @ look.features(look.linear(theta))[1] @ to_x
-        return np.vstack([of_rows, firm * held.T @ (to_plain / look.sizes[:, None])])
+        return np.vstack([of_rows, firm * fixed.T @ (to_plain / look.sizes[:, None])])
 
     start = look.start
     values, slopes = look.features(look.linear(start))
     J = R @ slopes * look.linear_sizes
-    step = -told @ (np.linalg.pinv(J @ told) @ (R @ values))
+    step = -identified @ (np.linalg.pinv(J @ identified) @ (R @ values))
     x = look.linear(start) + step * look.linear_sizes
     begin = start
     with contextlib.suppress(ValueError):  # the step leads to an impossible body

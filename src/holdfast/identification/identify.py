@@ -188,7 +188,7 @@ def _identification(
         bias = np.zeros((len(chain.arms), 6))
         bias[[chain.names.index(name) for name in chain.grasps]] = values[10 : 10 + look.biases].reshape(-1, 6)
     g = look.tilted_gravity(values[-2:])[0] if settings.gravity else chain.gravity
-    model, partly = parts_kept(found.held)
+    model, partly = parts_kept(found.fixed)
     sizes = np.where(model | partly, np.inf, np.sqrt(np.maximum(np.diag(found.covariance), 0.0)))
     return Identification(
         chain=replace(chain, held_object=payload, gravity=g),
@@ -198,7 +198,7 @@ def _identification(
         deviations=dict(zip(look.names, sizes.tolist(), strict=True)),
         kept=tuple(name for name, one in zip(look.names, model, strict=True) if one),
         partly=tuple(name for name, one in zip(look.names, partly, strict=True) if one),
-        undetermined=sentences(found.held, look),
+        undetermined=sentences(found.fixed, look),
         notes=notes,
         sensor_bias=bias,
         grasp_deviations=frames,

@@ -12,24 +12,24 @@ WHOLLY, PARTLY = 0.99, 0.01  # squared share of an unknown in the fixed combinat
 ALONE = 0.05  # terms smaller than this, relative to a combination's largest one, are not named
 
 
-def parts_kept(held: Array) -> tuple[Array, Array]:
+def parts_kept(fixed: Array) -> tuple[Array, Array]:
     """Return which unknowns keep the model's value entirely, and which partly, (p,) each."""
-    part = (held**2).sum(axis=1)
+    part = (fixed**2).sum(axis=1)
     return part > WHOLLY, (part > PARTLY) & (part <= WHOLLY)
 
 
-def sentences(held: Array, look: Unknowns) -> tuple[str, ...]:
+def sentences(fixed: Array, look: Unknowns) -> tuple[str, ...]:
     """Return a sentence for each combination that cannot be identified.
 
     Args:
-        held: (p, d) an orthonormal basis of these combinations, with unknowns scaled by their sizes.
+        fixed: (p, d) an orthonormal basis of these combinations, with unknowns scaled by their sizes.
         look: the unknowns.
     """
-    d = held.shape[1]
+    d = fixed.shape[1]
     if not d:
         return ()
-    pivots = np.sort(pivoted(held.T)[1][:d])
-    directions = held @ np.linalg.inv(held[pivots])
+    pivots = np.sort(pivoted(fixed.T)[1][:d])
+    directions = fixed @ np.linalg.inv(fixed[pivots])
     alone, together = [], []
     for k, direction in zip(pivots.tolist(), directions.T, strict=True):
         others = [j for j in np.flatnonzero(np.abs(direction) > ALONE).tolist() if j != k]
