@@ -192,7 +192,14 @@ def exported(c: Case) -> Any:
 def parameters_rows(c: Case) -> Any:
     """Return the wrenches of the payload's ten parameters."""
     found = solved(c)
-    return hf.regressor(c.chain, c.state, found.qdd, found.object_acceleration, inputs=c.inputs).object
+    return hf.regressor(
+        c.chain,
+        c.state,
+        found.qdd,
+        found.object_acceleration,
+        inputs=c.inputs,
+        base_acceleration=found.base_acceleration if c.chain.floats else None,
+    ).object
 
 
 def mcap(c: Case) -> int:
