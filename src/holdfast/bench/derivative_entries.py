@@ -23,6 +23,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 BATCH = 1024  # states in one call
+FEWEST, MOST = 64, 1 << 21  # states, and numbers of a result: large Jacobians come in smaller batches
 NAMES = ("q", "qd", "tau", "object_pose", "object_twist")
 OF = ("qdd", "grasp_wrench", "object_acceleration")
 MATRIX = {"of": ("qdd", "grasp_wrench"), "by": ("q", "qd", "tau")}
@@ -182,8 +183,9 @@ def bound(system: System, fast: Any, what: str) -> Way:
 
 def batch(system: System, fast: Any, what: str) -> Way:
     """Return one call for many states, on one thread."""
-    asked, arrays = Asked(system, what), system.repeated(BATCH).arrays
-    solve, given = getattr(fast, f"forward_dynamics_{asked.kind}"), asked.of_many(BATCH)
+    asked, count = Asked(system, what), batch_size(system, what)
+    solve, given = getattr(fast, f"forward_dynamics_{asked.kind}"), asked.of_many(count)
+    arrays = system.repeated(count).arrays
     out = solve(*arrays, **given)
 
     def sweep() -> None:
@@ -193,13 +195,21 @@ def batch(system: System, fast: Any, what: str) -> Way:
         found = solve(*arrays, **given, out=out).result
         return Answers(np.array(found.qdd[: system.states]), np.array(found.grasp_wrench[: system.states]))
 
-    note = f"one call for {BATCH}, result re-used, one thread"
-    entry = Entry(f"{what}, batch", LIBRARY, sweep, BATCH, answers, note)
+    note = f"one call for {count}, result re-used, one thread"
+    entry = Entry(f"{what}, batch", LIBRARY, sweep, count, answers, note)
 
     def first() -> Array:
         return asked.flat(solve(*arrays, **given, out=out), 0)
 
     return Way(what, "batch", entry, first, lambda: asked.reference(system))
+
+
+def batch_size(system: System, what: str) -> int:
+    """Return the number of states in one call, fewer where a state's result is large."""
+    if what != JACOBIAN:
+        return BATCH
+    numbers = (system.chain.joint_count + 6 * len(system.chain.arms)) * 3 * system.chain.joint_count
+    return min(BATCH, max(FEWEST, MOST // numbers))
 
 
 def peer(system: System) -> Way:

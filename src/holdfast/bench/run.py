@@ -37,7 +37,8 @@ class Plan:
         effort: of every timing.
         rollout_sizes: systems of `batch_of` that one call steps.
         trunks: names of systems with a trunk.
-        derivatives: sizes whose derivatives are timed; of `batch_of` the Jacobian too.
+        derivatives: sizes whose derivatives are timed.
+        jacobians: those among them whose Jacobian is timed too.
     """
 
     mode: str
@@ -51,6 +52,7 @@ class Plan:
     rollout_sizes: tuple[int, ...] = ()
     trunks: tuple[str, ...] = ()
     derivatives: tuple[Size, ...] = ()
+    jacobians: tuple[Size, ...] = ((2, 7),)
 
 
 QUICK = Plan(
@@ -79,6 +81,7 @@ FULL = Plan(
     rollout_sizes=(8, 64, 512, 4096),
     trunks=(TORSO, FLOATING),
     derivatives=((2, 7), (4, 7), (16, 7)),
+    jacobians=((2, 7), (16, 7)),
 )
 
 
@@ -211,7 +214,7 @@ class Work:
 
     def derivatives(self, size: Size) -> None:
         """Time derivatives over forward dynamics, and Pinocchio's over ours."""
-        here, matrix = "version" in self.document["peers"]["pinocchio"], size == self.plan.batch_of
+        here, matrix = "version" in self.document["peers"]["pinocchio"], size in self.plan.jacobians
         found = derivative_entries.compare(*self.system(size), self.plan.effort, matrix=matrix, pinocchio=here)
         self.document["derivatives"] += found
 

@@ -155,13 +155,16 @@ def trunks(document: Document) -> Table:
 def derivatives(document: Document) -> Table:
     """Return derivatives over forward dynamics, and Pinocchio's Jacobian over ours."""
     theirs = {
-        name: x for row in document["derivatives"] if row["library"] != LIBRARY for name, x in row["ratios"].items()
+        (row["system"], name): ratio
+        for row in document["derivatives"]
+        if row["library"] != LIBRARY
+        for name, ratio in row["ratios"].items()
     }
     rows = []
     for row in document["derivatives"]:
         own = row["library"] == LIBRARY
         over = number(next(iter(row["ratios"].values()))) if own else MISSING
-        rival = theirs.get(f"{row['what']}, {row['way']}") if own else None
+        rival = theirs.get((row["system"], f"{row['what']}, {row['way']}")) if own else None
         what = f"{row['what']}, {row['way']}" if own else f"{row['what']}, {row['library']}"
         cells = [number(row["microseconds"]), over, MISSING if rival is None else number(rival), f"{row['error']:.0e}"]
         rows.append([row["system"], what, *cells])
