@@ -61,25 +61,36 @@ def test_anchors_alone():
         assert np.abs(one[of] - own[of]).max() < 1e-12 * size
 
 
+@pytest.mark.parametrize("first", [False, True])
 @pytest.mark.parametrize("joints", [(5, 4), (5,)])
-def test_inverse_dynamics(joints):
-    """Anchors have no torques: the Jacobian is that of its products, in machine code too."""
+def test_inverse_dynamics(joints, first):
+    """Anchors have no torques: the Jacobian agrees with its products, also as machine code, wherever the anchor is."""
     p = pinned(random_problem(2, arms=len(joints), joints=joints, moving_base=True), ("rigid",), 2)
+    p = with_last_arm_first(p) if first else p
     random, chain, s = np.random.default_rng(1), p.chain, p.state
     qdd, wrench, tau = (random.normal(size=shape) for shape in (len(s.q), (len(chain.arms), 6), len(s.q)))
-    inputs = replace(p.inputs, link_wrenches=None)
-    pulled = hf.inverse_dynamics_vjp(chain, s, qdd, wrench, inputs, tau=tau, by=("q", "grasp_wrench"))
-    own = hf.inverse_dynamics_jacobian(chain, s, qdd, wrench, inputs, by=("q", "grasp_wrench"))
+    inputs, by = replace(p.inputs, link_wrenches=None), ("q", "grasp_wrench", "base_pose")
+    pulled = hf.inverse_dynamics_vjp(chain, s, qdd, wrench, inputs, tau=tau, by=by)
+    own = hf.inverse_dynamics_jacobian(chain, s, qdd, wrench, inputs, by=by)
     moving = {"base_twist": p.inputs.base_twists, "base_acceleration": p.inputs.base_accelerations}
-    one = hf.compile(chain).inverse_dynamics_jacobian(s.q, s.qd, qdd, wrench, by=("q", "grasp_wrench"), **moving)
-    for by in ("q", "grasp_wrench"):
-        size = np.abs(own["tau", by]).max()
-        assert np.abs(np.tensordot(tau, own["tau", by], 1) - pulled[by]).max() < 1e-12 * size
-        assert np.abs(one["tau", by] - own["tau", by]).max() < 1e-12 * size
+    one = hf.compile(chain).inverse_dynamics_jacobian(s.q, s.qd, qdd, wrench, by=by, **moving)
+    for name in by:
+        size = np.abs(own["tau", name]).max()
+        assert np.abs(np.tensordot(tau, own["tau", name], 1) - pulled[name]).max() < 1e-12 * size
+        assert np.abs(one["tau", name] - own["tau", name]).max() < 1e-12 * size
+
+
+def with_last_arm_first(p):
+    """Return the problem with its arms in another order; the last has no joints, so that q stays as it is."""
+    chain, inputs = p.chain, p.inputs
+    names = [chain.names[-1], *chain.names[:-1]]
+    arms, grasps = ({name: of[name] for name in names} for of in (chain.arms, chain.grasps))
+    rates = {name: np.roll(getattr(inputs, name), 1, axis=0) for name in ("base_twists", "base_accelerations")}
+    return replace(p, chain=replace(chain, arms=arms, grasps=grasps), inputs=replace(inputs, **rates))
 
 
 def test_inverse_dynamics_of_anchors_alone():
-    """Without joints there are no torques, and the Jacobian has no rows."""
+    """Without joints there are no torques, and the Jacobian has no rows; energies have no slopes by joints."""
     p = pinned(random_problem(1, arms=1, joints=3), ("rigid",), 1)
     chain = p.chain.without_grasp(p.chain.names[0])
     chain = hf.ClosedChain(
@@ -88,3 +99,7 @@ def test_inverse_dynamics_of_anchors_alone():
     state = hf.State(np.zeros(0), np.zeros(0), p.state.object_pose, p.state.object_twist)
     found = hf.inverse_dynamics_jacobian(chain, state, np.zeros(0), np.zeros((1, 6)), by=("q", "object_pose"))
     assert found["tau", "q"].shape == (0, 0) and found["tau", "object_pose"].shape == (0, 6)
+    one = hf.compile(chain).inverse_dynamics_jacobian(*np.zeros((3, 0)), np.zeros((1, 6)), by=("q", "base_pose"))
+    assert one["tau", "q"].shape == (0, 0) and one["tau", "base_pose"].shape == (0, 1, 6)
+    kinetic = hf.dynamics.kinetic_energy_jacobian(chain, state, by=("q", "object_twist"))
+    assert kinetic["kinetic_energy", "q"].shape == (0,) and kinetic["kinetic_energy", "object_twist"].shape == (6,)

@@ -119,7 +119,7 @@ class TextRequest(NamedTuple):
             rows = {of: at.rows(of, x[UNITS]) for of in self.results}
             return {
                 f"{of}.{by}": concatenate(
-                    rows[of][by].reshape(-1, math.prod(known[by]))[part, entries].ravel()
+                    rows[of][by].reshape(math.prod(known[of]), math.prod(known[by]))[part, entries].ravel()
                     for part, entries in blocks(self.text, chain, by, known[by])
                 )
                 for of in self.results

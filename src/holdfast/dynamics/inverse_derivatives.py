@@ -171,5 +171,5 @@ TORQUES = Text(
     ),
     ("tau",),
     _torques,
-    parts=lambda chain: [joints for joints in chain.joints.values() if joints.stop > joints.start],  # none of anchors
+    parts=lambda chain: list(chain.joints.values()),
 )

@@ -90,14 +90,17 @@ class LinearText(NamedTuple):
         """
         size, parts, found = math.prod(self.shapes[result]), self.text.parts, []
         for entries in [slice(0, size)] if parts is None else parts(self.case.chain):
+            count = entries.stop - entries.start
+            if not count:  # an anchor has no torques
+                continue
             linear, varied = self.linear.of_entries(self.text.results.index(result), entries)
-            count, row = entries.stop - entries.start, gradient_of(linear)
+            row = gradient_of(linear)
             rows = each(row, units[:count, :count]) if count > 1 else [row(np.ones(1))]
             found += [self._row(varied, x) for x in rows]
         if not found:  # a result without entries, such as the torques of anchors alone
             return {name: np.zeros((0, *x.shape)) for name, x in self._row((), np.zeros(0)).items()}
         return {
-            name: concatenate(row[name].ravel() for row in found).reshape(-1, *found[0][name].shape)
+            name: concatenate(row[name].ravel() for row in found).reshape(len(found), *found[0][name].shape)
             for name in self.names
         }
 
