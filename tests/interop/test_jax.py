@@ -18,13 +18,7 @@ NAMES = ("q", "qd", "tau", "object_pose", "object_twist", *PARAMETERS)
 ERRORS = (RuntimeError, ValueError)  # XLA's own is one of these
 
 
-@pytest.fixture(autouse=True)
-def wide():
-    """64-bit numbers for a test, and what was there before after it."""
-    before = jax.config.jax_enable_x64
-    jax.config.update("jax_enable_x64", True)
-    yield
-    jax.config.update("jax_enable_x64", before)
+pytestmark = pytest.mark.usefixtures("wide")
 
 
 @pytest.fixture(scope="module")

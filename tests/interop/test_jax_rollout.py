@@ -16,13 +16,7 @@ STEP, STEPS, SYSTEMS = 2e-3, 4, 3
 OF = ("q", "tau", "object_pose", "grasp_wrench", "memory")
 
 
-@pytest.fixture(autouse=True)
-def wide():
-    """64-bit numbers for a test, and what was there before after it."""
-    before = jax.config.jax_enable_x64
-    jax.config.update("jax_enable_x64", True)
-    yield
-    jax.config.update("jax_enable_x64", before)
+pytestmark = pytest.mark.usefixtures("wide")
 
 
 def torque(t, now, memory, given):

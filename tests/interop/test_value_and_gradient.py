@@ -49,6 +49,22 @@ def moved_from(fun, random):
     return fun.x0 + 1e-3 * random.normal(size=fun.x0.shape)
 
 
+@pytest.mark.slow
+def test_a_parameter_of_the_law_may_be_called_a_pose():
+    """Seven numbers of a law are seven unknowns, whatever their name; poses are arguments of the chain."""
+    p = as_chain(random_system(2, arms=1, joints=7, moving_base=False))
+    law = hf.ControlLaw(
+        lambda t, now, memory, given: (p.tau - given["goal_pose"] * now.qd, memory), parameters={"goal_pose": (7,)}
+    )
+    s, rollout = p.state, hf.compile_rollout(p.chain, law, scheme="midpoint")
+    given = {"q": s.q, "qd": s.qd, "object_pose": s.object_pose, "object_twist": s.object_twist}
+    fun = value_and_gradient(
+        rollout, effort, of=("q", "qd"), by=("goal_pose",), step=STEP, steps=2, goal_pose=np.ones(7), **given
+    )
+    along = np.random.default_rng(0).normal(size=7)
+    assert fun(fun.x0)[1] @ along == pytest.approx(slope(fun, fun.x0, along, 1e-2), rel=1e-8)
+
+
 NAMES = ("tau", "gain", "qd", "object_pose", "grasp_pose", "step")
 
 

@@ -16,7 +16,7 @@ from typing import Any
 from tests.io.mutations import Where, at, places
 from tests.robots.two_armed import TWO_ARMED
 from tests.scenario.test_anchors import BESIDE_A_PANDA, SWAYING
-from tests.scenario.test_build import MORE, TEXT, through, with_schedule
+from tests.scenario.test_build import MORE, SPRINGS, TEXT, through, with_schedule
 from tests.scenario.test_robot import scene as scene_of_urdf
 from tests.scenario.test_trunk_scenes import FLYER, TORSO
 from tests.systems import mutated_text
@@ -36,19 +36,7 @@ SPRUNG = (
     through()
     .replace("duration = 2.0", 'duration = 0.004\nscheme = "imex"')
     .replace("box = [0.3, 0.2, 0.2]", "sphere = 0.15")
-    + """
-[[springs]]
-a = { body = "left", link = 6, point = [0, 0, 0.1] }
-b = { body = "object" }
-stiffness = 40
-length = 0.2
-damping = 1.5
-
-[[springs]]
-a = { body = "world", point = [0, 0, 2] }
-b = { body = "object", point = [0, 0, 0.1] }
-stiffness = 5
-"""
+    + SPRINGS
 )
 SWAYED = BESIDE_A_PANDA.replace("anchor = true\n", f"anchor = true\n{SWAYING}", 1)
 BUSHED = SHORT.replace(

@@ -22,6 +22,19 @@ from holdfast.spatial import rotation
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "two_pandas.toml"
 TEXT = EXAMPLE.read_text()
+SPRINGS = """
+[[springs]]
+a = { body = "left", link = 6, point = [0, 0, 0.1] }
+b = { body = "object" }
+stiffness = 40
+length = 0.2
+damping = 1.5
+
+[[springs]]
+a = { body = "world", point = [0, 0, 2] }
+b = { body = "object", point = [0, 0, 0.1] }
+stiffness = 5
+"""
 
 RIGHT_GRASP = TEXT[TEXT.index('[[grasps]]\narm = "right"') : TEXT.index("[controller]")]
 LEFT_ARM = TEXT[TEXT.index('[[arms]]\nname = "left"') : TEXT.index('[[arms]]\nname = "right"')]
@@ -84,27 +97,14 @@ def test_defaults(tmp_path):
 def test_springs(tmp_path):
     """Between link, object and world as said; an impossible one is refused with its place."""
     path = tmp_path / "sprung.toml"
-    springs = """
-[[springs]]
-a = { body = "left", link = 6, point = [0, 0, 0.1] }
-b = { body = "object" }
-stiffness = 40
-length = 0.2
-damping = 1.5
-
-[[springs]]
-a = { body = "world", point = [0, 0, 2] }
-b = { body = "object", point = [0, 0, 0.1] }
-stiffness = 5
-"""
-    path.write_text(TEXT + springs)
+    path.write_text(TEXT + SPRINGS)
     first, second = load_scene(path).chain.springs
     assert (first.a.body, first.a.link, first.b.body, first.b.link) == ("left", 6, "object", None)
     assert (first.stiffness, first.length, first.damping) == (40.0, 0.2, 1.5)
     assert second.a.body == "world" and (second.a.point == [0, 0, 2]).all() and second.length == second.damping == 0.0
-    said = refusal(path, TEXT + springs.replace("link = 6", "link = 7"))
+    said = refusal(path, TEXT + SPRINGS.replace("link = 6", "link = 7"))
     assert "$.springs[0]: arm 'left': link: expected a number from 0 to 6, got 7" in said
-    assert "$.springs[1]" in refusal(path, TEXT + springs.replace('"world"', '"wall"'))
+    assert "$.springs[1]" in refusal(path, TEXT + SPRINGS.replace('"world"', '"wall"'))
 
 
 def test_one_sided_contacts_tips_and_tools(tmp_path):

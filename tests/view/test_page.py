@@ -22,7 +22,7 @@ def playback():
     return playback_of_run(chain, run, "lift </script> & carry")
 
 
-def test_same_film_same_file(playback, tmp_path):
+def test_same_playback_same_file(playback, tmp_path):
     """Byte for byte, so that a page can be kept and compared; the client and little else is in it."""
     export_page(playback, tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ from holdfast import ModelError, Pose
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
-from holdfast.view import playback as film_module
+from holdfast.view import playback as playback_module
 from holdfast.view.playback import playback_of_instant, playback_of_run, samples_at
 from tests.control.two_pandas import two_pandas
 from tests.view.runs import lifted
@@ -30,7 +30,7 @@ def test_samples_at(t, rate, expected):
     assert samples_at(t, rate).tolist() == list(expected)
 
 
-def test_film_of_run():
+def test_playback_of_run():
     """What is shown is what the run says; tips touch the object where the grasps are."""
     chain, run = lifted()
     playback = playback_of_run(chain, run, "lifted", rate=2.6)
@@ -75,7 +75,7 @@ def test_moving_bases():
     assert playback.tip[:, 1] == pytest.approx(still.tip[:, 1])
 
 
-def test_film_of_instant():
+def test_playback_of_instant():
     """One moment, with margins of one-sided grasps only."""
     chain, state = two_pandas("hinge", "ball")
     playback = playback_of_instant(
@@ -91,6 +91,6 @@ def test_refused(monkeypatch):
     chain, run = lifted()
     with pytest.raises(ModelError, match="rate: expected > 0"):
         playback_of_run(chain, run, "none", 0.0)
-    monkeypatch.setattr(film_module, "MOST_MOMENTS", 5)
+    monkeypatch.setattr(playback_module, "MOST_MOMENTS", 5)
     with pytest.raises(ModelError, match="expected at most 5 moments, got 6; try a lower rate"):
         playback_of_run(chain, run, "long", 1e3)

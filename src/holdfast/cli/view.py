@@ -64,7 +64,7 @@ def view(
     if page is not None and not is_standard(page) and os.path.lexists(page) and not overwrite:
         raise ResultError(f"{page}: exists already; try --overwrite, or another --export")
     titles = labels(targets, MOST_PAGES, "RESULT|SCENE")
-    playbacks = [_film(target, rate, trust_xacro, changes) for target in targets]
+    playbacks = [_playback(target, rate, trust_xacro, changes) for target in targets]
     if len(playbacks) > 1:
         playbacks = [replace(one, title=title) for one, title in zip(playbacks, titles, strict=True)]
     if page is not None and is_standard(page):
@@ -98,13 +98,13 @@ def _announce_json(address: str) -> None:
     sys.stdout.flush()
 
 
-def _film(target: Path, rate: float, trust_xacro: bool, changes: Sequence[str]) -> Playback:
+def _playback(target: Path, rate: float, trust_xacro: bool, changes: Sequence[str]) -> Playback:
     if is_standard(target):
-        return _film_of_scene(opened_scene(target, trust_xacro, changes), target)
+        return _playback_of_scene(opened_scene(target, trust_xacro, changes), target)
     if not os.path.exists(target):  # Path.exists raises an error for names that are too long
         raise refusal(str(target), "no such file or folder; expected a result folder or a scene file")
     if not os.path.isdir(target):
-        return _film_of_scene(opened_scene(target, trust_xacro, changes), target)
+        return _playback_of_scene(opened_scene(target, trust_xacro, changes), target)
     if changes:
         raise SceneError(f"--set: expected a scene, whose keys it sets, got the result folder {target}")
     setting, result = recorded(target, trust_xacro)
@@ -113,7 +113,7 @@ def _film(target: Path, rate: float, trust_xacro: bool, changes: Sequence[str]) 
     )
 
 
-def _film_of_scene(scenario: Scenario, source: Path) -> Playback:
+def _playback_of_scene(scenario: Scenario, source: Path) -> Playback:
     """Return a playback of the scene's initial state, with the controller's torques."""
     world = Environment(
         scenario.chain, scenario.options.get("base_motion", {}), scenario.options.get("inputs") or Inputs()

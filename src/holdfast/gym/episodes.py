@@ -103,11 +103,11 @@ class Episodes:
     @property
     def info(self) -> dict[str, Array]:
         """Additional results of the last look, (count,) each; `status` is RUNNING, or why the rollout has stopped."""
-        info_names = {name: self.seen[name].copy() for name in self.task.info_names}
+        info = {name: self.seen[name].copy() for name in self.task.info_names}
         codes = np.zeros(self.count, dtype=int)
         for number, systems in enumerate(self.systems):
             codes = np.where(self.phase == number, systems.arrays["code"].astype(int), codes)
-        return info_names | {"status": STATUSES[codes]}
+        return info | {"status": STATUSES[codes]}
 
     def _options(self, options: Mapping[str, Any] | None) -> dict[str, Array]:
         """Return the values given instead of random ones, with a row for every episode."""

@@ -12,6 +12,7 @@ from holdfast.compiled.externals import FLOATING
 from holdfast.compiled.foreign_code import derivative_code, forward_code
 from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
+from holdfast.dynamics.linear_text import POSES
 from holdfast.errors import StateError
 from holdfast.interop.jax_arguments import checked
 from holdfast.interop.jax_call import Route, available_route, operation
@@ -39,7 +40,7 @@ class JaxFunction:
         self.route: Route = available_route()
         self._names = (*STATE_AND_TORQUES, *(FLOATING if compiled.chain.floats else ()), *parameters)
         shapes = {name: derivative_shapes(compiled.chain)[name] for name in self._names}
-        self._shapes = {name: (*x[:-1], 7) if _is_pose(name) else x for name, x in shapes.items()}
+        self._shapes = {name: (*x[:-1], 7) if name in POSES else x for name, x in shapes.items()}
         code = forward_code(compiled, of, parameters)
         given = [name for name in self._arrays_of(self._names) if name in code.externals]
         self._forward = operation(compiled, code, given, self.route)
@@ -74,7 +75,7 @@ class JaxFunction:
         def backward(values: tuple[Any, ...], cotangents: dict[str, Any]) -> tuple[Any, ...]:
             given = self._arrays(values) | {f"{WITH}{name}": x for name, x in cotangents.items()}
             found = self._vjp(given)
-            bars = (pose_gradient(x, found[n]) if _is_pose(n) else found[n] for n, x in self._named(values))
+            bars = (pose_gradient(x, found[n]) if n in POSES else found[n] for n, x in self._named(values))
             return tuple(bars)
 
         function.defvjp(forward, backward)
@@ -88,7 +89,7 @@ class JaxFunction:
         def _(values: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
             given = self._arrays(values)
             for (name, x), rate in zip(self._named(values), tangents, strict=True):
-                given[f"{WITH}{name}"] = pose_tangent(x, rate) if _is_pose(name) else _varied(name, rate)
+                given[f"{WITH}{name}"] = pose_tangent(x, rate) if name in POSES else _varied(name, rate)
             return self._values(*values), self._jvp(given)
 
         return function
@@ -141,10 +142,6 @@ class JaxFunction:
             else:
                 found[name] = x
         return found
-
-
-def _is_pose(name: str) -> bool:
-    return name.endswith("_pose")
 
 
 def _varied(name: str, rate: Any) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from holdfast.compiled.derivative_schedule import FOUND, WITH
 from holdfast.compiled.externals import shapes, state_fields
 from holdfast.dynamics.closed.forward_derivatives import results_of
+from holdfast.dynamics.linear_text import POSES
 from holdfast.errors import SingularChainError, StateError
 from holdfast.interop.jax_arguments import checked, require_names
 from holdfast.interop.jax_call import Route, batched, callback
@@ -64,8 +65,8 @@ class JaxRollout:
         by |= {name: (self.steps, *by[name]) for name in self._scheduled}
         sizes = shapes(chain) | {MEMORY: (len(rollout.law.memory),)}
         results = {name: (self.steps, *sizes[name]) for name in self.of}
-        bars = {f"{WITH}{name}": (*x[:-1], 6) if _is_pose(name) else x for name, x in results.items()}
-        self._shapes = {name: (*x[:-1], 7) if _is_pose(name) else x for name, x in by.items()}
+        bars = {f"{WITH}{name}": (*x[:-1], 6) if name in POSES else x for name, x in results.items()}
+        self._shapes = {name: (*x[:-1], 7) if name in POSES else x for name, x in by.items()}
         self._forward = self._operation(self._roll, self._shapes, results)
         self._backward = self._operation(self._pull, self._shapes | bars, by)
         self._function = self._with_vjp()
@@ -96,9 +97,9 @@ class JaxRollout:
 
         def backward(kept: tuple[Any, Any], cotangents: Mapping[str, Any]) -> tuple[Any, ...]:
             values, found = kept
-            bars = [pose_cotangent(found[n], cotangents[n]) if _is_pose(n) else cotangents[n] for n in self.of]
+            bars = [pose_cotangent(found[n], cotangents[n]) if n in POSES else cotangents[n] for n in self.of]
             gradients = zip(self._names, values, self._backward(*values, *bars), strict=True)
-            return tuple(pose_gradient(x, bar) if _is_pose(name) else bar for name, x, bar in gradients)
+            return tuple(pose_gradient(x, bar) if name in POSES else bar for name, x, bar in gradients)
 
         function.defvjp(forward, backward)
         return function
@@ -165,7 +166,3 @@ def _each_for_itself(host: Host, rows: Mapping[str, Array], found: Sequence[tupl
     parts = [{name: x[half] for name, x in rows.items()} for half in (slice(count // 2), slice(count // 2, None))]
     halves = [_each_for_itself(host, part, found) for part in parts]
     return tuple(np.concatenate(x) for x in zip(*halves, strict=True))
-
-
-def _is_pose(name: str) -> bool:
-    return name.endswith("_pose")

@@ -10,10 +10,11 @@ import numpy as np
 
 from holdfast.compiled.chain import CompiledChain
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
+from holdfast.dynamics.linear_text import POSES
+from holdfast.dynamics.projection import turned_and_shifted
 from holdfast.errors import SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.simulation.rollout.rollout import Rollout
-from holdfast.spatial import rotation
 from holdfast.spatial.rotation_curve import exp_curve
 from holdfast.spatial.scalar import Array
 
@@ -133,7 +134,7 @@ class ValueAndGradient:
     ) -> None:
         self.by, self._run, self._cost, self._rows = by, run, cost, rows
         self._given = {name: np.array(x, dtype=float) if name in by else x for name, x in given.items()}
-        starts = [np.zeros(_unknowns(name, self._given[name])) if _is_pose(name) else self._given[name] for name in by]
+        starts = [np.zeros(_unknowns(name, self._given[name])) if name in POSES else self._given[name] for name in by]
         self._shapes = [x.shape for x in starts]
         self.x0: Array = np.concatenate([x.ravel() for x in starts])
 
@@ -144,7 +145,7 @@ class ValueAndGradient:
             x: (m,) the vector.
         """
         named = self._named(x)
-        return {name: _moved(self._given[name], part) if _is_pose(name) else part for name, part in named.items()}
+        return {name: _moved(self._given[name], part) if name in POSES else part for name, part in named.items()}
 
     def __call__(self, x: Any) -> tuple[float, Array]:
         """Return the cost and its gradient (m,).
@@ -189,11 +190,7 @@ class ValueAndGradient:
         """Return the gradient by an unknown's own numbers: summed over those that share it."""
         if gradient.ndim > part.ndim:
             gradient = gradient.sum(axis=1 if name in self._rows else 0)
-        return _by_vectors(part, gradient) if _is_pose(name) else gradient
-
-
-def _is_pose(name: str) -> bool:
-    return name.endswith("_pose")
+        return _by_vectors(part, gradient) if name in POSES else gradient
 
 
 def _unknowns(name: str, pose: Array) -> tuple[int, ...]:
@@ -204,13 +201,8 @@ def _unknowns(name: str, pose: Array) -> tuple[int, ...]:
 
 def _moved(pose: Array, moved: Array) -> Array:
     """Return poses (.., 7) turned by rotation vectors and shifted, (.., 6)."""
-
-    def one(x: Array, by: Array) -> Array:
-        turned = rotation.quaternion_product(rotation.quaternion_exp(by[:3]), x[:4])
-        return np.concatenate([turned, x[4:] + by[3:]])
-
     rows = zip(pose.reshape(-1, 7), moved.reshape(-1, 6), strict=True)
-    return np.reshape([one(x, by) for x, by in rows], pose.shape)
+    return np.reshape([turned_and_shifted(x, by) for x, by in rows], pose.shape)
 
 
 def _by_vectors(moved: Array, gradient: Array) -> Array:

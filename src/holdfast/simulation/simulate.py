@@ -36,7 +36,7 @@ from holdfast.simulation.stops import ALIKE, step_times, stops
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.simulation.verification import LOOKS
 from holdfast.simulation.zero_order_hold import zero_order_hold
-from holdfast.state import Inputs, State, require_fit
+from holdfast.state import Inputs, State
 
 
 @np.errstate(all="ignore")  # a run that diverges ends in a StateError, not in warnings
@@ -129,7 +129,7 @@ def simulate(
     checks.instance(name, str, "simulation: name")
     named = scheme_named(scheme)
     grid = step_times(duration, step)
-    require_fit(chain, state)
+    state.fits(chain)
     ordered = in_order(events, chain, float(grid[-1]))
     if not checks.is_listed(breakpoints):
         raise ModelError(f"simulation: breakpoints: expected times, got {checks.short(breakpoints)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ HAND_ROWS = FORCE, MOMENT, INTERNAL, MARGIN, TORQUE = (
 LIMITS = {MARGIN: 0.0, TORQUE: 100.0}
 
 Runs = Mapping[str, Trajectory]
-Values = Callable[[Trajectory], Array | None]  # (samples,) of one run; None where it has none
+Values = Callable[[Trajectory], Array]  # (samples,) of one run
 
 
 def compare_runs(runs: Runs) -> dict[str, Any]:
@@ -76,14 +76,13 @@ def _holding(runs: Runs) -> list[str]:
 def _hands_figure(runs: Runs) -> Any:
     """Return a column of panels for every arm that holds; a row that no run fills is left out."""
     arms = _holding(runs)
-    rows = [
-        row for row in HAND_ROWS if any(_of_hand(run, name)[row] is not None for run in runs.values() for name in arms)
-    ]
+    hands = {name: [_of_hand(run, name) for run in runs.values()] for name in arms}
+    rows = [row for row in HAND_ROWS if any(of[row] is not None for of_runs in hands.values() for of in of_runs)]
     with columns_of_panels(len(arms), 1.25 * len(rows), 0.4, rows) as (figure, columns):
         for name, column in zip(arms, columns, strict=True):
             column[0].set_title(name)
             for panel, row in zip(column, rows, strict=True):
-                _draw(panel, runs, lambda run, name=name, row=row: _of_hand(run, name)[row])
+                _draw(panel, runs, [of[row] for of in hands[name]])
                 if row in LIMITS:
                     panel.axhline(LIMITS[row], color=DANGER, linewidth=0.8)
         for column in columns:  # once all are drawn: those of a row have one axis
@@ -137,17 +136,16 @@ def _over_each_other(runs: Runs, labels: tuple[str, ...], parts: list[Values], h
         for panel, label in zip(panels, labels, strict=True):
             panel.set_ylabel(label)
         for panel, values in zip(panels, parts, strict=False):
-            _draw(panel, runs, values)
+            _draw(panel, runs, [values(run) for run in runs.values()])
         panels[-1].set_xlabel("time [s]")
         _name_runs(figure, runs)
         figure.align_ylabels()
     return figure
 
 
-def _draw(panel: Any, runs: Runs, values: Values) -> None:
+def _draw(panel: Any, runs: Runs, curves: Sequence[Array | None]) -> None:
     """Draw a curve of every run that has one, each narrower than those below, so that of equal ones all are seen."""
-    for i, (name, run) in enumerate(runs.items()):
-        found = values(run)
+    for i, ((name, run), found) in enumerate(zip(runs.items(), curves, strict=True)):
         if found is not None:
             colour, line = arm_look(i)
             panel.plot(

@@ -81,7 +81,7 @@ class Controls:
             titles: of all that can be shown, its own among them; none are offered where there is no other.
             earlier: the controls of another playback, whose time goes on.
         """
-        self._film, self._usual, self._choice = playback, scale, None
+        self._playback, self._usual, self._choice = playback, scale, None
         first, last = float(playback.t[0]), float(playback.t[-1])
         self._playing, self._before = False, time.monotonic()
         self._time = first if earlier is None else min(max(earlier._time, first), last)
@@ -110,7 +110,7 @@ class Controls:
     @property
     def chosen(self) -> str:
         """The title of the playback that is asked for."""
-        return self._film.title if self._choice is None else str(self._choice.value)
+        return self._playback.title if self._choice is None else str(self._choice.value)
 
     @property
     def scale(self) -> ArrowScale:
@@ -123,7 +123,7 @@ class Controls:
         Args:
             now: time of a clock that never goes back [s].
         """
-        playback, passed, self._before = self._film, now - self._before, now
+        playback, passed, self._before = self._playback, now - self._before, now
         if len(playback) == 1:
             return 0
         if abs(self._slider.value - self._time) > 1e-3:  # someone moved it
@@ -136,8 +136,8 @@ class Controls:
 
     def show_numbers(self, moment: int) -> None:
         """Show the numbers of a moment."""
-        self._legend.content = f"<div style='padding:0 1em;opacity:.75'>{legend(self._film, self.scale)}</div>"
-        self._numbers.content = readout(self._film, moment)
+        self._legend.content = f"<div style='padding:0 1em;opacity:.75'>{legend(self._playback, self.scale)}</div>"
+        self._numbers.content = readout(self._playback, moment)
 
     def _play(self, playing: bool) -> None:
         self._playing = playing

@@ -171,15 +171,14 @@ def object_filter(
     loads = by_grasp(order, first, last)
     wrenches = [each(wrench_at_contact, about, [of_sides[k] for of_sides in loads]) for k in range(len(w))]
     P = now.P if order.terminal else now.P.dense()
-    updates = [u for u, _ in sums], end, [u for u, _ in rows]
-    factors = Factors(body.centre, about, seen, order, *updates, now.P)
+    factors = Factors(body.centre, about, seen, order, [u for u, _ in sums], end, [u for u, _ in rows], now.P)
     return ObjectSolution(
         wrenches=wrenches[0],
         object_acceleration=acceleration_at_C(body.centre, body.centripetal, alpha[0]),
         mobility=symmetric6(P).mobility_shifted(-body.centre).dense(),
         rank=now.rank,
         weakest_pivot=now.weakest,
-        independent=[u.independent for u in updates[2]] if len(rows) == len(contacts) else [],
+        independent=[u.independent for u in factors.rows] if len(rows) == len(contacts) else [],
         again=lambda gaps, wrench: solved_again(factors, gaps, wrench),
         second=None if second is None else (wrenches[1], shift_twist(-body.centre, alpha[1])),
     )

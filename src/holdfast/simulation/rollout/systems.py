@@ -229,9 +229,9 @@ class RolloutSystems:
         return found
 
     def put(self, rows: Array, other: RolloutSystems) -> None:
-        """Replace the systems with the given numbers by other systems."""
-        for name, x in other.arrays.items():
-            self.arrays[name][rows] = x
+        """Replace the systems with the given numbers by other systems; arrays that these lack become NaN."""
+        for name, x in self.arrays.items():
+            x[rows] = other.arrays.get(name, np.nan)
         self.begin[rows], self.step_length[rows] = other.begin, other.step_length
 
     def reset(self, rows: Any, other: RolloutSystems) -> None:
@@ -256,9 +256,7 @@ class RolloutSystems:
             raise StateError("reset: expected systems of the same rollout, got others; try its `start`")
         for name in sorted(self.call_inputs.keys() ^ other.call_inputs.keys()):
             raise StateError(f"reset: expected {name.removeprefix('control.')} given to both or to none")
-        for name in here:
-            self.arrays[name][which] = other.arrays.get(name, np.nan)  # what is PASSIVE is found anew
-        self.begin[which], self.step_length[which] = other.begin, other.step_length
+        self.put(which, other)  # arrays that only one of both has are PASSIVE, and found anew
         for name, x in other.call_inputs.items():
             mine = self.call_inputs[name]
             if len(mine) == 1 and not (len(x) == 1 and np.array_equal(x, mine)):
