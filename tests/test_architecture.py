@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "state": MODEL,
     "dynamics": MODEL | {"state"},
     "compiler": set(),  # knows nothing of robots
-    "compiled": DYNAMICS - {"compiled"},
+    "compiled": DYNAMICS - {"compiled"} | {"forces"},
     "forces": MODEL | {"state", "dynamics"},
     "control": DYNAMICS | {"forces"},
     "simulation": DYNAMICS | {"forces", "control"},

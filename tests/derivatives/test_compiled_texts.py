@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.compiled.compiled_derivatives import options_of
+from holdfast.compiled.derivative_schedule import WITH
+from holdfast.compiled.force_derivatives import ForceDerivatives
 from holdfast.compiled.function_derivatives import FunctionDerivatives
 from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.structure import optional_parameters
 from holdfast.compiler.composition import Composition
+from holdfast.compiler.interpret import interpret_schedule
 from tests.derivatives.chains import random_chain
 from tests.derivatives.texts import FIVE_POINTS, STEP, Asked, asked, undriven
 from tests.longer import mostly_slow
@@ -24,12 +28,29 @@ CASES = [
     ("inverse_dynamics", "plain"),
     *((name, kind) for name in ENERGIES for kind in ("springs", "bushing", "trunk", "floating")),
     ("potential_energy", "plain"),
+    ("joint_margins", "limits"),
+    ("joint_margins", "floating"),
+    *(("wrist_wrenches", kind) for kind in ("limits", "trunk", "floating")),
 ]
-SAME, DUAL = 1e-11, 1e-13
-SOME = {"kinetic_energy": ("q", "qd"), "inverse_dynamics": ("q", "qdd"), "potential_energy": ("q",)}
+GIVEN = {  # what machine code takes by place
+    "kinetic_energy": ("q", "qd", "object_pose", "object_twist"),
+    "inverse_dynamics": ("q", "qd", "qdd", "grasp_wrench"),
+    "potential_energy": ("q", "object_pose"),
+    "joint_margins": ("q", "qd", "tau"),
+    "wrist_wrenches": ("q", "grasp_wrench"),
+}
+OF_FORCES = ("joint_margins", "wrist_wrenches")
+SAME, DUAL = 1e-12, 1e-13
+SOME = {
+    "kinetic_energy": ("q", "qd"),
+    "inverse_dynamics": ("q", "qdd"),
+    "potential_energy": ("q",),
+    "joint_margins": ("q", "tau"),
+    "wrist_wrenches": ("q", "grasp_wrench"),
+}
 
 
-class Alone(ChainFunctions, FunctionDerivatives):
+class Alone(ChainFunctions, FunctionDerivatives, ForceDerivatives):
     """A compiled chain without forward dynamics, whose machine code these tests do not wait for."""
 
     def __init__(self, chain: hf.ClosedChain, parameters: tuple[str, ...] = ()) -> None:
@@ -43,10 +64,8 @@ def fast_of(of: Asked) -> Alone:
 
 def inputs_of(of: Asked) -> tuple[np.ndarray, ...]:
     """Return what machine code takes by place."""
-    s = of.p.state
-    if of.name == "inverse_dynamics":
-        return s.q, s.qd, of.own["qdd"], of.own["grasp_wrench"]
-    return (s.q, s.object_pose) if of.name == "potential_energy" else (s.q, s.qd, s.object_pose, s.object_twist)
+    found = {"tau": of.p.tau, **of.own}
+    return tuple(found[name] if name in found else getattr(of.p.state, name) for name in GIVEN[of.name])
 
 
 def parameters_of(of: Asked) -> dict[str, np.ndarray]:
@@ -58,8 +77,10 @@ def parameters_of(of: Asked) -> dict[str, np.ndarray]:
         found |= {"base_acceleration": given.base_accelerations, "link_wrench": given.link_wrenches}
         found |= {"trunk_base_acceleration": given.trunk_base_acceleration}
         found |= {"trunk_link_wrench": given.trunk_link_wrenches}
-    if of.name == "potential_energy":
+    if of.name in ("potential_energy", "wrist_wrenches"):
         found = {"floating_pose": state.base_pose}
+    if of.name == "joint_margins":
+        return {}
     if of.p.chain.floats:
         found |= {"trunk_base_twist": None}
     return {name: x for name, x in found.items() if x is not None}
@@ -68,6 +89,11 @@ def parameters_of(of: Asked) -> dict[str, np.ndarray]:
 def called(of: Asked, fast: Any, suffix: str, **options: Any) -> Any:
     """Return what machine code finds."""
     return getattr(fast, of.name + suffix)(*inputs_of(of), **parameters_of(of), **options)
+
+
+def arrays_of(result: Any) -> list[np.ndarray]:
+    """Return the arrays of a result."""
+    return list(result) if isinstance(result, tuple) else [np.asarray(result)]
 
 
 def random_case(seed: int, trunk: str | None) -> Asked:
@@ -80,25 +106,41 @@ def random_case(seed: int, trunk: str | None) -> Asked:
 
 def require_reference(of: Asked) -> None:
     """Compare all derivatives by all arguments with the reference, and rates with gradients."""
-    fast, random, result = fast_of(of), np.random.default_rng(1), of.results[0]
-    bar, along = random.normal(size=of.values()[result].shape), of.directions(random)
-    back, ahead = called(of, fast, "_vjp", by=of.by, **{result: bar}), called(of, fast, "_jvp", along=along)
-    expected = of.called("_vjp", by=of.by, **{result: bar})
-    assert relative_gap(np.asarray(back.result), np.asarray(expected.result)) < SAME
+    fast, random = fast_of(of), np.random.default_rng(1)
+    bars, along = {name: random.normal(size=x.shape) for name, x in of.values().items()}, of.directions(random)
+    back, ahead = called(of, fast, "_vjp", by=of.by, **bars), called(of, fast, "_jvp", along=along)
+    expected, rates = of.called("_vjp", by=of.by, **bars), of.called("_jvp", along=along)
+    assert_alike(back.result, expected.result)
     for name in of.by:
         assert back[name].shape == expected[name].shape
         assert relative_gap(back[name], expected[name], floor=1.0) < SAME, name
-    assert relative_gap(ahead[result], of.called("_jvp", along=along)[result]) < SAME
+    for name in of.results:
+        assert relative_gap(ahead[name], rates[name], floor=1.0) < SAME
     parts = [float(np.sum(back[name] * x)) for name, x in along.items()]
-    assert sum(parts) == pytest.approx(float(np.sum(bar * ahead[result])), abs=DUAL * np.abs(parts).sum())
+    expected = sum(float(np.sum(bar * ahead[name])) for name, bar in bars.items())
+    assert sum(parts) == pytest.approx(expected, abs=DUAL * np.abs(parts).sum())
+
+
+def assert_alike(found: Any, expected: Any) -> None:
+    """Compare results, which may be tuples of arrays, and infinite."""
+    if isinstance(expected, tuple):
+        assert type(found) is type(expected)
+        for x, y in zip(found, expected, strict=True):
+            assert_alike(x, y)
+    else:
+        finite = np.isfinite(expected)
+        assert np.array_equal(finite, np.isfinite(found))
+        x, y = (np.where(finite, value, 0.0) for value in (found, expected))
+        assert relative_gap(x, y, floor=1.0) < SAME
 
 
 def require_matrix(of: Asked, by: tuple[str, ...]) -> None:
     """Compare a Jacobian with the reference."""
     matrix, expected = called(of, fast_of(of), "_jacobian", by=by), of.called("_jacobian", by=by)
-    for name in by:
-        assert matrix[of.results[0], name].shape == expected[of.results[0], name].shape
-        assert relative_gap(matrix[of.results[0], name], expected[of.results[0], name], floor=1.0) < SAME, name
+    for result in of.results:
+        for name in by:
+            assert matrix[result, name].shape == expected[result, name].shape
+            assert relative_gap(matrix[result, name], expected[result, name], floor=1.0) < SAME, (result, name)
 
 
 @pytest.mark.parametrize(("name", "kind"), mostly_slow(CASES, CASES[:1]))
@@ -122,6 +164,18 @@ def test_random_chains_and_trunks(seed, trunk):
 
 
 @pytest.mark.slow
+def test_an_anchor_and_as_many_arms_as_joints():
+    """Arguments of arms and of joints have equally many rows then, and are told apart."""
+    p = random_problem(2, joints=(1, 2), moving_base=True)
+    anchor = hf.Anchor(hf.Pose.translation(0.0, 0.0, 1.0))
+    chain = hf.ClosedChain({"anchor": anchor, **p.chain.arms}, p.chain.held_object, p.chain.grasps)
+    random = np.random.default_rng(4)
+    own = {"qdd": random.normal(size=3), "grasp_wrench": random.normal(size=(3, 6)) * [[0.0], [1.0], [1.0]]}
+    of = Asked("inverse_dynamics", replace(p, chain=chain, inputs=hf.Inputs()), own)
+    require_matrix(of, ("q", "qdd", "grasp_wrench", "base_pose", "link_mass"))
+
+
+@pytest.mark.slow
 def test_rates_are_five_point_differences():
     """Of machine code by machine code: torques of states that follow each other."""
     of = asked("inverse_dynamics", "plain")
@@ -137,13 +191,13 @@ def test_rates_are_five_point_differences():
 @pytest.mark.parametrize("name", mostly_slow(list(SOME), ["potential_energy"]))
 def test_bits(name):
     """One system, a batch of any size, its tail, and threads."""
-    of, random, count = asked(name, "plain"), np.random.default_rng(4), 21
+    of, random, count = asked(name, "limits" if name in OF_FORCES else "plain"), np.random.default_rng(4), 21
     fast, result, by = Alone(of.p.chain), of.results[0], SOME[name]
     many = [np.array(x + 0.1 * random.normal(size=(count, *x.shape)) * (x != 0.0)) for x in inputs_of(of)]
-    if name != "inverse_dynamics":
-        many[-1 if name == "potential_energy" else 2] = of.p.state.object_pose  # of unit length, and shared
+    if "object_pose" in GIVEN[name]:
+        many[GIVEN[name].index("object_pose")] = of.p.state.object_pose  # of unit length, and shared
     bar = random.normal(size=(count, *of.values()[result].shape))
-    own = dict(zip(("q", "qd", "qdd"), inputs_of(of), strict=False))
+    own = dict(zip(GIVEN[name], inputs_of(of), strict=True))
     along = {x: random.normal(size=(count, *own[x].shape)) for x in by}
 
     def one(x: np.ndarray, k: Any, ndim: int) -> np.ndarray:
@@ -154,13 +208,37 @@ def test_bits(name):
         back = getattr(fast, f"{name}_vjp")(*given, by=by, **{result: bar[k]}, threads=threads)
         ahead = getattr(fast, f"{name}_jvp")(*given, along={x: d[k] for x, d in along.items()}, threads=threads)
         matrix = getattr(fast, f"{name}_jacobian")(*given, by=by, threads=threads)
-        return [*(back[x] for x in by), ahead[result], *(matrix[result, x] for x in by), np.asarray(back.result)]
+        return [*(back[x] for x in by), ahead[result], *(matrix[result, x] for x in by), *arrays_of(back.result)]
 
     whole = at(slice(None))
     for x, *others in zip(whole, at(slice(None), 2), at(slice(0, 5)), strict=True):
         assert all(np.array_equal(x[: len(other)], other) for other in others)
     for k in (0, 7, count - 1):
         assert all(np.array_equal(x[k], single) for x, single in zip(whole, at(k), strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(SOME))
+@pytest.mark.parametrize("kind", ["vjp", "jvp", "jacobian"])
+def test_interpreter(name, kind):
+    """The schedules of derivatives read number by number give the bits of the machine code."""
+    of, random = asked(name, "limits" if name in OF_FORCES else "plain"), np.random.default_rng(6)
+    fast, by = Alone(of.p.chain), SOME[name]
+    bars = {result: random.normal(size=x.shape) for result, x in of.values().items()}
+    own = dict(zip(GIVEN[name], inputs_of(of), strict=True))
+    along = {x: random.normal(size=own[x].shape) for x in by}
+    options: dict[str, Any] = {"vjp": {"by": by, **bars}, "jvp": {"along": along}, "jacobian": {"by": by}}[kind]
+    getattr(fast, f"{name}_{kind}")(*inputs_of(of), **options)
+    (request, made), *others = vars(fast)["_texts_made"].items()
+    assert not others
+    with_given = {f"{WITH}{x}": {**bars, **along}[x] for x in request.given}
+    computation = request.computation(of.p.chain)
+    structure = computation.structure(of.p.chain, options_of(fast.options, request.arguments, True))
+    expected = interpret_schedule(computation.schedule(structure), {**made._own, **own, **with_given})
+    found = made((*own.values(), *with_given.values()), {}, 1)
+    assert list(found) == list(expected)
+    for x, numbers in expected.items():
+        assert np.array_equal(found[x], numbers), x
 
 
 def test_directions_at_once_and_shared_cotangents():

@@ -13,7 +13,7 @@ from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.compiled_derivatives import options_of
 from holdfast.compiled.derivative_schedule import UNITS
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
-from holdfast.compiled.functions import require_inverse
+from holdfast.compiled.not_compiled import require_inverse
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED
 from holdfast.compiled.structure import Structure
@@ -61,6 +61,8 @@ _SUMMARIES = {
     "closure": "How far the grasps are from holding.",
     "kinetic_energy": "Kinetic energy of links and object.",
     "potential_energy": "Potential energy of links and object, zero at the world's origin.",
+    "joint_margins": "How far joints are from their limits.",
+    "wrist_wrenches": "The grasp wrenches in the axes of the arms' tips.",
     "momentum": "Momentum of links and object.",
     "centre_of_mass": "The mass centre of links and object.",
     "object_mobility": "The closed chain's mobility at the object's origin.",

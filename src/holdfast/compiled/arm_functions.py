@@ -40,6 +40,8 @@ from holdfast.dynamics.kinematics import link_frames
 from holdfast.dynamics.object_level import object_mobility
 from holdfast.dynamics.projection import after_step
 from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.dynamics.varied_case import VariedCase
+from holdfast.forces.force_derivatives import LIMITS, OF_LIMITS, WRISTS
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_kinds import GraspKind
@@ -61,12 +63,14 @@ class Computation:
         parameters: the names of its run-time parameters; those of links are added if the options ask for them.
         function: takes the traced chain and the traced arrays; returns the results by name.
         results: the results that each arm has, by name: a function of joint count and grasp kind returns their size.
-        whole: the results that the chain has only once, with their shapes; None means the shape given by `shapes`.
+        whole: the results that the chain has only once, with their shapes, or functions of the chain that return
+            them; None means the shape given by `shapes`.
         by_grasp: whether it depends on the kinds of the grasps.
         by_links: whether it depends on the inertias of the links.
         acting: whether it depends on external wrenches on the links.
         closes: whether it returns a state, whose arrays are named with the prefix `CLOSED`.
         elastic: whether it depends on the energy stored in bushings.
+        unlimited: whether results may be infinite, as a margin without a limit is.
         further: the shapes of those inputs that `shapes` does not know, by name.
         fixed: the numbers of parameters that no call changes, by name.
     """
@@ -75,12 +79,13 @@ class Computation:
     parameters: tuple[str, ...]
     function: Callable[[ClosedChain, Given], Found]
     results: Mapping[str, Callable[[int, GraspKind | None], int]] = field(default_factory=dict)
-    whole: Mapping[str, Shape | None] = field(default_factory=dict)
+    whole: Mapping[str, Shape | Callable[[ClosedChain], Shape] | None] = field(default_factory=dict)
     by_grasp: bool = False
     by_links: bool = True
     acting: bool = False
     closes: bool = False
     elastic: bool = False
+    unlimited: bool = False
     further: Mapping[str, Shape] = field(default_factory=dict)
     fixed: Mapping[str, Array] = field(default_factory=dict)
 
@@ -93,6 +98,11 @@ class Computation:
         """Return whether it depends on this chain's grasps because some of them are bushings."""
         return self.elastic and bool(chain.bushings)
 
+    @property
+    def _placed(self) -> bool:
+        """Whether it depends on where the arms' bases are."""
+        return "base_R" in self.parameters
+
     def externals(self, structure: Structure) -> dict[str, External]:
         """Return the arrays that it reads and writes."""
         chain, options = structure.chain, structure.options
@@ -102,7 +112,7 @@ class Computation:
         parameters += LINKS if options.link_inertia else ()
         parameters += ("grasp_R", "grasp_p") if self._by_bushings(chain) else ()
         inputs += self.of_base(chain)
-        if chain.trunk is not None and self.parameters:
+        if chain.trunk is not None and self._placed:
             parameters += [name for name in ("base_R", "base_p") if name not in parameters]
             parameters += TRUNK_BASE_MOTION if "base_twist" in parameters and not chain.floats else ()
         known = shapes(chain)
@@ -110,13 +120,13 @@ class Computation:
         for name in state_fields(chain) if self.closes else ():
             outputs[f"{CLOSED}{name}"] = known[name]
         for name, shape in self.whole.items():
-            outputs[name] = known[name] if shape is None else shape
+            outputs[name] = known[name] if shape is None else shape(chain) if callable(shape) else shape
         of_fixed = {name: x.shape for name, x in self.fixed.items()}
         return externals(inputs, [*parameters, *of_fixed], outputs, known | {**self.further, **of_fixed, **outputs})
 
     def of_base(self, chain: ClosedChain) -> list[str]:
         """Return the inputs of a floating base: its pose, and also its twist if velocities are among the inputs."""
-        if not chain.floats or not self.parameters:
+        if not chain.floats or not self._placed:
             return []
         return list(FLOATING) if {"qd", "object_twist"} & {*self.inputs} else [FLOATING[0]]
 
@@ -135,6 +145,14 @@ def _torques(chain: ClosedChain, x: Given) -> Found:
     state = traced_state(chain, x)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), traced_inputs(chain, x))
     return {"tau": torques(motion, x["qdd"], x["grasp_wrench"])}
+
+
+def _joint_margins(chain: ClosedChain, x: Given) -> Found:
+    return dict(zip(OF_LIMITS.results, OF_LIMITS.of(traced_case(chain, x, "joint_margins")), strict=True))
+
+
+def _wrist_wrenches(chain: ClosedChain, x: Given) -> Found:
+    return dict(zip(WRISTS.results, WRISTS.of(traced_case(chain, x, "wrist_wrenches")), strict=True))
 
 
 def _mass_matrices(chain: ClosedChain, x: Given) -> Found:
@@ -228,6 +246,21 @@ COMPUTATIONS: dict[str, Computation] = {
         whole={"tau": None},
         acting=True,
     ),
+    "joint_margins": Computation(
+        ("q", "qd", "tau"),
+        (LIMITS,),
+        _joint_margins,
+        whole=dict.fromkeys(OF_LIMITS.results, lambda chain: (chain.joint_count,)),
+        by_links=False,
+        unlimited=True,
+    ),
+    "wrist_wrenches": Computation(
+        ("q", "grasp_wrench"),
+        ("base_R",),
+        _wrist_wrenches,
+        whole={"wrist_wrenches": lambda chain: (len(chain.arms), 6)},
+        by_links=False,
+    ),
     "mass_matrix": Computation(("q",), (), _mass_matrices, {"mass_matrix": lambda N, _: N * N}),
     "jacobian": Computation(("q",), ("base_R",), _jacobians, {"jacobian": lambda N, _: 6 * N}, by_links=False),
     "closure": Computation(
@@ -286,6 +319,19 @@ COMPUTATIONS: dict[str, Computation] = {
         by_grasp=True,
     ),
 }
+
+
+def own_inputs(function: str) -> tuple[str, ...]:
+    """Return what a function is given besides the state and parameters of every chain."""
+    base = COMPUTATIONS[function]
+    return *(name for name in base.inputs if name not in STATE), *(name for name in base.parameters if name == LIMITS)
+
+
+def traced_case(chain: ClosedChain, x: Given, function: str) -> VariedCase:
+    """Return the traced arguments of a function that can be differentiated."""
+    own = {name: x[name] for name in own_inputs(function)}
+    return VariedCase(chain, traced_state(chain, x), traced_inputs(chain, x), own)
+
 
 ACCOUNTS = Computation(  # the energies and momenta of a state that a simulation's balances need, in one call
     STATE,

@@ -15,6 +15,7 @@ from holdfast.compiled.bound_dynamics import BoundDynamics
 from holdfast.compiled.calls import Calls
 from holdfast.compiled.derivatives import ChainDerivatives
 from holdfast.compiled.externals import FLOATING, MOVING
+from holdfast.compiled.force_derivatives import ForceDerivatives
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.function_derivatives import FunctionDerivatives
 from holdfast.compiled.functions import ChainFunctions
@@ -91,7 +92,7 @@ def compile(
         return CompiledChain(chain, options, generic_rank)
 
 
-class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives):
+class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, ForceDerivatives):
     """The dynamics of one chain as machine code; made by `holdfast.compile`.
 
     Attributes:

@@ -45,6 +45,7 @@ def shapes(chain: ClosedChain) -> dict[str, Shape]:
         "contact_acceleration": (chain.contact_freedom_count,),
         "gravity": (3,),
         "about": (3,),
+        "joint_limits": (4, n),
         "object_mass": (),
         "object_com": (3,),
         "object_inertia": (3, 3),

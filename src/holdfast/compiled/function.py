@@ -50,6 +50,7 @@ class CompiledFunction:
         self._results = {name: e.shape for name, e in self.externals.items() if e.role == "output"}
         self._ranks = {name: len(e.shape) for name, e in self.externals.items()}
         self._largest = largest_positions(chain)
+        self._unlimited = computation.unlimited
         self._lock = threading.Lock()
         self.parts: dict[str, dict[str, slice]] = {}
         for result in computation.results:
@@ -97,7 +98,12 @@ class CompiledFunction:
             if changed:
                 bound.prepare()
             bound.run()
-            return {name: checks.finite(bound.arrays[name].copy(), name) for name in self._results}
+            return {name: self._required(bound.arrays[name].copy(), name) for name in self._results}
+
+    def _required(self, x: Array, name: str) -> Array:
+        """Return a result of one system; raise a StateError if it overflows."""
+        checks.finite(np.where(np.isposinf(x), 0.0, x) if self._unlimited else x, name)
+        return x
 
     def _many(
         self, inputs: Mapping[str, Array], changed: Mapping[str, Array], batch: int, threads: int

@@ -2,41 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from holdfast.compiled import arrays
-from holdfast.compiled.compiled_derivatives import options_of
-from holdfast.compiled.derivative_schedule import FOUND
-from holdfast.compiled.function import CompiledFunction
-from holdfast.compiled.functions import require_holding, require_inverse
-from holdfast.compiled.structure import Options
-from holdfast.compiled.text_computation import TEXTS, TextRequest, own_inputs
-from holdfast.dynamics.derivatives import Derivatives, require_names
+from holdfast.compiled.text_derivatives import TextDerivatives
+from holdfast.dynamics.derivatives import Derivatives
 from holdfast.dynamics.energy_derivatives import MOTION, PLACES
 from holdfast.dynamics.inverse_derivatives import MOTION_AND_FORCES
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
-
-Kind = Literal["vjp", "jvp", "jacobian"]
 
 
-class FunctionDerivatives:
+class FunctionDerivatives(TextDerivatives):
     """The methods of a `CompiledChain` that differentiate functions besides forward dynamics.
 
     They are those of the reference of the same names, `holdfast.inverse_dynamics_vjp` and so on, for one system or a
     batch: any argument, cotangent, tangent or parameter may have a leading batch axis. Derivatives by a pose are
     (.., 6) [rotation vector; shift], as in `ChainDerivatives`. Every method also returns the function, as `result`.
     Invalid inputs are treated as in `ChainFunctions`.
-
-    Attributes:
-        chain: the chain.
-        options: the options with which it was compiled.
     """
-
-    chain: ClosedChain
-    options: Options
 
     def inverse_dynamics_vjp(
         self,
@@ -349,49 +333,3 @@ class FunctionDerivatives:
             StateError: A name, shape or number is wrong.
         """
         return self._derived("potential_energy", "jacobian", (q, object_pose), of, by, {}, parameters, threads)
-
-    def _derived(
-        self,
-        function: str,
-        kind: Kind,
-        inputs: Sequence[Any],
-        of: Sequence[str],
-        by: Collection[str],
-        given: Mapping[str, Any],
-        parameters: Mapping[str, Any],
-        threads: int,
-    ) -> Derivatives:
-        """Return derivatives of a function; their machine code is made when first requested.
-
-        Args:
-            function: its name.
-            kind: of the derivatives.
-            inputs: the function's inputs.
-            of: the results to differentiate.
-            by: the arguments by which they are differentiated.
-            given: cotangents by result, or tangents by argument.
-            parameters: the parameters of this call, by the names that users know.
-            threads: the number of threads for a batch.
-        """
-        what, text = f"{function}_{kind}", TEXTS[function]
-        if function == "inverse_dynamics":
-            require_inverse(self.chain, what)
-            f = arrays.floats("grasp_wrench", inputs[-1], (len(self.chain.arms), 6))
-            require_holding(self.chain, f)
-        known = text.arguments_at(self.chain, own_inputs(function))
-        require_names(what, of, text.results)
-        require_names(what, by, known)
-        results = tuple(name for name in text.results if name in of)
-        request = TextRequest(function, kind, results, tuple(name for name in known if name in by))
-        made: dict[TextRequest, CompiledFunction] = self.__dict__.setdefault("_texts_made", {})
-        if request not in made:
-            options = options_of(self.options, request.arguments, True)
-            made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
-        found = made[request]((*inputs, *(given[name] for name in request.given)), parameters, threads)
-        values = [found.pop(name) for name in text.results]
-        result = values[0] if values[0].ndim else float(values[0])
-        parts: dict[Any, Any] = {name.removeprefix(FOUND): x for name, x in found.items()}
-        if kind == "jacobian":
-            names = [tuple(name.split(".")) for name in parts]
-            parts = {(of, by): request.matrix(self.chain, of, by, parts[f"{of}.{by}"]) for of, by in names}
-        return Derivatives(result, parts)

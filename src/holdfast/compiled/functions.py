@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, NoReturn
 
-import numpy as np
-
 from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import CLOSED
 from holdfast.compiled.function import CompiledFunction
-from holdfast.compiled.not_compiled import NotCompiledError, missing
+from holdfast.compiled.not_compiled import missing, require_holding, require_inverse
 from holdfast.compiled.structure import Options
 from holdfast.dynamics.consistency import GraspResidual
-from holdfast.errors import StateError
+from holdfast.forces.margins import JointMargins
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
@@ -182,6 +180,41 @@ class ChainFunctions:
         """
         return self._energy("potential_energy", (q, object_pose), parameters, threads)
 
+    def joint_margins(self, q: Any, qd: Any, tau: Any, *, threads: int = 1, **parameters: Any) -> JointMargins:
+        """Return the margins of all joints, as `holdfast.forces.joint_margins`; infinite without a limit.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            qd: joint rates.
+            tau: (n,) drive torques [N m or N].
+            threads: how many threads share a batch.
+            **parameters: none; limits are the chain's.
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return JointMargins(**self._function("joint_margins")((q, qd, tau), parameters, threads))
+
+    def wrist_wrenches(self, q: Any, grasp_wrench: Any, *, threads: int = 1, **parameters: Any) -> Array:
+        """Return the grasp wrenches in tip axes, as `holdfast.forces.wrist_wrenches`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            grasp_wrench: (arms, 6) wrench [moment; force] of each arm on the object about the contact point, world
+                axes [N m, N], as `forward_dynamics` returns it; rows of arms without a grasp must be zero.
+            threads: how many threads share a batch.
+            **parameters: for this call, base_pose (arms, 7).
+
+        Returns:
+            (arms, 6) [N m, N].
+
+        Raises:
+            StateError: wrong shapes or numbers, or an arm that holds nothing has a wrench.
+        """
+        f = arrays.floats("grasp_wrench", grasp_wrench, (len(self.chain.arms), 6))
+        require_holding(self.chain, f)
+        return self._function("wrist_wrenches")((q, f), parameters, threads)["wrist_wrenches"]
+
     def momentum(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any
     ) -> Array:
@@ -336,37 +369,3 @@ class ChainFunctions:
     def _energy(self, name: str, given: tuple[Any, ...], parameters: Mapping[str, Any], threads: int) -> Any:
         found = self._function(name)(given, parameters, threads)["energy"]
         return found if found.ndim else float(found)
-
-
-def require_inverse(chain: ClosedChain, what: str) -> None:
-    """Raise an error if inverse dynamics of the chain, or its derivatives, are not available in machine code.
-
-    Args:
-        chain: the chain.
-        what: the name of the function.
-
-    Raises:
-        NotCompiledError: The chain has a floating base, springs between bodies, or bushings.
-    """
-    if chain.floats:
-        raise NotCompiledError(
-            f"compile: '{what}' of a chain with a floating base runs as reference only, which checks that"
-            f" the base, which has no actuator, can accelerate as given; holdfast.{what} computes it"
-        )
-    if chain.springs or chain.bushings:
-        raise NotCompiledError(
-            f"compile: '{what}' of a chain with springs between bodies or bushings runs as reference only,"
-            f" because their forces depend on the object's pose; holdfast.{what} computes it from the chain"
-        )
-
-
-def require_holding(chain: ClosedChain, f: Array) -> None:
-    """Raise a StateError if wrenches (..., arms, 6) are not zero for an arm that holds nothing."""
-    for row, name in enumerate(chain.names):
-        if name in chain.grasps:
-            continue
-        loads = f[..., row, :].reshape(-1, 6)
-        loaded = np.flatnonzero((np.isfinite(loads) & (loads != 0.0)).any(1))
-        if loaded.size:
-            where = f" in system {loaded[0]}" if f.ndim > 2 else ""
-            raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {loads[loaded[0]]}{where}")

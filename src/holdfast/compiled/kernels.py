@@ -17,7 +17,7 @@ from holdfast.compiler.schedule import External, Schedule
 from holdfast.compiler.targets import cpu
 
 # The packages whose functions become machine code.
-_ROOMS = ("spatial", "model", "state", "dynamics", "compiler", "compiled")
+_ROOMS = ("spatial", "model", "state", "dynamics", "forces", "compiler", "compiled")
 
 _made: weakref.WeakValueDictionary[str, Kernel] = weakref.WeakValueDictionary()
 _lock = threading.Lock()

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from holdfast.errors import MethodNotApplicable
+import numpy as np
+
+from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
 
 _ROUNDS = "it goes on for as many rounds as it takes"
 _SINGULAR_VALUES = "it decides by singular values, which are NumPy's"
@@ -26,19 +30,16 @@ REASONS = {
     "dynamics.tip_jacobian": "it is of one arm; `jacobian` gives those of all arms",
     "dynamics.tip_pose": "it is of one arm; `tip_poses` gives those of all arms",
     "forces.grasp_margins": "its conditions differ from grasp to grasp; the systems of a rollout have their `margin`",
-    "forces.joint_margins": "it is a difference of numbers that are given",
     "forces.largest_margin": f"it is a convex programme: {_ROUNDS}",
     "forces.last_joint_wrenches": _OF_A_RESULT,
     "forces.margin_range": f"it is a convex programme: {_ROUNDS}",
     "forces.split": f"{_OF_A_RESULT}, and its length follows from where the contacts are",
-    "forces.wrist_wrenches": _OF_A_RESULT,
     "linearise": _SINGULAR_VALUES,
     "regressor": "it is of the model's parameters, which machine code has as constants",
     "dynamics.inertial_parameters": "it is of a body, not of a chain",
     **{f"dynamics.closure_{kind}": _TURNS for kind in _KINDS},
     **{
-        f"forces.{of}_{kind}": "of derivatives machine code has those of dynamics and energies"
-        for of in ("grasp_margins", "joint_margins", "wrist_wrenches")
+        f"forces.grasp_margins_{kind}": "its conditions differ from grasp to grasp, and so would its code"
         for kind in _KINDS
     },
     "holding_torques": "it is a control law, made by `control.compile_law(control.holding_law(chain), chain)`",
@@ -57,3 +58,37 @@ def missing(name: str, kind: str) -> AttributeError:
             f"compile: '{name}' runs as reference only: {REASONS[path]}. holdfast.{path} computes it from the chain"
         )
     return AttributeError(f"'{kind}' object has no attribute '{name}'")
+
+
+def require_inverse(chain: ClosedChain, what: str) -> None:
+    """Raise an error if inverse dynamics of the chain, or its derivatives, are not available in machine code.
+
+    Args:
+        chain: the chain.
+        what: the name of the function.
+
+    Raises:
+        NotCompiledError: The chain has a floating base, springs between bodies, or bushings.
+    """
+    if chain.floats:
+        raise NotCompiledError(
+            f"compile: '{what}' of a chain with a floating base runs as reference only, which checks that"
+            f" the base, which has no actuator, can accelerate as given; holdfast.{what} computes it"
+        )
+    if chain.springs or chain.bushings:
+        raise NotCompiledError(
+            f"compile: '{what}' of a chain with springs between bodies or bushings runs as reference only,"
+            f" because their forces depend on the object's pose; holdfast.{what} computes it from the chain"
+        )
+
+
+def require_holding(chain: ClosedChain, f: Array) -> None:
+    """Raise a StateError if wrenches (..., arms, 6) are not zero for an arm that holds nothing."""
+    for row, name in enumerate(chain.names):
+        if name in chain.grasps:
+            continue
+        loads = f[..., row, :].reshape(-1, 6)
+        loaded = np.flatnonzero((np.isfinite(loads) & (loads != 0.0)).any(1))
+        if loaded.size:
+            where = f" in system {loaded[0]}" if f.ndim > 2 else ""
+            raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {loads[loaded[0]]}{where}")

@@ -12,6 +12,8 @@ from holdfast.compiled.externals import BASE_MOTION, FLOATING
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
+from holdfast.forces.force_derivatives import LIMITS
+from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
@@ -22,7 +24,7 @@ from holdfast.spatial.scalar import Array
 _POSES = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
 WRENCHES = ("link_wrench", "trunk_link_wrench")
 _INPUTS = ("object_wrench", *WRENCHES, *FLOATING)  # inputs that users pass like parameters
-_INTERNAL = {"generic_rank", *(name for pair in _POSES.values() for name in pair)}
+_INTERNAL = {"generic_rank", LIMITS, *(name for pair in _POSES.values() for name in pair)}
 
 
 def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Array]:
@@ -35,6 +37,7 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
         "link_wrench": np.zeros((len(links), 6)),
         "gravity": np.array(chain.gravity),
         "about": np.zeros(3),
+        LIMITS: np.array(joint_limits(chain)),
         "generic_rank": np.array(-1.0 if generic_rank is None else float(generic_rank)),
         "trunk_link_wrench": np.zeros((0 if chain.trunk is None else len(chain.trunk.bodies), 6)),
         "floating_pose": np.eye(7)[0],

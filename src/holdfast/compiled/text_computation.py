@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.arm_functions import COMPUTATIONS, Computation
+from holdfast.compiled.arm_functions import COMPUTATIONS, Computation, own_inputs, traced_case
 from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, derivative_shapes
-from holdfast.compiled.externals import STATE, shapes
+from holdfast.compiled.externals import LINKS, shapes
 from holdfast.compiled.recorded_loops import recorded_loops
-from holdfast.compiled.traced_chain import Given, traced_inputs, traced_state
+from holdfast.compiled.traced_chain import Given
 from holdfast.compiler.program import Shape
 from holdfast.dynamics.energy_derivatives import KINETIC, POTENTIAL
 from holdfast.dynamics.inverse_derivatives import TORQUES
-from holdfast.dynamics.linear_text import LinearText, Text, linear_text
-from holdfast.dynamics.varied_case import VariedCase
+from holdfast.dynamics.linear_text import LinearText, Part, Text, linear_text
+from holdfast.forces.force_derivatives import OF_LIMITS, WRISTS
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, concatenate
 
-TEXTS = {text.name: text for text in (TORQUES, KINETIC, POTENTIAL)}
+TEXTS = {text.name: text for text in (TORQUES, KINETIC, POTENTIAL, OF_LIMITS, WRISTS)}
+OF_EACH_JOINT = {"q", "qd", "qdd", "tau", "armature", "damping", "link_wrench", *LINKS}  # arguments, row by row
 
 
 class TextRequest(NamedTuple):
@@ -64,28 +65,37 @@ class TextRequest(NamedTuple):
         """Return the shapes of the derivatives: by argument (`vjp`), by result (`jvp`), or of `blocks` (`jacobian`)."""
         known = self.shapes(chain)
         if self.kind == "jacobian":
-            sizes = {
-                by: sum(size_of(part) * size_of(own) for part, own in blocks(self.text, chain, by, known[by]))
+            return {
+                f"{of}.{by}": (sum(size_of(part) * size_of(own) for part, own in self.blocks(chain, of, by)),)
+                for of in self.results
                 for by in self.arguments
             }
-            return {f"{of}.{by}": (sizes[by],) for of in self.results for by in self.arguments}
         return {name: known[name] for name in (self.arguments if self.kind == "vjp" else self.results)}
 
     def shapes(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of results, and of gradients by arguments."""
         known = shapes(chain)
-        of_results = {name: known.get(name, ()) for name in self.text.results}
+        of_results = {name: self.text.shape(chain, name) for name in self.text.results}
         return derivative_shapes(chain) | {name: known[name] for name in self.own} | of_results
 
     def matrix(self, chain: ClosedChain, of: str, by: str, found: Array) -> Array:
         """Return a Jacobian, (..., *shape of the result, *shape of the argument), of its blocks (..., numbers)."""
         known, lead, begin = self.shapes(chain), found.shape[:-1], 0
         whole = np.zeros((*lead, math.prod(known[of]), math.prod(known[by])))
-        for part, entries in blocks(self.text, chain, by, known[by]):
+        for part, entries in self.blocks(chain, of, by):
             end = begin + size_of(part) * size_of(entries)
             whole[..., part, entries] = found[..., begin:end].reshape(*lead, size_of(part), size_of(entries))
             begin = end
         return whole.reshape((*lead, *known[of], *known[by]))
+
+    def blocks(self, chain: ClosedChain, of: str, by: str) -> list[tuple[slice, slice]]:
+        """Return for each part of a result its entries, and those of an argument on which it may depend.
+
+        Only these blocks of a Jacobian are computed and stored.
+        """
+        shape = self.shapes(chain)[by]
+        parts = self.text.parts_of(chain, of)
+        return [(part.entries, own_entries(self.text, chain, part, by, shape)) for part in parts]
 
     def computation(self, chain: ClosedChain) -> Computation:
         """Return the computation of the function's results and these derivatives."""
@@ -93,21 +103,23 @@ class TextRequest(NamedTuple):
         given = {f"{WITH}{name}": known[name] for name in self.given}
         fixed: dict[str, Any] = {}
         if self.kind == "jacobian":
-            fixed[UNITS] = np.eye(max(map(size_of, parts_of(self.text, chain))))
+            parts = [part.entries for of in self.results for part in self.text.parts_of(chain, of)]
+            fixed[UNITS] = np.eye(max(map(size_of, parts), default=0))
         return replace(
             base,
             inputs=(*base.inputs, *given),
             function=self._outputs,
+            results={},
             whole={name: known[name] for name in self.text.results}
             | {f"{FOUND}{name}": shape for name, shape in self.found(chain).items()},
-            by_grasp="grasp_wrench" in base.inputs or "grasp_pose" in self.arguments,
+            by_grasp=base.by_grasp or "grasp_wrench" in base.inputs or "grasp_pose" in self.arguments,
             further=given,
             fixed=fixed,
         )
 
     def _outputs(self, chain: ClosedChain, x: Given) -> Mapping[str, Any]:
         """Return the function's results and their derivatives by running the reference's functions on traced arrays."""
-        case = VariedCase(chain, traced_state(chain, x), traced_inputs(chain, x), {name: x[name] for name in self.own})
+        case = traced_case(chain, x, self.function)
         with recorded_loops():
             at = linear_text(self.text, case, self.arguments)
         return {**at.results, **{f"{FOUND}{name}": of for name, of in self._found(at, x).items()}}
@@ -120,7 +132,7 @@ class TextRequest(NamedTuple):
             return {
                 f"{of}.{by}": concatenate(
                     rows[of][by].reshape(math.prod(known[of]), math.prod(known[by]))[part, entries].ravel()
-                    for part, entries in blocks(self.text, chain, by, known[by])
+                    for part, entries in self.blocks(chain, of, by)
                 )
                 for of in self.results
                 for by in self.arguments
@@ -128,37 +140,34 @@ class TextRequest(NamedTuple):
         return at.gradient(given) if self.kind == "vjp" else at.rates(given)
 
 
-def own_inputs(function: str) -> tuple[str, ...]:
-    """Return what a function is given besides the state."""
-    return tuple(name for name in COMPUTATIONS[function].inputs if name not in STATE)
+def own_entries(text: Text, chain: ClosedChain, part: Part, by: str, shape: Shape) -> slice:
+    """Return the entries of an argument, flat, on which a part of a result may depend.
 
-
-def parts_of(text: Text, chain: ClosedChain) -> Sequence[slice]:
-    """Return the entries of a text's results, flat and in order, that are differentiated together."""
-    return [slice(0, 1)] if text.parts is None else text.parts(chain)
-
-
-def blocks(text: Text, chain: ClosedChain, by: str, shape: Shape) -> list[tuple[slice, slice]]:
-    """Return for each part of the results the entries of an argument that it may depend on, flat.
-
-    Arms on bases of their own depend on what is theirs and on gravity; only these blocks are computed and stored.
+    Arms on bases of their own depend on what is theirs, on gravity, and some results also on the object.
 
     Args:
         text: the function as it is differentiated.
         chain: the chain.
+        part: the part.
         by: the argument.
         shape: the shape of its gradient.
     """
-    found = []
-    for row, part in enumerate(parts_of(text, chain)):
-        own = slice(0, math.prod(shape))
-        if text.parts is not None and chain.trunk is None and by != "gravity":
-            mine = part if shape[:1] == (chain.joint_count,) else slice(row, row + 1)
-            size = math.prod(shape[1:])
-            of_others = by.startswith(("object", "grasp_pose"))
-            own = slice(0, 0) if of_others else slice(size * mine.start, size * mine.stop)
-        found.append((part, own))
-    return found
+    whole, none, size = slice(0, math.prod(shape)), slice(0, 0), math.prod(shape[1:])
+    if text.parts is None or chain.trunk is not None or by == "gravity" or part.arm is None:
+        return whole
+    if by.startswith(("object", "grasp_pose")) and not text.of_object:
+        return none
+    if by.startswith("object"):
+        return whole
+    row, name = slice(part.arm, part.arm + 1), chain.names[part.arm]
+    if by == "grasp_pose":
+        if name not in chain.grasps:
+            return none
+        k = list(chain.grasps).index(name)
+        row = slice(k, k + 1)
+    elif by in OF_EACH_JOINT:
+        row = chain.joints[name]
+    return slice(size * row.start, size * row.stop)
 
 
 def size_of(part: slice) -> int:

@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.consistency import GraspResidual, closure, residuals_at
 from holdfast.dynamics.derivatives import Derivatives
-from holdfast.dynamics.linear_text import Text
+from holdfast.dynamics.linear_text import Part, Text
 from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp_kinds import GraspKind
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import Inputs, State
 
@@ -119,9 +120,25 @@ def _closure(case: VariedCase) -> tuple[Array, Array]:
     return concatenate([none, *(gap.position for gap in gaps)]), concatenate([none, *(gap.velocity for gap in gaps)])
 
 
+def _by_grasps(chain: ClosedChain, result: str) -> list[Part]:
+    found, end = [], 0
+    for name, grasp in chain.grasps.items():
+        begin, end = end, end + rows_of(grasp.of_kind, result)
+        found.append(Part(slice(begin, end), chain.names.index(name)))
+    return found
+
+
+def rows_of(kind: GraspKind, result: str) -> int:
+    """Return how many rows of a residual, `position` or `velocity`, grasps of a kind have."""
+    return len(kind.position_rows if result == "position" else kind.transmitted)
+
+
 CLOSURE = Text(
     "closure",
     (*MOTION, "grasp_pose", "base_pose", "base_twist", "floating_pose", "floating_twist", "trunk_base_twist"),
     RESIDUALS,
     _closure,
+    shape=lambda chain, result: (_by_grasps(chain, result)[-1].entries.stop if chain.grasps else 0,),
+    parts=_by_grasps,
+    of_object=True,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
@@ -10,7 +10,7 @@ from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, each
 from holdfast.state import State
 
 
@@ -42,11 +42,10 @@ def contact_places(chain: ClosedChain, state: State) -> list[ContactPlace]:
     return found
 
 
-def tip_frames(chain: ClosedChain, state: State, names: Iterable[str]) -> dict[str, Pose]:
+def tip_frames(chain: ClosedChain, state: State, names: Sequence[str]) -> dict[str, Pose]:
     """Return the tip poses of the named arms in the world. O(n)."""
     trunk = trunk_at_rest(chain, state)
     mounts = {} if trunk is None else trunk.mounts
-    arms = {
-        name: chain.arms[name].standing_at(mounts[name].frame) if name in mounts else chain.arms[name] for name in names
-    }
-    return {name: forward_kinematics(arm, state.q[chain.joints[name]]).tip for name, arm in arms.items()}
+    arms = [chain.arms[name].standing_at(mounts[name].frame) if name in mounts else chain.arms[name] for name in names]
+    own = [state.q[chain.joints[name]] for name in names]
+    return dict(zip(names, each(lambda arm, q: forward_kinematics(arm, q).tip, arms, own), strict=True))

@@ -11,7 +11,7 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.forward_derivatives import ARGUMENTS
 from holdfast.dynamics.derivatives import Derivatives
 from holdfast.dynamics.inverse import inverse_dynamics, torques
-from holdfast.dynamics.linear_text import Text
+from holdfast.dynamics.linear_text import Text, by_joints
 from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.trunk.trunk_derivatives import FLOATING_RESULT, OF_TRUNK
 from holdfast.dynamics.varied_case import VariedCase
@@ -171,5 +171,6 @@ TORQUES = Text(
     ),
     ("tau",),
     _torques,
-    parts=lambda chain: list(chain.joints.values()),
+    shape=lambda chain, result: (chain.joint_count,),
+    parts=by_joints,
 )

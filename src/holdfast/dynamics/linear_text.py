@@ -28,6 +28,18 @@ Shape = tuple[int, ...]
 POSES = (*OF_BODIES, "floating_pose")
 
 
+class Part(NamedTuple):
+    """Entries of a result that depend on much the same.
+
+    Attributes:
+        entries: of the result, flat.
+        arm: the row of the arm to which they belong; None for a trunk.
+    """
+
+    entries: slice
+    arm: int | None
+
+
 class Text(NamedTuple):
     """A function to be differentiated.
 
@@ -37,7 +49,10 @@ class Text(NamedTuple):
         results: names of its results.
         of: the code.
         unlimited: whether a result may be infinite, as a margin without a limit is.
-        parts: the entries of a chain's results, flat and in order, that depend on much the same; None for all.
+        shape: the shape of a result of a chain.
+        parts: the parts of a result of a chain, in order; None if it has none. Those of arms in the world depend on
+            nothing of other arms.
+        of_object: whether parts depend on the object and on their grasps.
     """
 
     name: str
@@ -45,11 +60,18 @@ class Text(NamedTuple):
     results: tuple[str, ...]
     of: Callable[[VariedCase], tuple[Any, ...]]
     unlimited: bool = False
-    parts: Callable[[ClosedChain], Sequence[slice]] | None = None
+    shape: Callable[[ClosedChain, str], Shape] = lambda chain, result: ()
+    parts: Callable[[ClosedChain, str], Sequence[Part]] | None = None
+    of_object: bool = False
 
     def arguments_at(self, chain: ClosedChain, own: Iterable[str]) -> tuple[str, ...]:
         """Return the names of its arguments that exist for a chain, and of further inputs."""
         return tuple(name for name in self.arguments if name in (*own, *arguments_of(chain)))
+
+    def parts_of(self, chain: ClosedChain, result: str) -> Sequence[Part]:
+        """Return the parts of a result of a chain; one if it has none."""
+        whole = Part(slice(0, math.prod(self.shape(chain, result))), None)
+        return [whole] if self.parts is None else self.parts(chain, result)
 
 
 class LinearText(NamedTuple):
@@ -88,8 +110,8 @@ class LinearText(NamedTuple):
             result: its name.
             units: (m, m) identity, m at least the size of the result's parts; as numbers, so that rows are alike.
         """
-        size, parts, found = math.prod(self.shapes[result]), self.text.parts, []
-        for entries in [slice(0, size)] if parts is None else parts(self.case.chain):
+        found = []
+        for entries, _ in self.text.parts_of(self.case.chain, result):
             count = entries.stop - entries.start
             if not count:  # an anchor has no torques
                 continue
@@ -137,6 +159,12 @@ class LinearText(NamedTuple):
             else:
                 given[name] = tangent
         return dict(zip(self.text.results, self.linear.rates(*given.values()), strict=True))
+
+
+def by_joints(chain: ClosedChain, result: str) -> list[Part]:
+    """Return the parts, by arms, of a result with one entry for each joint."""
+    rows = {name: row for row, name in enumerate(chain.arms)}
+    return [Part(entries, rows.get(name)) for name, entries in chain.joints.items()]
 
 
 def gradient_of(linear: Linear) -> Callable[[Array], Array]:

@@ -6,18 +6,20 @@ step: pass the gradient by `grasp_wrench` to `forward_dynamics_vjp` as the cotan
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.derivatives import Derivatives
-from holdfast.dynamics.linear_text import Text
+from holdfast.dynamics.linear_text import Part, Text, by_joints
 from holdfast.dynamics.result import ForwardResult
 from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import StateError
 from holdfast.forces.margins import (
+    JointLimits,
     JointMargins,
     grasp_margins,
     joint_limits,
@@ -28,12 +30,13 @@ from holdfast.forces.margins import (
 from holdfast.forces.wrist import across_tips, wrist_wrenches
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, where
 from holdfast.state import State
 
 OF_MARGINS = ("object_pose", "grasp_wrench")
 OF_WRISTS = ("q", "grasp_wrench")
 OF_JOINTS = ("q", "qd", "tau")
+LIMITS = "joint_limits"  # (4, n) `JointLimits`
 
 
 def grasp_margins_vjp(
@@ -297,7 +300,8 @@ def _joints_case(chain: ClosedChain, state: State, tau: ArrayLike) -> tuple[Vari
     checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         found = joint_margins(chain, state, tau)
-    return case_of(chain, state, None, {"tau": checks.numbers(tau, (chain.joint_count,), "tau", StateError)}), found
+    own = {"tau": checks.numbers(tau, (chain.joint_count,), "tau", StateError), LIMITS: np.array(joint_limits(chain))}
+    return case_of(chain, state, None, own), found
 
 
 def _wrists_case(chain: ClosedChain, state: State, result: ForwardResult) -> tuple[VariedCase, Array]:
@@ -318,15 +322,43 @@ def _margins(case: VariedCase) -> tuple[Array]:
 
 
 def _limits(case: VariedCase) -> tuple[Array, ...]:
-    limits = joint_limits(case.chain)
+    limits = JointLimits(*case.own[LIMITS])
     found = margins_of_joints(limits, case.state.q, case.state.qd, case.own["tau"])
-    return tuple(np.where(limited, margin, np.inf) for limited, margin in zip(limits.limited, found, strict=True))
+    return tuple(where(limited, margin, math.inf) for limited, margin in zip(limits.limited, found, strict=True))
 
 
 def _wrists(case: VariedCase) -> tuple[Array]:
     return (across_tips(case.chain, case.state, case.own["grasp_wrench"]),)
 
 
-MARGINS = Text("grasp_margins", ("object_pose", "grasp_pose", "grasp_wrench"), ("grasp_margins",), _margins, True)
-OF_LIMITS = Text("joint_margins", OF_JOINTS, JointMargins._fields, _limits, True)
-WRISTS = Text("wrist_wrenches", ("q", "base_pose", "floating_pose", "grasp_wrench"), ("wrist_wrenches",), _wrists)
+MARGINS = Text(
+    "grasp_margins",
+    ("object_pose", "grasp_pose", "grasp_wrench"),
+    ("grasp_margins",),
+    _margins,
+    unlimited=True,
+    shape=lambda chain, result: (len(chain.grasps),),
+)
+
+
+def _arms(chain: ClosedChain, result: str) -> list[Part]:
+    return [Part(slice(6 * row, 6 * row + 6), row) for row in range(len(chain.arms))]
+
+
+OF_LIMITS = Text(
+    "joint_margins",
+    OF_JOINTS,
+    JointMargins._fields,
+    _limits,
+    unlimited=True,
+    shape=lambda chain, result: (chain.joint_count,),
+    parts=by_joints,
+)
+WRISTS = Text(
+    "wrist_wrenches",
+    ("q", "base_pose", "floating_pose", "grasp_wrench"),
+    ("wrist_wrenches",),
+    _wrists,
+    shape=lambda chain, result: (len(chain.arms), 6),
+    parts=_arms,
+)

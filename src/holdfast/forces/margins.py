@@ -26,7 +26,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.wrench_condition import Condition, largest_force_and_moment
-from holdfast.spatial.scalar import Array, Scalar, array, minimum
+from holdfast.spatial.scalar import Array, Scalar, array, less, minimum
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State, require_fit
 
@@ -63,8 +63,8 @@ class JointLimits(NamedTuple):
     @property
     def limited(self) -> Array:
         """(3, n) whether position, rate and effort of each joint have a limit."""
-        position = np.isfinite(self.low) | np.isfinite(self.high)
-        return np.array([position, np.isfinite(self.rate), np.isfinite(self.effort)])
+        nearer = minimum(abs(self.low), abs(self.high))
+        return array([less(limit, math.inf) for limit in (nearer, self.rate, self.effort)])
 
 
 def joint_limits(chain: ClosedChain) -> JointLimits:

@@ -12,7 +12,7 @@ from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
-from holdfast.spatial.scalar import Array, array
+from holdfast.spatial.scalar import Array, array, each
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -40,7 +40,7 @@ def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> A
 def across_tips(chain: ClosedChain, state: State, grasp_wrench: Array) -> Array:
     """Return the grasp wrenches in tip axes, without checks; see `wrist_wrenches`."""
     tips = tip_frames(chain, state, chain.names)
-    return array([unrotate(tips[name].R, f) for name, f in zip(chain.names, grasp_wrench, strict=True)])
+    return array(each(lambda tip, f: unrotate(tip.R, f), tips.values(), grasp_wrench))
 
 
 @np.errstate(all="ignore")  # what overflows is refused below

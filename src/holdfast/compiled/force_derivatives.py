@@ -1,0 +1,196 @@
+"""Derivatives of a compiled chain's margins of joints and wrenches at wrists."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from holdfast.compiled.text_derivatives import TextDerivatives
+from holdfast.dynamics.derivatives import Derivatives
+from holdfast.errors import StateError
+from holdfast.forces.force_derivatives import OF_JOINTS, OF_WRISTS
+from holdfast.forces.margins import JointMargins
+from holdfast.model import checks
+
+
+class ForceDerivatives(TextDerivatives):
+    """The methods of a `CompiledChain` that differentiate the margins of joints and the wrenches at wrists.
+
+    They are those of the reference of the same names, `holdfast.forces.joint_margins_vjp` and so on, for one system or
+    a batch, and have the conventions of `FunctionDerivatives`.
+    """
+
+    def joint_margins_vjp(
+        self,
+        q: Any,
+        qd: Any,
+        tau: Any,
+        *,
+        by: Sequence[str] = OF_JOINTS,
+        position: Any = None,
+        rate: Any = None,
+        effort: Any = None,
+        threads: int = 1,
+        **parameters: Any,
+    ) -> Derivatives:
+        """Return gradients of sum(cotangent . margin) of the joints, O(n); see `holdfast.forces.joint_margins_vjp`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
+            qd: (n,) joint velocities [rad/s or m/s].
+            tau: (n,) drive torques [N m or N].
+            by: the arguments: q, qd, tau.
+            position: (n,) the cotangent of the position margins.
+            rate: (n,) the cotangent of the rate margins.
+            effort: (n,) the cotangent of the effort margins.
+            threads: the number of threads for a batch.
+            **parameters: none; limits are the chain's.
+
+        Returns:
+            The gradient by every argument, (n,); `result` holds the `JointMargins`.
+
+        Raises:
+            StateError: A name, shape or number is wrong.
+        """
+        margins = zip(JointMargins._fields, (position, rate, effort), strict=True)
+        given = {name: x for name, x in margins if x is not None}
+        return self._derived(
+            "joint_margins", "vjp", (q, qd, tau), tuple(given), by, given, parameters, threads, JointMargins
+        )
+
+    def joint_margins_jvp(
+        self, q: Any, qd: Any, tau: Any, *, along: Mapping[str, Any], threads: int = 1, **parameters: Any
+    ) -> Derivatives:
+        """Return directional derivatives of the margins, O(n); see `holdfast.forces.joint_margins_jvp`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
+            qd: (n,) joint velocities [rad/s or m/s].
+            tau: (n,) drive torques [N m or N].
+            along: the tangents by argument, (n,) each; (d, n) for d directions of one system at once, (batch, n) for a
+                batch.
+            threads: the number of threads for a batch.
+            **parameters: none; limits are the chain's.
+
+        Returns:
+            `found.position`, `found.rate` and `found.effort`, (n,), with a leading axis if there are several directions
+            or a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong.
+        """
+        checks.instance(along, Mapping, "joint_margins_jvp: along", StateError)
+        return self._derived(
+            "joint_margins", "jvp", (q, qd, tau), JointMargins._fields, along, along, parameters, threads, JointMargins
+        )
+
+    def joint_margins_jacobian(
+        self,
+        q: Any,
+        qd: Any,
+        tau: Any,
+        *,
+        of: Sequence[str] = JointMargins._fields,
+        by: Sequence[str] = OF_JOINTS,
+        threads: int = 1,
+        **parameters: Any,
+    ) -> Derivatives:
+        """Return the Jacobian of the margins, O(n^2); see `holdfast.forces.joint_margins_jacobian`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
+            qd: (n,) joint velocities [rad/s or m/s].
+            tau: (n,) drive torques [N m or N].
+            of: the results: position, rate, effort.
+            by: the arguments.
+            threads: the number of threads for a batch.
+            **parameters: none; limits are the chain's.
+
+        Returns:
+            `found[of, by]`, (n, n), with a leading axis for a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong.
+        """
+        return self._derived("joint_margins", "jacobian", (q, qd, tau), of, by, {}, parameters, threads, JointMargins)
+
+    def wrist_wrenches_vjp(
+        self,
+        q: Any,
+        grasp_wrench: Any,
+        *,
+        wrist_wrenches: Any,
+        by: Sequence[str] = OF_WRISTS,
+        threads: int = 1,
+        **parameters: Any,
+    ) -> Derivatives:
+        """Return gradients of cotangent . wrist wrenches, O(n); see `holdfast.forces.wrist_wrenches_vjp`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
+            grasp_wrench: (arms, 6) wrench of each arm on the object, as in `wrist_wrenches`.
+            wrist_wrenches: (arms, 6) the cotangent.
+            by: the arguments: q, base_pose, grasp_wrench; with a floating base also floating_pose.
+            threads: the number of threads for a batch.
+            **parameters: parameters as in `wrist_wrenches`.
+
+        Returns:
+            The gradient by every argument, in the shape of the argument; `result` holds the wrist wrenches [N m, N].
+
+        Raises:
+            StateError: A name, shape or number is wrong, or an arm that holds nothing has a wrench.
+        """
+        given = {"wrist_wrenches": wrist_wrenches}
+        return self._derived("wrist_wrenches", "vjp", (q, grasp_wrench), tuple(given), by, given, parameters, threads)
+
+    def wrist_wrenches_jvp(
+        self, q: Any, grasp_wrench: Any, *, along: Mapping[str, Any], threads: int = 1, **parameters: Any
+    ) -> Derivatives:
+        """Return the directional derivative of the wrist wrenches, O(n); see `holdfast.forces.wrist_wrenches_jvp`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
+            grasp_wrench: (arms, 6) wrench of each arm on the object, as in `wrist_wrenches`.
+            along: the tangents by argument, each in the shape of the argument's gradient; (d, ...) for d directions
+                of one system at once, (batch, ...) for a batch.
+            threads: the number of threads for a batch.
+            **parameters: parameters as in `wrist_wrenches`.
+
+        Returns:
+            `found.wrist_wrenches`, (arms, 6), with a leading axis if there are several directions or a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong, or an arm that holds nothing has a wrench.
+        """
+        checks.instance(along, Mapping, "wrist_wrenches_jvp: along", StateError)
+        results = ("wrist_wrenches",)
+        return self._derived("wrist_wrenches", "jvp", (q, grasp_wrench), results, along, along, parameters, threads)
+
+    def wrist_wrenches_jacobian(
+        self,
+        q: Any,
+        grasp_wrench: Any,
+        *,
+        of: Sequence[str] = ("wrist_wrenches",),
+        by: Sequence[str] = OF_WRISTS,
+        threads: int = 1,
+        **parameters: Any,
+    ) -> Derivatives:
+        """Return the Jacobian of the wrist wrenches, O(n l); see `holdfast.forces.wrist_wrenches_jacobian`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
+            grasp_wrench: (arms, 6) wrench of each arm on the object, as in `wrist_wrenches`.
+            of: the results; there is one, wrist_wrenches.
+            by: the arguments.
+            threads: the number of threads for a batch.
+            **parameters: parameters as in `wrist_wrenches`.
+
+        Returns:
+            `found["wrist_wrenches", by]`, (arms, 6, *shape of the argument's gradient), with a leading axis for a
+            batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong, or an arm that holds nothing has a wrench.
+        """
+        return self._derived("wrist_wrenches", "jacobian", (q, grasp_wrench), of, by, {}, parameters, threads)

@@ -1,0 +1,84 @@
+"""Derivatives of a compiled chain's functions that solve nothing; their machine code is made when first requested."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, Literal
+
+from holdfast.compiled import arrays
+from holdfast.compiled.arm_functions import own_inputs
+from holdfast.compiled.compiled_derivatives import options_of
+from holdfast.compiled.derivative_schedule import FOUND
+from holdfast.compiled.function import CompiledFunction
+from holdfast.compiled.not_compiled import require_holding, require_inverse
+from holdfast.compiled.structure import Options
+from holdfast.compiled.text_computation import TEXTS, TextRequest
+from holdfast.dynamics.derivatives import Derivatives, require_names
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+
+Kind = Literal["vjp", "jvp", "jacobian"]
+
+
+def number_or_array(x: Array) -> Any:
+    """Return an array, or the number that it is if it has no axes."""
+    return x if x.ndim else float(x)
+
+
+class TextDerivatives:
+    """What the derivatives of a `CompiledChain`'s functions that solve nothing have in common.
+
+    Attributes:
+        chain: the chain.
+        options: the options with which it was compiled.
+    """
+
+    chain: ClosedChain
+    options: Options
+
+    def _derived(
+        self,
+        function: str,
+        kind: Kind,
+        inputs: Sequence[Any],
+        of: Sequence[str],
+        by: Collection[str],
+        given: Mapping[str, Any],
+        parameters: Mapping[str, Any],
+        threads: int,
+        collected: Callable[..., Any] = number_or_array,
+    ) -> Derivatives:
+        """Return derivatives of a function; their machine code is made when first requested.
+
+        Args:
+            function: its name.
+            kind: of the derivatives.
+            inputs: the function's inputs.
+            of: the results to differentiate.
+            by: the arguments by which they are differentiated.
+            given: cotangents by result, or tangents by argument.
+            parameters: the parameters of this call, by the names that users know.
+            threads: the number of threads for a batch.
+            collected: makes the function's result of its results, in order.
+        """
+        what, text = f"{function}_{kind}", TEXTS[function]
+        if function == "inverse_dynamics":
+            require_inverse(self.chain, what)
+        if "grasp_wrench" in own_inputs(function):
+            require_holding(self.chain, arrays.floats("grasp_wrench", inputs[-1], (len(self.chain.arms), 6)))
+        known = text.arguments_at(self.chain, own_inputs(function))
+        require_names(what, of, text.results)
+        require_names(what, by, known)
+        results = tuple(name for name in text.results if name in of)
+        request = TextRequest(function, kind, results, tuple(name for name in known if name in by))
+        made: dict[TextRequest, CompiledFunction] = self.__dict__.setdefault("_texts_made", {})
+        if request not in made:
+            options = options_of(self.options, request.arguments, True)
+            made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
+        found = made[request]((*inputs, *(given[name] for name in request.given)), parameters, threads)
+        result = collected(*(found.pop(name) for name in text.results))
+        parts: dict[Any, Any] = {name.removeprefix(FOUND): x for name, x in found.items()}
+        if kind == "jacobian":
+            names = [tuple(name.split(".")) for name in parts]
+            parts = {(of, by): request.matrix(self.chain, of, by, parts[f"{of}.{by}"]) for of, by in names}
+        return Derivatives(result, parts)
