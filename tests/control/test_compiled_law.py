@@ -75,12 +75,12 @@ def test_saturating_words():
         np.testing.assert_allclose(tau, law(0.3, state, None, {})[0], rtol=1e-13, atol=1e-13)
 
 
-@pytest.mark.parametrize("word", ["minimum", "maximum", "where", "clip", "tanh", "exp"])
+@pytest.mark.parametrize("word", ["minimum", "maximum", "where", "clip", "tanh", "exp", "arctan2"])
 def test_words_on_arrays(word):
     """The words with NumPy's names say of traced arrays what NumPy's functions say of numbers."""
     ours, theirs, limits = getattr(scalar, word), getattr(np, word), np.linspace(0.1, 1.0, N)
     arguments = {
-        **dict.fromkeys(("minimum", "maximum"), lambda q: (q, limits)),
+        **dict.fromkeys(("minimum", "maximum", "arctan2"), lambda q: (q, limits)),
         **dict.fromkeys(("tanh", "exp"), lambda q: (q,)),
         "where": lambda q: (scalar.less(q, limits), q, 2.0),
         "clip": lambda q: (q, -limits, 0.5),

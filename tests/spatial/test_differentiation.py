@@ -7,7 +7,7 @@ import pytest
 
 from holdfast.spatial.differentiation import bare, by_rule, gradient, linearised
 from holdfast.spatial.linear import EachItem
-from holdfast.spatial.scalar import clip, cos, exp, maximum, minimum, sin, sqrt, tanh, where
+from holdfast.spatial.scalar import arctan2, clip, cos, exp, maximum, minimum, sin, sqrt, tanh, where
 
 STEP = 1e-6
 TEXTS = {
@@ -25,6 +25,7 @@ TEXTS = {
     "cos": lambda a, b: cos(a * b),
     "exp": lambda a, b: exp(a - b * b),
     "tanh": lambda a, b: tanh(a - b),
+    "arctan2": lambda a, b: arctan2(a, -b) * arctan2(2.0, b) + arctan2(a, 3.0),
     "clip": lambda a, b: clip(a * b, 0.8, 1.2 * b),
     "where": lambda a, b: where(a < b, a * a, b) + where(a > b, b, b * b),
     "maximum": lambda a, b: maximum(a, b) * minimum(a, b) + maximum(a, b),

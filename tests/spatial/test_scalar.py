@@ -61,6 +61,7 @@ VOCABULARY = {
     "sqrt": (scalar.sqrt, 1),
     "exp": (scalar.exp, 1),
     "tanh": (scalar.tanh, 1),
+    "arctan2": (scalar.arctan2, 2),
     "clip": (lambda x, y: scalar.clip(x, -0.4, y), 2),
     "reciprocal": (scalar.reciprocal, 1),
     "minimum": (scalar.minimum, 2),

@@ -1,29 +1,30 @@
 """Lower a program to the operations that interpreter and machine have.
 
-The functions sin, cos, exp and tanh are expanded into basic operations. A product that is used by one sum only is
-fused with it into one operation that rounds once: fma(a, b, c) = a b + c.
+The functions sin, cos, exp, tanh and arctan2 are expanded into basic operations. A product that is used by one sum only
+is fused with it into one operation that rounds once: fma(a, b, c) = a b + c.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from holdfast.compiler import exponential, trigonometry
+from holdfast.compiler import exponential, inverse_tangent, trigonometry
 from holdfast.compiler.graph import Graph, Value
 from holdfast.compiler.node import Node
 from holdfast.compiler.program import Output, Program, pruned
 from holdfast.compiler.trace import program_of
 
-_WRITTEN: dict[str, Callable[[Value], Value]] = {
+_WRITTEN: dict[str, Callable[..., Value]] = {
     "sin": trigonometry.sin,
     "cos": trigonometry.cos,
     "exp": exponential.exp,
     "tanh": exponential.tanh,
+    "arctan2": inverse_tangent.arctan2,
 }
 
 
 def expand(program: Program) -> Program:
-    """Return the program with sin, cos, exp and tanh expanded; without any of them, it is the same object."""
+    """Return the program with sin, cos, exp, tanh and arctan2 expanded; without any of them, it is the same object."""
     if not any(program.counts[kind] for kind in _WRITTEN):
         return program
     graph = Graph()
@@ -37,7 +38,7 @@ def lowered(program: Program, fused: bool = True) -> Program:
     return fuse(program) if fused else program
 
 
-def _replayed(program: Program, graph: Graph, written: Mapping[str, Callable[[Value], Value]]) -> list[Value]:
+def _replayed(program: Program, graph: Graph, written: Mapping[str, Callable[..., Value]]) -> list[Value]:
     """Return the node of every instruction in a new graph, in which the operations of `written` are expanded.
 
     The others are copied unchanged, because they were simplified when they were traced.
@@ -49,7 +50,7 @@ def _replayed(program: Program, graph: Graph, written: Mapping[str, Callable[[Va
         elif kind == "constant":
             values.append(graph.constant(number))
         elif kind in written:
-            values.append(written[kind](values[places[0]]))
+            values.append(written[kind](*[values[p] for p in places]))
         else:
             values.append(graph.make(kind, *[values[p] for p in places]))
     return values

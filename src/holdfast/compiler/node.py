@@ -45,7 +45,8 @@ class Node:
     Attributes:
         graph: the graph to which it belongs.
         serial: its index in the graph's list of nodes.
-        kind: `input`, `constant`, an operation of `arithmetic.OPERATIONS`, or `sin`, `cos`, `exp`, `tanh`.
+        kind: `input`, `constant`, an operation of `arithmetic.OPERATIONS`, or one that is written in these, such
+            as `sin`.
         args: the operands.
         value: the number, if it is a constant; otherwise 0.
     """
@@ -117,6 +118,14 @@ class Node:
     def tanh(self) -> Any:
         """Return the hyperbolic tangent."""
         return self.graph.apply("tanh", self)
+
+    def arctan2(self, x: Any) -> Any:
+        """Return the angle of a point, of which this is y."""
+        return self.graph.apply("arctan2", self, _operand(x))
+
+    def arctan2_of(self, y: Any) -> Any:
+        """Return the angle of a point, of which this is x."""
+        return self.graph.apply("arctan2", _operand(y), self)
 
     def fma(self, b: Any, c: Any) -> Any:
         """Return self b + c, rounded once."""

@@ -4,7 +4,7 @@ A text made linear at a point is the list of its operations' slopes there. Rates
 gradient comes back through it. The scalars beneath may be of any kind, floats, traced numbers or recorded ones again,
 and slopes are made with the words of `scalar`: the gradient of a traced text is traced, and only what depends on what
 is varied is there at all. What a text closes over is held. Where it chooses, the derivative is that of the branch
-taken; that of a square root at 0 is 0.
+taken; those of a square root at 0 and of an angle at the origin are 0.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.spatial.linear import Linear, Result, Rule, Ruled, Step, array_of
-from holdfast.spatial.scalar import Array, Scalar, cos, exp, sin, sqrt, tanh, where
+from holdfast.spatial.scalar import Array, Scalar, arctan2, cos, exp, sin, sqrt, tanh, where
 
 _levels = count(1)  # of derivatives within derivatives: a later one lies outside
 
@@ -38,6 +38,11 @@ def _root_slope(_: Scalar, root: Scalar) -> Scalar:
     return where(root > 0.0, 0.5 / where(root > 0.0, root, 1.0), 0.0)
 
 
+def _over_square(y: Scalar, x: Scalar) -> Scalar:
+    square = x * x + y * y
+    return where(square > 0.0, 1.0 / where(square > 0.0, square, 1.0), 0.0)
+
+
 ADD = Operation(lambda a, b: a + b, (lambda *_: 1.0, lambda *_: 1.0))
 SUBTRACT = Operation(lambda a, b: a - b, (lambda *_: 1.0, lambda *_: -1.0))
 MULTIPLY = Operation(lambda a, b: a * b, (lambda a, b, _: b, lambda a, b, _: a))
@@ -49,10 +54,7 @@ SIN = Operation(sin, (lambda a, _: cos(a),))
 EXP = Operation(exp, (lambda _, found: found,))
 TANH = Operation(tanh, (lambda _, found: 1.0 - found * found,))
 COS = Operation(cos, (lambda a, _: -sin(a),))
-ARCSIN = Operation(np.arcsin, (lambda a, _: 1.0 / sqrt(1.0 - a * a),))
-ARCTAN2 = Operation(
-    np.arctan2, (lambda a, b, _: b * (1.0 / (a * a + b * b)), lambda a, b, _: -(a * (1.0 / (a * a + b * b))))
-)
+ARCTAN2 = Operation(arctan2, (lambda y, x, _: x * _over_square(y, x), lambda y, x, _: -(y * _over_square(y, x))))
 CHOOSE = Operation(
     where, (lambda *_: 0.0, lambda c, *_: where(c, 1.0, 0.0), lambda c, *_: where(c, 0.0, 1.0))
 )  # of condition, a, b
@@ -130,13 +132,13 @@ class Recorded:
         """Return the cosine."""
         return _applied(COS, self)
 
-    def arcsin(self) -> Any:
-        """Return the inverse sine, of floats."""
-        return _applied(ARCSIN, self)
+    def arctan2(self, x: Any) -> Any:
+        """Return the angle of a point, of which this is y."""
+        return _applied(ARCTAN2, self, x)
 
-    def arctan2(self, other: Any) -> Any:
-        """Return the angle whose sine and cosine are as these, of floats."""
-        return _applied(ARCTAN2, self, other)
+    def arctan2_of(self, y: Any) -> Any:
+        """Return the angle of a point, of which this is x."""
+        return _applied(ARCTAN2, y, self)
 
     def __lt__(self, other: Any) -> Any:
         return _bare(self) < _bare(other)

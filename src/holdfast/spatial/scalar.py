@@ -96,6 +96,15 @@ def tanh(x: Scalar) -> Scalar:
     return x.tanh() if hasattr(x, "tanh") else math.tanh(x)
 
 
+def arctan2(y: Scalar, x: Scalar) -> Scalar:
+    """Return the angle of the point (x, y), in (-pi, pi] [rad]; 0 for the origin, and zeros have no sign."""
+    if isinstance(y, _ARRAYS) or isinstance(x, _ARRAYS):
+        return _entrywise(arctan2, y, x)
+    if hasattr(y, "arctan2") and not hasattr(x, "chosen"):
+        return y.arctan2(x)
+    return x.arctan2_of(y) if hasattr(x, "arctan2_of") else math.atan2(y + 0.0, x + 0.0)
+
+
 def reciprocal(x: Scalar) -> Scalar:
     """Return 1 / x; infinite at zero."""
     if isinstance(x, _ARRAYS):

@@ -27,7 +27,7 @@ from holdfast.simulation.environment import BaseMotion, motion_of
 from holdfast.simulation.external_inputs import GivenInputs, inputs_at, require_wrenches, take_state
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, array, cos, exp, sin, tanh, where
+from holdfast.spatial.scalar import Array, Scalar, arctan2, array, cos, exp, sin, tanh, where
 from holdfast.state import Inputs, State
 
 Motions = Mapping[str, BaseMotion]  # motions of the moving bases, by arm name
@@ -183,7 +183,10 @@ def _applied(kind: str, *operands: Scalar) -> Scalar:
     return _ON_FLOATS[kind](*operands) if node is None else node.graph.apply(kind, *operands)
 
 
-_ON_FLOATS: dict[str, Callable[..., Scalar]] = {**OPERATIONS, "sin": sin, "cos": cos, "exp": exp, "tanh": tanh}
+_ON_FLOATS: dict[str, Callable[..., Scalar]] = {
+    **OPERATIONS,
+    **{word.__name__: word for word in (sin, cos, exp, tanh, arctan2)},
+}
 
 
 def _travels(function: object) -> bool:
