@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from holdfast.compiler.interpret import interpret
+from holdfast.compiler.lowering import expand
 from holdfast.compiler.trace import trace
 from holdfast.spatial.scalar import arctan2
 from tests.compiler.programs import compile_program, same_bits
@@ -113,6 +114,19 @@ def test_special_points(kernel, y, x, angle):
     assert same_bits([found], [interpret(PROGRAM, np.array([y]), np.array([x]))[0][0]])
     if math.isfinite(y) and math.isfinite(x):
         assert arctan2(y, x) == angle
+
+
+@pytest.mark.parametrize(
+    "text", [lambda x: arctan2(x, 0.5), lambda x: arctan2(x, -0.5), lambda x: arctan2(-0.3, x)], ids=["x", "-x", "y"]
+)
+def test_one_of_them_a_constant(text):
+    """What depends on the constant alone is computed while the program is lowered."""
+    program = trace(lambda x: (text(x),), [(1,)])
+    x = np.array([0.7])
+    assert interpret(program, x)[0][0] == compile_program(program)(x[:, None])[0][0, 0] == pytest.approx(text(0.7))
+    instructions = expand(program).instructions
+    for _, places, _ in instructions:
+        assert not places or any(instructions[p][0] != "constant" for p in places)
 
 
 @pytest.mark.parametrize("kind", KINDS)

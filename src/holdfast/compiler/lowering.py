@@ -7,8 +7,10 @@ is fused with it into one operation that rounds once: fma(a, b, c) = a b + c.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from holdfast.compiler import exponential, inverse_tangent, trigonometry
+from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.graph import Graph, Value
 from holdfast.compiler.node import Node
 from holdfast.compiler.program import Output, Program, pruned
@@ -29,7 +31,36 @@ def expand(program: Program) -> Program:
         return program
     graph = Graph()
     values = _replayed(program, graph, _WRITTEN)
-    return program_of(graph, program.input_shapes, [_result(graph, values, output) for output in program.outputs])
+    return _folded(_program(program, graph, values))
+
+
+def _folded(program: Program) -> Program:
+    """Return the program without operations on constants, which would be computed before any input is known.
+
+    Expanding a function of two arguments, one of which is a constant, makes such operations.
+    """
+    kinds = [kind for kind, _, _ in program.instructions]
+    if not any(places and all(kinds[p] == "constant" for p in places) for _, places, _ in program.instructions):
+        return program
+    graph, values = Graph(), list[Any]()
+    for kind, places, number in program.instructions:
+        operands = [values[p] for p in places]
+        if kind == "input":
+            values.append(graph.input())
+        elif kind == "constant":
+            values.append(number)
+        elif kind == "select" and isinstance(operands[0], bool):
+            values.append(operands[1] if operands[0] else operands[2])
+        elif any(isinstance(x, Node) for x in operands):
+            values.append(graph.make(kind, *operands))
+        else:
+            values.append(OPERATIONS[kind](*operands))
+    return _program(program, graph, values)
+
+
+def _program(like: Program, graph: Graph, values: list[Value]) -> Program:
+    """Return the program with the inputs and outputs of another, whose instructions have these values."""
+    return program_of(graph, like.input_shapes, [_result(graph, values, output) for output in like.outputs])
 
 
 def lowered(program: Program, fused: bool = True) -> Program:
