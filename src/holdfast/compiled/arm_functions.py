@@ -26,8 +26,7 @@ from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.dynamics.closed.contact import Contact
-from holdfast.dynamics.consistency import tip_from_contact
+from holdfast.dynamics.closure_derivatives import CLOSURE, rows_of
 from holdfast.dynamics.energy import (
     centre_of_mass,
     total_kinetic_energy,
@@ -172,20 +171,7 @@ def _by_arm(f: Callable[[Arm, Array], Array], chain: ClosedChain, x: Given, arms
 
 
 def _closure(chain: ClosedChain, x: Given) -> Found:
-    state = traced_state(chain, x)
-    motion = chain_motion(chain, state, state.q, traced_inputs(chain, x))
-    origin = state.object_frame.p
-
-    def parts(c: Contact, tip: Pose) -> tuple[Array, Array, Array]:
-        if not c.rows:
-            return np.zeros(0), np.zeros(0), c.velocity_gap
-        seen = tip_from_contact(c, origin + c.origin, tip)
-        attitude = seen.R.ravel() if c.grasp.of_kind.closed_angles else np.zeros(0)
-        return attitude, -seen.p, c.velocity_gap
-
-    found = each(parts, motion.contacts, [arm.at.tip for arm in motion.holding])
-    names = ("attitude", "shift", "velocity")
-    return {name: concatenate(of_one[k] for of_one in found) for k, name in enumerate(names)}
+    return dict(zip(CLOSURE.results, CLOSURE.of(traced_case(chain, x, "closure")), strict=True))
 
 
 def _kinetic_energy(chain: ClosedChain, x: Given) -> Found:
@@ -267,11 +253,7 @@ COMPUTATIONS: dict[str, Computation] = {
         STATE,
         ("base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
         _closure,
-        {
-            "attitude": lambda _, kind: 9 if kind and kind.closed_angles else 0,
-            "shift": lambda _, kind: 3 if kind and kind.transmitted else 0,
-            "velocity": lambda _, kind: len(kind.transmitted) if kind else 0,
-        },
+        {result: lambda _, kind, of=result: rows_of(kind, of) if kind else 0 for result in CLOSURE.results},
         by_grasp=True,
         by_links=False,
     ),

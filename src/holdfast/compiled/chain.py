@@ -13,6 +13,7 @@ import numpy as np
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.bound_dynamics import BoundDynamics
 from holdfast.compiled.calls import Calls
+from holdfast.compiled.closure_derivatives import ClosureDerivatives
 from holdfast.compiled.derivatives import ChainDerivatives
 from holdfast.compiled.externals import FLOATING, MOVING
 from holdfast.compiled.force_derivatives import ForceDerivatives
@@ -92,7 +93,7 @@ def compile(
         return CompiledChain(chain, options, generic_rank)
 
 
-class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, ForceDerivatives):
+class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, ClosureDerivatives, ForceDerivatives):
     """The dynamics of one chain as machine code; made by `holdfast.compile`.
 
     Attributes:

@@ -10,6 +10,7 @@ from holdfast.compiled.arm_functions import CLOSED
 from holdfast.compiled.function import CompiledFunction
 from holdfast.compiled.not_compiled import missing, require_holding, require_inverse
 from holdfast.compiled.structure import Options
+from holdfast.dynamics.closure_derivatives import by_grasps
 from holdfast.dynamics.consistency import GraspResidual
 from holdfast.forces.margins import JointMargins
 from holdfast.model.closed_chain import ClosedChain
@@ -128,17 +129,8 @@ class ChainFunctions:
         Raises:
             StateError: wrong shapes or numbers.
         """
-        function = self._function("closure")
-        found = function((q, qd, object_pose, object_twist), parameters, threads)
-        residuals = {}
-        for name, grasp in self.chain.grasps.items():
-            parts = {part: found[part][..., where[name]] for part, where in function.parts.items()}
-            kind, position = grasp.of_kind, parts["shift"]
-            if kind.closed_angles:
-                tip = parts["attitude"].reshape(*position.shape, 3)
-                position = kind.along(kind.gap(tip, -position))[..., list(kind.position_rows)]
-            residuals[name] = GraspResidual(position, parts["velocity"])
-        return residuals
+        found = self._function("closure")((q, qd, object_pose, object_twist), parameters, threads)
+        return by_grasps(self.chain, **found)
 
     def kinetic_energy(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any

@@ -11,7 +11,6 @@ from holdfast.spatial.scalar import Array
 _ROUNDS = "it goes on for as many rounds as it takes"
 _SINGULAR_VALUES = "it decides by singular values, which are NumPy's"
 _OF_A_RESULT = "it reads one ForwardResult"
-_TURNS = "angles between frames are found by the inverse tangent, which is NumPy's; `closure` gives the gaps"
 _KINDS = ("vjp", "jvp", "jacobian")
 
 REASONS = {
@@ -37,7 +36,6 @@ REASONS = {
     "linearise": _SINGULAR_VALUES,
     "regressor": "it is of the model's parameters, which machine code has as constants",
     "dynamics.inertial_parameters": "it is of a body, not of a chain",
-    **{f"dynamics.closure_{kind}": _TURNS for kind in _KINDS},
     **{
         f"forces.grasp_margins_{kind}": "its conditions differ from grasp to grasp, and so would its code"
         for kind in _KINDS

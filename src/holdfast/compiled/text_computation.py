@@ -15,6 +15,7 @@ from holdfast.compiled.externals import LINKS, shapes
 from holdfast.compiled.recorded_loops import recorded_loops
 from holdfast.compiled.traced_chain import Given
 from holdfast.compiler.program import Shape
+from holdfast.dynamics.closure_derivatives import CLOSURE
 from holdfast.dynamics.energy_derivatives import KINETIC, POTENTIAL
 from holdfast.dynamics.inverse_derivatives import TORQUES
 from holdfast.dynamics.linear_text import LinearText, Part, Text, linear_text
@@ -22,7 +23,7 @@ from holdfast.forces.force_derivatives import OF_LIMITS, WRISTS
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, concatenate
 
-TEXTS = {text.name: text for text in (TORQUES, KINETIC, POTENTIAL, OF_LIMITS, WRISTS)}
+TEXTS = {text.name: text for text in (TORQUES, KINETIC, POTENTIAL, CLOSURE, OF_LIMITS, WRISTS)}
 OF_EACH_JOINT = {"q", "qd", "qdd", "tau", "armature", "damping", "link_wrench", *LINKS}  # arguments, row by row
 
 

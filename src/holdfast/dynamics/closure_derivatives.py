@@ -128,6 +128,15 @@ def _by_grasps(chain: ClosedChain, result: str) -> list[Part]:
     return found
 
 
+def by_grasps(chain: ClosedChain, position: Array, velocity: Array) -> dict[str, GraspResidual]:
+    """Return the residuals of every grasp, by arm name, of those of all grasps, (..., rows) each."""
+    parts = [[part.entries for part in _by_grasps(chain, result)] for result in RESIDUALS]
+    return {
+        name: GraspResidual(position[..., rows], velocity[..., rates])
+        for name, rows, rates in zip(chain.grasps, *parts, strict=True)
+    }
+
+
 def rows_of(kind: GraspKind, result: str) -> int:
     """Return how many rows of a residual, `position` or `velocity`, grasps of a kind have."""
     return len(kind.position_rows if result == "position" else kind.transmitted)

@@ -19,9 +19,11 @@ from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.errors import StateError
 from holdfast.model import checks
+from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, each
 from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -108,15 +110,24 @@ def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> d
 
 def residuals_at(chain: ClosedChain, state: State, inputs: Inputs) -> dict[str, GraspResidual]:
     """Return the residuals of every grasp for shaped inputs; the numbers may carry derivatives. See `closure`."""
-    stand, frame, found = standing(chain, state, inputs), state.object_frame, {}
-    for name, grasp in chain.grasps.items():
-        row, part = chain.names.index(name), chain.joints[name]
-        arm, base_twist = stand.arms[row], stand.base_twists[row]
-        at = forward_kinematics(arm, state.q[part])
-        moving = tip_twist(arm, at, link_twists(arm, at, state.qd[part], base_twist), base_twist)
+    stand, frame = standing(chain, state, inputs), state.object_frame
+
+    def of_grasp(grasp: Grasp, arm: Arm, base_twist: Array, q: Array, qd: Array) -> GraspResidual:
+        at = forward_kinematics(arm, q)
+        moving = tip_twist(arm, at, link_twists(arm, at, qd, base_twist), base_twist)
         c = contact(grasp, frame, state.object_twist, at.tip, moving)
-        found[name] = GraspResidual(position_residual(c, frame.p + c.origin, at.tip), c.velocity_gap)
-    return found
+        return GraspResidual(position_residual(c, frame.p + c.origin, at.tip), c.velocity_gap)
+
+    rows, parts = [chain.names.index(name) for name in chain.grasps], [chain.joints[name] for name in chain.grasps]
+    found = each(
+        of_grasp,
+        chain.grasps.values(),
+        [stand.arms[row] for row in rows],
+        [stand.base_twists[row] for row in rows],
+        [state.q[part] for part in parts],
+        [state.qd[part] for part in parts],
+    )
+    return dict(zip(chain.grasps, found, strict=True))
 
 
 def require_closed(

@@ -14,7 +14,7 @@ from holdfast.model.motion_subspace import MotionSubspace
 from holdfast.model.wrench_condition import MOMENT_Y, MOMENT_Z, NORMAL, Condition, friction_cone
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen, frozen_property
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, cos, sin, sqrt
+from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, maximum, sin, sqrt
 from holdfast.spatial.vector import cross
 
 PERPENDICULAR = 1e-6  # sine of the angle below which two directions count as parallel
@@ -23,13 +23,13 @@ X, _, Z = np.eye(3)
 
 
 def no_turn(tip: Array) -> Array:
-    """Return zeros (..., 3), because the attitude of the tip (..., 3, 3) is free."""
-    return np.zeros(tip.shape[:-1])
+    """Return zeros (3,), because the attitude of the tip (3, 3) is free."""
+    return np.zeros(3)
 
 
 def full_turn(tip: Array) -> Array:
     """Return the rotation vector from the tip's attitude to the contact frame, (3,) [rad]."""
-    return rotation.log(np.swapaxes(tip, -1, -2))
+    return rotation.log(tip.T)
 
 
 def full_opening(tip: Array) -> Array:
@@ -39,7 +39,7 @@ def full_opening(tip: Array) -> Array:
 
 def axis_turn(tip: Array) -> Array:
     """Return the shortest rotation vector from the tip's x axis to the contact frame's, (3,) [rad]."""
-    return rotation.align(tip[..., 0], X)
+    return rotation.align(tip[:, 0], X)
 
 
 def axis_opening(tip: Array) -> Array:
@@ -49,7 +49,7 @@ def axis_opening(tip: Array) -> Array:
 
 def normal_turn(tip: Array) -> Array:
     """Return the shortest rotation vector from the tip's z axis to the contact frame's, (3,) [rad]."""
-    return rotation.align(tip[..., 2], Z)
+    return rotation.align(tip[:, 2], Z)
 
 
 def normal_opening(tip: Array) -> Array:
@@ -59,8 +59,8 @@ def normal_opening(tip: Array) -> Array:
 
 def cross_turn(tip: Array) -> Array:
     """Return the rotation about z that makes the arms of a cardan cross perpendicular, in its axes, (3,) [rad]."""
-    sine = tip[..., 1, 0]
-    return np.stack([0.0 * sine, 0.0 * sine, -np.arcsin(np.clip(sine, -1.0, 1.0))], -1)
+    sine = tip[1, 0]
+    return array([0.0, 0.0, -arctan2(sine, sqrt(maximum((1.0 - sine) * (1.0 + sine), 0.0)))])
 
 
 def cross_opening(tip: Array) -> Array:
@@ -144,10 +144,9 @@ class GraspKind(Frozen):
         free: contact axes about which (0, 1, 2) and along which (3, 4, 5) the object can move relative to the tip.
         carried_by: the body in which each of these axes is fixed; it determines g.
         closed_angles: contact axes about which the tip must not be rotated if the grasp is closed.
-        turn: function of the tip's attitude in contact axes (..., 3, 3) that returns the rotation vector that closes
-            the angles (..., 3) [rad].
-        opening: function of the tip's attitude in contact axes (3, 3) that returns the opposite of `turn`, with the
-            sine as its length (3,); it also accepts traced numbers.
+        turn: function of the tip's attitude in contact axes (3, 3) that returns the rotation vector that closes the
+            angles (3,) [rad].
+        opening: function of the same that returns the opposite of `turn`, with the sine as its length (3,).
         axes: function of the attitudes of contact frame and tip in the world that returns the axes of the free and
             transmitted directions in the world (3, 3).
         regrasped: function of the attitudes of contact frame and tip relative to the object that returns the attitude
@@ -266,51 +265,50 @@ class GraspKind(Frozen):
         return rows
 
     def along(self, x: Array) -> Array:
-        """Return the components of 6-vectors (..., 6) in contact axes along `directions`."""
+        """Return the components of a 6-vector in contact axes along `directions`."""
         return x if self.aligned else x @ self.directions.T
 
     def back(self, x: Array) -> Array:
-        """Return the 6-vectors (..., 6) in contact axes from components along `directions`."""
+        """Return the 6-vector in contact axes from components along `directions`."""
         return x if self.aligned else x @ self.directions
 
     def gap(self, tip: Array, p: Array) -> Array:
         """Return the displacement [turn; shift] of the object relative to the tip, without its free motions.
 
         Args:
-            tip: (..., 3, 3) the tip's attitude in contact axes.
-            p: (..., 3) the tip's origin, along its `axes` [m].
+            tip: (3, 3) the tip's attitude in contact axes.
+            p: (3,) the tip's origin, along its `axes` [m].
 
         Returns:
-            The displacement (..., 6), along its `axes`.
+            The displacement (6,), along its `axes`.
         """
         if self.given is not None:
             return self.given.gap(tip, p)
-        return np.concatenate([self.turn(tip), -self.across(p, tip)], -1)
+        return concatenate([self.turn(tip), -self.across(p, tip)])
 
     def small_gap(self, tip: Array, p: Array) -> Array:
-        """Return the opposite displacement, with sines of angles, (6,); it also accepts traced numbers."""
+        """Return the opposite displacement, with sines of angles, (6,)."""
         if self.given is not None:
             return self.given.small_gap(tip, p)
         return concatenate([self.opening(tip), self.small_across(p, tip)])
 
     def across(self, p: Array, tip: Array) -> Array:
-        """Return the displacement of a tip's origin without its free translations, contact axes, (..., 3) [m].
+        """Return the displacement of a tip's origin without its free translations, contact axes, (3,) [m].
 
         For a screw, the component along x is the translation minus that which belongs to the rotation. The nearest of
         the screw's turns is used, because they cannot be distinguished.
 
         Args:
-            p: (..., 3) the tip's origin, contact axes [m].
-            tip: (..., 3, 3) the tip's attitude, contact axes.
+            p: (3,) the tip's origin, contact axes [m].
+            tip: (3, 3) the tip's attitude, contact axes.
         """
         if not self.threaded:
             return p * self._closed_lengths if self.slides else p
         sine, cosine = _sine_cosine_past_thread(p, tip, self.pitch)
-        left = np.asarray(self.pitch * np.arctan2(sine, cosine))
-        return np.concatenate([left[..., None], p[..., 1:]], -1)
+        return concatenate([[self.pitch * arctan2(sine, cosine)], p[1:]])
 
     def small_across(self, p: Array, tip: Array) -> Array:
-        """Return the same with the sine in place of the angle, (3,); it also accepts traced numbers."""
+        """Return the same with the sine in place of the angle, (3,)."""
         if not self.threaded:
             return p * self._closed_lengths if self.slides else p
         sine, _ = _sine_cosine_past_thread(p, tip, self.pitch)
@@ -327,8 +325,8 @@ class GraspKind(Frozen):
 
 def _sine_cosine_past_thread(p: Array, tip: Array, pitch: float) -> tuple[Scalar, Scalar]:
     """Return sine and cosine, up to a factor, of a tip's translation divided by the pitch minus its rotation."""
-    s, c = tip[..., 2, 1] - tip[..., 1, 2], tip[..., 1, 1] + tip[..., 2, 2]
-    angle = p[..., 0] / pitch
+    s, c = tip[2, 1] - tip[1, 2], tip[1, 1] + tip[2, 2]
+    angle = p[0] / pitch
     return 0.5 * (sin(angle) * c - cos(angle) * s), 0.5 * (cos(angle) * c + sin(angle) * s)
 
 

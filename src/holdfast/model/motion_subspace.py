@@ -15,7 +15,7 @@ import numpy as np
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial import rotation
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, cos, sin
+from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, sin
 from holdfast.spatial.vector import cross
 
 CLOSED = 1e-9  # tolerance, for unit twists, of dependent columns and of brackets outside the span
@@ -47,28 +47,26 @@ class MotionSubspace:
         """Return the displacement [turn; shift] of the object relative to the tip from the nearest pose of the group.
 
         Args:
-            tip: (..., 3, 3) the tip's attitude in contact axes.
-            p: (..., 3) the tip's origin relative to that of the contact frame, tip axes [m].
+            tip: (3, 3) the tip's attitude in contact axes.
+            p: (3,) the tip's origin relative to that of the contact frame, tip axes [m].
 
         Returns:
-            The displacement (..., 6) along K, in tip axes about the tip's origin.
+            The displacement (6,) along K, in tip axes about the tip's origin.
         """
-        R, n = np.swapaxes(tip, -1, -2), np.array(self.axis)
-        turn = rotation.log(R) if self.turning == 0 else np.zeros(p.shape)
+        R, n = tip.T, np.array(self.axis)
+        turn = rotation.log(R) if self.turning == 0 else np.zeros(3)
         if self.turning == 1:
-            to = R @ n
-            turn = rotation.align(np.broadcast_to(n, to.shape), to)
+            turn = rotation.align(n, R @ n)
         at = R @ np.array(self.point) - p
         shift = at - np.array(self.point)
         if self.pitch:
             travel = shift @ n
             sine, cosine = self._past_thread(R, travel)
-            left = np.asarray(self.pitch * np.arctan2(sine, cosine) - travel)
-            shift = shift + left[..., None] * n
-        return self._transmitted(np.concatenate([turn, shift - np.cross(turn, at)], -1))
+            shift = shift + (self.pitch * arctan2(sine, cosine) - travel) * n
+        return self._transmitted(concatenate([turn, shift - cross(turn, at)]))
 
     def small_gap(self, tip: Array, p: Array) -> Array:
-        """Return the opposite displacement, with sines of angles, (6,); it also accepts traced numbers."""
+        """Return the opposite displacement, with sines of angles, (6,)."""
         R, n = tip.T, np.array(self.axis)
         turn = np.zeros(3)
         if self.turning == 0:
@@ -83,10 +81,10 @@ class MotionSubspace:
             shift = shift + (self.pitch * sine - travel) * n
         return -self._transmitted(concatenate([turn, shift - cross(turn, at)]))
 
-    def _past_thread(self, R: Array, travel: Array) -> tuple[Scalar, Scalar]:
+    def _past_thread(self, R: Array, travel: Scalar) -> tuple[Scalar, Scalar]:
         """Return sine and cosine, up to a factor, of the translation divided by the pitch, minus the rotation."""
-        axial = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
-        s, c = 0.5 * (axial @ np.array(self.axis)), 0.5 * (R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0)
+        axial = array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+        s, c = 0.5 * (axial @ np.array(self.axis)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
         angle = travel / self.pitch
         return sin(angle) * c - cos(angle) * s, cos(angle) * c + sin(angle) * s
 

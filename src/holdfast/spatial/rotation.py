@@ -1,15 +1,26 @@
 """Rotations: matrices, unit quaternions (w, x, y, z), rotation vectors, Euler angles.
 
-A matrix R maps the coordinates of a vector from the rotated frame to the reference frame. `to_quaternion`, `log` and
-`align` are for floats, varied ones too, and take leading axes, entry by entry: the bits do not depend on how many there
-are.
+A matrix R maps the coordinates of a vector from the rotated frame to the reference frame.
 """
 
 import math
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, cos, maximum, sin, sqrt, where
+from holdfast.spatial.scalar import (
+    Array,
+    Scalar,
+    arctan2,
+    array,
+    concatenate,
+    cos,
+    maximum,
+    minimum,
+    select,
+    sin,
+    sqrt,
+    where,
+)
 from holdfast.spatial.vector import cross, dot, product
 
 RIGHT_ANGLE = 1e-12  # [rad]; what rounding a double, or 13 digits, leaves of a multiple of pi/2
@@ -37,29 +48,28 @@ def from_quaternion(wxyz: Array) -> Array:
 
 
 def to_quaternion(R: Array) -> Array:
-    """Return the unit quaternions (w, x, y, z) with w >= 0 of rotation matrices.
+    """Return the unit quaternion (w, x, y, z) with w >= 0 of a rotation matrix.
 
     4 q q^T is linear in R; the row of the largest component is taken, so no digits cancel.
 
     Args:
-        R: (..., 3, 3).
+        R: (3, 3).
 
     Returns:
-        (..., 4).
+        (4,).
     """
-    x, y, z = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    trace = x + y + z
-    products = np.empty((*R.shape[:-2], 4, 4), R.dtype)
-    products[..., 0, 0] = 1.0 + trace
-    for i in range(3):
-        j, m = (i + 1) % 3, (i + 2) % 3
-        products[..., 0, 1 + i] = products[..., 1 + i, 0] = R[..., m, j] - R[..., j, m]
-        products[..., 1 + i, 1 + i] = 1.0 + R[..., i, i] - R[..., j, j] - R[..., m, m]
-        products[..., 1 + i, 1 + j] = products[..., 1 + j, 1 + i] = R[..., i, j] + R[..., j, i]
-    largest = np.stack([trace, x, y, z], -1).argmax(-1)
-    q = np.take_along_axis(products, largest[..., None, None], -2)[..., 0, :]
-    q = q / _length(q)
-    return np.where(q[..., :1] < 0.0, -q, q)
+    (x, y, z), trace = np.diag(R), R[0, 0] + R[1, 1] + R[2, 2]
+    a, b, c = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    d, e, f = R[0, 1] + R[1, 0], R[1, 2] + R[2, 1], R[2, 0] + R[0, 2]
+    q, most = array([1.0 + trace, a, b, c]), trace
+    for entry, row in (
+        (x, [a, 1.0 + x - y - z, d, f]),
+        (y, [b, d, 1.0 + y - z - x, e]),
+        (z, [c, f, e, 1.0 + z - x - y]),
+    ):
+        q, most = select(entry > most, array(row), q), maximum(entry, most)
+    q = q / sqrt(dot(q, q))
+    return where(q[0] < 0.0, -1.0, 1.0) * q
 
 
 def exp(rotation_vector: Array) -> Array:
@@ -77,19 +87,18 @@ def quaternion_exp(rotation_vector: Array) -> Array:
 
 
 def log(R: Array) -> Array:
-    """Return the rotation vectors [rad], of length <= pi, of rotation matrices.
+    """Return the rotation vector [rad], of length <= pi, of a rotation matrix.
 
     Args:
-        R: (..., 3, 3).
+        R: (3, 3).
 
     Returns:
-        (..., 3); not-a-number where R is.
+        (3,); not-a-number where R is.
     """
     q = to_quaternion(R)
-    sine = _length(q[..., 1:])
+    sine = sqrt(dot(q[1:], q[1:]))
     small = sine < 1e-9  # angle = 2 sine (1 + sine^2/6 ...)
-    ratio = np.where(small, 2.0, 2.0 * np.arctan2(sine, q[..., :1].copy()) / np.where(small, 1.0, sine))
-    return ratio * q[..., 1:]
+    return where(small, 2.0, 2.0 * arctan2(sine, q[0]) / where(small, 1.0, sine)) * q[1:]
 
 
 def log_below_pi(R: Array) -> Array:
@@ -185,35 +194,23 @@ def nearest(R: Array) -> Array:
 
 
 def align(a: Array, b: Array) -> Array:
-    """Return the shortest rotation vectors [rad] that turn unit vectors a to unit vectors b.
+    """Return the shortest rotation vector [rad] that turns one unit vector to another.
 
     Where a = -b any perpendicular axis serves and one is chosen.
 
     Args:
-        a: (..., 3).
-        b: (3,) or (..., 3).
+        a: (3,).
+        b: (3,).
 
     Returns:
-        (..., 3).
+        (3,).
     """
-    axis, cosine = np.cross(a, b), _dot(a, b)
-    sine = _length(axis)
+    axis, cosine = cross(a, b), dot(a, b)
+    sine = sqrt(dot(axis, axis))
     small = sine <= 1e-12
-    ratio = np.where(small, 1.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
-    other = np.cross(a, np.eye(3)[np.abs(a).argmin(-1)])
-    half_turn = (np.pi / _length(other)) * other
-    turned_back = np.logical_and(small, np.logical_not(cosine > 0.0))
-    return np.where(turned_back, half_turn, ratio * axis)
-
-
-def _dot(a: Array, b: Array) -> Array:
-    """Return (..., 1)."""
-    total = a[..., :1] * b[..., :1]
-    for i in range(1, a.shape[-1]):
-        total = total + a[..., i : i + 1] * b[..., i : i + 1]
-    return total
-
-
-def _length(v: Array) -> Array:
-    """Return (..., 1)."""
-    return np.sqrt(_dot(v, v))
+    ratio = where(small, 1.0, arctan2(sine, cosine) / where(small, 1.0, sine))
+    other, least = cross(a, np.eye(3)[0]), abs(a[0])
+    for unit, entry in zip(np.eye(3)[1:], a[1:], strict=True):
+        other, least = select(abs(entry) < least, cross(a, unit), other), minimum(abs(entry), least)
+    back = where(small, where(cosine <= 0.0, 1.0, 0.0), 0.0) > 0.5
+    return select(back, (math.pi / sqrt(dot(other, other))) * other, ratio * axis)
