@@ -76,6 +76,7 @@ def truths(name: str, count: int, derivatives: bool = True) -> list[Truth]:
     chain, state = chain_and_state(name)
     compiled = hf.compile(chain)
     made = [_forward(compiled, state, count), _projected(compiled, state, count), _law(compiled, state, count)]
+    made += [_closure(compiled, state, count)] if chain.grasps else []
     made += [] if chain.floats else [_inverse(compiled, state, count)]
     made += [_jacobian(compiled, state, count)] if derivatives else []
     return [*made, steps(compiled, state, count)]
@@ -134,6 +135,17 @@ def _projected(compiled, state, count) -> Truth:
         args, rest = _by_name(compiled.chain, system)
         found = compiled.project(*args, **_without(rest, "floating_twist"), **_only(rest, "floating_twist"))
         expected.append({f"{CLOSED}{n}": x for n, x in found.items()} | {"returned": np.array(0)})
+    return Truth(function, given, expected)
+
+
+def _closure(compiled, state, count) -> Truth:
+    function = exported_function("closure", compiled)
+    given, expected = [_near(compiled.chain, state, k) for k in range(count)], []
+    for system in given:
+        args, rest = _by_name(compiled.chain, system)
+        gaps = compiled.closure(*args, **rest).values()
+        found = {n: np.concatenate([getattr(gap, n) for gap in gaps]) for n in ("position", "velocity")}
+        expected.append(found | {"returned": np.array(0)})
     return Truth(function, given, expected)
 
 
