@@ -18,10 +18,8 @@ from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.structure import optional_parameters
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.interpret import interpret_schedule
-from holdfast.spatial import rotation
 from tests.derivatives.chains import random_chain
-from tests.derivatives.test_texts import GRASPS
-from tests.derivatives.texts import FIVE_POINTS, STEP, Asked, asked, open_grasp, undriven
+from tests.derivatives.texts import FIVE_POINTS, STEP, Asked, asked, undriven
 from tests.longer import mostly_slow
 from tests.systems.problems import random_problem, relative_gap
 
@@ -326,54 +324,3 @@ def test_arms_of_one_type_share_their_code(monkeypatch):
     fast.inverse_dynamics_jacobian(*given)
     rows = [keys for _, keys in made[-3:]]
     assert rows[0] == rows[1] == rows[2]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", GRASPS)
-def test_open_grasps_of_every_kind(kind):
-    """Residuals and their derivatives far from closed, against the reference and five-point differences."""
-    of = open_grasp(kind)
-    require_reference(of)
-    require_matrix(of, of.by)
-    fast, random = fast_of(of), np.random.default_rng(9)
-    for by in ("q", "object_pose"):
-        along = {by: random.normal(size=of.directions(random)[by].shape)}
-        expected, got = of.differences(by, along[by]), called(of, fast, "_jvp", along=along)
-        for result in of.results:
-            assert relative_gap(got[result], expected[result], floor=1e-2) < 1e-8, (by, result)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("angle", [0.0, 1e-12, 0.9e-9, 1.1e-9, 1e-6, 1e-3, np.pi - 1e-3, np.pi - 1e-6])
-def test_turned_tips(angle):
-    """A rigid tip turned by any angle: the rotation vector is smooth at 0, and has large slopes near half a turn.
-
-    At d from half a turn the axis is known to 1e-16 / d, and to turn it by d takes an angle of pi.
-    """
-    p = random_problem(4, joints=(6, 5), grasps=("rigid", "hinge"))
-    axis = {"rigid": np.array([0.6, 0.0, 0.8]), "hinge": np.array([0.0, 0.0, 1.0])}
-    arms = {
-        name: arm.with_tip(hf.Pose(arm.tip.R @ rotation.exp(angle * axis[p.chain.grasps[name].kind]), arm.tip.p))
-        for name, arm in p.chain.arms.items()
-    }
-    of = Asked("closure", replace(p, chain=replace(p.chain, arms=arms)), {})
-    fast, by = fast_of(of), ("q", "object_pose")
-    found, expected = called(of, fast, "_jacobian", by=by), of.called("_jacobian", by=by)
-    near = max(1.0, 1.0 / (np.pi - angle))
-    for name in by:
-        assert np.abs(found["position", name] - expected["position", name]).max() < 1e-12 * near**2, name
-    along = {"q": np.random.default_rng(1).normal(size=p.chain.joint_count)}
-    if angle < 3.0:
-        ahead, differences = called(of, fast, "_jvp", along=along), of.differences("q", along["q"])
-        assert np.abs(ahead.position - differences["position"]).max() < 1e-8
-
-
-def test_half_a_turn():
-    """There the rotation vector has no derivative; that for the chosen axis is finite, and the gap is half a turn."""
-    p = random_problem(4, joints=(6,), grasps=("rigid",))
-    ((name, arm),) = p.chain.arms.items()
-    turned = arm.with_tip(hf.Pose(arm.tip.R @ np.diag([1.0, -1.0, -1.0]), arm.tip.p))
-    fast, s = Alone(replace(p.chain, arms={name: turned})), p.state
-    found = fast.closure_vjp(s.q, s.qd, s.object_pose, s.object_twist, by=["q"], position=np.ones(6))
-    assert np.isfinite(found.q).all()
-    assert np.linalg.norm(found.result[name].position[:3]) == pytest.approx(np.pi, abs=1e-12)
