@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from holdfast.compiled.text_derivatives import Kind, TextDerivatives
+from holdfast.compiled.text_derivatives import TextDerivatives
 from holdfast.dynamics.closure_derivatives import MOTION, RESIDUALS, by_grasps
 from holdfast.dynamics.derivatives import Derivatives
 from holdfast.errors import StateError
@@ -53,8 +53,8 @@ class ClosureDerivatives(TextDerivatives):
             StateError: A name, shape or number is wrong.
         """
         given = {name: x for name, x in zip(RESIDUALS, (position, velocity), strict=True) if x is not None}
-        inputs = (q, qd, object_pose, object_twist)
-        return self._of_closure("vjp", inputs, tuple(given), by, given, parameters, threads)
+        inputs, collected = (q, qd, object_pose, object_twist), partial(by_grasps, self.chain)
+        return self._derived("closure", "vjp", inputs, tuple(given), by, given, parameters, threads, collected)
 
     def closure_jvp(
         self,
@@ -87,8 +87,8 @@ class ClosureDerivatives(TextDerivatives):
             StateError: A name, shape or number is wrong.
         """
         checks.instance(along, Mapping, "closure_jvp: along", StateError)
-        inputs = (q, qd, object_pose, object_twist)
-        return self._of_closure("jvp", inputs, RESIDUALS, along, along, parameters, threads)
+        inputs, collected = (q, qd, object_pose, object_twist), partial(by_grasps, self.chain)
+        return self._derived("closure", "jvp", inputs, RESIDUALS, along, along, parameters, threads, collected)
 
     def closure_jacobian(
         self,
@@ -120,18 +120,5 @@ class ClosureDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        return self._of_closure("jacobian", (q, qd, object_pose, object_twist), of, by, {}, parameters, threads)
-
-    def _of_closure(
-        self,
-        kind: Kind,
-        inputs: Sequence[Any],
-        of: Sequence[str],
-        by: Collection[str],
-        given: Mapping[str, Any],
-        parameters: Mapping[str, Any],
-        threads: int,
-    ) -> Derivatives:
-        """Return derivatives with the result of `closure`; see `TextDerivatives`."""
-        collected = partial(by_grasps, self.chain)
-        return self._derived("closure", kind, inputs, of, by, given, parameters, threads, collected)
+        inputs, collected = (q, qd, object_pose, object_twist), partial(by_grasps, self.chain)
+        return self._derived("closure", "jacobian", inputs, of, by, {}, parameters, threads, collected)
