@@ -84,7 +84,8 @@ def forward_dynamics_vjp(
         inputs: external wrenches and base motion; zero by default.
         by: the arguments: q, qd, tau, object_pose, object_twist, object_wrench, gravity, object_mass, object_com,
             object_inertia, grasp_pose, base_pose, base_twist, base_acceleration, armature, damping, link_mass,
-            link_com, link_inertia, link_wrench; with a trunk also trunk_link_wrench, and floating_pose and
+            link_com, link_inertia, link_wrench; with a trunk also trunk_link_mass, trunk_link_com,
+            trunk_link_inertia and trunk_link_wrench of its bodies (a floating base first), and floating_pose and
             floating_twist or trunk_base_twist and trunk_base_acceleration. The base_pose of an arm on a trunk is
             relative to the body on which it is mounted.
         check: False skips the consistency check.

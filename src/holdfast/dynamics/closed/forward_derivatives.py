@@ -28,6 +28,7 @@ from holdfast.dynamics.trunk.trunk_derivatives import (
     OF_JOINTS,
     OF_STANDING,
     OF_TRUNK,
+    TRUNK_LINKS,
     gradient_through_trunk,
     multipliers_through_trunk,
     trunk_load,
@@ -57,7 +58,7 @@ def arguments_of(chain: ClosedChain) -> tuple[str, ...]:
     """Return the names of the arguments with respect to which a chain's forward dynamics can be differentiated."""
     if chain.trunk is None:
         return ARGUMENTS
-    return (*ARGUMENTS, "trunk_link_wrench", *(OF_FLOATING if chain.floats else OF_STANDING))
+    return (*ARGUMENTS, *TRUNK_LINKS, "trunk_link_wrench", *(OF_FLOATING if chain.floats else OF_STANDING))
 
 
 class VirtualPower(NamedTuple):
@@ -113,6 +114,8 @@ def backward(
         of_arms = [{name: x - sign * g[name] for name, x in of.items()} for of, g in zip(of_arms, more, strict=True)]
         below = {name: x - sign * under[name] for name, x in below.items()}
     found: dict[str, Array] = {name: below[name] for name in (*OF_TRUNK, "floating_pose") if name in below}
+    if "trunk_link_inertia" in found:
+        found["trunk_link_inertia"] = symmetric(found["trunk_link_inertia"])
     for name in (*OF_JOINTS, *OF_LINKS):
         if name in by:
             first = [below[name]] if name in below else []

@@ -58,7 +58,7 @@ def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
     shapes |= dict.fromkeys(("base_pose", "base_twist", "base_acceleration"), (l, 6))
     if chain.trunk is not None:
         shapes |= dict.fromkeys((*OF_TRUNK, "floating_pose"), (6,))
-        shapes |= {"trunk_link_wrench": (len(chain.trunk.bodies), 6)}
+        shapes |= {f"trunk_{name}": (len(chain.trunk.bodies), *shape) for name, shape in OF_LINK.items()}
     return shapes | {name: (links, *shape) for name, shape in OF_LINK.items()}
 
 

@@ -16,7 +16,9 @@ from holdfast.spatial.scalar import Array, concatenate, each
 
 OF_JOINTS = ("q", "qd", "tau", "armature", "damping")
 # Arguments of the trunk only, and their names in its equations.
+TRUNK_LINKS = {"trunk_link_mass": "link_mass", "trunk_link_com": "link_com", "trunk_link_inertia": "link_inertia"}
 OF_TRUNK = {
+    **TRUNK_LINKS,
     "trunk_link_wrench": "wrenches",
     "trunk_base_twist": "base_twist",
     "trunk_base_acceleration": "base_acceleration",

@@ -21,6 +21,7 @@ from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.model.arm import Arm
 from holdfast.model.trunk import Trunk
 from holdfast.spatial.differentiation import gradient, linearised
+from holdfast.spatial.inertia import about_origin
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate
 from holdfast.spatial.spatial_vector import acceleration_gradient, rotate, shift_twist, unrotate
@@ -58,6 +59,7 @@ class CarriedBase(NamedTuple):
 
 
 MOTION = CarriedBase._fields[:-1]
+OF_BODY = ("link_mass", "link_com", "link_inertia")
 
 
 class TrunkCase(NamedTuple):
@@ -86,11 +88,15 @@ class TrunkCase(NamedTuple):
     def numbers(self, names: Sequence[str]) -> dict[str, Array]:
         """Return the named numbers; rotations are matrices, and those of mounts are stacked."""
         joints, places = self.trunk.joints, [place for _, place in self.mounts.values()]
+        bodies = self.trunk.bodies
         own = {
             "base_R": lambda: self.base.R,
             "base_p": lambda: self.base.p,
             "armature": lambda: np.array([joint.armature for joint in joints]),
             "damping": lambda: np.array([joint.damping for joint in joints]),
+            "link_mass": lambda: np.array([body.mass for body in bodies]),
+            "link_com": lambda: np.array([body.com for body in bodies]),
+            "link_inertia": lambda: np.array([body.inertia for body in bodies]),
             "place_R": lambda: np.array([place.R for place in places]).reshape(-1, 3, 3),
             "place_p": lambda: np.array([place.p for place in places]).reshape(-1, 3),
         }
@@ -120,8 +126,12 @@ class TrunkCase(NamedTuple):
             bodies += [(f, v, u, a, K) for f, v, u, (a, K) in zip(frames, V, U, found, strict=True)]
             drives = varied.get("armature", arm.armature) * z.qdd + self.passive(arm, q, qd, varied)
             power = power + y.qdd @ (drives - tau)
-        for link, (frame, v, u, a, K), w in zip(self.trunk.bodies, bodies, external, strict=True):
-            power = power + u @ (link.spatial_inertia.wrench(a, v[:3], K) - unrotate(frame.R, w))
+        for k, (link, (frame, v, u, a, K), w) in enumerate(zip(self.trunk.bodies, bodies, external, strict=True)):
+            inertia = link.spatial_inertia
+            if not varied.keys().isdisjoint(OF_BODY):
+                own = {"link_mass": link.mass, "link_com": link.com, "link_inertia": link.inertia}
+                inertia = about_origin(*(varied[name][k] if name in varied else x for name, x in own.items()))
+            power = power + u @ (inertia.wrench(a, v[:3], K) - unrotate(frame.R, w))
         places = self.numbers(("place_R", "place_p")) | dict(varied)
         carried = []
         for (k, _), turn, shift in zip(self.mounts.values(), places["place_R"], places["place_p"], strict=True):
