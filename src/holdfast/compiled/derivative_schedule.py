@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
 from holdfast.compiled.externals import FLOATING, shapes
@@ -19,13 +18,12 @@ from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_i
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.closed.forward_derivatives import backward, forward, results_of
-from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian, units_needed
-from holdfast.dynamics.closed.second_solve import Point, point
+from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, in_each_column, jacobian, units_needed
+from holdfast.dynamics.closed.second_solve import point
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.dynamics.spring_rates import pushed, spring_rates, with_pulled
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
 
 WITH = "with."  # the prefix of the names of cotangents of results and tangents of arguments
 FOUND = "found."  # the prefix of the names of derivatives
@@ -106,15 +104,6 @@ class Request(NamedTuple):
         else:
             found = forward(at, pushed(springs, own))
         return outputs_of(chain, solved) | {f"{FOUND}{name}": found[name] for name in self.found(structure.chain)}
-
-
-def in_each_column(at: Point, _: Mapping[str, Shape]) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
-    """Return the rates of the results along an argument, for which every column linearises the equations by itself.
-
-    To linearise them once, as the reference does, takes fewer operations, but the slopes of whole arms would be stored
-    between the loops: measured on a trunk, twice the time of compilation and a third more for a call.
-    """
-    return lambda tangents: forward(at, tangents)
 
 
 def given_names(chain: ClosedChain) -> tuple[str, ...]:
