@@ -206,7 +206,7 @@ def chain_columns(at: Point, name: str, of: Sequence[str], units: Array, rates: 
 def in_each_column(at: Point, _: Mapping[str, Shape]) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
     """Return the rates of the results along an argument, for which every column linearises the equations by itself.
 
-    For machine code: to linearise them once, as the reference does, takes fewer operations, but the slopes of whole arms
+    For machine code: to linearise them once, as the reference does, takes fewer operations, but slopes of whole arms
     would be stored between the loops: measured on a trunk, twice the time of compilation and a third more for a call.
     """
     return lambda tangents: forward(at, tangents)
