@@ -1,6 +1,7 @@
 """Machine code of forward dynamics with a trunk: the reference's answers, batches, bound calls, refusals."""
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,12 +60,19 @@ def test_reference(name):
     ("seed", "joints", "floating"),
     mostly_long([(0, 1, False), (3, 3, True), (4, 4, False)], [(0, 1, False), (3, 3, True)]),
 )
-def test_external_wrenches_and_driven_bases(seed, joints, floating):
-    """Wrenches on every body and a trunk's driven base are run-time parameters."""
-    p = random_on_trunk(seed, joints, floating=floating)
-    fast = hf.compile(p.chain, parameters=["link_wrench"])
+def test_external_wrenches_inertias_and_driven_bases(seed, joints, floating):
+    """Wrenches on every body, every body's inertia and a trunk's driven base are run-time parameters."""
+    other = random_on_trunk(seed, joints, floating=floating)
+    fast = hf.compile(other.chain, parameters=["link_wrench", "link_inertia"])
+    trunk = other.chain.trunk
+    assert trunk is not None
+    bodies = [replace(b, mass=1.5 * b.mass, com=b.com + 0.1, inertia=1.3 * b.inertia) for b in trunk.bodies]
+    trunk = replace(trunk, links=bodies[floating:], floating=bodies[0] if floating else None)
+    p = replace(other, chain=replace(other.chain, trunk=trunk))
     arguments, parameters = given(p.chain, p.state, p.tau, p.inputs)
     parameters |= {"link_wrench": p.inputs.link_wrenches, "trunk_link_wrench": p.inputs.trunk_link_wrenches}
+    for name in ("mass", "com", "inertia"):
+        parameters[f"trunk_link_{name}"] = np.array([getattr(body, name) for body in bodies])
     found, wanted = fast.forward_dynamics(*arguments, **parameters), p.solved()
     for part in ANSWERS:
         assert relative_gap(getattr(found, part), getattr(wanted, part), 1.0) < EXACT

@@ -67,7 +67,9 @@ def shape_of(p: Problem, by: str) -> tuple[int, ...]:
     of_all |= {"link_com": (links, 3), "link_inertia": (links, 3, 3), "link_wrench": (links, 6)}
     of_all |= {"grasp_pose": (len(chain.grasps), 6)}
     of_all |= dict.fromkeys(("base_pose", "base_twist", "base_acceleration"), (l, 6))
-    of_all |= {} if chain.trunk is None else {"trunk_link_wrench": (len(chain.trunk.bodies), 6)}
+    if chain.trunk is not None:
+        of_body = {"mass": (), "com": (3,), "inertia": (3, 3), "wrench": (6,)}
+        of_all |= {f"trunk_link_{name}": (len(chain.trunk.bodies), *shape) for name, shape in of_body.items()}
     return of_all.get(by, (6,))
 
 

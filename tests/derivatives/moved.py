@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast import Arm, Inputs, Pose
+from holdfast import Arm, Inputs, Link, Pose
 from holdfast.spatial import rotation
 from tests.oracles.chain_derivatives import symmetric_basis
 from tests.systems.as_chain import Problem
@@ -40,15 +40,7 @@ def moved_problem(p: Problem, at: Mapping[str, slice], along: np.ndarray) -> Pro
     for i, (name, arm) in enumerate(chain.arms.items()):
         part = chain.joints[name]
         base = moved(arm.base, d["base_pose"].reshape(-1, 6)[i])
-        links = [
-            replace(
-                link,
-                mass=link.mass + d["link_mass"][k],
-                com=link.com + d["link_com"][3 * k : 3 * k + 3],
-                inertia=link.inertia + np.tensordot(d["link_inertia"][6 * k : 6 * k + 6], symmetric_basis(), 1),
-            )
-            for k, link in enumerate(arm.links, start=part.start - first)
-        ]
+        links = [_moved_body(link, d, "link", k) for k, link in enumerate(arm.links, start=part.start - first)]
         arms[name] = replace(_driven(arm, drives, part.start), base=base, links=links)
     grasps = {
         name: replace(grasp, frame=moved(grasp.frame, d["grasp_pose"].reshape(-1, 6)[i]))
@@ -62,20 +54,24 @@ def moved_problem(p: Problem, at: Mapping[str, slice], along: np.ndarray) -> Pro
         inertia=body.inertia + np.tensordot(d["object_inertia"], symmetric_basis(), 1),
     )
     trunk = None if chain.trunk is None else _driven(chain.trunk, drives, 0)
+    if trunk is not None:
+        bodies = [_moved_body(body, d, "trunk_link", k) for k, body in enumerate(trunk.bodies)]
+        floating = None if trunk.floating is None else bodies[0]
+        trunk = replace(trunk, links=bodies[len(bodies) - len(trunk.links) :], floating=floating)
     chain = replace(
         chain, arms=arms, grasps=grasps, held_object=held, gravity=chain.gravity + d["gravity"], trunk=trunk
     )
-    floating = {}
+    of_base = {}
     if state.base_frame is not None:
-        floating["base_pose"] = moved(state.base_frame, d["floating_pose"]).wxyz_xyz
-        floating["base_twist"] = state.base_twist + d["floating_twist"]
+        of_base["base_pose"] = moved(state.base_frame, d["floating_pose"]).wxyz_xyz
+        of_base["base_twist"] = state.base_twist + d["floating_twist"]
     state = replace(
         state,
         q=state.q + d["q"],
         qd=state.qd + d["qd"],
         object_pose=moved(state.object_frame, d["object_pose"]).wxyz_xyz,
         object_twist=state.object_twist + d["object_twist"],
-        **floating,
+        **of_base,
     )
     pushed = {
         field: getattr(inputs, field) + d[name].reshape(getattr(inputs, field).shape)
@@ -88,6 +84,16 @@ def moved_problem(p: Problem, at: Mapping[str, slice], along: np.ndarray) -> Pro
     pushed |= {"base_twists": inputs.base_twists + twists}
     pushed |= {"base_accelerations": inputs.base_accelerations + accelerations}
     return Problem(chain, state, p.tau + d["tau"], Inputs(**pushed))
+
+
+def _moved_body(body: Link, d: Mapping[str, np.ndarray], what: str, k: int) -> Link:
+    """Return row k of links with another inertia."""
+    return replace(
+        body,
+        mass=body.mass + d[f"{what}_mass"][k],
+        com=body.com + d[f"{what}_com"][3 * k : 3 * k + 3],
+        inertia=body.inertia + np.tensordot(d[f"{what}_inertia"][6 * k : 6 * k + 6], symmetric_basis(), 1),
+    )
 
 
 def _driven(part: Arm, drives: Mapping[str, np.ndarray], start: int):

@@ -266,6 +266,24 @@ def test_names_of_trunks():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("kind", ["plain", "springs", "bushing", "trunk", "floating"])
+def test_every_argument_of_every_kind_of_chain(kind):
+    """Gradients by everything: a batch, on threads too, has the bits of one call, and only a bad system has none."""
+    p = problem(kind)
+    fast, by = compiled(p), names_for(p)
+    one = {name: np.asarray(x) for name, x in given(p).items()} | {"qdd": np.ones(p.chain.joint_count)}
+    many = {name: np.repeat(x[None], 5, 0) for name, x in one.items()}
+    many["q"][2, 0] = np.nan
+    alone = fast.forward_dynamics_vjp(**one, by=by)
+    for threads in (1, 2):
+        found = fast.forward_dynamics_vjp(**many, by=by, threads=threads)
+        assert [status is Status.OK for status in found.result.status] == [True, True, False, True, True]
+        for name in by:
+            assert np.isnan(found[name][2]).all()
+            assert all(same_bits(found[name][k], alone[name]) for k in (0, 1, 3, 4)), name
+
+
+@pytest.mark.slow
 def test_a_floating_base_is_an_input():
     """Its pose and twist are asked for by name; a bound call has them among its arrays; bits are a batch's."""
     p = random_chain(200, "floating")

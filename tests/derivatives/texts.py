@@ -27,7 +27,7 @@ from tests.systems.trunk_problems import on_trunk
 
 FIVE_POINTS = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 STEP = 1e-3
-OF_BODIES = ("object_mass", "object_com", "object_inertia", "link_mass", "link_com", "link_inertia")
+OF_BODIES = tuple(f"{body}_{x}" for body in ("object", "link", "trunk_link") for x in ("mass", "com", "inertia"))
 MOTION = ("q", "qd", "object_pose", "object_twist", "base_twist", "floating_twist", "trunk_base_twist")
 PLACES = ("q", "object_pose", "base_pose", "floating_pose")
 EVERY = {  # of any chain; "inverse_dynamics" has all that forward dynamics has, less tau

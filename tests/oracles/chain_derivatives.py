@@ -29,7 +29,7 @@ from tests.systems.as_chain import Problem
 
 OUTPUTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 POSES = {"object_pose": "object", "grasp_pose": "grasp", "base_pose": "base", "floating_pose": "floating"}
-INERTIAS = ("object_inertia", "link_inertia")
+INERTIAS = ("object_inertia", "link_inertia", "trunk_link_inertia")
 SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
@@ -77,6 +77,9 @@ def numbers_of(p: Problem, numbers: Arithmetic) -> dict[str, np.ndarray]:
     if trunk is not None:
         pushes = inputs.trunk_link_wrenches
         given["trunk_link_wrench"] = np.zeros((len(trunk.bodies), 6)) if pushes is None else pushes
+        given["trunk_link_mass"] = [body.mass for body in trunk.bodies]
+        given["trunk_link_com"] = [body.com for body in trunk.bodies]
+        given["trunk_link_inertia"] = [body.inertia for body in trunk.bodies]
         if trunk.floating is None:
             given["trunk_base_twist"] = inputs.trunk_base_twist
             given["trunk_base_acceleration"] = inputs.trunk_base_acceleration
@@ -93,7 +96,7 @@ def names_of(chain: ClosedChain) -> tuple[str, ...]:
     names += ["object_inertia", "grasp_pose", "base_pose", "base_twist", "base_acceleration", "link_mass", "link_com"]
     names += ["link_inertia", "link_wrench", "armature", "damping"]
     if chain.trunk is not None:
-        names += ["trunk_link_wrench"]
+        names += ["trunk_link_mass", "trunk_link_com", "trunk_link_inertia", "trunk_link_wrench"]
         floats = chain.trunk.floating is not None
         names += ["floating_pose", "floating_twist"] if floats else ["trunk_base_twist", "trunk_base_acceleration"]
     return tuple(names)

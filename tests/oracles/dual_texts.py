@@ -24,6 +24,8 @@ from tests.oracles.chain_derivatives import OUTPUTS, Derivatives, Seeded, names_
 from tests.oracles.dual import tangents_of, values_of
 from tests.systems.as_chain import Problem
 
+OF_BODY = ("mass", "com", "inertia")
+
 
 def text_derivatives(p: Problem, by: Iterable[str] | None = None) -> Derivatives:
     """Return forward dynamics by `sequential` and its partial derivatives, as `chain_derivatives` does."""
@@ -47,8 +49,7 @@ def _chain(chain: ClosedChain, given: Mapping[str, Any]) -> ClosedChain:
     for i, (name, arm) in enumerate(chain.arms.items()):
         part = chain.joints[name]
         rows = slice(part.start - first, part.stop - first)
-        numbers = zip(*(given[f"link_{what}"][rows] for what in ("mass", "com", "inertia")), strict=True)
-        links = [replace(Link(0.0, com, inertia, physical=False), mass=mass) for mass, com, inertia in numbers]
+        links = _links(*(given[f"link_{what}"][rows] for what in OF_BODY))
         base = Pose.unchecked(given["base_R"][i], given["base_p"][i])
         arms[name] = replace(arm, joints=_joints(arm.joints, part, given), links=links, base=base, name="")
     grasps = {
@@ -63,10 +64,20 @@ def _chain(chain: ClosedChain, given: Mapping[str, Any]) -> ClosedChain:
         trunk.__dict__.update(vars(chain.trunk))
         trunk.__dict__["joints"] = _joints(chain.trunk.joints, chain.joints[TRUNK], given)
         trunk.__dict__.pop("serial", None)
+        made = _links(*(given[f"trunk_link_{what}"] for what in OF_BODY))
+        bodies = [replace(body, name=own.name) for body, own in zip(made, chain.trunk.bodies, strict=True)]
+        first = len(bodies) - len(chain.trunk.links)
+        trunk.__dict__.update(links=tuple(bodies[first:]), floating=bodies[0] if first else None)
     made = object.__new__(ClosedChain)
     own = {"arms": arms, "held_object": body, "grasps": grasps, "gravity": given["gravity"]}
     made.__dict__.update(own | {"mounts": chain.mounts, "trunk": trunk, "springs": chain.springs})
     return made
+
+
+def _links(masses, coms, inertias) -> list[Link]:
+    """Return links with inertias of dual numbers."""
+    rows = zip(masses, coms, inertias, strict=True)
+    return [replace(Link(0.0, com, inertia, physical=False), mass=mass) for mass, com, inertia in rows]
 
 
 def _joints(joints, part: slice, given: Mapping[str, Any]) -> tuple:

@@ -104,7 +104,7 @@ def missing(chain: ClosedChain, given: Given, z: np.ndarray, numbers: Arithmetic
     """Return what is missing in every equation.
 
     Args:
-        chain: kinds, axes, places, tips, springs of joints, and all of a trunk's bodies are read.
+        chain: kinds, axes, places, tips and springs of joints are read.
         given: the rest, by name; see `tests.oracles.directions`.
         z: the unknowns.
         numbers: arithmetic; sine and cosine are the scalars' own.
@@ -188,16 +188,13 @@ class _Text:
         else:
             moving = np.concatenate([given["floating_twist"], self.z[self.at.base]])
             base = MovingFrame(given["floating_R"], given["floating_p"], *np.split(moving, 4))
-        pushes = given["trunk_link_wrench"]
+        of_bodies = ("trunk_link_mass", "trunk_link_com", "trunk_link_inertia", "trunk_link_wrench")
+        bodies = list(zip(*(given[name] for name in of_bodies), strict=True))
         self.of_floating = None
         if trunk.floating is not None:
-            body, pushes = trunk.floating, pushes[1:]
-            constants = (numbers.array(x) for x in (body.mass, body.com, body.inertia))
-            self.of_floating = self._body(base, *constants) - given["trunk_link_wrench"][0]
-        links = [
-            (*(numbers.array(x) for x in (link.mass, link.com, link.inertia)), push)
-            for link, push in zip(trunk.links, pushes, strict=True)
-        ]
+            *constants, push = bodies[0]
+            self.of_floating = self._body(base, *constants) - push
+        links = bodies[len(bodies) - len(trunk.links) :]
         self.trunk = self._strand(trunk, base, links, chain.joints[TRUNK])
         return [*([base] if trunk.floating is not None else []), *self.trunk.frames]
 

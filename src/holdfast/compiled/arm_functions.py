@@ -10,10 +10,10 @@ import numpy as np
 
 from holdfast.compiled.externals import (
     FLOATING,
-    LINKS,
     STATE,
     TRUNK_BASE_MOTION,
     externals,
+    link_parameters,
     shapes,
     starts,
     state_fields,
@@ -108,7 +108,7 @@ class Computation:
         inputs, parameters = list(self.inputs), list(self.parameters)
         if options.link_wrenches:
             inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
-        parameters += LINKS if options.link_inertia else ()
+        parameters += link_parameters(chain) if options.link_inertia else ()
         parameters += ("grasp_R", "grasp_p") if self._by_bushings(chain) else ()
         inputs += self.of_base(chain)
         if chain.trunk is not None and self._placed:

@@ -62,8 +62,9 @@ def compile(
         dtype: the number type; only `float64` is supported.
         method: how the inverse inertia at each arm's tip is computed: `recursive` (articulated-body recursion),
             `mass_matrix` (by factorisation), or `auto`, which chooses one for each arm.
-        parameters: further run-time parameters: `link_inertia` (adds link_mass, link_com and link_inertia) and
-            `link_wrench` (external wrenches on the links).
+        parameters: further run-time parameters: `link_inertia` (adds link_mass, link_com and link_inertia, and
+            with a trunk trunk_link_mass, trunk_link_com and trunk_link_inertia of its bodies, a floating base first)
+            and `link_wrench` (external wrenches on the links).
         generic_rank: the rank of the grasp constraint away from singular configurations. If it is None, it is
             determined when it first matters.
         progress: whether to show, in a notebook or on a terminal, that machine code is made and how long it took. That

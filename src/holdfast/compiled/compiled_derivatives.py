@@ -11,7 +11,7 @@ import numpy as np
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.calls import Calls
 from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes, given_names
-from holdfast.compiled.externals import FLOATING, LINKS, MOVING
+from holdfast.compiled.externals import FLOATING, LINKS, MOVING, TRUNK_LINKS
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import WRENCHES, parameters_of, parse_parameters, require_floating
 from holdfast.compiled.result import INDETERMINATE, CompiledResult
@@ -185,7 +185,7 @@ def options_of(options: Options, arguments: Sequence[str], moving: bool) -> Opti
     varied = any(name in MOVING for name in arguments)
     return replace(
         options,
-        link_inertia=options.link_inertia or any(name in LINKS for name in arguments),
+        link_inertia=options.link_inertia or any(name in (*LINKS, *TRUNK_LINKS) for name in arguments),
         link_wrenches=options.link_wrenches or any(name in WRENCHES for name in arguments),
         base_motion=options.base_motion or moving or varied,
     )

@@ -18,7 +18,7 @@ from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_i
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.closed.forward_derivatives import backward, forward, results_of
-from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian, units_needed
+from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, in_each_column, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import point
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.dynamics.spring_rates import pushed, spring_rates, with_pulled
@@ -96,8 +96,8 @@ class Request(NamedTuple):
             springs = spring_rates(VariedCase(chain, state, inputs, {}), self.arguments)
         if self.kind == "jacobian":
             changed = () if springs is None else springs.names
-            rates = dict.fromkeys(changed, lambda at, tangents: forward(at, pushed(springs, tangents)))
-            columns = jacobian(at, self.results, self.arguments, given[UNITS], rates)
+            rates = dict.fromkeys(changed, lambda at, _: lambda tangents: forward(at, pushed(springs, tangents)))
+            columns = jacobian(at, self.results, self.arguments, given[UNITS], rates, in_each_column)
             found = {f"{of}.{by}": x for (of, by), x in columns.items()}
         elif self.kind == "vjp":
             found = with_pulled(springs, self.arguments, lambda names: backward(at, own, names, together=True))

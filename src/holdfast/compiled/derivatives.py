@@ -59,7 +59,8 @@ class ChainDerivatives:
             object_twist: (6,) [omega; v of C], world axes.
             by: the arguments whose gradients are wanted: q, qd, tau, object_pose, object_twist, object_wrench,
                 gravity, object_mass, object_com, object_inertia, grasp_pose, base_pose, base_twist,
-                base_acceleration, armature, damping, link_mass, link_com, link_inertia, link_wrench.
+                base_acceleration, armature, damping, link_mass, link_com, link_inertia, link_wrench; with a trunk
+                also those that `holdfast.forward_dynamics_vjp` lists.
             out: earlier derivatives of the same request, to be overwritten.
             threads: the number of threads for a batch.
             **cotangents_and_parameters: cotangents of any of qdd (n,), grasp_wrench (arms, 6), object_acceleration

@@ -17,12 +17,19 @@ STATE, FLOATING = tuple(STATE_FIELDS), tuple(FLOATING_FIELDS)
 BASE_MOTION = ("base_twist", "base_acceleration")  # parameters if bases move
 TRUNK_BASE_MOTION = ("trunk_base_twist", "trunk_base_acceleration")
 MOVING = (*BASE_MOTION, *TRUNK_BASE_MOTION)
-LINKS = ("link_mass", "link_com", "link_inertia")  # parameters if the option `link_inertia` is set
+# Parameters if the option `link_inertia` is set: of the arms' links, and of a trunk's bodies.
+LINKS = ("link_mass", "link_com", "link_inertia")
+TRUNK_LINKS = tuple(f"trunk_{name}" for name in LINKS)
 
 
 def state_fields(chain: ClosedChain) -> dict[str, str]:
     """Return the fields of a chain's state by the names of its arrays."""
     return STATE_FIELDS | (FLOATING_FIELDS if chain.floats else {})
+
+
+def link_parameters(chain: ClosedChain) -> tuple[str, ...]:
+    """Return the parameters of a chain if the option `link_inertia` is set."""
+    return LINKS if chain.trunk is None else (*LINKS, *TRUNK_LINKS)
 
 
 def shapes(chain: ClosedChain) -> dict[str, Shape]:
@@ -63,6 +70,9 @@ def shapes(chain: ClosedChain) -> dict[str, Shape]:
         "trunk_base_twist": (6,),
         "trunk_base_acceleration": (6,),
         "trunk_link_wrench": (bodies, 6),
+        "trunk_link_mass": (bodies,),
+        "trunk_link_com": (bodies, 3),
+        "trunk_link_inertia": (bodies, 3, 3),
         "trunk_base_wrench": (6,),
         "floating_acceleration": (6,),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from holdfast.compiled.externals import BASE_MOTION, FLOATING, LINKS, TRUNK_BASE_MOTION, externals, shapes
+from holdfast.compiled.externals import BASE_MOTION, FLOATING, TRUNK_BASE_MOTION, externals, link_parameters, shapes
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.program import Shape
@@ -44,7 +44,7 @@ def forward_externals(structure: Structure) -> dict[str, External]:
     if options.link_wrenches:
         inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
     if options.link_inertia:
-        parameters += LINKS
+        parameters += link_parameters(chain)
     of_status: dict[str, Shape] = {"generic_rank": (), "rank": (), "status": (), "condition": ()}
     outputs = (*guarded_outputs(chain), "rank", "status", "condition")
     return externals(inputs, parameters, outputs, shapes(chain) | of_status)

@@ -32,6 +32,7 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
     arms, grasps, body = list(chain.arms.values()), list(chain.grasps.values()), chain.held_object
     l, g = len(arms), len(grasps)
     links = [link for arm in arms for link in arm.links]
+    bodies = () if chain.trunk is None else chain.trunk.bodies
     return {
         "object_wrench": np.zeros(6),
         "link_wrench": np.zeros((len(links), 6)),
@@ -39,7 +40,10 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
         "about": np.zeros(3),
         LIMITS: np.array(joint_limits(chain)),
         "generic_rank": np.array(-1.0 if generic_rank is None else float(generic_rank)),
-        "trunk_link_wrench": np.zeros((0 if chain.trunk is None else len(chain.trunk.bodies), 6)),
+        "trunk_link_wrench": np.zeros((len(bodies), 6)),
+        "trunk_link_mass": np.array([body.mass for body in bodies]),
+        "trunk_link_com": np.array([body.com for body in bodies]).reshape(-1, 3),
+        "trunk_link_inertia": np.array([body.inertia for body in bodies]).reshape(-1, 3, 3),
         "floating_pose": np.eye(7)[0],
         "floating_twist": np.zeros(6),
         "trunk_base_twist": np.zeros(6),
@@ -98,7 +102,7 @@ def parse_parameters(
             raise StateError(f"{name}: expected finite numbers")
         if name in BASE_MOTION:
             _require_still(name, a, chain)
-        if name in ("object_mass", "object_inertia", "link_mass", "link_inertia"):
+        if name.endswith(("_mass", "_inertia")):
             _require_inertia(name, a)
         if name in _POSES:
             rotations, origins = _POSES[name]

@@ -109,7 +109,7 @@ class Structure:
         """A digest of everything on which the code depends: arm types in order, options, trunk and springs."""
         names = list(self.types)
         order = [names.index(self.type_of[name]) for name in self.chain.names]
-        trunk = [] if self.chain.trunk is None else [*_of_trunk(self.chain)]
+        trunk = [] if self.chain.trunk is None else [*_of_trunk(self.chain, self.options.link_inertia)]
         springs = [fingerprint(self.chain.springs).encode()] if self.chain.springs else []
         return _digest([repr((names, order, self.options)).encode(), *trunk, *springs])
 
@@ -144,16 +144,16 @@ def _folded(arm: Arm, without_links: bool) -> Iterator[bytes]:
     yield from (arm.tip.R.tobytes(), arm.tip.p.tobytes())
 
 
-def _of_trunk(chain: ClosedChain) -> Iterator[bytes]:
-    """Yield the bytes of a trunk, whose numbers all become constants, and of which arm is mounted on which body."""
+def _of_trunk(chain: ClosedChain, without_links: bool) -> Iterator[bytes]:
+    """Yield the bytes of a trunk's numbers that become constants, and of which arm is mounted on which body."""
     trunk = chain.trunk
     assert trunk is not None
     yield repr((chain.names, dict(chain.mounted_on))).encode()
     if trunk.serial is not None:
-        yield from _folded(trunk.serial, False)
+        yield from _folded(trunk.serial, without_links)
     if trunk.floating is not None:
         link = trunk.floating
-        yield np.array([link.mass, *link.com, *link.inertia.flat]).tobytes()
+        yield b"floating" if without_links else np.array([link.mass, *link.com, *link.inertia.flat]).tobytes()
     else:
         yield from (trunk.base.R.tobytes(), trunk.base.p.tobytes())
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import BASE_MOTION, FLOATING, TRUNK_BASE_MOTION, link_rows
+from holdfast.compiled.externals import BASE_MOTION, FLOATING, LINKS, TRUNK_BASE_MOTION, TRUNK_LINKS, link_rows
 from holdfast.compiled.structure import Structure
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.constant import Constant, constants
@@ -87,7 +87,7 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
     other = object.__new__(ClosedChain)
     gravity = given.get("gravity", np.zeros(3))
     own = {"arms": arms, "held_object": body, "grasps": grasps, "gravity": gravity, "mounts": chain.mounts}
-    own["trunk"] = None if chain.trunk is None else _constant_trunk(chain.trunk)
+    own["trunk"] = None if chain.trunk is None else _traced_trunk(chain.trunk, given)
     own["springs"] = tuple(_constant_spring(spring) for spring in chain.springs)
     other.__dict__.update(own)
     return other
@@ -141,9 +141,13 @@ def _with_links(structure: Structure, arm: Arm, given: Given, joints: slice) -> 
     """Return the arm; its link inertias are replaced by traced parameters if the options ask for it."""
     if not structure.by_links or not structure.options.link_inertia:
         return arm
-    rows = zip(given["link_mass"][joints], given["link_com"][joints], given["link_inertia"][joints], strict=True)
-    links = [replace(Link(0.0, com, I, physical=False), mass=m) for m, com, I in rows]
-    return arm.of(links=tuple(links))
+    return arm.of(links=_traced_links(*(given[name][joints] for name in LINKS)))
+
+
+def _traced_links(masses: Array, coms: Array, inertias: Array) -> tuple[Link, ...]:
+    """Return links whose inertias are traced parameters."""
+    rows = zip(masses, coms, inertias, strict=True)
+    return tuple(replace(Link(0.0, com, I, physical=False), mass=m) for m, com, I in rows)
 
 
 def _with_constants(arm: Arm, structure: Structure) -> Arm:
@@ -158,12 +162,18 @@ def _with_constants(arm: Arm, structure: Structure) -> Arm:
     return made if structure.options.link_inertia else regrouped(made)
 
 
-def _constant_trunk(trunk: Trunk) -> Trunk:
-    """Return the trunk with all its numbers as `Constant`."""
+def _traced_trunk(trunk: Trunk, given: Given) -> Trunk:
+    """Return the trunk with its numbers as `Constant`, except inertias of its bodies that are traced parameters."""
     made = object.__new__(Trunk)
     joints = tuple(_constant_joint(joint) for joint in trunk.joints)
-    links = tuple(replace(_constant_link(link), name=link.name) for link in trunk.links)  # arms are mounted by name
-    floating = None if trunk.floating is None else _constant_link(trunk.floating)
+    if TRUNK_LINKS[0] in given:
+        bodies = _traced_links(*(given[name] for name in TRUNK_LINKS))
+    else:
+        bodies = tuple(_constant_link(body) for body in trunk.bodies)
+    first = len(bodies) - len(trunk.links)
+    named = zip(bodies[first:], trunk.links, strict=True)  # arms are mounted by name
+    links = tuple(replace(body, name=link.name) for body, link in named)
+    floating = bodies[0] if first else None
     made.__dict__.update(joints=joints, links=links, base=_constant_pose(trunk.base), floating=floating)
     return made
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.closed.forward_derivatives import VirtualPower, arguments_of, backward, forward, results_of
+from holdfast.dynamics.closed.forward_derivatives import VirtualPower, arguments_of, backward, results_of
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.sequential import sequential
@@ -19,7 +19,7 @@ from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.least_forces import LeastForces, least_forces
 from holdfast.dynamics.linear_text import LinearText
 from holdfast.dynamics.result import ForwardResult, Status
-from holdfast.dynamics.spring_rates import pushed, spring_rates, with_pulled
+from holdfast.dynamics.spring_rates import pushed, pushed_along, spring_rates, with_pulled
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -84,7 +84,8 @@ def forward_dynamics_vjp(
         inputs: external wrenches and base motion; zero by default.
         by: the arguments: q, qd, tau, object_pose, object_twist, object_wrench, gravity, object_mass, object_com,
             object_inertia, grasp_pose, base_pose, base_twist, base_acceleration, armature, damping, link_mass,
-            link_com, link_inertia, link_wrench; with a trunk also trunk_link_wrench, and floating_pose and
+            link_com, link_inertia, link_wrench; with a trunk also trunk_link_mass, trunk_link_com,
+            trunk_link_inertia and trunk_link_wrench of its bodies (a floating base first), and floating_pose and
             floating_twist or trunk_base_twist and trunk_base_acceleration. The base_pose of an arm on a trunk is
             relative to the body on which it is mounted.
         check: False skips the consistency check.
@@ -200,7 +201,7 @@ def forward_dynamics_jacobian(
     shapes = gradient_shapes(chain)
     springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), by)
     changed = by if least is not None else () if springs is None else springs.names
-    rates = dict.fromkeys(changed, lambda at, tangents: _forward(at, tangents, springs, least))
+    rates = dict.fromkeys(changed, lambda at, shapes: _along(at, shapes, springs, least))
     size = max(units_needed(chain, by), *(math.prod(shapes[name]) for name in changed), 0)
     columns = jacobian(at, of, by, np.eye(size), rates)
     return _finite(
@@ -223,9 +224,17 @@ def _forward(
     at: Point, tangents: Mapping[str, Array], springs: LinearText | None, least: LeastForces | None
 ) -> dict[str, Array]:
     """Return the rates of change of all results."""
-    tangents = pushed(springs, tangents)
-    found = forward(at, tangents)
-    return found if least is None else least.forward(at, found, tangents)
+    return _along(at, {name: np.shape(x) for name, x in tangents.items()}, springs, least)(tangents)
+
+
+def _along(
+    at: Point, shapes: Mapping[str, tuple[int, ...]], springs: LinearText | None, least: LeastForces | None
+) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
+    """Return the rates of change of all results as a function of those of the arguments."""
+    along = pushed_along(at, springs, shapes)
+    if least is None:
+        return along
+    return lambda tangents: least.forward(at, along(tangents), pushed(springs, tangents))
 
 
 def _point(

@@ -17,7 +17,10 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Scalar
 from holdfast.state import Inputs, State, require_fit
 
-OF_INERTIAS = ("object_mass", "object_com", "object_inertia", "link_mass", "link_com", "link_inertia")
+OF_INERTIAS = (
+    *("object_mass", "object_com", "object_inertia", "link_mass", "link_com", "link_inertia"),
+    *("trunk_link_mass", "trunk_link_com", "trunk_link_inertia"),
+)
 PLACES = ("q", "object_pose")
 MOTION = (*PLACES, "qd", "object_twist")
 
@@ -40,7 +43,8 @@ def kinetic_energy_vjp(
         state: positions and velocities.
         inputs: base motion, if the bases move.
         by: the arguments: q, qd, object_pose, object_twist, base_pose, base_twist, armature, and mass, com
-            and inertia of object_ and link_; with a trunk floating_pose and floating_twist, or trunk_base_twist.
+            and inertia of object_ and link_; with a trunk those of trunk_link_, and floating_pose and
+            floating_twist, or trunk_base_twist.
         kinetic_energy: the cotangent T_bar; 1 gives the gradients of T itself.
 
     Returns:
@@ -123,7 +127,7 @@ def potential_energy_vjp(
         chain: the chain.
         state: positions; velocities are ignored.
         by: the arguments: q, object_pose, gravity, base_pose, grasp_pose, and mass, com and inertia of object_
-            and link_; with a floating base also floating_pose.
+            and link_; with a trunk those of trunk_link_, with a floating base also floating_pose.
         potential_energy: the cotangent U_bar; 1 gives the gradients of U itself.
 
     Returns:

@@ -12,6 +12,7 @@ in coordinates that do not rotate within the tangent space, T^+ dT/dt = 0 (docs/
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.pose_tangents import rates_of
 from holdfast.dynamics.constraint import DEPENDENT, constraint_rows
 from holdfast.dynamics.derivatives import forward_dynamics_jacobian, result_named
-from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
+from holdfast.dynamics.trunk.trunk_power import TrunkCase, TrunkUnknowns
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -134,31 +135,46 @@ def tangent_basis(motion: ChainMotion) -> Array:
     in_position = [replace(c, rows=c.grasp.of_kind.position_rows) for c in motion.contacts]
     N_p = constraint_rows(replace(motion, contacts=in_position)).motions
     rows = constraint_rows(motion)
-    turned = np.array([velocity_gap_rates(motion, unit) for unit in np.eye(half)]).T  # D
+    gap_rates = velocity_gap_rates(motion)
+    turned = np.array([gap_rates(unit) for unit in np.eye(half)]).T  # D
     N_v = rows.motions
     turned = turned.reshape(len(rows.matrix), half)
     follows = -np.linalg.pinv(rows.matrix, rcond=DEPENDENT) @ (turned @ N_p) if len(rows.matrix) else 0.0 * N_p
     return np.block([[N_p, np.zeros((half, N_v.shape[1]))], [follows, N_v]])
 
 
-def velocity_gap_rates(motion: ChainMotion, moved: Array) -> Array:
-    """Return the rates of the velocity residuals for given rates of the positions and constant velocities, (rows,).
+def velocity_gap_rates(motion: ChainMotion) -> Callable[[Array], Array]:
+    """Return the rates of the velocity residuals, (rows,), as a function of those of the positions.
 
-    Args:
-        motion: the chain's motion.
-        moved: (n + 6,) rates of the joints and of the object's [turn; shift]; (n + 12,) with a floating base.
+    Velocities are constant. The rates of the positions are (n + 6,), those of the joints and of the object's
+    [turn; shift]; (n + 12,) with a floating base.
     """
-    chain, n = motion.chain, motion.chain.joint_count
-    poses, carried = {"object_pose": moved[n : n + 6]}, {}
-    if motion.trunk_case is not None:
-        case, rates = motion.trunk_case, {"q": moved[chain.joints[TRUNK]]}
-        if chain.floats:
-            rates |= rates_of({"floating_pose": moved[n + 6 :]}, "floating", case.base.R, "base")
-        carried = case.base_rates(TrunkUnknowns(np.zeros(len(case.q)), np.zeros(6)), rates)
-    found = []
-    for name in chain.grasps:
-        case = motion.cases[name]
-        rates = {"q": moved[chain.joints[name]]} | rates_of(poses, "object", case.frame.R) | carried.get(name, {})
-        rates.pop("base_acceleration", None)
-        found += case.velocity_gap(list(rates)).rates(*rates.values())
-    return np.concatenate([np.zeros(0), *found])
+    chain, n, trunk = motion.chain, motion.chain.joint_count, motion.trunk_case
+    still, of_bases = np.zeros(chain.velocity_count), None
+    if trunk is not None:
+        none = TrunkUnknowns(np.zeros(len(trunk.q)), np.zeros(6))
+        of_bases = trunk.base_motion(none, list(_trunk_rates(chain, trunk, still)))
+
+    def given(moved: Array) -> dict[str, dict[str, Array]]:
+        carried = {}
+        if trunk is not None and of_bases is not None:
+            carried = trunk.base_rates(of_bases, _trunk_rates(chain, trunk, moved))
+        found = {}
+        for name in chain.grasps:
+            poses = rates_of({"object_pose": moved[n : n + 6]}, "object", motion.cases[name].frame.R)
+            found[name] = {"q": moved[chain.joints[name]]} | poses | carried.get(name, {})
+            found[name].pop("base_acceleration", None)
+        return found
+
+    gaps = {name: motion.cases[name].velocity_gap(list(rates)) for name, rates in given(still).items()}
+    return lambda moved: np.concatenate(
+        [np.zeros(0), *(x for name, rates in given(moved).items() for x in gaps[name].rates(*rates.values()))]
+    )
+
+
+def _trunk_rates(chain: ClosedChain, case: TrunkCase, moved: Array) -> dict[str, Array]:
+    """Return the rates of the trunk's positions."""
+    rates = {"q": moved[chain.joints[TRUNK]]}
+    if chain.floats:
+        rates |= rates_of({"floating_pose": moved[chain.joint_count + 6 :]}, "floating", case.base.R, "base")
+    return rates

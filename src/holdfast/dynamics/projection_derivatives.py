@@ -15,6 +15,7 @@ from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.closed.virtual_power import ArmCase
 from holdfast.dynamics.projection import Change, position_contact
 from holdfast.dynamics.projection_case import PositionCase, RestTrunk, VelocityCase
+from holdfast.dynamics.trunk.trunk_derivatives import TRUNK_LINKS
 from holdfast.dynamics.trunk.trunk_power import TrunkCase
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, concatenate, each
@@ -23,7 +24,7 @@ from holdfast.state import Inputs, State
 OF_POSITIONS = ("q", "object_pose", "floating_pose")
 OF_VELOCITIES = ("qd", "object_twist", "floating_twist", "base_twist", "trunk_base_twist")
 OF_MODEL = ("grasp_pose", "base_pose", "object_mass", "object_com", "object_inertia", "armature")
-OF_LINKS = ("link_mass", "link_com", "link_inertia")
+OF_LINKS = ("link_mass", "link_com", "link_inertia", *TRUNK_LINKS)
 OF_ROUND = (*OF_POSITIONS, *OF_MODEL, *OF_LINKS)
 OF_PROJECTION = (*OF_ROUND, *OF_VELOCITIES)
 

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+
+from holdfast.dynamics.closed.forward_derivatives import forward_along
+from holdfast.dynamics.closed.forward_jacobian import Shape
+from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.linear_text import LinearText, Text, linear_text
 from holdfast.dynamics.varied_case import OF_INPUTS, VariedCase
@@ -33,6 +38,17 @@ def pushed(springs: LinearText | None, tangents: Mapping[str, Array]) -> Mapping
         return tangents
     added = springs.rates({name: tangents[name] for name in springs.names if name in tangents})
     return {**tangents, **{name: tangents.get(name, 0.0) + x for name, x in added.items()}}
+
+
+def pushed_along(
+    at: Point, springs: LinearText | None, shapes: Mapping[str, Shape]
+) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
+    """Return `forward_along` with the rates of the springs' wrenches."""
+    if springs is None:
+        return forward_along(at, shapes)
+    still = pushed(springs, {name: np.zeros(shape) for name, shape in shapes.items()})
+    along = forward_along(at, {name: np.shape(x) for name, x in still.items()})
+    return lambda tangents: along(pushed(springs, tangents))
 
 
 def with_pulled(

@@ -54,6 +54,7 @@ class VariedCase(NamedTuple):
         """Return the named numbers; rows are arms, grasps or links, and rotations are matrices."""
         arms, body, frame = list(self.chain.arms.values()), self.chain.held_object, self.state.object_frame
         grasps, links = list(self.chain.grasps.values()), [link for arm in arms for link in arm.links]
+        bodies = [] if self.chain.trunk is None else self.chain.trunk.bodies
         joints, floating = self.chain.all_joints, self.state.base_frame or Pose.identity()
         own = {
             "object_R": lambda: frame.R,
@@ -73,6 +74,11 @@ class VariedCase(NamedTuple):
             "link_mass": lambda: [link.mass for link in links],
             "link_com": lambda: np.reshape([link.com for link in links], (-1, 3)),
             "link_inertia": lambda: np.reshape([link.inertia for link in links], (-1, 3, 3)),
+        }
+        own |= {
+            "trunk_link_mass": lambda: [body.mass for body in bodies],
+            "trunk_link_com": lambda: [body.com for body in bodies],
+            "trunk_link_inertia": lambda: [body.inertia for body in bodies],
         }
         own |= {name: lambda field=field: getattr(self.state, field) for name, field in OF_STATE.items()}
         own |= {name: lambda field=field: getattr(self.inputs, field) for name, field in OF_INPUTS.items()}
@@ -135,11 +141,15 @@ def _arm(arm: Arm, base: Pose, numbers: Numbers, rows: slice, first: int) -> Arm
 
 
 def _trunk(trunk: Trunk, numbers: Numbers, rows: slice) -> Trunk:
-    """Return a trunk with other numbers for its joints."""
-    own = _of_joints(trunk.joints, numbers, rows)
-    if not own or trunk.serial is None:
-        return trunk
-    return _changed(trunk, {"joints": own["joints"], "serial": _changed(trunk.serial, own)})
+    """Return a trunk with other numbers for its joints and bodies."""
+    own = _of_joints(trunk.joints, numbers, rows) if trunk.joints else {}
+    bodies = tuple(_body(body, "trunk_link", numbers, k) for k, body in enumerate(trunk.bodies))
+    links = bodies[len(bodies) - len(trunk.links) :]
+    made = {"joints": own.get("joints", trunk.joints), "links": links}
+    made["floating"] = None if trunk.floating is None else bodies[0]
+    if trunk.serial is not None:
+        made["serial"] = _changed(trunk.serial, {**own, "links": links})
+    return _changed(trunk, made)
 
 
 def _of_joints(joints: Sequence[Joint], numbers: Numbers, rows: slice) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import overload
 
 from holdfast.compiled.chain import CompiledChain
-from holdfast.compiled.externals import BASE_MOTION, LINKS, TRUNK_BASE_MOTION
+from holdfast.compiled.externals import BASE_MOTION, TRUNK_BASE_MOTION, link_parameters
 from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.errors import StateError
 from holdfast.interop.jax_arguments import require_names
@@ -108,7 +108,7 @@ def to_jax(
 def _known(compiled: CompiledChain) -> tuple[str, ...]:
     """Return which parameters may be given."""
     chain, options = compiled.chain, compiled.options
-    known = [*_PARAMETERS, *BASE_MOTION, *(LINKS if options.link_inertia else ())]
+    known = [*_PARAMETERS, *BASE_MOTION, *(link_parameters(chain) if options.link_inertia else ())]
     if options.link_wrenches:
         known += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else [])]
     return (*known, *(TRUNK_BASE_MOTION if chain.trunk is not None and not chain.floats else ()))

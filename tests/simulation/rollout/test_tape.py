@@ -11,6 +11,7 @@ from examples.benchmarks import four_bar
 from scipy.optimize import brentq
 
 import holdfast as hf
+from holdfast.compiled.parameters import parameters_of
 from holdfast.spatial import rotation
 from tests.derivatives.chains import random_chain
 from tests.systems import random_system
@@ -31,6 +32,9 @@ def law(n: int) -> hf.ControlLaw:
     return hf.ControlLaw(damped, memory=np.full(n, 0.2), parameters={"tau": (n,), "gain": (n,)})
 
 
+OF_BODIES = ("link_mass", "link_com", "trunk_link_mass", "trunk_link_com")
+
+
 class Rolled:
     """A rollout as a function of what gradients are by, and a scalar of its result for every system.
 
@@ -40,9 +44,14 @@ class Rolled:
         bars: cotangents at the end, and along the steps.
     """
 
-    def __init__(self, p: Problem, along: tuple[str, ...] = ("grasp_wrench", "qd")) -> None:
+    def __init__(
+        self,
+        p: Problem,
+        along: tuple[str, ...] = ("grasp_wrench", "qd"),
+        parameters: tuple[str, ...] = (),
+    ) -> None:
         random, n = np.random.default_rng(0), p.chain.joint_count
-        self.p, self.rollout = p, hf.compile_rollout(p.chain, law(n))
+        self.p, self.rollout = p, hf.compile_rollout(p.chain, law(n), parameters=parameters)
         self.tau = p.tau + random.normal(size=(STEPS, SYSTEMS, n))
         shapes = {"grasp_wrench": (len(p.chain.arms), 6), "qd": (n,), "qdd": (n,)}
         self.final = {
@@ -65,6 +74,8 @@ class Rolled:
         given = {"gain": np.full(n, 0.5) + d.get("gain", 0.0), "grasp_pose": np.array(moved)}
         given |= {"base_pose": np.array(bases)} if "base_pose" in d else {}
         given |= {"object_mass": body.mass + d.get("object_mass", 0.0), "object_inertia": np.array(body.inertia)}
+        for name in OF_BODIES:
+            given |= {name: parameters_of(self.p.chain, None)[name] + d[name]} if name in d else {}
         floating = {} if at.base_pose is None else {"floating_pose": at.base_pose, "floating_twist": at.base_twist}
         pose = at.object_pose + np.concatenate([np.zeros(4), np.reshape(d.get("object_pose", np.zeros(6)), 6)[3:]])
         tau = self.tau + d.get("tau", 0.0)
@@ -176,8 +187,8 @@ def test_refusals(rolled):
 @pytest.mark.parametrize("trunk", ["fixed", "floating"])
 def test_trunks(trunk):
     """Arms on a trunk, which may float."""
-    names = ("q", "qd", "memory", "gain", "tau", "step", "object_mass")
-    assert Rolled(random_chain(1, trunk)).worst(names, far=1e-5) < 1e-7
+    names = ("q", "qd", "memory", "gain", "tau", "step", "object_mass", *OF_BODIES)
+    assert Rolled(random_chain(1, trunk), parameters=("link_inertia",)).worst(names, far=1e-5) < 1e-7
 
 
 def sprung(p: Problem) -> Rolled:

@@ -10,7 +10,7 @@ the bases are along world axes, those of grasps along the object's axes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,15 +28,18 @@ from holdfast.dynamics.trunk.trunk_derivatives import (
     OF_JOINTS,
     OF_STANDING,
     OF_TRUNK,
+    TRUNK_LINKS,
+    TrunkRates,
     gradient_through_trunk,
     multipliers_through_trunk,
     trunk_load,
     trunk_rates,
-    trunk_residual_rates,
+    trunk_residual_rates_along,
 )
 from holdfast.dynamics.trunk.trunk_power import MOTION, TrunkUnknowns
 from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, solved_through_trunk
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, array, concatenate, each, scan
 
 RESULTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
@@ -57,7 +60,7 @@ def arguments_of(chain: ClosedChain) -> tuple[str, ...]:
     """Return the names of the arguments with respect to which a chain's forward dynamics can be differentiated."""
     if chain.trunk is None:
         return ARGUMENTS
-    return (*ARGUMENTS, "trunk_link_wrench", *(OF_FLOATING if chain.floats else OF_STANDING))
+    return (*ARGUMENTS, *TRUNK_LINKS, "trunk_link_wrench", *(OF_FLOATING if chain.floats else OF_STANDING))
 
 
 class VirtualPower(NamedTuple):
@@ -113,6 +116,8 @@ def backward(
         of_arms = [{name: x - sign * g[name] for name, x in of.items()} for of, g in zip(of_arms, more, strict=True)]
         below = {name: x - sign * under[name] for name, x in below.items()}
     found: dict[str, Array] = {name: below[name] for name in (*OF_TRUNK, "floating_pose") if name in below}
+    if "trunk_link_inertia" in found:
+        found["trunk_link_inertia"] = symmetric(found["trunk_link_inertia"])
     for name in (*OF_JOINTS, *OF_LINKS):
         if name in by:
             first = [below[name]] if name in below else []
@@ -209,34 +214,67 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
     Returns:
         The rates by result, `RESULTS`, in the chain's layout.
     """
-    chain, none = at.motion.chain, np.zeros(6)
+    return forward_along(at, {name: np.shape(x) for name, x in tangents.items()})(tangents)
+
+
+def forward_along(
+    at: Point, shapes: Mapping[str, tuple[int, ...]]
+) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
+    """Return `forward` as a function of rates of the given arguments; the equations are linearised once.
+
+    Args:
+        at: the point.
+        shapes: the shapes of the rates by argument.
+    """
     case = at.motion.object_case
     assert case is not None
+    still = {name: np.zeros(shape) for name, shape in shapes.items()}
+    own = list(own_rates_of_object(at, still))
+    of_object = case.residual(at.found.object_acceleration, own) if own else None
+    of_arms = arm_residual_rates_along(at, at.unknowns, still)
+    of_trunk = None if at.trunk is None else trunk_residual_rates_along(at, still)
+    return lambda tangents: solved_for_rates(at, tangents, of_object, of_arms, of_trunk)
+
+
+def own_rates_of_object(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the rates of the numbers in the object's equations."""
     own = object_rates(at, tangents) | {name: x for name, x in tangents.items() if name in OF_OBJECT}
     own.pop("object_p", None)  # its equations do not depend on it
+    return own
+
+
+def solved_for_rates(
+    at: Point,
+    tangents: Mapping[str, Array],
+    of_object: Linear | None,
+    of_arms: Callable[[Mapping[str, Array]], list[Unknowns]],
+    of_trunk: TrunkRates | None,
+) -> dict[str, Array]:
+    """Return the rates of the results, of the linearised equations of object, arms and trunk; see `forward`."""
+    chain, none = at.motion.chain, np.zeros(6)
     residual = none
-    if own:
-        (residual,) = case.residual(at.found.object_acceleration, list(own)).rates(*own.values())
-    changed = arm_residual_rates(at, at.unknowns, tangents)
+    if of_object is not None:
+        (residual,) = of_object.rates(*own_rates_of_object(at, tangents).values())
+    changed = of_arms(tangents)
     wrench, _ = scan(lambda total, r: (total - r.object_acceleration, None), -residual, changed)
     loads = {
         name: Load(-r.qdd, -r.wrench, -r.contact_acceleration, none)
         for name, r in zip(chain.arms, changed, strict=True)
     }
     below: list[Array] = []
-    of_trunk: dict[str, Array] = {}
-    if at.trunk is None:
+    below_all: dict[str, Array] = {}
+    if of_trunk is None:
         found, alpha = solved_again(at, loads, wrench)
     else:
-        r_t = trunk_residual_rates(at, tangents, dict(zip(chain.arms, changed, strict=True)))
+        r_t = of_trunk(tangents, dict(zip(chain.arms, changed, strict=True)))
         floats = chain.floats
         solved = solved_through_trunk(at, loads, wrench, TrunkLoad(-r_t.qdd, -r_t.base if floats else none, none))
         found, alpha, below = solved.arms, solved.object_acceleration, [solved.trunk.qdd]
-        of_trunk = {BASE_RESULT: none if floats else solved.base_wrench + r_t.base}
-        of_trunk |= {FLOATING_RESULT: solved.trunk.base} if floats else {}
+        below_all = {BASE_RESULT: none if floats else solved.base_wrench + r_t.base}
+        below_all |= {FLOATING_RESULT: solved.trunk.base} if floats else {}
     gravity = concatenate([np.zeros(3), tangents["gravity"]]) if "gravity" in tangents else none
     bases = [found[name].base + r.base for name, r in zip(chain.arms, changed, strict=True)]
-    return of_trunk | {
+    return below_all | {
         "qdd": concatenate([*below, *(found[name].qdd for name in chain.arms)]),
         "grasp_wrench": array(
             [
@@ -252,15 +290,35 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
 
 def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[str, Array]) -> list[Unknowns]:
     """Return the rates of dL/dy of all arms for given rates of the arguments and constant z."""
-    chain, of_object = at.motion.chain, object_rates(at, tangents)
-    carried: dict[str, dict[str, Array]] = {}
-    if at.trunk is not None and at.motion.trunk_case is not None:
-        carried = at.motion.trunk_case.base_rates(at.trunk, trunk_rates(at, tangents))
-    given = [
-        tangents_of(at, name, tangents, carried.get(name)) | (of_object if name in chain.grasps else {})
-        for name in chain.arms
-    ]
-    return each(residual_rates, [at.cases[name] for name in chain.arms], [z[name] for name in chain.arms], given)
+    return arm_residual_rates_along(at, z, {name: np.zeros(np.shape(x)) for name, x in tangents.items()})(tangents)
+
+
+def arm_residual_rates_along(
+    at: Point, z: Mapping[str, Unknowns], still: Mapping[str, Array]
+) -> Callable[[Mapping[str, Array]], list[Unknowns]]:
+    """Return `arm_residual_rates` as a function of rates of the arguments that have some in `still`, which are zero."""
+    chain, case = at.motion.chain, at.motion.trunk_case
+    motion = None
+    if at.trunk is not None and case is not None:
+        motion = case.base_motion(at.trunk, list(trunk_rates(at, still)))
+    order = list(chain.arms)
+
+    def given(tangents: Mapping[str, Array]) -> list[dict[str, Array]]:
+        of_object, carried = object_rates(at, tangents), dict[str, dict[str, Array]]()
+        if motion is not None and case is not None:
+            carried = case.base_rates(motion, trunk_rates(at, tangents))
+        own = [tangents_of(at, name, tangents, carried.get(name)) for name in order]
+        own = [one | (of_object if name in chain.grasps else {}) for name, one in zip(order, own, strict=True)]
+        return each(arm_rates, [at.cases[name] for name in order], own)
+
+    names = [tuple(rates) for rates in given(still)]
+    linear = each(
+        lambda case, z, names: case.residual(z, names),
+        [at.cases[name] for name in order],
+        [z[name] for name in order],
+        names,
+    )
+    return lambda tangents: each(lambda one, rates: Unknowns(*one.rates(*rates.values())), linear, given(tangents))
 
 
 def object_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
@@ -310,12 +368,6 @@ def tangents_of(
         pseudo = concatenate([np.zeros(3), tangents["gravity"]])
         found["base_acceleration"] = found.get("base_acceleration", np.zeros(6)) - pseudo
     return found
-
-
-def residual_rates(case: ArmCase, z: Unknowns, given: Mapping[str, Array]) -> Unknowns:
-    """Return the rates of an arm's dL/dy for tangents of its arguments and constant z."""
-    rates = arm_rates(case, given)
-    return Unknowns(*case.residual(z, list(rates)).rates(*rates.values()))
 
 
 def arm_rates(case: ArmCase, given: Mapping[str, Array]) -> dict[str, Array]:

@@ -20,6 +20,7 @@ from holdfast.dynamics.closed.forward_derivatives import (
     OF_JOINTS,
     arm_rates,
     forward,
+    forward_along,
     numbers_of,
     symmetric,
 )
@@ -35,7 +36,8 @@ from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.spatial.symmetric import Symmetric6
 
 Shape = tuple[int, ...]
-Rates = Callable[[Point, Mapping[str, Array]], dict[str, Array]]  # of the results along tangents
+# The rates of the results as a function of those of the arguments with the given shapes.
+Rates = Callable[[Point, Mapping[str, Shape]], Callable[[Mapping[str, Array]], dict[str, Array]]]
 
 # Shapes of the arguments that concern the whole chain, and of those of one link.
 OF_CHAIN: dict[str, Shape] = {
@@ -58,7 +60,7 @@ def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
     shapes |= dict.fromkeys(("base_pose", "base_twist", "base_acceleration"), (l, 6))
     if chain.trunk is not None:
         shapes |= dict.fromkeys((*OF_TRUNK, "floating_pose"), (6,))
-        shapes |= {"trunk_link_wrench": (len(chain.trunk.bodies), 6)}
+        shapes |= {f"trunk_{name}": (len(chain.trunk.bodies), *shape) for name, shape in OF_LINK.items()}
     return shapes | {name: (links, *shape) for name, shape in OF_LINK.items()}
 
 
@@ -87,7 +89,12 @@ class Answers(NamedTuple):
 
 
 def jacobian(
-    at: Point, of: Sequence[str], by: Sequence[str], units: Array, together: Mapping[str, Rates] | None = None
+    at: Point,
+    of: Sequence[str],
+    by: Sequence[str],
+    units: Array,
+    together: Mapping[str, Rates] | None = None,
+    rates: Rates = forward_along,
 ) -> dict[tuple[str, str], Array]:
     """Return the derivatives of results with respect to arguments, transposed: (size of argument, size of result).
 
@@ -96,7 +103,8 @@ def jacobian(
         of: some of `RESULTS`.
         by: some of `ARGUMENTS`.
         units: (m, m) identity with m from `units_needed`; passed as numbers so that all columns run the same code.
-        together: the rates of the results along an argument, if they are not those of `forward` alone.
+        together: the rates of the results along an argument, if they are not those of `rates`.
+        rates: the rates of the results along an argument of the whole chain.
     """
     chain, others = at.motion.chain, together or {}
     # Arms on a trunk move each other.
@@ -113,7 +121,7 @@ def jacobian(
     found: dict[tuple[str, str], list[list[Array]]] = {(result, name): [] for name in by for result in of}
     for name in by:
         if name in whole:
-            columns = [chain_columns(at, name, of, units, others.get(name, forward))]
+            columns = [chain_columns(at, name, of, units, others.get(name, rates))]
         else:
             columns = arm_columns(at, name, tuple(of), units, answers, everyone, responses)
         for of_one in columns:
@@ -183,16 +191,25 @@ def unit_wrenches(tip: TipResponse, arm: ArmMotion) -> ByWrench:
     return ByWrench(array([qdd for qdd, _ in columns]).T, array([base for _, base in columns]).T)
 
 
-def chain_columns(at: Point, name: str, of: Sequence[str], units: Array, rates: Rates = forward) -> list[list[Array]]:
+def chain_columns(at: Point, name: str, of: Sequence[str], units: Array, rates: Rates) -> list[list[Array]]:
     """Return the columns of an argument that concerns the whole chain; `rates` of the results along tangents."""
     shape = gradient_shapes(at.motion.chain)[name]
-    size = math.prod(shape)
+    size, along = math.prod(shape), rates(at, {name: shape})
 
     def column(unit: Array) -> list[Array]:
-        found = rates(at, {name: direction(unit, name, shape)})
+        found = along({name: direction(unit, name, shape)})
         return [found[result].ravel() for result in of]
 
     return each(column, units[:size, :size])
+
+
+def in_each_column(at: Point, _: Mapping[str, Shape]) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
+    """Return the rates of the results along an argument, for which every column linearises the equations by itself.
+
+    For machine code: to linearise them once, as the reference does, takes fewer operations, but slopes of whole arms
+    would be stored between the loops: measured on a trunk, twice the time of compilation and a third more for a call.
+    """
+    return lambda tangents: forward(at, tangents)
 
 
 class Everyone(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -16,7 +16,9 @@ from holdfast.spatial.scalar import Array, concatenate, each
 
 OF_JOINTS = ("q", "qd", "tau", "armature", "damping")
 # Arguments of the trunk only, and their names in its equations.
+TRUNK_LINKS = {"trunk_link_mass": "link_mass", "trunk_link_com": "link_com", "trunk_link_inertia": "link_inertia"}
 OF_TRUNK = {
+    **TRUNK_LINKS,
     "trunk_link_wrench": "wrenches",
     "trunk_base_twist": "base_twist",
     "trunk_base_acceleration": "base_acceleration",
@@ -24,6 +26,8 @@ OF_TRUNK = {
 }
 OF_FLOATING = ("floating_pose", "floating_twist")
 OF_STANDING = ("trunk_base_twist", "trunk_base_acceleration")
+# The rates of the trunk's dL/dy for rates of the arguments and of the dL/dy of its arms.
+TrunkRates = Callable[[Mapping[str, Array], Mapping[str, Unknowns]], TrunkUnknowns]
 FLOATING_RESULT, BASE_RESULT = "floating_acceleration", "trunk_base_wrench"
 
 
@@ -123,13 +127,23 @@ def gradient_through_trunk(
     return below
 
 
-def trunk_residual_rates(at: Point, tangents: Mapping[str, Array], of_arms: Mapping[str, Unknowns]) -> TrunkUnknowns:
-    """Return the rates of the trunk's dL/dy for constant z, including the rates of its arms' base wrenches."""
+def trunk_residual_rates_along(at: Point, still: Mapping[str, Array]) -> TrunkRates:
+    """Return the rates of the trunk's dL/dy, including those of its arms' base wrenches, for constant z.
+
+    Args:
+        at: the point.
+        still: the arguments that have rates, with rates of zero.
+    """
     case = at.motion.trunk_case
     assert case is not None and at.trunk is not None
     none = {name: Unknowns(*(np.zeros(len(part)) for part in at.unknowns[name])) for name in case.mounts}
-    changed = [of_arms[name].base for name in case.mounts]
-    return case.residual_rates(at.trunk, base_wrenches(at, at.unknowns, none), trunk_rates(at, tangents), changed)
+    linear = case.residual(at.trunk, base_wrenches(at, at.unknowns, none), list(trunk_rates(at, still)))
+
+    def rates(tangents: Mapping[str, Array], of_arms: Mapping[str, Unknowns]) -> TrunkUnknowns:
+        changed = [of_arms[name].base for name in case.mounts]
+        return TrunkUnknowns(*linear.rates(*changed, *trunk_rates(at, tangents).values()))
+
+    return rates
 
 
 def base_wrenches(at: Point, z: Mapping[str, Unknowns], y: Mapping[str, Unknowns]) -> list[Array]:

@@ -21,6 +21,8 @@ from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.model.arm import Arm
 from holdfast.model.trunk import Trunk
 from holdfast.spatial.differentiation import gradient, linearised
+from holdfast.spatial.inertia import about_origin
+from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate
 from holdfast.spatial.spatial_vector import acceleration_gradient, rotate, shift_twist, unrotate
@@ -58,6 +60,7 @@ class CarriedBase(NamedTuple):
 
 
 MOTION = CarriedBase._fields[:-1]
+OF_BODY = ("link_mass", "link_com", "link_inertia")
 
 
 class TrunkCase(NamedTuple):
@@ -86,11 +89,15 @@ class TrunkCase(NamedTuple):
     def numbers(self, names: Sequence[str]) -> dict[str, Array]:
         """Return the named numbers; rotations are matrices, and those of mounts are stacked."""
         joints, places = self.trunk.joints, [place for _, place in self.mounts.values()]
+        bodies = self.trunk.bodies
         own = {
             "base_R": lambda: self.base.R,
             "base_p": lambda: self.base.p,
             "armature": lambda: np.array([joint.armature for joint in joints]),
             "damping": lambda: np.array([joint.damping for joint in joints]),
+            "link_mass": lambda: np.array([body.mass for body in bodies]),
+            "link_com": lambda: np.array([body.com for body in bodies]),
+            "link_inertia": lambda: np.array([body.inertia for body in bodies]),
             "place_R": lambda: np.array([place.R for place in places]).reshape(-1, 3, 3),
             "place_p": lambda: np.array([place.p for place in places]).reshape(-1, 3),
         }
@@ -120,8 +127,12 @@ class TrunkCase(NamedTuple):
             bodies += [(f, v, u, a, K) for f, v, u, (a, K) in zip(frames, V, U, found, strict=True)]
             drives = varied.get("armature", arm.armature) * z.qdd + self.passive(arm, q, qd, varied)
             power = power + y.qdd @ (drives - tau)
-        for link, (frame, v, u, a, K), w in zip(self.trunk.bodies, bodies, external, strict=True):
-            power = power + u @ (link.spatial_inertia.wrench(a, v[:3], K) - unrotate(frame.R, w))
+        for k, (link, (frame, v, u, a, K), w) in enumerate(zip(self.trunk.bodies, bodies, external, strict=True)):
+            inertia = link.spatial_inertia
+            if not varied.keys().isdisjoint(OF_BODY):
+                own = {"link_mass": link.mass, "link_com": link.com, "link_inertia": link.inertia}
+                inertia = about_origin(*(varied[name][k] if name in varied else x for name, x in own.items()))
+            power = power + u @ (inertia.wrench(a, v[:3], K) - unrotate(frame.R, w))
         places = self.numbers(("place_R", "place_p")) | dict(varied)
         carried = []
         for (k, _), turn, shift in zip(self.mounts.values(), places["place_R"], places["place_p"], strict=True):
@@ -164,36 +175,37 @@ class TrunkCase(NamedTuple):
 
         return dict(zip(names, gradient(less, *numbers.values()), strict=True))
 
-    def base_rates(self, z: TrunkUnknowns, rates: Numbers) -> dict[str, dict[str, Array]]:
-        """Return the rates of the motions of the mounted bases, by arm, for rates of the numbers and constant z."""
+    def base_motion(self, z: TrunkUnknowns, names: Sequence[str]) -> Linear:
+        """Return the linearisation of the motions of the mounted bases in the named numbers for constant z."""
         none = TrunkUnknowns(np.zeros(len(self.q)), np.zeros(6))
 
         def motion(*x: Array) -> list[Array]:
-            carried = self.outward(z, none, dict(zip(rates, x, strict=True)))[1]
+            carried = self.outward(z, none, dict(zip(names, x, strict=True)))[1]
             return [part for base in carried for part in base[:-1]]
 
-        found = linearised(motion, *self.numbers(list(rates)).values()).rates(*rates.values())
+        return linearised(motion, *self.numbers(names).values())
+
+    def base_rates(self, motion: Linear, rates: Numbers) -> dict[str, dict[str, Array]]:
+        """Return the rates of the linearised motions of the mounted bases, by arm, for rates of the numbers."""
+        found = motion.rates(*rates.values())
         count = len(MOTION)
         return {
             name: dict(zip(MOTION, found[count * i : count * (i + 1)], strict=True))
             for i, name in enumerate(self.mounts)
         }
 
-    def residual_rates(
-        self, z: TrunkUnknowns, wrenches: Sequence[Array], rates: Numbers, of_wrenches: Sequence[Array]
-    ) -> TrunkUnknowns:
-        """Return the rates of dL/dy for rates of the numbers and of the wrenches on the arms, and constant z.
+    def residual(self, z: TrunkUnknowns, wrenches: Sequence[Array], names: Sequence[str]) -> Linear:
+        """Return the linearisation of dL/dy in the wrenches on the arms and the named numbers for constant z.
 
         Args:
             z: the solution.
             wrenches: (6,) wrench of the trunk on each arm about the arm's base origin.
-            rates: rates of the numbers, by name.
-            of_wrenches: rates of the wrenches, (6,) each.
+            names: names of the numbers.
         """
         count = len(wrenches)
 
         def residual(*x: Array) -> tuple[Array, ...]:
-            loads, varied = x[:count], dict(zip(rates, x[count:], strict=True))
+            loads, varied = x[:count], dict(zip(names, x[count:], strict=True))
 
             def power(*y: Array) -> Scalar:
                 own, carried = self.outward(z, TrunkUnknowns(*y), varied)
@@ -203,5 +215,4 @@ class TrunkCase(NamedTuple):
 
             return gradient(power, np.zeros(len(self.q)), np.zeros(6))
 
-        linear = linearised(residual, *wrenches, *self.numbers(list(rates)).values())
-        return TrunkUnknowns(*linear.rates(*of_wrenches, *rates.values()))
+        return linearised(residual, *wrenches, *self.numbers(names).values())

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.externals import FLOATING, LINKS, STATE, state_fields
+from holdfast.compiled.externals import FLOATING, LINKS, STATE, TRUNK_LINKS, state_fields
 from holdfast.compiled.parameters import WRENCHES, parse_parameters
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
@@ -21,7 +21,7 @@ from holdfast.spatial.scalar import Array
 StopMargins = Mapping[int, float]  # margins below which a system stops, by the status code that it then gets
 MOST_STEPS = 10**9  # of one call: days, beyond which a count is a slip
 CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
-OF_LINKS = (*LINKS, "link_wrench", "trunk_link_wrench")
+OF_LINKS = (*LINKS, *TRUNK_LINKS, "link_wrench", "trunk_link_wrench")
 _OWN = ("systems", *STATE, *FLOATING, "memory", "t", "step", "steps", "duration", "every")
 _TAKEN = (*CHAINS, *OF_LINKS, *_OWN, "record", "least_margin", "stop_at_limits", "largest_drift", "threads", "self")
 
@@ -82,7 +82,7 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
         elif name in known:
             chains[name] = x
         elif name in OF_LINKS:
-            option = "link_inertia" if name in LINKS else "link_wrench"
+            option = "link_wrench" if name in WRENCHES else "link_inertia"
             raise StateError(
                 f"{name}: the machine code was made without it; try compile_rollout(..., parameters=['{option}'])"
             )

@@ -43,9 +43,8 @@ def compile_rollout(
         inputs: external wrenches that depend on t or on (t, state), as for `simulate`. They become part of the machine
             code, so the rules for writing control laws apply. Wrenches passed to calls are added to them.
         parameters: names of optional groups of arguments, as for `compile`: `link_inertia` (link_mass, link_com,
-            link_inertia) and `link_wrench` (external wrenches on the links).
-
-    Returns:
+            link_inertia; with a trunk also trunk_link_mass, trunk_link_com, trunk_link_inertia) and `link_wrench`
+            (external wrenches on the links).
         The rollout: `start` makes systems of it, `step` and `run` move them.
 
     Raises:

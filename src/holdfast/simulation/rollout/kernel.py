@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import BASE_MOTION, LINKS, externals, shapes
+from holdfast.compiled.externals import BASE_MOTION, externals, link_parameters, shapes
 from holdfast.compiled.kernels import key_of
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
@@ -73,7 +73,7 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
     inputs += ["added_armature", "added_torque"] if options.implicit else []
     parameters = [
         *PARAMETERS,
-        *(LINKS if options.link_inertia else ()),
+        *(link_parameters(chain) if options.link_inertia else ()),
         *(BASE_MOTION if options.base_motion else ()),
         "grasp_R",
         "grasp_p",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import link_rows, state_fields
+from holdfast.compiled.externals import LINKS, TRUNK_LINKS, link_rows, state_fields
 from holdfast.compiled.statuses import system
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -84,12 +84,23 @@ def _with_own_bodies(chain: ClosedChain, own: Mapping[str, Array]) -> ClosedChai
         inertia=own["object_inertia"],
         physical=False,
     )
-    arms = dict(chain.arms)
+    arms, trunk = dict(chain.arms), chain.trunk
     if "link_mass" in own:
-        bodies = zip(own["link_mass"].tolist(), own["link_com"], own["link_inertia"], strict=True)
-        links = [Link(mass, com, inertia, physical=False) for mass, com, inertia in bodies]
+        links = _bodies(own, LINKS)
         arms = {name: chain.arms[name].of(links=links[rows]) for name, rows in link_rows(chain).items()}
-    return replace(chain, held_object=held, gravity=own["gravity"], arms=arms)
+    if trunk is not None and "trunk_link_mass" in own:
+        named = zip(_bodies(own, TRUNK_LINKS), trunk.bodies, strict=True)  # arms are mounted by name
+        bodies = [replace(body, name=earlier.name) for body, earlier in named]
+        first = len(bodies) - len(trunk.links)
+        trunk = replace(trunk, links=bodies[first:], floating=bodies[0] if first else None)
+    return replace(chain, held_object=held, gravity=own["gravity"], arms=arms, trunk=trunk)
+
+
+def _bodies(own: Mapping[str, Array], names: Sequence[str]) -> list[Link]:
+    """Return links with the named masses, mass centres and inertias."""
+    masses, coms, inertias = (own[name] for name in names)
+    rows = zip(masses.tolist(), coms, inertias, strict=True)
+    return [Link(mass, com, inertia, physical=False) for mass, com, inertia in rows]
 
 
 def _sample(world: Environment, rollout: Any, at: RolloutSystems) -> Trajectory:

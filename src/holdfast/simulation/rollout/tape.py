@@ -135,9 +135,9 @@ class Tape:
             by: the arguments of which gradients are returned: the arrays of the state and `memory` at the start,
                 parameters of the law, the length of a `step`, object_wrench, gravity, object_mass, object_com,
                 object_inertia, grasp_pose, base_pose, and, if the rollout was compiled with them, link_mass, link_com,
-                link_inertia, link_wrench. By default the state and all parameters of the law. If the tape begins with
-                systems from `Rollout.start` or `take_over`, the gradients refer to the states passed to these
-                functions, before the projection onto the grasps.
+                link_inertia, link_wrench, and those of a trunk (trunk_link_mass ...). By default the state and all
+                parameters of the law. If the tape begins with systems from `Rollout.start` or `take_over`, the
+                gradients refer to the states passed to these functions, before the projection onto the grasps.
             threads: number of threads.
 
         Returns:
