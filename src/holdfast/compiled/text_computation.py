@@ -26,7 +26,7 @@ TEXTS = {text.name: text for text in (TORQUES, KINETIC, POTENTIAL)}
 
 
 class TextRequest(NamedTuple):
-    """Which derivatives of a function that solves nothing are requested.
+    """A request for derivatives of a function that is evaluated directly, without solving the equations of motion.
 
     Attributes:
         function: its name, one of `TEXTS`.
