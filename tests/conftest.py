@@ -1,5 +1,6 @@
 """What all tests share: a cache of machine code of their own, and a summary that names what this machine lacks."""
 
+import gc
 import os
 from collections import Counter
 from pathlib import Path
@@ -20,6 +21,12 @@ def own_cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HOLDFAST_CACHE", str(folder))
         yield
+
+
+def pytest_collection_finish():
+    """Leave ten thousand tests and their modules out of every later search for garbage: they stay to the end."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -59,6 +59,7 @@ def test_is_plain_json():
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 
+@pytest.mark.slow
 def test_ours_is_accurate():
     """Machine code, bound, batched: the peers' answers."""
     document = tiny_document()
@@ -69,6 +70,7 @@ def test_ours_is_accurate():
     assert agreement["met"] is True
 
 
+@pytest.mark.slow
 def test_trunks():
     """On three joints and on a floating base: Pinocchio's answers, one call or many; beside ours without a trunk."""
     for record in tiny_document()["trunks"]:
@@ -79,6 +81,7 @@ def test_trunks():
             assert ours["ratios"].keys() == {"2 x 7"}
 
 
+@pytest.mark.slow
 def test_derivatives():
     """Products and the matrix, bound, called and in a batch, as exact as the reference; Pinocchio's over ours."""
     rows = {(row["library"], row["what"], row["way"]): row for row in tiny_document()["derivatives"]}
@@ -94,6 +97,7 @@ def test_derivatives():
     assert len(table.rows) == len(rows) and {len(row) for row in table.rows} == {len(table.header)}
 
 
+@pytest.mark.slow
 def test_rollouts():
     """Every scheme and rival; ours close their grasps, MuJoCo's are soft; the checks are read from the fastest."""
     document = tiny_document()
@@ -107,6 +111,7 @@ def test_rollouts():
     assert "mj_step, Euler" in found["2 x 7, a step by RK4: fastest mj_step by Euler / ours"]["note"]
 
 
+@pytest.mark.slow
 def test_checks_not_measured():
     """A check whose system was not run has no value and is neither met nor missed."""
     found = {check["what"]: check for check in tiny_document()["bars"]}

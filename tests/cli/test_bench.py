@@ -23,6 +23,7 @@ def quickly(monkeypatch):
     return plans
 
 
+@pytest.mark.slow
 def test_json_only_on_stdout(quickly, capsys):
     """One document on stdout, nothing else."""
     assert main(["bench", "--quick", "--json"]) == 0
@@ -32,6 +33,7 @@ def test_json_only_on_stdout(quickly, capsys):
     assert quickly == [command.QUICK]
 
 
+@pytest.mark.slow
 def test_tables(quickly, capsys):
     """Ratios before times, then the acceptance checks; every entry is named."""
     assert main(["bench"]) == 0
@@ -44,6 +46,7 @@ def test_tables(quickly, capsys):
     assert "the ratios travel better" in out
 
 
+@pytest.mark.slow
 def test_absent_peer(quickly, capsys, monkeypatch):
     """What was not compared is said below the tables."""
     monkeypatch.setitem(tiny_document()["peers"], "mujoco", {"absent": "No module named 'mujoco'; try pip install x"})

@@ -34,14 +34,17 @@ def size_of_terms(of: Asked, result: str) -> float:
     return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
 
 
+@pytest.mark.parametrize("each", [pytest.param(True, marks=pytest.mark.slow), False], ids=["each", "together"])
 @ALL
-def test_rates_are_five_point_differences(name, kind):
+def test_rates_are_five_point_differences(name, kind, each):
+    """Along each argument; and along all of them at once, whose rate is the sum."""
     of, random = asked(name, kind), np.random.default_rng(7)
-    for by, along in of.directions(random).items():
-        expected, got = of.differences(by, along), of.called("_jvp", along={by: along})
+    directions = of.directions(random)
+    for along in [{by: x} for by, x in directions.items()] if each else [directions]:
+        expected, got = of.differences(along), of.called("_jvp", along=along)
         for result in of.results:
             floor = 1e-2 * size_of_terms(of, result)
-            assert relative_gap(got[result], expected[result], floor=floor) < TRUNCATED, (by, result)
+            assert relative_gap(got[result], expected[result], floor=floor) < TRUNCATED, ([*along], result)
 
 
 @ALL
@@ -146,7 +149,7 @@ def test_closure_of_every_kind_of_grasp(kind):
     of, random = open_grasp(kind), np.random.default_rng(12)
     assert max(np.abs(x).max() for x in of.values().values()) > 0.3
     for by, along in of.directions(random).items():
-        expected, got = of.differences(by, along), of.called("_jvp", along={by: along})
+        expected, got = of.differences({by: along}), of.called("_jvp", along={by: along})
         for result in of.results:
             assert relative_gap(got[result], expected[result], floor=1.0) < TRUNCATED, (by, result)
 

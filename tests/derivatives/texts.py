@@ -102,16 +102,16 @@ class Asked(NamedTuple):
         found = {name: as_direction(self.p, name, random.normal(size=size_of(self.p, name))) for name in names}
         return found | {name: random.normal(size=x.shape) * (x != 0.0) for name, x in self.own.items()}
 
-    def moved(self, name: str, along: np.ndarray) -> Asked:
-        """Return the same with one argument displaced."""
-        if name in OWN:
-            return self._replace(own={**self.own, name: self.own[name] + along})
-        return undriven(self._replace(p=displaced(self.p, {name: flat_direction(self.p, name, along)})))
+    def moved(self, along: Mapping[str, np.ndarray], far: float) -> Asked:
+        """Return the same with some arguments displaced."""
+        own = {name: x + far * along[name] if name in along else x for name, x in self.own.items()}
+        flat = {name: flat_direction(self.p, name, far * x) for name, x in along.items() if name not in OWN}
+        return undriven(self._replace(own=own, p=displaced(self.p, flat) if flat else self.p))
 
-    def differences(self, name: str, along: np.ndarray) -> dict[str, np.ndarray]:
-        """Return how fast the results change along one argument, by five points; what is infinite does not."""
-        size = max(1.0, float(np.abs(along).max(initial=0.0)))
-        far = [undriven(self.moved(name, k * STEP / size * along)).values() for k in FIVE_POINTS]
+    def differences(self, along: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return how fast the results change along some arguments, by five points; what is infinite does not."""
+        size = max(1.0, *(float(np.abs(x).max(initial=0.0)) for x in along.values()))
+        far = [self.moved(along, k * STEP / size).values() for k in FIVE_POINTS]
         finite = [{name: np.where(np.isinf(x), 0.0, x) for name, x in one.items()} for one in far]
         return {
             of: sum(w * one[of] for w, one in zip(FIVE_POINTS.values(), finite, strict=True)) * size / STEP

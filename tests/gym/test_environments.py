@@ -27,7 +27,7 @@ def test_check_env(name):
         check_env(gymnasium.make(name, task=IDS[name]()).unwrapped)
 
 
-@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("name", [pytest.param(x, marks=pytest.mark.slow if "HandOver" in x else ()) for x in IDS])
 def test_made_by_id(name):
     """Single ones and true vector ones; an autoreset mode goes through."""
     task = IDS[name]()

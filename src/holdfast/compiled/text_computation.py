@@ -28,7 +28,7 @@ OF_EACH_JOINT = {"q", "qd", "qdd", "tau", "armature", "damping", "link_wrench", 
 
 
 class TextRequest(NamedTuple):
-    """Which derivatives of a function that solves nothing are requested.
+    """A request for derivatives of a function that is evaluated directly, without solving the equations of motion.
 
     Attributes:
         function: its name, one of `TEXTS`.

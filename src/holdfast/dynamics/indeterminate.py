@@ -16,7 +16,7 @@ NULL_SINGULAR_VALUE = 1e-9
 WORTH_A_WORD = 0.05  # smaller wrenches, relative to the largest of a pattern, are not mentioned
 
 
-class FeltWrenches(NamedTuple):
+class WrenchDirections(NamedTuple):
     """Patterns of grasp wrenches, in order of decreasing effect on the joints and the object.
 
     Attributes:
@@ -29,7 +29,7 @@ class FeltWrenches(NamedTuple):
     rank: int
 
 
-def felt_wrenches(motion: ChainMotion, length: float, *, by_joints: bool = True) -> FeltWrenches:
+def wrench_directions(motion: ChainMotion, length: float, *, by_joints: bool = True) -> WrenchDirections:
     """Return the left singular vectors of K [J, -A], with moments divided by `length` [m].
 
     Args:
@@ -53,7 +53,7 @@ def felt_wrenches(motion: ChainMotion, length: float, *, by_joints: bool = True)
     basis, _ = np.linalg.qr((K * metric).T)  # transmitted wrenches in metric units
     U, s, _ = np.linalg.svd(basis.T @ matrix)
     rank = int((s > NULL_SINGULAR_VALUE * max(s.max(initial=0.0), 1e-300)).sum())
-    return FeltWrenches((basis @ U) / metric[:, None], rank)
+    return WrenchDirections((basis @ U) / metric[:, None], rank)
 
 
 def free_wrenches(motion: ChainMotion, length: float, rank: int | None = None) -> Array:
@@ -69,11 +69,11 @@ def free_wrenches(motion: ChainMotion, length: float, rank: int | None = None) -
             these wrenches is small but not zero.
 
     Returns:
-        (6l, k): columns of `FeltWrenches`.
+        (6l, k): columns of `WrenchDirections`.
     """
-    felt = felt_wrenches(motion, length)
+    directions = wrench_directions(motion, length)
     freedoms = motion.chain.contact_freedom_count
-    return felt.columns[:, felt.rank if rank is None else rank - freedoms :]
+    return directions.columns[:, directions.rank if rank is None else rank - freedoms :]
 
 
 def pattern(motion: ChainMotion, wrenches: Array, length: float) -> str:

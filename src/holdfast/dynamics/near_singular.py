@@ -16,7 +16,7 @@ from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinemat
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.constraint import length_scale
-from holdfast.dynamics.indeterminate import felt_wrenches, pattern
+from holdfast.dynamics.indeterminate import pattern, wrench_directions
 from holdfast.dynamics.lost_direction import LOST, described, tip_directions
 from holdfast.dynamics.rank import constraint_pivots
 from holdfast.model.arm import Arm
@@ -77,8 +77,8 @@ def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR) -> list[s
     found = []
     if chain_strength(np.array(condition)) <= limit:
         length = length_scale([c.offset for c in motion.contacts])
-        felt = felt_wrenches(motion, length)
-        words = _felt(motion, felt.columns[:, felt.rank - 1], length)
+        directions = wrench_directions(motion, length)
+        words = _load(motion, directions.columns[:, directions.rank - 1], length)
         found.append(f"{words} is hardly felt by any joint or the object (condition {condition:.1e})")
     return found + lost_by_arms(motion, limit)
 
@@ -92,8 +92,8 @@ def lost_at(motion: ChainMotion, rank: int, generic_rank: int) -> list[str]:
         generic_rank: rank of K [J, -A] away from this configuration.
     """
     length = length_scale([c.offset for c in motion.contacts])
-    columns = felt_wrenches(motion, length).columns[:, rank:generic_rank]
-    loads = [f"{_felt(motion, column, length)} is felt by no joint and not by the object" for column in columns.T]
+    columns = wrench_directions(motion, length).columns[:, rank:generic_rank]
+    loads = [f"{_load(motion, column, length)} is felt by no joint and not by the object" for column in columns.T]
     return loads + lost_by_arms(motion, LOST_BY_ARM)
 
 
@@ -111,7 +111,7 @@ def lost_by_arms(motion: ChainMotion, limit: float) -> list[str]:
     return found
 
 
-def _felt(motion: ChainMotion, wrenches: Array, length: float) -> str:
+def _load(motion: ChainMotion, wrenches: Array, length: float) -> str:
     """Return the description of a pattern of grasp wrenches of any size."""
     each = wrenches.reshape(-1, 6)
     largest = np.abs(each * np.r_[np.full(3, 1 / length), np.ones(3)]).max()

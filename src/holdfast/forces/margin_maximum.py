@@ -15,7 +15,7 @@ import numpy as np
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.constraint import length_scale
-from holdfast.dynamics.indeterminate import felt_wrenches
+from holdfast.dynamics.indeterminate import wrench_directions
 from holdfast.dynamics.inverse import inverse_dynamics
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.forces.cone_program import AffineMargin, Largest, largest_within
@@ -95,8 +95,8 @@ def internal_wrenches(motion: ChainMotion) -> Array:
     """Return a basis of the transmissible wrenches without effect on the object, (6l, k), stacked by grasps."""
     if not motion.contacts:
         return np.zeros((0, 0))
-    felt = felt_wrenches(motion, length_scale([c.offset for c in motion.contacts]), by_joints=False)
-    return felt.columns[:, felt.rank :]
+    directions = wrench_directions(motion, length_scale([c.offset for c in motion.contacts]), by_joints=False)
+    return directions.columns[:, directions.rank :]
 
 
 def undriven(motion: ChainMotion, wrenches: Array) -> Array:

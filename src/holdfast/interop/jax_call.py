@@ -29,7 +29,7 @@ def available_route() -> Route:
         return "callback"
     try:
         jax.ffi.register_ffi_target(_TARGET, handler(), platform="cpu")
-    except RuntimeError:  # its FFI is of another version
+    except RuntimeError:  # this JAX speaks another version of the interface for foreign functions
         return "callback"
     return "ffi"
 

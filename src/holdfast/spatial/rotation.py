@@ -183,9 +183,9 @@ def skewness(R: Array) -> Scalar:
 
 
 def nearest(R: Array) -> Array:
-    """Return the rotation nearest to a matrix that is one within 1e-3: its polar factor.
+    """Return the rotation nearest to a matrix that differs from a rotation by at most 1e-3: its polar factor.
 
-    Newton's iteration R <- (R + R^-T) / 2 squares what is missing every time.
+    Newton's iteration R <- (R + R^-T) / 2 converges quadratically: four steps reach rounding.
     """
     for _ in range(4):
         cofactors = array([cross(R[1], R[2]), cross(R[2], R[0]), cross(R[0], R[1])])

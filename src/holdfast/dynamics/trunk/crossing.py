@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.trunk.belief import Belief
+from holdfast.dynamics.trunk.filter_state import FilterState
 from holdfast.dynamics.trunk.trunk_motion import TrunkBody
 from holdfast.spatial.inertia import NO_INERTIA as NO_BODY
 from holdfast.spatial.inertia import RigidInertia
@@ -49,7 +49,7 @@ class Welded(NamedTuple):
         return Welded(self.inertia.moved(np.eye(3), offset), shift_wrench(offset, self.wrench))
 
 
-class Felt(NamedTuple):
+class CarriedTerms(NamedTuple):
     """Additional terms in the equations of the trunk's columns: free joints of arms, grasps, and bodies further out.
 
     Attributes:
@@ -60,44 +60,44 @@ class Felt(NamedTuple):
     load: Array
     inertia: Array
 
-    def plus(self, load: Array, inertia: Array) -> Felt:
+    def plus(self, load: Array, inertia: Array) -> CarriedTerms:
         """Return the terms with a load and an inertia added."""
-        return Felt(self.load + load, mirrored(self.inertia + inertia))
+        return CarriedTerms(self.load + load, mirrored(self.inertia + inertia))
 
 
 class Crossing(NamedTuple):
     """The result of crossing one or several joints of the trunk, or its floating base.
 
     Attributes:
-        belief: the belief after crossing.
-        felt: the additional terms for the body before.
+        filter_state: the state of the filter after crossing.
+        carried: the additional terms for the body before.
         accelerated: function of beta (6,) of the body before and of s (6,) that returns the accelerations of the joints
             or of the floating base, and those of the columns.
         pivots: inertias about the joints; for a floating base the smallest pivot, relative to its size.
     """
 
-    belief: Belief
-    felt: Felt
+    filter_state: FilterState
+    carried: CarriedTerms
     accelerated: Callable[[Array, Array], tuple[Array, Array]]
     pivots: Array
 
 
-def nothing_felt(columns: int) -> Felt:
+def nothing_carried(columns: int) -> CarriedTerms:
     """Return zero additional terms."""
-    return Felt(np.zeros(columns), np.zeros((columns, columns)))
+    return CarriedTerms(np.zeros(columns), np.zeros((columns, columns)))
 
 
-def joint_crossed(body: TrunkBody, welded: Welded, belief: Belief, felt: Felt) -> Crossing:
+def joint_crossed(body: TrunkBody, welded: Welded, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
     """Return the result of crossing one joint; see the equations of the module."""
     assert body.H is not None and body.joint is not None
-    H, x, X = body.H, belief.x[:, 0], belief.x[:, 1:]
-    inertia, wrench = welded.inertia.symmetric().plus(symmetric6(felt.inertia)), welded.wrench + felt.load
+    H, x, X = body.H, filter_state.x[:, 0], filter_state.x[:, 1:]
+    inertia, wrench = welded.inertia.symmetric().plus(symmetric6(carried.inertia)), welded.wrench + carried.load
     column = inertia.apply(H)
     D = H @ column + body.joint.armature
     G, eps, W = column / D, body.torque - H @ wrench, X @ H
     before = array([shift_wrench(body.reach, row) for row in X - outer(W, G)])  # times phi^T
-    seen = belief.released([1.0 / D], [W])._replace(x=np.column_stack([x + W * (eps / D), before]))
-    carried = Felt(
+    updated = filter_state.released([1.0 / D], [W])._replace(x=np.column_stack([x + W * (eps / D), before]))
+    carried = CarriedTerms(
         shift_wrench(body.reach, wrench + G * eps), inertia.plus_outer(-G, column).inertia_shifted(body.reach).dense()
     )
 
@@ -106,18 +106,20 @@ def joint_crossed(body: TrunkBody, welded: Welded, belief: Belief, felt: Felt) -
         a = (eps + W @ s) / D - G @ moving
         return array([a]), moving + a * H
 
-    return Crossing(seen, carried, accelerated, array([D]))
+    return Crossing(updated, carried, accelerated, array([D]))
 
 
-def joints_crossed(bodies: Sequence[TrunkBody], welded: Sequence[Welded], belief: Belief, felt: Felt) -> Crossing:
+def joints_crossed(
+    bodies: Sequence[TrunkBody], welded: Sequence[Welded], filter_state: FilterState, carried: CarriedTerms
+) -> Crossing:
     """Return the result of crossing all joints together, if the columns are their accelerations.
 
     The joints are eliminated from the outermost inward, so the pivots are the inertias about the joints.
     """
     M, T = joint_equations(bodies, welded)
-    D, eps = (M + felt.inertia)[::-1, ::-1], (T - felt.load)[::-1]
-    x, X = belief.x[:, :1], belief.x[:, 1:]
-    found = _released(belief._replace(x=np.hstack([x, X[:, ::-1]])), D, eps)
+    D, eps = (M + carried.inertia)[::-1, ::-1], (T - carried.load)[::-1]
+    x, X = filter_state.x[:, :1], filter_state.x[:, 1:]
+    found = _released(filter_state._replace(x=np.hstack([x, X[:, ::-1]])), D, eps)
     largest: Scalar = 0.0
     for pivot in found.pivots:
         largest = maximum(largest, pivot)
@@ -152,22 +154,22 @@ def joint_equations(bodies: Sequence[TrunkBody], welded: Sequence[Welded]) -> tu
     return array(M), array(T)
 
 
-def set_free(welded: Welded, belief: Belief, felt: Felt) -> Crossing:
+def set_free(welded: Welded, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
     """Return the result of crossing a floating base."""
-    D = welded.inertia.symmetric().dense() + felt.inertia
-    return _released(belief, D, -(welded.wrench + felt.load))
+    D = welded.inertia.symmetric().dense() + carried.inertia
+    return _released(filter_state, D, -(welded.wrench + carried.load))
 
 
-def _released(belief: Belief, D: Array, eps: Array) -> Crossing:
+def _released(filter_state: FilterState, D: Array, eps: Array) -> Crossing:
     """Return the result of eliminating the columns, with their inertia D and generalised forces eps."""
-    x, X = belief.x[:, 0], belief.x[:, 1:]
+    x, X = filter_state.x[:, 0], filter_state.x[:, 1:]
     factors = ldl(D, np.zeros(len(D)))  # positive definite: every pivot counts
     columns = forward_substitution(factors.L, X.T)  # L^-1 X^T
-    seen = belief.released([1.0 / d for d in factors.pivots], list(columns))
-    seen = seen._replace(x=(x + X @ ldl_solve(factors, eps))[:, None])
+    updated = filter_state.released([1.0 / d for d in factors.pivots], list(columns))
+    updated = updated._replace(x=(x + X @ ldl_solve(factors, eps))[:, None])
 
     def accelerated(_: Array, s: Array) -> tuple[Array, Array]:
         a = ldl_solve(factors, eps + s @ X)
         return a, a
 
-    return Crossing(seen, nothing_felt(6), accelerated, factors.pivots)
+    return Crossing(updated, nothing_carried(6), accelerated, factors.pivots)

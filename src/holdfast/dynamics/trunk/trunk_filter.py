@@ -1,6 +1,6 @@
 """The object's filter extended through a trunk: inward body by body, then the arms without a trunk, and back.
 
-The belief about the object is alpha(G) = x + X beta with mobility P, where beta are the accelerations of the trunk's
+The state of the filter is alpha(G) = x + X beta with mobility P, where beta are the accelerations of the trunk's
 columns. On each body, every arm with a grasp is one more measurement, whose tip response has a column for each
 component of beta (`measurement`). The grasps add an inertia N and a load n to the equations of the columns. Then the
 body's joint is crossed (`crossing`). After the last grasp the object is eliminated: its external wrench w has become a
@@ -24,16 +24,16 @@ from holdfast.dynamics.closed.measurement import Measurement, measurement
 from holdfast.dynamics.closed.object_filter import ObjectSolution, initial_size, wrench_at_contact
 from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
 from holdfast.dynamics.closed.tip_response import BaseResponse, TipResponse
-from holdfast.dynamics.trunk.belief import Belief
 from holdfast.dynamics.trunk.crossing import (
+    CarriedTerms,
     Crossing,
-    Felt,
     Welded,
     joint_crossed,
     joints_crossed,
-    nothing_felt,
+    nothing_carried,
     set_free,
 )
+from holdfast.dynamics.trunk.filter_state import FilterState
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkMotion
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, concatenate, each
@@ -80,13 +80,13 @@ def trunk_filter(
     sweep = inward(trunk, rows, bases, body, contact_freedoms, tolerance)
     wrenches, alpha, accelerations = outward(trunk, sweep, body.wrench)
 
-    belief = sweep.belief
+    filter_state = sweep.filter_state
     found = ObjectSolution(
         each(wrench_at_contact, about, [wrenches[name] for name in grasps]),
         acceleration_at_C(body.centre, body.centripetal, alpha),
-        symmetric6(belief.dense()).mobility_shifted(-body.centre).dense(),
-        belief.kept,
-        belief.weakest,
+        symmetric6(filter_state.dense()).mobility_shifted(-body.centre).dense(),
+        filter_state.kept,
+        filter_state.weakest,
         [sweep.updates[name].independent for name in rows],
     )
     of_base = accelerations.pop(0) if trunk.floats else None
@@ -99,14 +99,14 @@ class InwardSweep(NamedTuple):
     """The result of the inward sweep, for the outward one.
 
     Attributes:
-        belief: the filter after all arms.
+        filter_state: the state of the filter after all arms.
         order: the arms with a grasp, by the index of the body on which they are mounted, -1 for the world.
         last: the arm included last; None if no arm has a grasp.
         updates: by arm.
         crossings: by body.
     """
 
-    belief: Belief
+    filter_state: FilterState
     order: Mapping[int, list[str]]
     last: str | None
     updates: Mapping[str, Any]
@@ -140,23 +140,24 @@ def inward(
     dense = bool(everyone) and rows[everyone[0]].parallel
     P = body.mobility.dense() if dense else FactoredMobility(body.D, body.w)
     x = np.column_stack([body.acceleration, np.zeros((6, trunk.column_count))])
-    belief = Belief(x, P, size, contact_freedoms, 1.0)
-    felt, updates, crossings = nothing_felt(trunk.column_count), {}, {}
+    filter_state = FilterState(x, P, size, contact_freedoms, 1.0)
+    carried, updates, crossings = nothing_carried(trunk.column_count), {}, {}
     for k in [*reversed(stops(trunk)), -1]:
         if k < 0:
-            belief = belief._replace(x=belief.x[:, 0])  # the base of the trunk has no additional acceleration
+            x = filter_state.x[:, 0]  # the base of the trunk has no additional acceleration
+            filter_state = filter_state._replace(x=x)
         for name, base in bases.items():
             if on(trunk, name) == k:
-                felt = felt.plus(base.wrench, base.Y)
+                carried = carried.plus(base.wrench, base.Y)
         for name in order[k]:
-            see = belief.seen if name != last else partial(belief.seen_last, w=body.wrench)
-            belief, updates[name] = see(rows[name], tolerance)
+            see = filter_state.updated if name != last else partial(filter_state.updated_by_last, w=body.wrench)
+            filter_state, updates[name] = see(rows[name], tolerance)
             added = updates[name].on_trunk
-            felt = felt if added is None else felt.plus(added[:, 0], added[:, 1:])
+            carried = carried if added is None else carried.plus(added[:, 0], added[:, 1:])
         if k >= 0:
-            crossings[k] = crossed(trunk, k, welded, belief, felt)
-            belief, felt = crossings[k].belief, crossings[k].felt
-    return InwardSweep(belief, order, last, updates, crossings)
+            crossings[k] = crossed(trunk, k, welded, filter_state, carried)
+            filter_state, carried = crossings[k].filter_state, crossings[k].carried
+    return InwardSweep(filter_state, order, last, updates, crossings)
 
 
 def outward(trunk: TrunkMotion, sweep: InwardSweep, w: Array) -> tuple[dict[str, Array], Array, list[Array]]:
@@ -167,10 +168,10 @@ def outward(trunk: TrunkMotion, sweep: InwardSweep, w: Array) -> tuple[dict[str,
         sweep: the result of the inward sweep.
         w: (6,) external wrench on the object about G.
     """
-    last, belief = sweep.last, sweep.belief
+    last, filter_state = sweep.last, sweep.filter_state
     alone = last is not None and on(trunk, last) >= 0  # only the trunk remains after the last grasp
     s, beta, wrenches, accelerations = np.zeros(6) if alone else w, None, {}, []
-    alpha = belief.x + belief.factors().apply(w) if last is None else None
+    alpha = filter_state.x + filter_state.factors().apply(w) if last is None else None
     for k in [-1, *stops(trunk)]:
         if k >= 0:
             a, beta = sweep.crossings[k].accelerated(np.zeros(6) if beta is None else beta, s)
@@ -216,10 +217,12 @@ def with_locked_arms(trunk: TrunkMotion, bases: Mapping[str, BaseResponse]) -> l
     return found
 
 
-def crossed(trunk: TrunkMotion, k: int, welded: list[Welded], belief: Belief, felt: Felt) -> Crossing:
+def crossed(
+    trunk: TrunkMotion, k: int, welded: list[Welded], filter_state: FilterState, carried: CarriedTerms
+) -> Crossing:
     """Return the result of crossing the joint of body k, or all joints if the columns are their accelerations."""
     if trunk.by_joints:
-        return joints_crossed(trunk.bodies, welded, belief, felt)
+        return joints_crossed(trunk.bodies, welded, filter_state, carried)
     if trunk.bodies[k].joint is None:
-        return set_free(welded[k], belief, felt)
-    return joint_crossed(trunk.bodies[k], welded[k], belief, felt)
+        return set_free(welded[k], filter_state, carried)
+    return joint_crossed(trunk.bodies[k], welded[k], filter_state, carried)

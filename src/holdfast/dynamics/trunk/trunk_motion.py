@@ -262,7 +262,7 @@ def _outward(
     on, by_joints = chain.mounted_on, _answers_by_joints(chain)
     columns = _columns(bodies) if by_joints else np.eye(6)
     stand = each(
-        lambda place, body: _standing(place, body, columns),
+        lambda place, body: _mounted_base(place, body, columns),
         [chain.arms[name].base for name in on],
         [(bodies[k].frame, bodies[k].twist, bodies[k].zeta) for k in on.values()],
     )
@@ -308,8 +308,10 @@ def _body(link: Link, R: Array, w: Array, zeta: Array, K: Array) -> tuple[RigidI
     return inertia.moved(R, np.zeros(3)), rotate(R, inertia.wrench(zeta, w, K))
 
 
-def _standing(place: Pose, body: tuple[Pose, Array, Array], columns: Array) -> tuple[Array, Pose, Array, Array, Array]:
-    """Return offset, frame, twist, zeta and columns of an arm's base.
+def _mounted_base(
+    place: Pose, body: tuple[Pose, Array, Array], columns: Array
+) -> tuple[Array, Pose, Array, Array, Array]:
+    """Return the motion of an arm's base that is mounted on a body: offset, frame, twist, zeta and columns.
 
     Args:
         place: pose of the base relative to the body.

@@ -130,7 +130,7 @@ class UrdfRobot:
         joints: joints by name, in the file's order.
         root: name of the root link.
         element: the <robot> element.
-        notes: notes on what was not read in the <robot> element itself.
+        notes: one sentence for each part of the <robot> element itself that was ignored.
         folder: folder to which relative names of meshes refer; "" for a text without a file.
     """
 

@@ -62,7 +62,7 @@ def _of_systems(name: str, size: int, lanes: int) -> list[str]:
 
 
 def _squares(name: str, size: int, lanes: int) -> list[str]:
-    """Return the rest of a function whose rows are known."""
+    """Return the body of a function, all blocks of the transposition, once the pointers to the rows are known."""
     V, checked = f"<{lanes} x double>", name in _CHECKED
     lines: list[str] = []
     whole, rest = divmod(size, lanes)
@@ -102,7 +102,7 @@ def _squares(name: str, size: int, lanes: int) -> list[str]:
 
 
 def _square(name: str, tag: str, entry: str, lanes: int, width: int, sums: list[str]) -> tuple[list[str], list[str]]:
-    """Return the lines that transpose a block: `width` numbers, from `entry` on, of `lanes` rows; and the new sums."""
+    """Return lines that transpose a block, `width` entries from `entry` on of `lanes` rows, and the updated sums."""
     V = f"<{lanes} x double>"
     lines = [f"  %{tag}.first = mul i64 {entry}, {lanes}"]
     for j in range(lanes):

@@ -1,4 +1,4 @@
-"""The state of the object's filter (its belief about the object's acceleration) while it passes through a trunk."""
+"""The state of the object's filter, the estimate of the object's acceleration and its mobility, on its way inward."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class LastUpdate(NamedTuple):
     independent: Array | None
 
 
-class Belief(NamedTuple):
+class FilterState(NamedTuple):
     """The state of the filter after all arms on the bodies further out have been included.
 
     Attributes:
@@ -57,22 +57,22 @@ class Belief(NamedTuple):
         """Return P in factors."""
         return self.P if isinstance(self.P, FactoredMobility) else factored(self.P, sizes_of_rows(self.size))
 
-    def seen(self, m: Measurement, tolerance: float) -> tuple[Belief, Update]:
-        """Return the belief after an arm, and its back-substitution, by a parallel sum if possible."""
+    def updated(self, m: Measurement, tolerance: float) -> tuple[FilterState, Update]:
+        """Return the state after the update by an arm, and its back-substitution, by a parallel sum if possible."""
         if m.parallel and not isinstance(self.P, FactoredMobility):
             x, P, update = rigid_update(self.x, self.P, m, self.size)
             size = minimum(self.size, size_at_centre(m.extent))
         else:
             x, P, update = row_updates(self.x, self.factors(), m, self.size, tolerance)
             size = self.size
-        return Belief(x, P, size, self.kept + update.kept, minimum(self.weakest, update.weakest)), update
+        return FilterState(x, P, size, self.kept + update.kept, minimum(self.weakest, update.weakest)), update
 
-    def seen_last(self, m: Measurement, tolerance: float, w: Array) -> tuple[Belief, LastUpdate]:
-        """Return the belief after the last arm, and its update; w is the external wrench on the object."""
+    def updated_by_last(self, m: Measurement, tolerance: float, w: Array) -> tuple[FilterState, LastUpdate]:
+        """Return the state after the update by the last arm, and its update; w is the external wrench on the object."""
         if m.parallel and not isinstance(self.P, FactoredMobility):
             end = terminal_update(self.x, self.P, m, self.size, w)
-            return self.seen(m, tolerance)[0], LastUpdate(end.answer, end.on_trunk, None)
-        after, update = self.seen(m, tolerance)
+            return self.updated(m, tolerance)[0], LastUpdate(end.answer, end.on_trunk, None)
+        after, update = self.updated(m, tolerance)
         by_w, on_trunk = after.factors().apply(w), update.on_trunk
         if on_trunk is not None:
             on_trunk = np.column_stack([on_trunk[:, 0] - w @ after.x[:, 1:], on_trunk[:, 1:]])
@@ -82,8 +82,8 @@ class Belief(NamedTuple):
 
         return after, LastUpdate(answer, on_trunk, update.independent)
 
-    def released(self, D: list[Scalar], w: list[Array]) -> Belief:
-        """Return the belief with sum D w w^T added to P."""
+    def released(self, D: list[Scalar], w: list[Array]) -> FilterState:
+        """Return the state with sum D w w^T added to P."""
         size = self.size
         for d, column in zip(D, w, strict=True):
             turning, moving = d * (column[:3] @ column[:3]), d * (column[3:] @ column[3:])
