@@ -386,7 +386,8 @@ class FunctionDerivatives:
         made: dict[TextRequest, CompiledFunction] = self.__dict__.setdefault("_texts_made", {})
         if request not in made:
             options = options_of(self.options, request.arguments, True)
-            made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
+            with self._compiling(what):  # type: ignore[attr-defined]
+                made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
         found = made[request]((*inputs, *(given[name] for name in request.given)), parameters, threads)
         values = [found.pop(name) for name in text.results]
         result = values[0] if values[0].ndim else float(values[0])
