@@ -55,7 +55,9 @@ ON_CALL = {
     "compiled/chain.py": {"codegen"},
     "model/held_object.py": {"robots"},
     "simulation/run_outputs.py": {"io", "view", "interop"},
-    "simulation/rollout/systems.py": {"io"},
+    "simulation/rollout/record.py": {"io"},
+    "simulation/rollout/recording.py": {"io"},
+    "simulation/simulate.py": {"io"},
     "io/run_setting.py": {"scenario"},
     "sweeps/result.py": {"view"},
 }

@@ -7,11 +7,12 @@ import sys
 import numpy as np
 import pytest
 
+import holdfast as hf
 from holdfast import progress
 from holdfast.errors import ModelError
 from holdfast.progress import busy, of_time, progress_bar, reporting
 from tests.compiler.programs import same_bits
-from tests.simulation.rollout.problems import arrays
+from tests.simulation.rollout.problems import arrays, problem
 from tests.simulation.rollout.test_statuses import STEP, gantries, given
 
 
@@ -121,3 +122,15 @@ def test_rollouts_that_are_watched(capsys):
     for name in options["record"]:
         assert same_bits(first[name], watched[name]), name
     assert capsys.readouterr().err.startswith("compiling steps of ")
+
+
+def test_code_made_later(capsys):
+    """A chain compiled with progress also shows that of its other functions, at their first call; another does not."""
+    chain, state = problem("one")
+    for watched in (True, False):
+        fast = hf.compile(chain, progress=watched)
+        fast.kinetic_energy(state.q, state.qd, state.object_pose, state.object_twist)
+        fast.kinetic_energy(state.q, state.qd, state.object_pose, state.object_twist)
+        fast.potential_energy_vjp(state.q, state.object_pose)
+    said = [line.partition(" of ")[0] for line in capsys.readouterr().err.splitlines()]
+    assert said == ["compiling the dynamics", "compiling kinetic_energy", "compiling potential_energy_vjp"]

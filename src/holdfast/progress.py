@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import html
 import sys
 import time
@@ -20,10 +19,13 @@ REFRESH = 0.2  # seconds between two pictures of a notebook's bar
 Shown = Callable[[float, str], None]  # takes the part that is done, 0 to 1, and what is said beside the bar
 
 
-def say(line: str) -> None:
-    """Print a line on stderr, if stderr can be written."""
-    with contextlib.suppress(OSError, ValueError):
+def say(line: str) -> bool:
+    """Print a line on stderr, if stderr can be written; return whether it can."""
+    try:
         print(line, file=sys.stderr, flush=True)
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 @contextmanager
@@ -81,7 +83,7 @@ def of_time(whole: float) -> Callable[[float], tuple[float, str]]:
 
 @contextmanager
 def progress_bar(
-    doing: str, begin: str = "", say: Callable[[str], None] = say, time_left: bool = True
+    doing: str, begin: str = "", say: Callable[[str], object] = say, time_left: bool = True
 ) -> Iterator[Shown]:
     """Yield what shows how far work is.
 

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from holdfast import ModelError, Pose, State, close, forward_dynamics
+from holdfast import ModelError, Pose, State, StateError, close, forward_dynamics
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest, Target
 from holdfast.dynamics import project_velocity
@@ -96,3 +96,16 @@ def test_an_arm_without_a_grasp_is_damped():
     goal = Target(state.object_frame, np.zeros(6), np.zeros(6))
     tau, _ = ObjectTracking(loose, lambda t: goal, joint_damping=5.0)(0.0, moving, None)
     assert forward_dynamics(loose, moving, tau).qdd[7:] == pytest.approx(-5.0 * np.ones(7), abs=1e-8)
+
+
+@pytest.mark.parametrize("velocity", [1e200, 1e307])
+def test_velocities_that_overflow(velocity):
+    """Torques and the commanded acceleration are refused where they overflow; neither is NaN or infinite."""
+    chain, state = two_pandas()
+    law = ObjectTracking(chain, RestToRest(state.object_frame))
+    wild = State(state.q, np.full(14, velocity), state.object_pose, np.full(6, velocity))
+    with pytest.raises(StateError, match="object tracking"):
+        law(0.0, wild, None)
+    if velocity == 1e307:
+        with pytest.raises(StateError, match="object tracking: acceleration: expected finite numbers"):
+            law.commanded_acceleration(0.0, wild)

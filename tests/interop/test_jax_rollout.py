@@ -87,6 +87,33 @@ def test_gradient_by_every_argument(problem):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("called", ["aim_pose", "object_pose_goal"])
+def test_a_law_may_call_its_parameters_poses(problem, called):
+    """A law's own parameter is a list of numbers, whatever its name: it has its own shape, and the law's gradient."""
+    rollout, values = problem
+    n = rollout.chain.joint_count
+
+    def pull(t, now, memory, given):
+        return given[called] - 2.0 * now.qd, memory
+
+    own = hf.compile_rollout(rollout.chain, hf.ControlLaw(pull, parameters={called: (n,)}), scheme="midpoint")
+    f = to_jax(own, of=("q", "object_pose"), step=STEP, steps=2)
+    rest = {name: values[name] for name in ("q", "qd", "object_pose", "object_twist")}
+    aim, along = values["tau"][0], np.random.default_rng(3).normal(size=n)
+
+    def end(x):
+        return weighted(f(**rest, **{called: x}))
+
+    gradient = jax.grad(end)(aim)
+    assert gradient.shape == (n,)
+    slope = (
+        8 * (end(aim + 0.1 * along) - end(aim - 0.1 * along)) - end(aim + 0.2 * along) + end(aim - 0.2 * along)
+    ) / 1.2
+    assert float(gradient @ along) == pytest.approx(float(slope), rel=1e-7)
+    assert np.isfinite(gradient).all() and np.abs(gradient).max() > 0.0
+
+
+@pytest.mark.slow
 def test_vmap(problem, monkeypatch):
     """A vmap, of the gradient too, is one rollout of many systems, each with the numbers of its own."""
     rollout, values = problem

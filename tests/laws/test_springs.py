@@ -234,3 +234,19 @@ def test_mujoco():
     share = hf.inverse_dynamics(plain, state, qdd, none) - hf.inverse_dynamics(chain, state, qdd, none)
     joint_damping = np.concatenate([arm.damping * state.qd[chain.joints[name]] for name, arm in chain.arms.items()])
     assert data.qfrc_passive[:n] + joint_damping == pytest.approx(share, rel=1e-10, abs=1e-10)
+
+
+@pytest.mark.parametrize("question", [hf.forward_dynamics, hf.holding_torques, hf.control.GravityCompensation])
+def test_overflow_names_the_spring(question):
+    """A spring whose wrench overflows is named by its number and its bodies, not as a wrench that nobody gave."""
+    chain, state, tau = still_bases(3, damped=True)
+    far = hf.Spring(("world", (1e200, 0, 0)), ("object", (0, 0, 0)), 1e200)
+    chain = replace(chain, springs=(*chain.springs, far))
+    ask = {
+        hf.forward_dynamics: lambda: hf.forward_dynamics(chain, state, tau),
+        hf.holding_torques: lambda: hf.holding_torques(chain, state),
+        hf.control.GravityCompensation: lambda: hf.control.GravityCompensation(chain)(0.0, state, None),
+    }[question]
+    place = f"wrench of spring {len(chain.springs) - 1}, from 'world' to 'object': expected finite numbers"
+    with pytest.raises(hf.StateError, match=place):
+        ask()

@@ -111,13 +111,17 @@ def test_pages_show_meshes(run, folder, tmp_path):
         assert not missing
         corners = link_meshes["right"][3][0].mesh.vertices  # of the third link
         assert sorted(map(tuple, np.unique(corners, axis=0))) == sorted(map(tuple, 0.1 * CORNERS))
+    assert run.playback().notes == ()
     with_meshes = run.page(tmp_path / "a.html").read_text(encoding="utf-8")
     assert result.page(tmp_path / "b.html").read_text(encoding="utf-8") == with_meshes
     (folder / "link.stl").rename(folder / "gone.stl")
     try:
         link_meshes, missing = meshes_in_files(run.setting.chain)
         assert not link_meshes and "link.stl: no such file" in missing["left"][0]
-        assert run.page(tmp_path / "c.html").read_text(encoding="utf-8") != with_meshes
+        page = run.page(tmp_path / "c.html").read_text(encoding="utf-8")
+        left, right = run.playback().notes
+        assert left.startswith("arm 'left' is drawn with simple solids: ") and "link.stl: no such file" in left
+        assert "arm 'right'" in right and "arm 'right' is drawn with simple solids" in page
     finally:
         (folder / "gone.stl").rename(folder / "link.stl")
 

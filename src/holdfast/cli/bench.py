@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from holdfast.bench import tables
-from holdfast.bench.run import FULL, QUICK, Report, run
+from holdfast.bench.run import FULL, QUICK, run
 from holdfast.cli.console import stdout
+from holdfast.cli.streams import say
+from holdfast.progress import progress_bar
 
 ABREAST = 7  # systems in a batch
 ONLY_ON_THE_PAGE = (tables.settings, tables.growth)
@@ -21,8 +19,8 @@ ONLY_ON_THE_PAGE = (tables.settings, tables.growth)
 
 def bench(as_json: bool, quick: bool) -> int:
     """Measure, and print tables or one JSON document."""
-    with _progress() as report:
-        document = run(QUICK if quick else FULL, report)
+    with progress_bar("measuring", say=say, time_left=False) as show:
+        document = run(QUICK if quick else FULL, lambda doing, part: show(part, doing))
     if as_json:
         print(json.dumps(document, indent=1))
         return 0
@@ -47,16 +45,3 @@ def _print(console: Console, table: tables.Table) -> None:
     for note in table.notes:
         console.print(note)
     console.print()
-
-
-@contextmanager
-def _progress() -> Iterator[Report]:
-    """Show on stderr what is being measured, if stderr is a terminal."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task("starting", total=1.0)
-
-        def report(doing: str, part: float) -> None:
-            progress.update(task, description=doing, completed=part)
-
-        yield report

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, TypeVar
 
 import msgspec
 from rich.console import Console
-from rich.progress import track
+
+from holdfast.progress import progress_bar
 
 T = TypeVar("T")
 
@@ -34,8 +35,13 @@ def print_document(data: Any) -> None:
     print(msgspec.json.format(msgspec.json.encode(data), indent=1).decode())
 
 
-def with_progress(items: list[T], doing: str) -> Iterator[T] | Iterable[T]:
-    """Return the items, with a progress bar on stderr if there are several and stderr is a terminal."""
+def with_progress(items: list[T], doing: str) -> Iterator[T]:
+    """Yield the items, with a progress bar on stderr if there are several and stderr is a terminal."""
     if len(items) < 2 or not sys.stderr.isatty():
-        return items
-    return track(items, description=doing, console=Console(stderr=True), transient=True)
+        yield from items
+        return
+    with progress_bar(doing) as show:
+        for k, item in enumerate(items):
+            show(k / len(items), f"{k} of {len(items)}")
+            yield item
+        show(1.0, f"{len(items)} of {len(items)}")

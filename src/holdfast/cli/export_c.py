@@ -34,7 +34,7 @@ def export_code(
     as_json: bool,
     trust_xacro: bool,
 ) -> int:
-    """Write computations of a scene's chain, and its controller, as code that runs without Python.
+    """Write computations of a scene's chain, and its controller, as code that runs without Python; return 0.
 
     Args:
         scene: the scene file; `-` for stdin.
@@ -50,9 +50,6 @@ def export_code(
         changes: changes `key=value` of the scene.
         as_json: print one JSON document on stdout instead of a table.
         trust_xacro: expand xacro files that the scene names.
-
-    Returns:
-        0.
 
     Raises:
         HoldfastError: the input is invalid, or this chain or controller does not support a function.

@@ -9,6 +9,8 @@ import sys
 from collections.abc import Iterator
 from typing import Any, Self, TextIO, cast
 
+from holdfast import progress
+
 OUTPUT, READER_GONE = 74, 141  # exit codes: EX_IOERR of sysexits.h; 128 + SIGPIPE
 
 
@@ -31,10 +33,8 @@ def open_streams() -> bool:
 
 
 def say(line: str) -> None:
-    """Print a line on stderr, if stderr can be written."""
-    try:
-        print(line, file=sys.stderr, flush=True)
-    except (OSError, ValueError):
+    """Print a line on stderr; a stderr that cannot be written is silenced, as it would fail again at exit."""
+    if not progress.say(line):
         _silence(sys.stderr)
 
 

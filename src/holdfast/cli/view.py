@@ -15,16 +15,14 @@ from holdfast.cli.standard import is_standard, write_stdout
 from holdfast.cli.streams import say
 from holdfast.errors import ModelError, ResultError, SceneError, SingularChainError, StateError
 from holdfast.io.typed import refusal
-from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.scenario.build import Scenario
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.state import Inputs
 from holdfast.view.chooser import MOST_PAGES
-from holdfast.view.link_meshes import meshes_in_files
 from holdfast.view.live import watch
 from holdfast.view.page import export_page
-from holdfast.view.playback import Playback, Visuals, playback_of_instant, playback_of_run
+from holdfast.view.playback import Playback, playback_of_instant, playback_of_run
 
 LAST_PORT = 65535
 
@@ -108,9 +106,7 @@ def _playback(target: Path, rate: float, trust_xacro: bool, changes: Sequence[st
     if changes:
         raise SceneError(f"--set: expected a scene, whose keys it sets, got the result folder {target}")
     setting, result = recorded(target, trust_xacro)
-    return playback_of_run(
-        setting.chain, result.trajectory, setting.name, rate, setting.base_motion, _visuals(setting.chain)
-    )
+    return _noted(playback_of_run(setting.chain, result.trajectory, setting.name, rate, setting.base_motion))
 
 
 def _playback_of_scene(scenario: Scenario, source: Path) -> Playback:
@@ -119,18 +115,15 @@ def _playback_of_scene(scenario: Scenario, source: Path) -> Playback:
         scenario.chain, scenario.options.get("base_motion", {}), scenario.options.get("inputs") or Inputs()
     )
     try:
-        return playback_of_instant(
-            evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name, _visuals(scenario.chain)
+        return _noted(
+            playback_of_instant(evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name)
         )
     except (SingularChainError, StateError) as cause:
         raise type(cause)(f"{source}: {cause}") from cause
 
 
-def _visuals(chain: ClosedChain) -> Visuals:
-    """Return the meshes of arms and trunk from their files; print on stderr which meshes are not available."""
-    visuals, missing = meshes_in_files(chain)
-    for name, (first, *others) in missing.items():
-        more = f", and {len(others)} more" if others else ""
-        what = name if name == TRUNK else f"arm '{name}'"
-        say(f"note: {what} is drawn with simple solids: {first}{more}")
-    return visuals
+def _noted(playback: Playback) -> Playback:
+    """Return the playback; print on stderr which meshes cannot be read."""
+    for note in playback.notes:
+        say(f"note: {note}")
+    return playback

@@ -67,8 +67,8 @@ def compile(
             and `link_wrench` (external wrenches on the links).
         generic_rank: the rank of the grasp constraint away from singular configurations. If it is None, it is
             determined when it first matters.
-        progress: whether to show, in a notebook or on a terminal, that machine code is made and how long it took. That
-            of derivatives and of other functions is made when they are first asked for.
+        progress: whether to show, in a notebook or on a terminal, that machine code is made and how long it took; also
+            that of derivatives and of other functions, which is made when they are first called.
 
     Returns:
         The chain's dynamics as functions of arrays, for one system or a batch.
@@ -91,7 +91,7 @@ def compile(
     route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
     options = optional_parameters(parameters, "compile", route)
     with busy(progress, f"compiling the dynamics of {', '.join(chain.names)}"):
-        return CompiledChain(chain, options, generic_rank)
+        return CompiledChain(chain, options, generic_rank, progress)
 
 
 class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, ClosureDerivatives, ForceDerivatives):
@@ -102,10 +102,11 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
         options: the options with which it was compiled.
         generic_rank: the rank of the grasp constraint away from singular configurations, or None while unknown.
         calls: the calls of the machine code of forward dynamics.
+        progress: whether to show that machine code is made.
     """
 
-    def __init__(self, chain: ClosedChain, options: Options, generic_rank: int | None) -> None:
-        self.chain, self.options, self.generic_rank = chain, options, generic_rank
+    def __init__(self, chain: ClosedChain, options: Options, generic_rank: int | None, progress: bool = False) -> None:
+        self.chain, self.options, self.generic_rank, self.progress = chain, options, generic_rank, progress
         structure = Structure(chain, options)
         self._externals = forward_externals(structure)
         code = kernel("forward", structure, self._externals, lambda: forward_schedule(structure))
@@ -211,7 +212,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to unpickle the object: its machine code is loaded from the cache or compiled again."""
-        return CompiledChain, (self.chain, self.options, self.generic_rank)
+        return CompiledChain, (self.chain, self.options, self.generic_rank, self.progress)
 
     def _forward(
         self,

@@ -222,7 +222,8 @@ class ChainDerivatives:
         except (KeyError, TypeError):  # asked for the first time, or no names
             request = self.derivative_request(kind, of, by)
         if (request, moving) not in known:
-            known[request, moving] = CompiledDerivatives(self, request, moving)  # type: ignore[arg-type]
+            with self._compiling(f"forward_dynamics_{kind}"):  # type: ignore[attr-defined]
+                known[request, moving] = CompiledDerivatives(self, request, moving)  # type: ignore[arg-type]
         known[kind, type(of), tuple(of), type(by), tuple(by), moving] = known[request, moving]
         return known[request, moving]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from typing import Any, NamedTuple, NoReturn
 
 from holdfast.compiled import arrays
@@ -14,6 +15,7 @@ from holdfast.dynamics.closure_derivatives import by_grasps
 from holdfast.dynamics.consistency import GraspResidual
 from holdfast.forces.margins import JointMargins
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.progress import busy
 from holdfast.spatial.scalar import Array
 
 
@@ -43,10 +45,12 @@ class ChainFunctions:
     Attributes:
         chain: the chain.
         options: the options with which it was compiled.
+        progress: whether to show that machine code is made.
     """
 
     chain: ClosedChain
     options: Options
+    progress: bool
 
     def inverse_dynamics(
         self, q: Any, qd: Any, qdd: Any, grasp_wrench: Any, *, threads: int = 1, **parameters: Any
@@ -334,11 +338,16 @@ class ChainFunctions:
         """Raise the error for a missing attribute; for a library function, it says why it is not compiled."""
         raise missing(name, type(self).__name__)
 
+    def _compiling(self, what: str) -> AbstractContextManager[None]:
+        """Show that a computation is compiled, if the chain was compiled with `progress=True`."""
+        return busy(self.progress, f"compiling {what} of {', '.join(self.chain.names)}")
+
     def _function(self, name: str) -> CompiledFunction:
         """Return a compiled computation; it is compiled when first requested."""
         made: dict[str, CompiledFunction] = self.__dict__.setdefault("_functions", {})
         if name not in made:
-            made[name] = CompiledFunction(name, self.chain, self.options)
+            with self._compiling(name):
+                made[name] = CompiledFunction(name, self.chain, self.options)
         return made[name]
 
     def _matrices(self, name: str, q: Any, parameters: Mapping[str, Any], threads: int) -> dict[str, Array]:

@@ -74,7 +74,8 @@ class TextDerivatives:
         made: dict[TextRequest, CompiledFunction] = self.__dict__.setdefault("_texts_made", {})
         if request not in made:
             options = options_of(self.options, request.arguments, True)
-            made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
+            with self._compiling(what):  # type: ignore[attr-defined]
+                made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
         found = made[request]((*inputs, *(given[name] for name in request.given)), parameters, threads)
         result = collected(*(found.pop(name) for name in text.results))
         parts: dict[Any, Any] = {name.removeprefix(FOUND): x for name, x in found.items()}

@@ -88,9 +88,15 @@ class ObjectTracking(Frozen):
         tau = computed_torque(chain, state, acceleration, wrenches, self.joint_damping)
         return checks.finite(tau, "object tracking"), memory
 
+    @np.errstate(all="ignore")  # what overflows is refused
     def commanded_acceleration(self, t: float, state: State) -> Array:
-        """Return the commanded [omega_dot; v_dot] of C, (6,) world axes."""
+        """Return the commanded [omega_dot; v_dot] of C, (6,) world axes.
+
+        Raises:
+            StateError: it overflows.
+        """
         target = cast(Callable[[float], Target], self.path)(t)
         frame = state.object_frame
         error = concatenate([rotation.log_below_pi(target.pose.R @ frame.R.T), target.pose.p - frame.p])
-        return target.acceleration + self.damping * (target.twist - state.object_twist) + self.stiffness * error
+        found = target.acceleration + self.damping * (target.twist - state.object_twist) + self.stiffness * error
+        return checks.finite(found, "object tracking: acceleration")

@@ -12,7 +12,7 @@ from holdfast.errors import MissingExtra
 from holdfast.io.columns import PER_ARM, PER_JOINT, WRENCHES, columns, labels_of, rows
 from holdfast.io.result_meta import ResultMeta
 from holdfast.io.save_run import meta_of
-from holdfast.simulation.rollout.systems import RolloutRecord
+from holdfast.simulation.rollout.record import RolloutRecord
 from holdfast.simulation.setting import Setting
 from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.spatial.scalar import Array

@@ -153,12 +153,16 @@ class ResultWriter:
         self._reported += len(sample.occurrences)
 
     def mark(self, checkpoint: Checkpoint) -> None:
-        """Take the checkpoint of the last sample; flush if many samples wait, or for long, or none is on disk yet.
+        """Take the checkpoint of the last sample, and flush if that is due."""
+        self._marked = self.samples + len(self._waiting), checkpoint
+        self.flush_if_due()
+
+    def flush_if_due(self) -> None:
+        """Flush if many samples wait, or for long, or none is on disk yet.
 
         Raises:
             ResultError: they cannot be written.
         """
-        self._marked = self.samples + len(self._waiting), checkpoint
         if len(self._waiting) >= CHUNK or time.monotonic() - self._flushed_at >= PATIENCE:
             self.flush()
 

@@ -9,15 +9,17 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from holdfast.io.files import file_path
+from holdfast.io.files import file_path, write_atomically
 from holdfast.io.model_data import model_data
 from holdfast.io.replaced_folder import replaced_folder
 from holdfast.io.result_folder import CHUNK, ResultWriter, is_of_a_result, require_free, run_meta
-from holdfast.io.result_meta import BASES, MODEL, ResultMeta
+from holdfast.io.result_meta import BASES, INTERRUPTED, MODEL, ResultMeta
 from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names
+from holdfast.spatial.scalar import Array
 
+ADVICE = "overwrite=True"
 SCENE = """# A run made in Python by holdfast, without a scene. model.json contains its chain.
 # Its controller and its initial state are not in this folder, so nobody can go on with it or begin it anew from here.
 """
@@ -36,9 +38,9 @@ def save_run(run: Trajectory, folder: str | PathLike[str], overwrite: bool = Fal
         ResultError: the folder is in use or cannot be written.
     """
     place, setting = file_path(folder, "folder"), run.require_setting()
-    require_free(place, overwrite, "overwrite=True")
+    require_free(place, overwrite, ADVICE)
     with replaced_folder(place, is_of_a_result) as new:
-        writer = ResultWriter(new, meta_of(setting), SCENE, files=_own_files(run, setting))
+        writer = ResultWriter(new, meta_of(setting), SCENE, files=_own_files(setting, run.t))
         for k, one in enumerate(_singles(run)):
             writer.add(one)
             if (k + 1) % CHUNK == 0:
@@ -52,14 +54,62 @@ def meta_of(setting: Setting) -> ResultMeta:
     return run_meta(setting.chain, setting.name, setting.duration, setting.step, **setting.options)
 
 
-def _own_files(run: Trajectory, setting: Setting) -> dict[str, bytes]:
+class AppendedRun:
+    """A run that is written to a result folder while `simulate` makes it."""
+
+    def __init__(self, folder: str | PathLike[str], setting: Setting, times: Array, overwrite: bool) -> None:
+        """Check that the folder can be used.
+
+        Args:
+            folder: the folder; it is created with the first sample if it does not exist.
+            setting: the setting of the run.
+            times: the times at which steps are to end, where the motions of bases are recorded until the run has ended.
+            overwrite: replace an earlier result there.
+
+        Raises:
+            ResultError: the folder is in use.
+        """
+        place, files = file_path(folder, "folder"), _own_files(setting, times)
+        self._writer = ResultWriter(place, meta_of(setting), SCENE, files=files, overwrite=overwrite, advice=ADVICE)
+
+    def add(self, sample: Trajectory) -> None:
+        """Take a sample, and write those that wait if they are many, or old.
+
+        Raises:
+            ResultError: they cannot be written, or another process has written to the folder.
+        """
+        self._writer.add(sample)
+        self._writer.flush_if_due()
+
+    def finish(self, run: Trajectory) -> None:
+        """Write the remaining samples, the motions of bases, and how the run ended.
+
+        Raises:
+            ResultError: they cannot be written, or another process has written to the folder.
+        """
+        setting = run.require_setting()
+        self._writer.flush()
+        if setting.base_motion:
+            write_atomically(self._writer.folder / BASES, _own_files(setting, run.t)[BASES])
+        self._writer.finish(summarise(setting.chain, run), stopped=run.stopped, occurrences=run.occurrences)
+
+    def interrupt(self) -> None:
+        """Write the remaining samples of a run that an error or Ctrl-C ended.
+
+        Raises:
+            ResultError: they cannot be written, or another process has written to the folder.
+        """
+        self._writer.finish(None, stopped=INTERRUPTED)
+
+
+def _own_files(setting: Setting, times: Array) -> dict[str, bytes]:
     """Return the chain, and how bases moved, as files."""
     found = {MODEL: msgspec.json.encode(model_data(setting.chain)) + b"\n"}
     if not setting.base_motion:
         return found
     arrays = {}
     for name, motion in setting.base_motion.items():
-        base = motion if isinstance(motion, RecordedBase) else recorded_base(name, motion, run.t)
+        base = motion if isinstance(motion, RecordedBase) else recorded_base(name, motion, times)
         arrays |= {f"{name}.{part}": getattr(base, part) for part in ("t", "R", "p", "twist", "acceleration")}
     file = io.BytesIO()
     np.savez(file, **arrays, bases=np.array(msgspec.json.encode(list(setting.base_motion)).decode()))

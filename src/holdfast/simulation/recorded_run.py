@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -25,12 +25,12 @@ class Listeners(NamedTuple):
 
     Attributes:
         progress: called with the time after every step.
-        on_sample: called with every sample.
+        on_sample: each called with every sample.
         on_checkpoint: called after that with the checkpoint.
     """
 
     progress: Callable[[float], object]
-    on_sample: Callable[[Trajectory], None] | None
+    on_sample: Sequence[Callable[[Trajectory], None]]
     on_checkpoint: Callable[[Checkpoint], None] | None
 
 
@@ -52,8 +52,8 @@ def recorded_run(at: RunState, recorder: Recorder, resumed: bool, listeners: Lis
         happened = at.checkpoint.occurrences[reported:]
         reported += len(happened)
         samples.append(recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened))
-        if listeners.on_sample is not None:
-            listeners.on_sample(samples[-1])
+        for listen in listeners.on_sample:
+            listen(samples[-1])
         if listeners.on_checkpoint is not None:
             listeners.on_checkpoint(at.checkpoint)
 

@@ -145,7 +145,8 @@ class RunOutputs:
     def page(self, path: str | PathLike[str], rate: float = RATE) -> Path:
         """Write the run as one HTML file that needs no network connection, and return its path.
 
-        Arms from URDF files are drawn with their meshes if these can be read, and with simple solids otherwise.
+        Arms from URDF files are drawn with their meshes if these can be read, and with simple solids otherwise. The
+        page then says which mesh cannot be read and why, as do the `notes` of `playback()`.
 
         Args:
             path: path of the file, which is replaced if it exists.

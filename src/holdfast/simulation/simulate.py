@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from os import PathLike
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +38,7 @@ from holdfast.simulation.stops import ALIKE, step_times, stops
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.simulation.verification import LOOKS
 from holdfast.simulation.zero_order_hold import zero_order_hold
+from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 
@@ -67,6 +70,8 @@ def simulate(
     on_checkpoint: Callable[[Checkpoint], None] | None = None,
     make_stepper: MakeStepper | None = None,
     name: str = "run",
+    folder: str | PathLike[str] | None = None,
+    overwrite: bool = False,
 ) -> Trajectory:
     """Return the motion from an initial state, by Runge-Kutta steps with projection and verified contacts.
 
@@ -115,6 +120,9 @@ def simulate(
         on_checkpoint: called after `on_sample` with a checkpoint from which the run can be continued.
         make_stepper: returns the stepper. By default steps are compiled to machine code if there are enough of them.
         name: name of the run in pages and files.
+        folder: result folder to which the samples are appended while the run goes on, at least every 5 seconds. It can
+            be read at any time by `load_result`, also after the process was killed.
+        overwrite: whether an earlier result in this folder is replaced.
 
     Raises:
         ModelError: the duration or step is not positive, there are too many steps, a policy or scheme is unknown, an
@@ -122,6 +130,7 @@ def simulate(
         StateError: the initial state violates a grasp, the controller does not return valid torques and memory, or
             the parameters do not match those of its law.
         SingularChainError: the initial configuration is singular.
+        ResultError: the folder is in use or cannot be written.
     """
     checks.instance(chain, ClosedChain, "simulation: chain")
     checks.instance(state, State, "simulation: state", StateError)
@@ -151,17 +160,50 @@ def simulate(
 
     calls = len(ends.times) * (1 if hold else len(named.c) * (LOOKS if joint_limits(chain).limited.any() else 1))
     recorder = Recorder(0 if environment.base_motion else len(ends.times))
-    doing, begin = f"simulating {name}", f"{duration:g} s in {len(grid) - 1} steps"
-    with laws_by_machine_code(chain, calls), reporting(progress, doing, begin, of_time(duration)) as tell:
-        at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
-        run = recorded_run(at, recorder, start is not None, Listeners(tell, on_sample, on_checkpoint))
-    moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
     asked = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
     asked |= {"atol": atol, "largest_drift": limit, "controller": called}
     asked |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}
     asked |= {} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay}
-    return replace(run, setting=Setting(chain, moved, name, float(duration), float(step), asked))
+    setting = Setting(chain, environment.base_motion, name, float(duration), float(step), asked)
+    doing, begin = f"simulating {name}", f"{duration:g} s in {len(grid) - 1} steps"
+    with (
+        laws_by_machine_code(chain, calls),
+        reporting(progress, doing, begin, of_time(duration)) as tell,
+        _appending(folder, overwrite, setting, ends.times) as on_disk,
+    ):
+        at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
+        listeners = Listeners(tell, [one for one in (on_disk.add, on_sample) if one is not None], on_checkpoint)
+        run = recorded_run(at, recorder, start is not None, listeners)
+        moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
+        run = replace(run, setting=replace(setting, base_motion=moved))
+        on_disk.finish(run)
+    return run
+
+
+class _OnDisk(NamedTuple):
+    """What is called with every sample, and with the run."""
+
+    add: Callable[[Trajectory], None] | None
+    finish: Callable[[Trajectory], None]
+
+
+@contextmanager
+def _appending(
+    folder: str | PathLike[str] | None, overwrite: bool, setting: Setting, times: Array
+) -> Iterator[_OnDisk]:
+    """Within this context, append samples to a folder, if there is one; what waits is written at an error, too."""
+    if folder is None:
+        yield _OnDisk(None, lambda run: None)
+        return
+    from holdfast.io.save_run import AppendedRun
+
+    saved = AppendedRun(folder, setting, times, overwrite)
+    try:
+        yield _OnDisk(saved.add, saved.finish)
+    except BaseException:
+        saved.interrupt()
+        raise
 
 
 @contextmanager

@@ -14,8 +14,8 @@ import numpy as np
 from holdfast.errors import MissingExtra, ResultError
 from holdfast.io.columns import labels_of
 from holdfast.io.save_run import meta_of
+from holdfast.simulation.rollout.record import RolloutRecord
 from holdfast.simulation.rollout.rollout import Rollout
-from holdfast.simulation.rollout.systems import RolloutRecord
 from holdfast.simulation.setting import Setting
 from holdfast.spatial.scalar import Array
 from holdfast.sweeps.plan import made_by

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -10,14 +10,17 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.held_object import HeldObject
 from holdfast.model.visuals import Box, Capsule, Cylinder, Sphere, Visual
 from holdfast.model.visuals import Mesh as MeshFile
 from holdfast.robots.mesh_files.limits import FARTHEST, MeshFault, require_triangles
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.robots.primitive import COLOURS, Primitive
+from holdfast.spatial.pose import Pose
 from holdfast.view import meshes
 from holdfast.view.meshes import Mesh
 
+OBJECT = "object"
 UNCOLOURED = (0.78, 0.78, 0.8, 1.0)
 SHRINK = 0.003
 
@@ -101,6 +104,29 @@ def meshes_in_files(chain: ClosedChain) -> tuple[dict[str, list[list[LinkMesh]]]
         elif found.missing:
             missing[name] = found.missing
     return link_meshes, missing
+
+
+def surface_of_object(held: HeldObject) -> Mesh | MeshFault | None:
+    """Return the surface of an object, or why it cannot be read; None if the object has no shape."""
+    if held.shape is None:
+        return None
+    try:
+        visual = Visual("object", Pose.identity(), held.shape, None)
+        surface = piece_of(visual, lambda name: read_mesh(name, Path(name).parent)).mesh
+        require_triangles(len(surface.faces))
+    except MeshFault as fault:
+        return fault
+    return surface
+
+
+def notes_on(missing: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Return a sentence for each arm, "trunk" or "object" whose meshes cannot be read; it names the first of them."""
+    found = []
+    for name, (first, *others) in missing.items():
+        what = name if name in (TRUNK, OBJECT) else f"arm '{name}'"
+        more = f", and {len(others)} more" if others else ""
+        found.append(f"{what} is drawn with simple solids: {first}{more}")
+    return tuple(found)
 
 
 def _of_primitive(solid: Primitive, scale: float) -> LinkMesh:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from holdfast.model.held_object import HeldObject
-from holdfast.model.visuals import Cylinder, Sphere, Visual
-from holdfast.robots.mesh_files.limits import MeshFault, require_triangles
-from holdfast.robots.mesh_files.read import read_mesh
+from holdfast.model.visuals import Cylinder, Sphere
+from holdfast.robots.mesh_files.limits import MeshFault
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view import meshes
-from holdfast.view.link_meshes import piece_of
+from holdfast.view.link_meshes import surface_of_object
 from holdfast.view.markers import box_lines, equivalent_box
 from holdfast.view.meshes import Mesh
 
@@ -25,12 +22,8 @@ def drawn_object(held: HeldObject) -> tuple[Mesh, Array, Array, Pose]:
 
     Where the file of a surface cannot be had, the object is the box of its inertia.
     """
-    try:
-        surface = None if held.shape is None else piece_of(_visual(held), _read).mesh
-        require_triangles(0 if surface is None else len(surface.faces))
-    except MeshFault:
-        surface = None
-    if surface is None:
+    surface = surface_of_object(held)
+    if surface is None or isinstance(surface, MeshFault):
         edges, box = equivalent_box(held)
         return meshes.box(edges).at(box), box_lines(edges) @ box.R.T + box.p, edges, box
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
@@ -55,12 +48,3 @@ def _circle(radius: float, axis: int, height: float) -> Array:
     points = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(AROUND + 1, height)])
     points = np.roll(points, axis + 1, axis=1)
     return np.stack([points[:-1], points[1:]], axis=1)
-
-
-def _visual(held: HeldObject) -> Visual:
-    assert held.shape is not None
-    return Visual("object", Pose.identity(), held.shape, None)
-
-
-def _read(filename: str) -> Mesh:
-    return read_mesh(filename, Path(filename).parent)

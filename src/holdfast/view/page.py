@@ -106,7 +106,7 @@ def panel_data(playback: Playback, scale: ArrowScale) -> dict[str, Any]:
             {"name": view.name, "position": view.position.tolist(), "target": view.target.tolist()}
             for view in cameras(playback)
         ],
-        "notes": [legend(playback, scale)],
+        "notes": [legend(playback, scale), *playback.notes],
         "plots": [plot for plot in plots(playback) if plot["curves"]],
         "meters": [meter(playback)],
     }

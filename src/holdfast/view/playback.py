@@ -16,13 +16,14 @@ from holdfast.forces.force_split import split
 from holdfast.forces.margins import grasp_margins
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.robots.mesh_files.limits import MeshFault
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
-from holdfast.view.link_meshes import LinkMesh, meshes_in_files
+from holdfast.view.link_meshes import OBJECT, LinkMesh, meshes_in_files, notes_on, surface_of_object
 
 Visuals = Mapping[str, Sequence[Sequence[LinkMesh]]]
 RATE = 30.0  # moments a second
@@ -50,6 +51,7 @@ class Playback:
         strength: (moments, arms) of each arm's weakest tip direction, 0 at a singular configuration; 1 without a grasp.
         tau: (moments, n) [N m or N].
         visuals: what an arm, or "trunk", is drawn with, if not with simple solids, by its name; see `link_meshes`.
+        notes: sentences about meshes that cannot be read, which the page shows.
     """
 
     chain: ClosedChain
@@ -67,6 +69,7 @@ class Playback:
     strength: Array
     tau: Array
     visuals: Visuals = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t)
@@ -108,7 +111,8 @@ def playback_of_run(
         title: what it is called.
         rate: moments a second of the run's time.
         base_motion: as for `simulate`.
-        visuals: as for `Playback`; None: what the files of arms and trunk say, where their meshes can be read.
+        visuals: as for `Playback`; None: what the files of arms and trunk say, where their meshes can be read;
+            `Playback.notes` names those that cannot.
 
     Raises:
         StateError: what is no run, or not of this chain.
@@ -124,12 +128,12 @@ def playback_of_run(
         state = run.state(j)
         places.append(_placed(*world.at(t, state), state))
     strength = np.array([at.strength for at in places])
-    surfaces = meshes_in_files(chain)[0] if visuals is None else visuals
+    surfaces, notes = _surfaces(chain, visuals)
     strength[~run.holding[k]] = 1.0
     bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))
     return Playback(
         chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
-        run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], surfaces,
+        run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], surfaces, notes,
     )  # fmt: skip
 
 
@@ -144,8 +148,16 @@ def playback_of_instant(at: Instant, title: str, visuals: Visuals | None = None)
         at.t, state.q, place.bases, place.below, state.object_pose, place.tips, found.grasp_wrench, internal, margin,
         found.condition, place.strength, at.tau,
     )  # fmt: skip
-    surfaces = meshes_in_files(chain)[0] if visuals is None else visuals
-    return Playback(chain, title, *(np.array([part]) for part in moment), visuals=surfaces)
+    surfaces, notes = _surfaces(chain, visuals)
+    return Playback(chain, title, *(np.array([part]) for part in moment), visuals=surfaces, notes=notes)
+
+
+def _surfaces(chain: ClosedChain, visuals: Visuals | None) -> tuple[Visuals, tuple[str, ...]]:
+    """Return what arms and trunk are drawn with, and sentences about meshes in files that cannot be read."""
+    found, missing = meshes_in_files(chain) if visuals is None else (visuals, {})
+    surface = surface_of_object(chain.held_object)
+    of_object = {OBJECT: (str(surface),)} if isinstance(surface, MeshFault) else {}
+    return found, notes_on({**missing, **of_object})
 
 
 class _Place(NamedTuple):

@@ -14,6 +14,7 @@ import numpy as np
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.spring import OBJECT, Spring, SpringEnd
@@ -73,6 +74,9 @@ def with_springs(chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
         chain: the chain.
         state: positions and velocities.
         inputs: shaped inputs (`Inputs.shaped`).
+
+    Raises:
+        StateError: the wrench of a spring overflows.
     """
     if not chain.springs:
         return inputs
@@ -82,10 +86,10 @@ def with_springs(chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
     rows = [np.zeros(6)] * (chain.joint_count - first) if of_links is None else list(of_links)
     bodies = [np.zeros(6)] * (0 if chain.trunk is None else len(chain.trunk.bodies))
     bodies = bodies if of_trunk is None else list(of_trunk)
-    for spring, found in zip(chain.springs, stretches(chain, state, inputs), strict=True):
-        pull = found.pull(spring)
+    for k, (spring, found) in enumerate(zip(chain.springs, stretches(chain, state, inputs), strict=True)):
+        pull, name = found.pull(spring), f"wrench of spring {k}, from '{spring.a.body}' to '{spring.b.body}'"
         for at, end, force in ((spring.a, found.a, pull), (spring.b, found.b, -pull)):
-            wrench = concatenate([cross(end.lever, force), force])
+            wrench = checks.finite(concatenate([cross(end.lever, force), force]), name)
             if at.on_arm:
                 row = chain.joints[at.body].start - first + at.link_number()
                 rows[row] = rows[row] + wrench

@@ -19,7 +19,8 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, whole_number
-from holdfast.simulation.rollout.systems import RolloutRecord, RolloutStatus, RolloutSystems
+from holdfast.simulation.rollout.record import RolloutRecord
+from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems
 from holdfast.simulation.rollout.user_functions import with_wrenches
 from holdfast.simulation.sample import Recorder
 from holdfast.simulation.setting import Setting, recorded_base

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,12 @@ from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.progress import busy, of_time, reporting
+from holdfast.progress import busy
 from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.rollout.arguments import (
     MOST_STEPS,
     StopMargins,
     call_inputs,
-    common_time,
     kernel_arguments,
     number,
     state_arguments,
@@ -30,13 +30,14 @@ from holdfast.simulation.rollout.arguments import (
     step_lengths,
     stop_margins,
     whole_number,
-    whole_steps,
 )
 from holdfast.simulation.rollout.kernel import StepKernel
-from holdfast.simulation.rollout.parts import contradicted, refined, subdivided
+from holdfast.simulation.rollout.parts import contradicted, subdivided
+from holdfast.simulation.rollout.record import RolloutRecord
+from holdfast.simulation.rollout.recording import recorded_rollout
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
 from holdfast.simulation.rollout.stiff import stiff_systems
-from holdfast.simulation.rollout.systems import Begun, RolloutRecord, RolloutSystems, require_recorded
+from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.tape import Tape
 from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
@@ -44,7 +45,6 @@ from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
 
-LOOKS = 100  # at most so many reports of how far a run is
 NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
 RECORDED = ("q", "qd", "object_pose", "object_twist", "grasp_wrench")
 
@@ -250,18 +250,18 @@ class Rollout:
         """Take steps in place, with the step lengths and the arguments stored in the systems; see `step`."""
         going = systems.running
         if limit is None:
-            self._advance(systems, systems.step_length, steps, least, threads)
+            self.advance_unconfirmed(systems, systems.step_length, steps, least, threads)
         else:
             order = scheme_of(self.scheme).order
             for _ in range(steps):
-                subdivided(systems, limit, order, lambda some, h: self._advance(some, h, 1, least, threads))
+                subdivided(systems, limit, order, lambda some, h: self.advance_unconfirmed(some, h, 1, least, threads))
         stopped = going & np.isin(systems.arrays["code"], (SLIPPED, LIMITED, SINGULAR))
         if stopped.any():
             wrong = contradicted(
                 systems.copy(stopped),
                 systems.freed(stopped),
                 least,
-                lambda some, h: self._advance(some, h, 1, NO_STOPS),
+                lambda some, h: self.advance_unconfirmed(some, h, 1, NO_STOPS),
             )
             systems.arrays["code"][np.flatnonzero(stopped)[wrong]] = TOO_LONG
         return systems
@@ -279,9 +279,15 @@ class Rollout:
         largest_drift: float | None = None,
         threads: int = 1,
         progress: bool | Callable[[float], object] | None = None,
+        folder: str | PathLike[str] | None = None,
+        overwrite: bool = False,
         **given: Any,
     ) -> RolloutRecord:
         """Advance systems by a duration, and return their recorded arrays.
+
+        With `folder`, records are appended to files there while the rollout runs, at least every 5 seconds, and memory
+        does not grow with their number. `holdfast.io.load_record` reads the folder at any time, also after the process
+        was killed.
 
         Args:
             systems: systems from `start`, which are not changed.
@@ -294,36 +300,19 @@ class Rollout:
             largest_drift: as for `step`.
             threads: as for `step`.
             progress: as for `simulate`; a function is called with the time that has passed [s].
+            folder: the folder to which records are appended; None keeps them in memory.
+            overwrite: whether an earlier record in this folder is replaced.
             **given: as for `step`.
 
         Raises:
             StateError: a shape or name is wrong, the duration is not a whole number of steps, or the systems have
                 different times.
+            ResultError: the folder is in use or cannot be written.
         """
-        step = float(step_lengths(step, 1)[0])
-        steps = whole_steps(number("duration", duration), step)
-        every = whole_number("every", every)
-        require_recorded(record)
-        at, begin = systems.copy(), common_time(systems)
-        stops = {"least_margin": least_margin, "stop_at_limits": stop_at_limits}
-        done = np.minimum(np.arange(0, steps + every, every), steps)
-        kept = {name: [np.array(getattr(at, name))] for name in record}
-        looks = np.union1d(done, np.arange(0, steps, max(1, steps // LOOKS))) if progress else done
-        doing, size = f"running {len(at)} systems", f"{duration:g} s in {steps} steps"
-        with reporting(progress, doing, size, of_time(duration)) as tell:
-            for some_steps, now in zip(np.diff(looks), looks[1:], strict=True):
-                self.step(at, step, steps=some_steps, largest_drift=largest_drift, threads=threads, **stops, **given)
-                for name, rows in kept.items() if now in done else ():
-                    rows.append(np.array(getattr(at, name)))
-                tell(now * step)
-        stopped = np.where(at.running, np.inf, at.t)
-        violated = systems.running & np.isin(at.arrays["code"], (SLIPPED, LIMITED))
-        if violated.any():
-            least = stop_margins(**stops)
-            stopped[violated] = refined(at, violated, step, lambda some, h: self._advance(some, h, 1, least))
-        found = {name: np.array(rows) for name, rows in kept.items()}
-        begun = Begun(self, systems.copy(), step, every, {**stops, "largest_drift": largest_drift})
-        return RolloutRecord(begin + done * step, found, at, stopped, begun)
+        options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "largest_drift": largest_drift}
+        return recorded_rollout(
+            self, systems, duration, step, every, record, options, folder, overwrite, progress, threads, given
+        )
 
     def tape(
         self,
@@ -368,14 +357,16 @@ class Rollout:
             self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
             self._kernels = self._kernels_for(self.generic_rank)
         if "held_rows" in self.kernel.carried:
-            hold_rows(self, systems, lambda some: self._advance(some, some.step_length, 1, NO_STOPS, threads))
-        self._advance(systems, systems.step_length, 1, NO_STOPS, threads)
+            hold_rows(
+                self, systems, lambda some: self.advance_unconfirmed(some, some.step_length, 1, NO_STOPS, threads)
+            )
+        self.advance_unconfirmed(systems, systems.step_length, 1, NO_STOPS, threads)
         for name in ("work", "count"):
             systems.arrays[name][...] = 0.0
         systems.started_from = given
         return systems
 
-    def _advance(
+    def advance_unconfirmed(
         self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int = 1
     ) -> None:
         """Take steps in place with the stored arguments, without confirming the systems that stop."""

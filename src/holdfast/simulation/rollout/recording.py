@@ -1,0 +1,105 @@
+"""A rollout over a duration, recorded in memory or in a folder that grows with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from holdfast.progress import of_time, reporting
+from holdfast.simulation.rollout.arguments import (
+    common_time,
+    number,
+    step_lengths,
+    stop_margins,
+    whole_number,
+    whole_steps,
+)
+from holdfast.simulation.rollout.parts import refined
+from holdfast.simulation.rollout.record import Begun, RolloutRecord
+from holdfast.simulation.rollout.systems import RolloutSystems, require_recorded
+from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
+from holdfast.spatial.scalar import Array
+
+LOOKS = 100  # at most so many reports of how far a run is
+
+
+def recorded_rollout(
+    rollout: Any,
+    systems: RolloutSystems,
+    duration: float,
+    step: float,
+    every: int,
+    record: Sequence[str],
+    options: Mapping[str, Any],
+    folder: str | PathLike[str] | None,
+    overwrite: bool,
+    progress: bool | Callable[[float], object] | None,
+    threads: int,
+    given: Mapping[str, Any],
+) -> RolloutRecord:
+    """Advance systems by a duration, and return their record; see `Rollout.run`.
+
+    Records wait in memory; those of a folder are written when they are many, or old, or when an error or Ctrl-C ends
+    the run.
+    """
+    step = float(step_lengths(step, 1)[0])
+    steps = whole_steps(number("duration", duration), step)
+    every = whole_number("every", every)
+    require_recorded(record)
+    at, begin = systems.copy(), common_time(systems)
+    done = np.minimum(np.arange(0, steps + every, every), steps)
+    begun = Begun(rollout, systems.copy(), step, every, options, float(duration))
+    writer = None
+    if folder is not None:
+        from holdfast.io.record_writer import RecordWriter
+
+        writer = RecordWriter(folder, begun, overwrite)
+    waiting: list[tuple[float, dict[str, Array]]] = []  # time, arrays
+    last = at
+
+    def keep(now: int) -> None:
+        nonlocal last
+        waiting.append((float(begin + now * step), {name: np.array(getattr(at, name)) for name in record}))
+        last = at if writer is None else at.copy()
+
+    def flush(stopped: Array, complete: bool) -> None:
+        if writer is not None and waiting:
+            writer.append(*_joined(waiting, record), last, stopped, complete)
+            waiting.clear()
+
+    keep(0)
+    looks = np.union1d(done, np.arange(0, steps, max(1, steps // LOOKS))) if progress else done
+    doing, size = f"running {len(at)} systems", f"{duration:g} s in {steps} steps"
+    try:
+        with reporting(progress, doing, size, of_time(duration)) as tell:
+            for some_steps, now in zip(np.diff(looks), looks[1:], strict=True):
+                rollout.step(at, step, steps=some_steps, threads=threads, **options, **given)
+                if now in done:
+                    keep(now)
+                    if now < steps and writer is not None and writer.is_due(waiting):
+                        flush(_ended(last), False)
+                tell(now * step)
+    except BaseException:
+        if writer is not None and writer.begun:  # nothing is on disk before the arguments were accepted
+            flush(_ended(last), False)
+        raise
+    stopped = _ended(at)
+    violated = systems.running & np.isin(at.arrays["code"], (SLIPPED, LIMITED))
+    if violated.any():
+        least = stop_margins(options["least_margin"], options["stop_at_limits"])
+        stopped[violated] = refined(at, violated, step, lambda some, h: rollout.advance_unconfirmed(some, h, 1, least))
+    flush(stopped, True)
+    return RolloutRecord(*_joined(waiting, record), at, stopped, begun) if writer is None else writer.record()
+
+
+def _joined(rows: Sequence[tuple[float, Mapping[str, Array]]], names: Sequence[str]) -> tuple[Array, dict[str, Array]]:
+    """Return the times of rows, and their arrays by name with the time as first axis."""
+    return np.array([t for t, _ in rows]), {name: np.array([row[name] for _, row in rows]) for name in names}
+
+
+def _ended(systems: RolloutSystems) -> Array:
+    """Return the time at which each system stopped, to a step; infinite where it did not."""
+    return np.where(systems.running, np.inf, systems.t)
