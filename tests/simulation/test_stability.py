@@ -25,7 +25,8 @@ from holdfast import (
 from holdfast.dynamics import state_from_joints
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.instant import SMOOTHING_RATE, evaluate, friction_slope, friction_torque
+from holdfast.simulation.instant import evaluate
+from holdfast.simulation.joint_friction import SMOOTHING_RATE, friction_slope, friction_torque
 from holdfast.simulation.runge_kutta import RK4, SCHEMES, scheme
 from holdfast.simulation.stability import (
     fastest_decay,

@@ -18,37 +18,10 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import increment_rate, twists
-from holdfast.simulation.linearly_implicit import Implicit, Passive, with_armature
-from holdfast.spatial.scalar import Array, array, sqrt
+from holdfast.simulation.joint_friction import friction_torque, joint_friction
+from holdfast.simulation.linearly_implicit import Implicit, with_armature
+from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
-
-# Rate at which friction reaches 71 % of its full size. The sign function is discontinuous, so no fixed step could
-# follow it, and with either function a joint does not stick exactly.
-SMOOTHING_RATE = 0.05  # rad/s or m/s
-
-
-def joint_friction(chain: ClosedChain) -> Array:
-    """Return the joints' Coulomb friction F_c, (n,) [N m or N]."""
-    return np.array([joint.friction for joint in chain.all_joints])
-
-
-def friction_torque(size: Array, qd: Array) -> Array:
-    """Return the friction torques, F_c qd / sqrt(qd^2 + 0.05^2), which oppose the drives, (n,) [N m or N]."""
-    return array([F * v / sqrt(v * v + SMOOTHING_RATE**2) for F, v in zip(size, qd, strict=True)])
-
-
-def friction_slope(size: Array, qd: Array) -> Array:
-    """Return d(friction torque)/d(qd), (n,) [N m s/rad or N s/m]; at standstill F_c / 0.05."""
-    squares = [v * v + SMOOTHING_RATE**2 for v in qd]
-    return array([F * SMOOTHING_RATE**2 / (x * sqrt(x)) for F, x in zip(size, squares, strict=True)])
-
-
-def passive_at(chain: ClosedChain, qd: Array) -> Passive:
-    """Return the damping (with the slope of friction at joint rates qd) and the stiffness of the joints."""
-    damping, stiffness = np.array([(joint.damping, joint.stiffness) for joint in chain.all_joints]).reshape(-1, 2).T
-    friction = joint_friction(chain)
-    return Passive(damping + friction_slope(friction, qd) if friction.any() else damping, stiffness)
-
 
 WORST_CONDITION = 1e12  # beyond it the grasp forces have no significant digit
 

@@ -1,14 +1,16 @@
 """Linearly implicit steps, which are stable for stiff joint dampers and springs and explicit in all other forces.
 
 A stage of an implicit-explicit Runge-Kutta scheme has two states. The kinematics, the controller and all other forces
-are evaluated at the state given by the explicit weights. The dampers (D) and springs (K) are evaluated at the rates v
-and positions q given by the implicit weights, and the velocities of this second state are the rates of the positions
-(S. Boscarino, F. Filbet, G. Russo, "High order semi-implicit schemes for time dependent partial differential
+are evaluated at the state given by the explicit weights. The dampers (D), dry friction and springs (K) are evaluated at
+the rates v and positions q given by the implicit weights, and the velocities of this second state are the rates of the
+positions (S. Boscarino, F. Filbet, G. Russo, "High order semi-implicit schemes for time dependent partial differential
 equations", J. Sci. Comput. 68, 2016). The acceleration k of a stage satisfies
     (M + h a D + (h a)^2 K) k = torques - D v - K (q + h a v) + J^T f ..,    v, q from the previous stages
 This is forward dynamics with larger armatures and other torques, and with the same grasps. In the limit of strong
 damping, every stage has the velocities at which torques and damping balance, and the steps become those of the explicit
-scheme for these velocities.
+scheme for these velocities. Dry friction F(v) is linearised in each stage about the rates u of the previous one,
+    F(u) + F'(u) (v + h a k - u)
+so that the stages of a step are the iterations of Newton's method for the rates at which torques and friction balance.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ import numpy as np
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.simulation.increment import OF_BODY, OF_WORK, moving_at, no_turns, turns_of, twists
+from holdfast.simulation.joint_friction import friction_slope, friction_torque, joint_friction
 from holdfast.simulation.runge_kutta import Tableau, weighted
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.scalar import Array, Scalar
@@ -30,15 +33,23 @@ from holdfast.state import State
 
 
 class Passive(NamedTuple):
-    """The damping and stiffness of the joints that are treated implicitly.
+    """The damping, stiffness and dry friction of the joints, which are treated implicitly.
 
     Attributes:
-        damping: (n,) torque per rate, including the slope of friction [N m s/rad or N s/m].
+        damping: (n,) torque per rate [N m s/rad or N s/m].
         stiffness: (n,) torque per displacement [N m/rad or N/m].
+        friction: (n,) Coulomb friction F_c [N m or N].
     """
 
     damping: Array
     stiffness: Array
+    friction: Array
+
+
+def passive_joints(chain: ClosedChain) -> Passive:
+    """Return the damping, stiffness and dry friction of the joints."""
+    damping, stiffness = np.array([(joint.damping, joint.stiffness) for joint in chain.all_joints]).reshape(-1, 2).T
+    return Passive(damping, stiffness, joint_friction(chain))
 
 
 class Implicit(NamedTuple):
@@ -60,22 +71,29 @@ def imex_step(
 
     Args:
         start: the state at the step's start.
-        passive: damping and stiffness to treat implicitly.
+        passive: damping, stiffness and friction to treat implicitly.
         h: the step's length [s].
         tableau: a scheme with implicit weights.
         stage: function of i, the increment by the explicit weights (None at the first stage) and the `Implicit` terms
             that returns the request for stage i, at t + c_i h.
     """
     assert tableau.a_implicit is not None
-    (D, K), n, size = passive, len(start.q), 2 * len(start.q) + OF_BODY * len(twists(start)) + OF_WORK
+    (D, K, F), n, size = passive, len(start.q), 2 * len(start.q) + OF_BODY * len(twists(start)) + OF_WORK
     slopes: list[Array] = []
+    near = start.qd  # the rates about which friction is linearised: those of the previous stage
     for i, (explicit, implicit) in enumerate(zip(tableau.a, tableau.a_implicit, strict=True)):
         y = h * weighted(explicit[:i], slopes) if i else None
-        z = h * weighted(implicit[:i], slopes) if i else np.zeros(size)
+        z = h * weighted(implicit[:i], slopes) if implicit[:i].any() else np.zeros(size)
         own = float(implicit[i]) * h
         ahead = z if y is None else z - y
-        torque = -D * ahead[n : 2 * n] - K * (ahead[:n] + own * (start.qd + z[n : 2 * n]))
-        slope = yield stage(i, y, Implicit(own * D + own**2 * K, torque))
+        known = start.qd + z[n : 2 * n]
+        torque, resistance = -D * ahead[n : 2 * n] - K * (ahead[:n] + own * known), D
+        if F.any():
+            rising = friction_slope(F, near)
+            linear = friction_torque(F, near) + rising * (known - near)
+            torque, resistance = torque + friction_torque(F, known - ahead[n : 2 * n]) - linear, D + rising
+        slope = yield stage(i, y, Implicit(own * resistance + own**2 * K, torque))
+        near = known + own * slope[n : 2 * n]
         turns = no_turns(start) if y is None else turns_of(start, y)
         slopes.append(moving_at(start, z + own * slope, slope, turns))
     return h * weighted(tableau.b, slopes)

@@ -24,7 +24,9 @@ from holdfast.dynamics.trunk.whole_chain import whole_chain
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.instant import Instant, friction_slope, joint_friction, passive_at
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.joint_friction import friction_slope, joint_friction
+from holdfast.simulation.linearly_implicit import passive_joints
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -109,9 +111,12 @@ def _mass_matrix(motion: ChainMotion) -> Array:
 
 def passive_resistance(chain: ClosedChain, qd: Array) -> Array:
     """Return the torques of damping and friction per unit of the velocities, (n, n + 6) or (n, n + 12)."""
-    n, damping = chain.joint_count, np.array([joint.damping for joint in chain.all_joints])
-    taken = np.diag(damping + friction_slope(joint_friction(chain), qd))
-    return np.hstack([taken, np.zeros((n, chain.velocity_count - n))])
+    n = chain.joint_count
+    return np.hstack([np.diag(_resistance(chain, qd)), np.zeros((n, chain.velocity_count - n))])
+
+
+def _resistance(chain: ClosedChain, qd: Array) -> Array:
+    return passive_joints(chain).damping + friction_slope(joint_friction(chain), qd)
 
 
 def feedback_resistance(controller: Controller, now: Instant) -> Array:
@@ -177,7 +182,7 @@ def fastest_passive(chain: ClosedChain, state: State) -> tuple[Decay, bool]:
     """
     try:
         decay = fastest_decay(chain, state, passive_resistance(chain, state.qd))
-        swing = fastest_swing(chain, state, passive_at(chain, state.qd).stiffness)
+        swing = fastest_swing(chain, state, passive_joints(chain).stiffness)
     except np.linalg.LinAlgError:  # masses differ by too much for an answer; each step is still checked
         return Decay(0.0, chain.joint_names()[0]), False
     return max((decay, False), (swing, True), key=lambda found: found[0].rate)
@@ -188,8 +193,8 @@ def may_be_too_fast(chain: ClosedChain, qd: Array, step: float, scheme: Tableau)
 
     Links and grasps only add inertia, so no rate exceeds the largest ratio of resistance to armature.
     """
-    passive, most = passive_at(chain, qd), USED * scheme.stability_interval
+    stiffness, most = passive_joints(chain).stiffness, USED * scheme.stability_interval
     armature = np.array([joint.armature for joint in chain.all_joints])
     with np.errstate(all="ignore"):  # of steps beyond all numbers
-        fast = (step * passive.damping > most * armature) | (step * step * passive.stiffness > most**2 * armature)
+        fast = (step * _resistance(chain, qd) > most * armature) | (step * step * stiffness > most**2 * armature)
     return bool(fast.any())

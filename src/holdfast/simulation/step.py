@@ -13,8 +13,8 @@ from holdfast.dynamics.rank import held_near
 from holdfast.errors import ClosureError, StateError
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import displaced, no_turns, turns_of, work_of
-from holdfast.simulation.instant import Instant, passive_at
-from holdfast.simulation.linearly_implicit import Implicit, Passive, imex_step
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.linearly_implicit import Implicit, Passive, imex_step, passive_joints
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
@@ -110,7 +110,7 @@ def take_step(
         h: the step's length [s].
         times: times of the stages and of the step's end [s].
         scheme: the scheme.
-        passive: damping and stiffness that a linearly implicit scheme treats implicitly.
+        passive: damping, stiffness and friction that a linearly implicit scheme treats implicitly.
 
     Raises:
         StateError: a stage is not finite.
@@ -135,7 +135,7 @@ def course_of(now: Instant, until: float, scheme: Tableau) -> StepCourse:
     """Return the generator of a step from an instant to a time [s]."""
     h = until - now.t
     times = [*(now.t + c * h for c in scheme.c.tolist()), until]
-    passive = passive_at(now.chain, now.state.qd) if scheme.implicit else None
+    passive = passive_joints(now.chain) if scheme.implicit else None
     return take_step(now.state, now.rates(no_turns(now.state)), h, times, scheme, passive)
 
 

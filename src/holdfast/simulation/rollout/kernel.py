@@ -27,7 +27,7 @@ from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.grasp import WrenchLimits
 from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.increment import increment_size
-from holdfast.simulation.instant import joint_friction
+from holdfast.simulation.joint_friction import joint_friction
 from holdfast.simulation.rollout import traced_step
 from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau

@@ -17,7 +17,8 @@ from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
 from holdfast.model.closed_chain import TRUNK, ClosedChain
-from holdfast.simulation.instant import WORST_CONDITION, Instant, friction_torque, joint_friction
+from holdfast.simulation.instant import WORST_CONDITION, Instant
+from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.traced_step import BROKEN, OPEN, SINGULAR
 from holdfast.simulation.step import Gaps

@@ -36,8 +36,9 @@ from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.increment import increment_rate, no_turns
-from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_friction, passive_at
-from holdfast.simulation.linearly_implicit import Implicit, with_armature
+from holdfast.simulation.instant import WORST_CONDITION
+from holdfast.simulation.joint_friction import friction_torque, joint_friction
+from holdfast.simulation.linearly_implicit import Implicit, passive_joints, with_armature
 from holdfast.simulation.rollout.singular_passing import passes_singular
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
@@ -234,7 +235,7 @@ def step(
     """Return the carried arrays of a system after `take_step`; a system that stops keeps its last state."""
     system = TracedSystem(structure, law, motions, acting, given)
     times = [system.time(c) for c in (*tableau.c.tolist(), 1.0)]
-    passive = passive_at(structure.chain, system.last("qd")) if tableau.implicit else None
+    passive = passive_joints(structure.chain) if tableau.implicit else None
     course = take_step(system.state, system.last("slope"), given["step"][()], times, tableau, passive)
     now, (drift, gaps), work, _ = answered(course, system.answer)
     end, found = now.state, now.found

@@ -33,8 +33,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.increment import OF_WORK, no_turns
-from holdfast.simulation.instant import passive_at
-from holdfast.simulation.linearly_implicit import Implicit
+from holdfast.simulation.linearly_implicit import Implicit, passive_joints
 from holdfast.simulation.rollout.traced_step import Evaluation, TracedSystem
 from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
@@ -251,7 +250,7 @@ class VariedStep(NamedTuple):
         now = system.evaluate(system.time(0.0), start, system.last("before"), choose=False)
         system.memory = now.memory
         times = [system.time(c) for c in (*self.tableau.c.tolist(), 1.0)]
-        passive = passive_at(self.structure.chain, start.qd) if self.tableau.implicit else None
+        passive = passive_joints(self.structure.chain) if self.tableau.implicit else None
         course = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
         end = answered(course, system.answer).later
         found = state_arrays(system.real, end) | {"before": now.memory}
