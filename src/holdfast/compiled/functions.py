@@ -50,7 +50,7 @@ class ChainFunctions:
 
     chain: ClosedChain
     options: Options
-    progress: bool
+    progress: bool = False
 
     def inverse_dynamics(
         self, q: Any, qd: Any, qdd: Any, grasp_wrench: Any, *, threads: int = 1, **parameters: Any
