@@ -45,6 +45,8 @@ def compile_rollout(
         parameters: names of optional groups of arguments, as for `compile`: `link_inertia` (link_mass, link_com,
             link_inertia; with a trunk also trunk_link_mass, trunk_link_com, trunk_link_inertia) and `link_wrench`
             (external wrenches on the links).
+
+    Returns:
         The rollout: `start` makes systems of it, `step` and `run` move them.
 
     Raises:
