@@ -28,6 +28,14 @@ def record():
     return rollout.run(rollout.start(**elsewhere(*problem("one"), 1)), 0.001, 0.001)
 
 
+def simulated(folder):
+    """Simulate one step into a folder."""
+    chain, state = problem("one")[:2]
+    return hf.simulate(
+        chain, state, lambda t, s, memory: (np.zeros(chain.joint_count), memory), 1e-3, 1e-3, folder=folder
+    )
+
+
 def readers(folder: Path) -> dict:
     """Return what reads a path, and a file or folder for it."""
     filled(folder / "run", 2)
@@ -92,6 +100,7 @@ APART = {  # what computes for long once it has a path
     "load_sweep": hf.sweeps.load_sweep,
     "sweep_scene": lambda path: hf.sweeps.sweep_scene(path, "store"),  # a scene is no path
     "export_c": lambda path: hf.codegen.export_c(problem("one")[0], path, functions=["kinetic_energy"]),
+    "simulate": lambda path: simulated(0 if path is None else path),  # None keeps a run in memory only
 }
 
 
