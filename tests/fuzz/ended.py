@@ -8,8 +8,9 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -50,13 +51,23 @@ def in_time() -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
+@contextmanager
+def elsewhere() -> Iterator[None]:
+    """Within this context the working directory is an empty one, where no file may be left half written."""
+    with TemporaryDirectory() as folder, chdir(folder):
+        yield
+        left = [str(path) for path in Path().rglob("*.part")]
+        if left:
+            raise Fault(f"half-written files remain: {left}")
+
+
 def ended(call: Callable[[], Any]) -> str:
-    """Return "answered", or the type of the error of ours.
+    """Return "answered", or the type of the error of ours; files by relative names go to a folder of this call alone.
 
     Raises:
         Fault: it ended in another way.
     """
-    with warnings.catch_warnings(), in_time():
+    with elsewhere(), warnings.catch_warnings(), in_time():
         warnings.simplefilter("error")
         try:
             found = call()

@@ -78,15 +78,9 @@ def swept(state: Any, low: Any, high: Any, deviation: Any, turn: Any, parameters
     run=1,
 )
 def _sweep(name: Any, title: Any, levels: Any, run: Any, **given: Any) -> Any:
-    with tempfile.TemporaryDirectory() as folder:
-        store = Path(folder) / name if isinstance(name, str) and "\0" not in name else name
-        try:
-            made = swept(store=store, **given)
-            list(made.batches([title]))
-            return made.fates, made.quantiles(title, levels), made.run(run).q, repr(made)
-        finally:
-            left = [path for path in Path(folder).rglob("*") if path.suffix == ".part"]
-            assert not left, left
+    made = swept(store=name, **given)
+    list(made.batches([title]))
+    return made.fates, made.quantiles(title, levels), made.run(run).q, repr(made)
 
 
 # Identification.
@@ -139,10 +133,9 @@ def of_text(suffix: str, text: Any, read: Callable[[Any], Any]) -> Any:
     """Return what is read from a file of a text, or from what is no text."""
     if not isinstance(text, str | bytes):
         return read(text)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"file{suffix}"
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read(path)
+    path = Path(f"file{suffix}")
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read(path)
 
 
 @call("load_urdf_trunk", text=HEAVY_BASE, tips=HANDS, base=None, floating=False, locked={"lift": 0.2}, lock_others=True)
@@ -207,22 +200,15 @@ def _load_recording(text: Any) -> Any:
     place="code",
 )
 def _export(place: Any, **given: Any) -> Any:
-    with tempfile.TemporaryDirectory() as folder:
-        where = Path(folder) / place if isinstance(place, str) else place
-        found = repr(hf.codegen.export_c(rigid().chain, where, **given))
-        assert not list(Path(folder).rglob("*.part"))
-        return found
+    return repr(hf.codegen.export_c(rigid().chain, place, **given))
 
 
 @call("run to files", name="run", rate=30.0)
 def _files(name: Any, rate: Any) -> Any:
     found = run()
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / name if isinstance(name, str) else name
-        found.save(place)
-        again = hf.load_result(place)
-        hf.io.export_csv(again, Path(folder) / "t.csv")
-        hf.plot.playback_of_run(found.require_setting().chain, found, rate=rate)
+    found.save(name)
+    hf.io.export_csv(hf.load_result(name), "t.csv")
+    hf.plot.playback_of_run(found.require_setting().chain, found, rate=rate)
     return found.to_pandas().shape, found.to_xarray().sizes
 
 

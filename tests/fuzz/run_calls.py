@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -91,10 +89,14 @@ RUN = {
     **RUN,
     inputs={"object_wrench": np.ones(6)},
     memory=np.zeros(2),
+    folder="result",
+    overwrite=False,
 )
-def _simulate(chain: Any, state: Any, inputs: Any, memory: Any, **given: Any) -> Any:
+def _simulate(chain: Any, state: Any, inputs: Any, memory: Any, folder: Any, **given: Any) -> Any:
     chosen = hf.ControlLaw(stay, memory, {"gain": ()})
-    run = hf.simulate(chain, state_of(state), chosen, inputs=inputs_of(inputs), **given)
+    run = hf.simulate(chain, state_of(state), chosen, inputs=inputs_of(inputs), folder=folder, **given)
+    if folder is not None:
+        assert np.array_equal(hf.load_result(folder).trajectory.q, run.q)
     return run.q, run.tau, run.object_pose, run.grasp_wrench, repr(run)
 
 
@@ -220,10 +222,14 @@ def _step(**given: Any) -> Any:
     record=["q", "tau", "status"],
     largest_drift=1e-6,
     threads=1,
+    folder="record",
+    overwrite=False,
     gain=2.0,
 )
-def _run(**given: Any) -> Any:
-    record = rollout().run(started(), **given)
+def _run(folder: Any, **given: Any) -> Any:
+    record = rollout().run(started(), folder=folder, **given)
+    if folder is not None:
+        assert np.array_equal(hf.io.load_record(folder, rollout()).t, record.t)
     return record.systems, repr(record)
 
 
@@ -235,9 +241,7 @@ def record() -> Any:
 
 @call("record", system=1, every=2, overwrite=False, name="record")
 def _record(system: Any, every: Any, overwrite: Any, name: Any) -> Any:
-    with tempfile.TemporaryDirectory() as folder:
-        place = record().save(Path(folder) / name if isinstance(name, str) else name, overwrite)
-        hf.io.load_record(place, rollout())
+    hf.io.load_record(record().save(name, overwrite), rollout())
     return record().trajectory(system, every).q, record().to_pandas().shape, record().to_xarray().sizes
 
 

@@ -23,6 +23,11 @@ FOUND = {
     "no chain": (lambda: dynamics.kinetic_energy(3, STATE), hf.ModelError, "chain: expected ClosedChain, got int"),
     "no state": (lambda: forces.split(CHAIN, {}, np.zeros((2, 6))), hf.StateError, "state: expected State, got dict"),
     "no inputs": (lambda: dynamics.closure(CHAIN, STATE, 1.0), hf.StateError, "inputs: expected Inputs, got float"),
+    "no chain of a step": (
+        lambda: hf.linearise(1e-9, STATE, TAU, step=1e-3),
+        hf.ModelError,
+        "chain: expected ClosedChain, got float",
+    ),
     "no result": (lambda: forces.wrist_wrenches(CHAIN, STATE, "x"), hf.StateError, "result: expected ForwardResult"),
     "no arm": (lambda: dynamics.tip_pose(None, []), hf.ModelError, "arm: expected Arm, got NoneType"),
     "no chain to release": (lambda: dynamics.release("x", "y"), hf.ModelError, "chain: expected ClosedChain"),

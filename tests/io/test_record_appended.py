@@ -166,3 +166,11 @@ def test_killed(begun, tmp_path):
         assert len(record.t) >= 10 and "incomplete" in record.note
         kept = rollout.run(rollout.start(**elsewhere(chain, state, 4)), len(record.t) * 0.001, 0.001, record=["q"])
         assert same_bits(record["q"], kept["q"][: len(record.t)])
+
+
+def test_options_first(begun, tmp_path):
+    """A wrong option is refused before anything is written."""
+    rollout, systems = begun
+    with pytest.raises(hf.ModelError, match="largest_drift: expected a number"):
+        rollout.run(systems, 0.002, 0.001, largest_drift="1", folder=tmp_path / "record")
+    assert not list(tmp_path.iterdir())

@@ -76,7 +76,6 @@ def linearised_dynamics(
     generic_rank: int | None = None,
 ) -> Linearisation:
     """Return the linearisation of forward dynamics about a state; see `simulation.linearise`."""
-    checks.instance(chain, ClosedChain, "chain")
     floating = chain.floats
     positions = ("q", "object_pose", *(["floating_pose"] if floating else []))
     velocities = ("qd", "object_twist", *(["floating_twist"] if floating else []))

@@ -127,6 +127,8 @@ def linearise(
     Reference:
         docs/theory/derivatives.md.
     """
+    checks.instance(chain, ClosedChain, "chain")
+    checks.instance(state, State, "state", StateError)
     if step is None:
         if base_motion is not None:
             raise StateError("linearise: base_motion: expected a step, got none; try inputs=, which has rates of bases")

@@ -207,6 +207,21 @@ def stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:
     }
 
 
+def drift_limit(largest_drift: float | None) -> float | None:
+    """Return the largest position gap that a step may leave before projection, or None."""
+    return None if largest_drift is None else checks.number(largest_drift, "largest_drift", above=0.0)
+
+
+def step_options(least_margin: float, stop_at_limits: bool, largest_drift: float | None) -> dict[str, Any]:
+    """Return the options of `Rollout.step`, checked, as they are written to a record's metadata."""
+    least = stop_margins(least_margin, stop_at_limits)[SLIPPED]
+    return {
+        "least_margin": least,
+        "stop_at_limits": bool(stop_at_limits),
+        "largest_drift": drift_limit(largest_drift),
+    }
+
+
 def common_time(systems: RolloutSystems) -> float:
     """Return the time of the running systems, which must be the same for all of them."""
     times = np.unique(systems.t[systems.running]) if systems.running.any() else systems.t.max(keepdims=True)

@@ -15,7 +15,6 @@ from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
 from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
-from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import busy
 from holdfast.simulation.external_inputs import GivenInputs
@@ -23,11 +22,13 @@ from holdfast.simulation.rollout.arguments import (
     MOST_STEPS,
     StopMargins,
     call_inputs,
+    drift_limit,
     kernel_arguments,
     number,
     state_arguments,
     step_inputs,
     step_lengths,
+    step_options,
     stop_margins,
     whole_number,
 )
@@ -228,7 +229,7 @@ class Rollout:
         """
         steps, threads = whole_number("steps", steps, MOST_STEPS), whole_number("threads", threads)
         least = stop_margins(least_margin, stop_at_limits)
-        limit = None if largest_drift is None else checks.number(largest_drift, "largest_drift", above=0.0)
+        limit = drift_limit(largest_drift)
         lengths, new = step_lengths(step, len(systems)), call_inputs(self.kernel, given, len(systems))
         inputs, parameters = kernel_arguments(self.kernel, systems.call_inputs | new)
         self.kernel.require_own(systems.arrays)  # all checks come before the first change
@@ -309,7 +310,7 @@ class Rollout:
                 different times.
             ResultError: the folder is in use or cannot be written.
         """
-        options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "largest_drift": largest_drift}
+        options = step_options(least_margin, stop_at_limits, largest_drift)
         return recorded_rollout(
             self, systems, duration, step, every, record, options, folder, overwrite, progress, threads, given
         )
