@@ -36,6 +36,7 @@ from holdfast.dynamics.energy import (
 )
 from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.kinematics import link_frames
+from holdfast.dynamics.linear_text import Text
 from holdfast.dynamics.object_level import object_mobility
 from holdfast.dynamics.projection import after_step
 from holdfast.dynamics.trunk.trunk_motion import standing
@@ -146,12 +147,9 @@ def _torques(chain: ClosedChain, x: Given) -> Found:
     return {"tau": torques(motion, x["qdd"], x["grasp_wrench"])}
 
 
-def _joint_margins(chain: ClosedChain, x: Given) -> Found:
-    return dict(zip(OF_LIMITS.results, OF_LIMITS.of(traced_case(chain, x, "joint_margins")), strict=True))
-
-
-def _wrist_wrenches(chain: ClosedChain, x: Given) -> Found:
-    return dict(zip(WRISTS.results, WRISTS.of(traced_case(chain, x, "wrist_wrenches")), strict=True))
+def _of_text(text: Text) -> Callable[[ClosedChain, Given], Found]:
+    """Return the function that computes the results of a text, whose name is that of the computation."""
+    return lambda chain, x: dict(zip(text.results, text.of(traced_case(chain, x, text.name)), strict=True))
 
 
 def _mass_matrices(chain: ClosedChain, x: Given) -> Found:
@@ -168,10 +166,6 @@ def _jacobians(chain: ClosedChain, x: Given) -> Found:
 def _by_arm(f: Callable[[Arm, Array], Array], chain: ClosedChain, x: Given, arms: Iterable[Arm] | None = None) -> Array:
     arms = standing(chain, traced_state(chain, x), traced_inputs(chain, x)).arms if arms is None else arms
     return concatenate(each(f, arms, [x["q"][part] for part in chain.arm_joints]))
-
-
-def _closure(chain: ClosedChain, x: Given) -> Found:
-    return dict(zip(CLOSURE.results, CLOSURE.of(traced_case(chain, x, "closure")), strict=True))
 
 
 def _kinetic_energy(chain: ClosedChain, x: Given) -> Found:
@@ -235,7 +229,7 @@ COMPUTATIONS: dict[str, Computation] = {
     "joint_margins": Computation(
         ("q", "qd", "tau"),
         (LIMITS,),
-        _joint_margins,
+        _of_text(OF_LIMITS),
         whole=dict.fromkeys(OF_LIMITS.results, lambda chain: (chain.joint_count,)),
         by_links=False,
         unlimited=True,
@@ -243,7 +237,7 @@ COMPUTATIONS: dict[str, Computation] = {
     "wrist_wrenches": Computation(
         ("q", "grasp_wrench"),
         ("base_R",),
-        _wrist_wrenches,
+        _of_text(WRISTS),
         whole={"wrist_wrenches": lambda chain: (len(chain.arms), 6)},
         by_links=False,
     ),
@@ -252,7 +246,7 @@ COMPUTATIONS: dict[str, Computation] = {
     "closure": Computation(
         STATE,
         ("base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
-        _closure,
+        _of_text(CLOSURE),
         {result: lambda _, kind, of=result: rows_of(kind, of) if kind else 0 for result in CLOSURE.results},
         by_grasp=True,
         by_links=False,

@@ -20,7 +20,7 @@ from holdfast.compiled.force_derivatives import ForceDerivatives
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.function_derivatives import FunctionDerivatives
 from holdfast.compiled.functions import ChainFunctions
-from holdfast.compiled.kernels import kernel
+from holdfast.compiled.kernels import compiling, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
 from holdfast.compiled.result import CompiledResult
 from holdfast.compiled.structure import Options, Structure, optional_parameters, require_rank
@@ -32,7 +32,6 @@ from holdfast.dynamics.methods import method_named
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.progress import busy
 from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
@@ -90,7 +89,7 @@ def compile(
         )
     route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
     options = optional_parameters(parameters, "compile", route)
-    with busy(progress, f"compiling the dynamics of {', '.join(chain.names)}"):
+    with compiling(chain, "the dynamics", progress):
         return CompiledChain(chain, options, generic_rank, progress)
 
 

@@ -10,6 +10,7 @@ from holdfast.compiled.bound_derivatives import BoundDerivatives
 from holdfast.compiled.compiled_derivatives import CompiledDerivatives, Derivatives
 from holdfast.compiled.derivative_schedule import Request
 from holdfast.compiled.externals import MOVING
+from holdfast.compiled.kernels import compiling
 from holdfast.compiled.structure import Options
 from holdfast.dynamics.closed.forward_derivatives import arguments_of, results_of
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
@@ -31,10 +32,12 @@ class ChainDerivatives:
     Attributes:
         chain: the chain.
         options: the options with which it was compiled.
+        progress: whether to show that machine code is made.
     """
 
     chain: ClosedChain
     options: Options
+    progress: bool = False
 
     def forward_dynamics_vjp(
         self,
@@ -222,7 +225,7 @@ class ChainDerivatives:
         except (KeyError, TypeError):  # asked for the first time, or no names
             request = self.derivative_request(kind, of, by)
         if (request, moving) not in known:
-            with self._compiling(f"forward_dynamics_{kind}"):  # type: ignore[attr-defined]
+            with compiling(self.chain, f"forward_dynamics_{kind}", self.progress):
                 known[request, moving] = CompiledDerivatives(self, request, moving)  # type: ignore[arg-type]
         known[kind, type(of), tuple(of), type(by), tuple(by), moving] = known[request, moving]
         return known[request, moving]

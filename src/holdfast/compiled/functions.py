@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager
 from typing import Any, NamedTuple, NoReturn
 
 from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import CLOSED
 from holdfast.compiled.function import CompiledFunction
+from holdfast.compiled.kernels import compiling
 from holdfast.compiled.not_compiled import missing, require_holding, require_inverse
 from holdfast.compiled.structure import Options
 from holdfast.dynamics.closure_derivatives import by_grasps
 from holdfast.dynamics.consistency import GraspResidual
 from holdfast.forces.margins import JointMargins
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.progress import busy
 from holdfast.spatial.scalar import Array
 
 
@@ -338,15 +337,11 @@ class ChainFunctions:
         """Raise the error for a missing attribute; for a library function, it says why it is not compiled."""
         raise missing(name, type(self).__name__)
 
-    def _compiling(self, what: str) -> AbstractContextManager[None]:
-        """Show that a computation is compiled, if the chain was compiled with `progress=True`."""
-        return busy(self.progress, f"compiling {what} of {', '.join(self.chain.names)}")
-
     def _function(self, name: str) -> CompiledFunction:
         """Return a compiled computation; it is compiled when first requested."""
         made: dict[str, CompiledFunction] = self.__dict__.setdefault("_functions", {})
         if name not in made:
-            with self._compiling(name):
+            with compiling(self.chain, name, self.progress):
                 made[name] = CompiledFunction(name, self.chain, self.options)
         return made[name]
 

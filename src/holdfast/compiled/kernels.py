@@ -7,6 +7,7 @@ import hashlib
 import threading
 import weakref
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from importlib import metadata
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from holdfast.compiled.structure import Structure
 from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.compiler.targets import cpu
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.progress import busy
 
 # The packages whose functions become machine code.
 _ROOMS = ("spatial", "model", "state", "dynamics", "forces", "compiler", "compiled")
@@ -49,6 +52,11 @@ def kernel(what: str, structure: Structure, externals: dict[str, External], make
         if found is None:
             found = _made[key] = Kernel(externals, make, key)
         return found
+
+
+def compiling(chain: ClosedChain, what: str, progress: bool) -> AbstractContextManager[None]:
+    """Show, if `progress` is true, that a computation of a chain is compiled within this context."""
+    return busy(progress, f"compiling {what} of {', '.join(chain.names)}")
 
 
 @functools.cache

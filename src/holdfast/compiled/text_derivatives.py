@@ -10,6 +10,7 @@ from holdfast.compiled.arm_functions import own_inputs
 from holdfast.compiled.compiled_derivatives import options_of
 from holdfast.compiled.derivative_schedule import FOUND
 from holdfast.compiled.function import CompiledFunction
+from holdfast.compiled.kernels import compiling
 from holdfast.compiled.not_compiled import require_holding, require_inverse
 from holdfast.compiled.structure import Options
 from holdfast.compiled.text_computation import TEXTS, TextRequest
@@ -31,10 +32,12 @@ class TextDerivatives:
     Attributes:
         chain: the chain.
         options: the options with which it was compiled.
+        progress: whether to show that machine code is made.
     """
 
     chain: ClosedChain
     options: Options
+    progress: bool = False
 
     def _derived(
         self,
@@ -74,7 +77,7 @@ class TextDerivatives:
         made: dict[TextRequest, CompiledFunction] = self.__dict__.setdefault("_texts_made", {})
         if request not in made:
             options = options_of(self.options, request.arguments, True)
-            with self._compiling(what):  # type: ignore[attr-defined]
+            with compiling(self.chain, what, self.progress):
                 made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
         found = made[request]((*inputs, *(given[name] for name in request.given)), parameters, threads)
         result = collected(*(found.pop(name) for name in text.results))

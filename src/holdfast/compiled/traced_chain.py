@@ -170,10 +170,9 @@ def _traced_trunk(trunk: Trunk, given: Given) -> Trunk:
         bodies = _traced_links(*(given[name] for name in TRUNK_LINKS))
     else:
         bodies = tuple(_constant_link(body) for body in trunk.bodies)
-    first = len(bodies) - len(trunk.links)
-    named = zip(bodies[first:], trunk.links, strict=True)  # arms are mounted by name
-    links = tuple(replace(body, name=link.name) for body, link in named)
-    floating = bodies[0] if first else None
+    floating, links = trunk.split(bodies)
+    named = zip(links, trunk.links, strict=True)  # arms are mounted by name
+    links = tuple(replace(link, name=earlier.name) for link, earlier in named)
     made.__dict__.update(joints=joints, links=links, base=_constant_pose(trunk.base), floating=floating)
     return made
 

@@ -143,10 +143,8 @@ def _arm(arm: Arm, base: Pose, numbers: Numbers, rows: slice, first: int) -> Arm
 def _trunk(trunk: Trunk, numbers: Numbers, rows: slice) -> Trunk:
     """Return a trunk with other numbers for its joints and bodies."""
     own = _of_joints(trunk.joints, numbers, rows) if trunk.joints else {}
-    bodies = tuple(_body(body, "trunk_link", numbers, k) for k, body in enumerate(trunk.bodies))
-    links = bodies[len(bodies) - len(trunk.links) :]
-    made = {"joints": own.get("joints", trunk.joints), "links": links}
-    made["floating"] = None if trunk.floating is None else bodies[0]
+    floating, links = trunk.split([_body(body, "trunk_link", numbers, k) for k, body in enumerate(trunk.bodies)])
+    made = {"joints": own.get("joints", trunk.joints), "links": links, "floating": floating}
     if trunk.serial is not None:
         made["serial"] = _changed(trunk.serial, {**own, "links": links})
     return _changed(trunk, made)

@@ -81,6 +81,11 @@ class Trunk(Frozen):
         """The bodies on which arms can be mounted, from the base outward, beginning with a floating body."""
         return (*([] if self.floating is None else [self.floating]), *self.links)
 
+    def split(self, bodies: Sequence[Link]) -> tuple[Link | None, tuple[Link, ...]]:
+        """Return the floating body, None without one, and the links, of bodies in the order of `bodies`."""
+        first = len(bodies) - len(self.links)
+        return bodies[0] if first else None, tuple(bodies[first:])
+
     @property
     def freedoms(self) -> int:
         """Number of its degrees of freedom: six for a floating base, and one per joint."""

@@ -45,6 +45,10 @@ class Passive(NamedTuple):
     stiffness: Array
     friction: Array
 
+    def resistance(self, qd: Array) -> Array:
+        """Return the slope of the torques of damping and friction at joint rates qd, (n,) [N m s/rad or N s/m]."""
+        return self.damping + friction_slope(self.friction, qd) if self.friction.any() else self.damping
+
 
 def passive_joints(chain: ClosedChain) -> Passive:
     """Return the damping, stiffness and dry friction of the joints."""
@@ -87,12 +91,11 @@ def imex_step(
         own = float(implicit[i]) * h
         ahead = z if y is None else z - y
         known = start.qd + z[n : 2 * n]
-        torque, resistance = -D * ahead[n : 2 * n] - K * (ahead[:n] + own * known), D
+        torque = -D * ahead[n : 2 * n] - K * (ahead[:n] + own * known)
         if F.any():
-            rising = friction_slope(F, near)
-            linear = friction_torque(F, near) + rising * (known - near)
-            torque, resistance = torque + friction_torque(F, known - ahead[n : 2 * n]) - linear, D + rising
-        slope = yield stage(i, y, Implicit(own * resistance + own**2 * K, torque))
+            linear = friction_torque(F, near) + friction_slope(F, near) * (known - near)
+            torque = torque + friction_torque(F, known - ahead[n : 2 * n]) - linear
+        slope = yield stage(i, y, Implicit(own * passive.resistance(near) + own**2 * K, torque))
         near = known + own * slope[n : 2 * n]
         turns = no_turns(start) if y is None else turns_of(start, y)
         slopes.append(moving_at(start, z + own * slope, slope, turns))

@@ -25,7 +25,6 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.joint_friction import friction_slope, joint_friction
 from holdfast.simulation.linearly_implicit import passive_joints
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
@@ -111,12 +110,8 @@ def _mass_matrix(motion: ChainMotion) -> Array:
 
 def passive_resistance(chain: ClosedChain, qd: Array) -> Array:
     """Return the torques of damping and friction per unit of the velocities, (n, n + 6) or (n, n + 12)."""
-    n = chain.joint_count
-    return np.hstack([np.diag(_resistance(chain, qd)), np.zeros((n, chain.velocity_count - n))])
-
-
-def _resistance(chain: ClosedChain, qd: Array) -> Array:
-    return passive_joints(chain).damping + friction_slope(joint_friction(chain), qd)
+    n, taken = chain.joint_count, np.diag(passive_joints(chain).resistance(qd))
+    return np.hstack([taken, np.zeros((n, chain.velocity_count - n))])
 
 
 def feedback_resistance(controller: Controller, now: Instant) -> Array:
@@ -193,8 +188,9 @@ def may_be_too_fast(chain: ClosedChain, qd: Array, step: float, scheme: Tableau)
 
     Links and grasps only add inertia, so no rate exceeds the largest ratio of resistance to armature.
     """
-    stiffness, most = passive_joints(chain).stiffness, USED * scheme.stability_interval
+    passive, most = passive_joints(chain), USED * scheme.stability_interval
     armature = np.array([joint.armature for joint in chain.all_joints])
     with np.errstate(all="ignore"):  # of steps beyond all numbers
-        fast = (step * _resistance(chain, qd) > most * armature) | (step * step * stiffness > most**2 * armature)
+        too_damped = step * passive.resistance(qd) > most * armature
+        fast = too_damped | (step * step * passive.stiffness > most**2 * armature)
     return bool(fast.any())

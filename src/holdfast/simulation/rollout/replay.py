@@ -91,9 +91,8 @@ def _with_own_bodies(chain: ClosedChain, own: Mapping[str, Array]) -> ClosedChai
         arms = {name: chain.arms[name].of(links=links[rows]) for name, rows in link_rows(chain).items()}
     if trunk is not None and "trunk_link_mass" in own:
         named = zip(_bodies(own, TRUNK_LINKS), trunk.bodies, strict=True)  # arms are mounted by name
-        bodies = [replace(body, name=earlier.name) for body, earlier in named]
-        first = len(bodies) - len(trunk.links)
-        trunk = replace(trunk, links=bodies[first:], floating=bodies[0] if first else None)
+        floating, links = trunk.split([replace(body, name=earlier.name) for body, earlier in named])
+        trunk = replace(trunk, links=links, floating=floating)
     return replace(chain, held_object=held, gravity=own["gravity"], arms=arms, trunk=trunk)
 
 
