@@ -16,7 +16,7 @@ from holdfast.compiled.kernels import key_of
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced
-from holdfast.compiler.kernel import BatchKernel
+from holdfast.compiler.kernel import BatchKernel, address_of
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.control.controller import ControlLaw
@@ -227,7 +227,7 @@ class StepKernel:
             if name in self._layout:
                 row, size, rank = self._layout[name]
                 kept.append(np.asarray(x, dtype=float, order="C"))
-                table[row] = kept[-1].ctypes.data, size if kept[-1].ndim > rank else 0
+                table[row] = address_of(kept[-1]), size if kept[-1].ndim > rank else 0
         return kept, table
 
     def require_own(self, systems: Systems) -> None:

@@ -44,6 +44,7 @@ from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR, SLI
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
+from holdfast.simulation.stability import surely_stable_step
 from holdfast.spatial.scalar import Array
 
 NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
@@ -76,6 +77,7 @@ class Rollout:
         self.chain, self.law, self.scheme, self.generic_rank = chain, law, scheme, generic_rank
         self.base_motion, self.options, self.inputs = base_motion, options, inputs
         self._kernels = self._kernels_for(generic_rank)
+        self._stable_step = surely_stable_step(chain, np.zeros(chain.joint_count), scheme_of(scheme))
 
     @property
     def kernel(self) -> StepKernel:
@@ -256,7 +258,9 @@ class Rollout:
             order = scheme_of(self.scheme).order
             for _ in range(steps):
                 subdivided(systems, limit, order, lambda some, h: self.advance_unconfirmed(some, h, 1, least, threads))
-        stopped = going & np.isin(systems.arrays["code"], (SLIPPED, LIMITED, SINGULAR))
+        stopped = going & ~systems.running
+        if stopped.any():
+            stopped &= np.isin(systems.arrays["code"], (SLIPPED, LIMITED, SINGULAR))
         if stopped.any():
             wrong = contradicted(
                 systems.copy(stopped),
@@ -367,15 +371,21 @@ class Rollout:
         systems.started_from = given
         return systems
 
+    def stiff(self, systems: RolloutSystems) -> Array:
+        """Return which systems take linearly implicit steps, because explicit ones would be unstable, (systems,)."""
+        return stiff_systems(systems, scheme_of(self.scheme), self._stable_step, partial(located, self))
+
     def advance_unconfirmed(
         self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int = 1
     ) -> None:
         """Take steps in place with the stored arguments, without confirming the systems that stop."""
         systems.set_step_length(step_length)
-        stiff = stiff_systems(systems, scheme_of(self.scheme), partial(located, self))
-        for implicit in np.unique(stiff).tolist():
+        stiff = self.stiff(systems)
+        for implicit, kernel in self._kernels.items():
             rows = np.flatnonzero(stiff == implicit)
-            kernel, part = self._kernels[implicit], systems if len(rows) == len(systems) else systems.copy(rows)
+            if not len(rows):
+                continue
+            part = systems if len(rows) == len(systems) else systems.copy(rows)
             inputs, parameters = kernel_arguments(kernel, part.call_inputs)
             kernel.run(part.arrays, inputs | step_inputs(part, least), parameters, steps, threads)
             if part is not systems:

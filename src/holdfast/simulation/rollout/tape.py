@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -30,8 +29,6 @@ from holdfast.simulation.rollout.arguments import (
     stop_margins,
     whole_number,
 )
-from holdfast.simulation.rollout.starting import located
-from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import RolloutSystems, require_recorded
 from holdfast.simulation.rollout.varied_step import CONTROL
 from holdfast.simulation.runge_kutta import IMEX
@@ -96,14 +93,16 @@ class Tape:
         self.every = default if every is None else whole_number("every", every)
         self._came_from = systems.copy().started_from
         at, self._kept, self._starts = systems.copy(), list[KeptStep](), list[RolloutSystems]()
+        room = self._room(len(systems)) if self.every == 1 else {}
         require_recorded(record)
         rows: dict[str, list[Array]] = {name: [] for name in record}
         for k in range(self.steps):
             if self.every > 1 and k % self.every == 0:
                 self._starts.append(at.copy())
-            kept = self._taken(at, k)
             if self.every == 1:
-                self._kept.append(kept)
+                self._kept.append(self._stored(at, k, room, k))
+            else:
+                self._take(at, k)
             for name in record:
                 rows[name].append(np.array(getattr(at, name)))
         self.systems, self.records = at, {name: np.array(x) for name, x in rows.items()}
@@ -192,7 +191,7 @@ class Tape:
                     continue
                 found = _of_rows(adjoints[stiff], step.given, bars, rows, count, threads)
                 for name in carried:
-                    bars[name][rows] = found[name]
+                    bars[name] = _with_rows(bars[name], rows, found[name])
                 for name in of:
                     bars[name][rows] = 0.0
                 for name in parameters:
@@ -213,9 +212,12 @@ class Tape:
         self, bars: dict[str, Array], totals: dict[str, Array], parameters: Sequence[str], threads: int
     ) -> None:
         """Propagate gradients, in place, back through the projection onto the grasps at the start of the systems."""
-        first, came_from = next(self._forward(0)), self._came_from
+        came_from = self._came_from
+        if came_from is None:
+            return
+        first = self._first()
         rows = np.flatnonzero(first.went)
-        if came_from is None or not len(rows):
+        if not len(rows):
             return
         state, moving = tuple(came_from), tuple(name for name in parameters if name in OF_PROJECTION)
         closing = AdjointKernel.of_step(self.rollout.kernel, None, (*state, *moving), ())
@@ -228,13 +230,26 @@ class Tape:
 
     # ---- steps ----
 
-    def _taken(self, at: RolloutSystems, k: int) -> KeptStep:
-        """Take step k in place and return it."""
-        rollout, running = self.rollout, at.running
+    def _room(self, count: int) -> dict[str, Array]:
+        """Return memory for the states before the steps of one segment."""
+        length = self.steps if self.every == 1 else min(self.every, self.steps)
+        return {name: np.empty((length, count, *shape)) for name, shape in self._shapes.items()}
+
+    def _stored(self, at: RolloutSystems, k: int, room: Mapping[str, Array], row: int) -> KeptStep:
+        """Take step k in place and return it, with the state before it stored in one row of the memory."""
+        running = at.running
         at.set_step_length(step_lengths(self._step, len(at)))
-        stiff = stiff_systems(at, scheme_of(rollout.scheme), partial(located, rollout))
+        stiff = self.rollout.stiff(at)
         counts = {"last.count": at.arrays["count"].copy(), "begin": at.begin, "step": at.step_length}
-        before = {f"last.{name}": at.arrays[name].copy() for name in self._shapes}
+        before = {f"last.{name}": x[row] for name, x in room.items()}
+        for name in room:
+            room[name][row] = at.arrays[name]
+        inputs, parameters = self._take(at, k)
+        return KeptStep(before | inputs | parameters | counts, stiff, running & at.running)
+
+    def _take(self, at: RolloutSystems, k: int) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Take step k in place, and return its inputs and parameters."""
+        rollout = self.rollout
         given = {name.removeprefix(CONTROL): x[k] for name, x in self._schedule.items()}
         if given or k == 0:
             rollout.step(at, self._step, steps=1, **self._options, **given, **(self._given if k == 0 else {}))
@@ -243,23 +258,24 @@ class Tape:
             rollout.advance(at, 1, least, threads=self._options["threads"])
         if given or k == 0 or self._acting is None:
             self._acting = kernel_arguments(rollout.kernel, at.call_inputs)
-        inputs, parameters = self._acting
-        return KeptStep(before | inputs | parameters | counts, stiff, running & at.running)
+        return self._acting
 
     def _backward(self) -> Iterator[tuple[int, KeptStep]]:
         """Yield the steps from the last to the first."""
-        for first in reversed(range(0, self.steps, self.every)):
-            until = min(first + self.every, self.steps)
-            yield from reversed(list(zip(range(first, until), self._forward(first), strict=False)))
-
-    def _forward(self, first: int) -> Iterator[KeptStep]:
-        """Yield the steps from one stored state to the next."""
         if self.every == 1:
-            yield from self._kept[first : first + 1]
+            yield from reversed(list(enumerate(self._kept)))
             return
-        at = self._starts[first // self.every].copy()
-        for k in range(first, min(first + self.every, self.steps)):
-            yield self._taken(at, k)
+        room = self._room(len(self.systems))
+        for first, start in reversed(list(zip(range(0, self.steps, self.every), self._starts, strict=True))):
+            at = start.copy()
+            until = min(first + self.every, self.steps)
+            yield from reversed([(k, self._stored(at, k, room, k - first)) for k in range(first, until)])
+
+    def _first(self) -> KeptStep:
+        """Return the first step."""
+        if self.every == 1:
+            return self._kept[0]
+        return self._stored(self._starts[0].copy(), 0, self._room(len(self.systems)), 0)
 
     def _adjoint(self, stiff: bool, by: Sequence[str], of: Sequence[str]) -> AdjointKernel:
         tableau = IMEX if stiff else scheme_of(self.rollout.scheme)
@@ -302,6 +318,14 @@ def arguments_of(rollout: Rollout) -> tuple[str, ...]:
     chains = [name for name in CHAINS if name != "base_pose" or not rollout.base_motion]
     memory = [MEMORY] if len(law.memory) else []
     return (*state_fields(rollout.chain), *memory, *law.parameters, STEP, *chains, *links)
+
+
+def _with_rows(whole: Array, rows: Array, part: Array) -> Array:
+    """Return an array in which the rows with the given numbers are replaced, in place unless all of them are."""
+    if len(rows) == len(whole):
+        return part
+    whole[rows] = part
+    return whole
 
 
 def _of_rows(
