@@ -191,6 +191,14 @@ class Tape:
         ends = np.cumsum([0, *(math.prod(shape) for shape in shapes)]).tolist()
         return [array_of(own[a:b], shape) for a, b, shape in zip(ends, ends[1:], shapes, strict=False)]
 
+    def values(self, x: Any) -> Array:
+        """Return an array whose entries on this record are replaced by their scalars."""
+        array = np.asarray(x)
+        if array.dtype != object:
+            return array
+        entries = [e.value if isinstance(e, Recorded) and e.tape is self else e for e in array.ravel().tolist()]
+        return array_of(entries, array.shape)
+
     def places(self, x: Array) -> tuple[int, ...]:
         """Return the places of an array's entries; -1 for what is not on the record."""
         return tuple([e.place if isinstance(e, Recorded) and e.tape is self else -1 for e in x.ravel().tolist()])
@@ -274,6 +282,19 @@ def by_rule(found: Sequence[Any], rule: Rule, *given: Any) -> list[Array]:
     if not entries:
         return [np.asarray(x) for x in found]
     return max((entry.tape for entry in entries), key=lambda tape: tape.level).write_ruled(found, rule, given)
+
+
+def by_rule_below(make: Callable[..., tuple[Sequence[Any], Rule]], *given: Any) -> list[Array]:
+    """Return results of a function that comes with a rule; numbers of derivatives further in keep theirs.
+
+    Args:
+        make: takes what is given without its outermost derivatives, and returns the results and the rule there.
+        given: what the function depends on.
+    """
+    entries = [entry for x in given for entry in np.asarray(x).flat if isinstance(entry, Recorded)]
+    tape = max((entry.tape for entry in entries), key=lambda tape: tape.level)
+    found, rule = make(*(tape.values(x) for x in given))
+    return tape.write_ruled(found, rule, given)
 
 
 def is_recorded(x: Any) -> bool:

@@ -35,6 +35,11 @@ def skew(a: Array) -> Array:
     return array([[0.0, -a2, a1], [a2, 0.0, -a0], [-a1, a0, 0.0]])
 
 
+def axial(A: Array) -> Array:
+    """Return (A32 - A23, A13 - A31, A21 - A12), the vector with axial(A) . a = sum of A_ij (a~)_ij, (3,)."""
+    return array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
+
+
 def outer(a: Array, b: Array) -> Array:
     """Return the matrix a b^T of two vectors."""
     return a[:, None] * b

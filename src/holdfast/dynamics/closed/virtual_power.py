@@ -22,8 +22,9 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import acceleration_at_tip, bias_accelerations
-from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
+from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.motion import ArmInputs
+from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.bushing_wrenches import stretched
 from holdfast.dynamics.closed.contact import contact
@@ -147,7 +148,7 @@ class ArmCase(NamedTuple):
         if "base_R" in varied or "base_p" in varied:
             base = Pose.unchecked(varied.get("base_R", arm.base.R), varied.get("base_p", arm.base.p))
             arm = arm.standing_at(base)
-        return arm, forward_kinematics(arm, varied.get("q", given.q))
+        return arm, varied_kinematics(arm, varied.get("q", given.q))
 
     def power_at(self, arm: Arm, at: Kinematics, z: Unknowns, y: Unknowns, varied: Numbers) -> Scalar:
         """Return `power` for a given `configuration`."""
@@ -214,7 +215,7 @@ class ArmCase(NamedTuple):
             twist, arm = varied.get("base_twist", given.base_twist), given.arm
             if "base_R" in varied:
                 arm = arm.standing_at(Pose.unchecked(varied["base_R"], varied["base_p"]))
-            at = forward_kinematics(arm, varied.get("q", given.q))
+            at = varied_kinematics(arm, varied.get("q", given.q))
             tip = tip_twist(arm, at, link_twists(arm, at, given.qd, twist), twist)
             of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
             return (-contact(grasp, of_object, self.twist, at.tip, tip).velocity_gap,)

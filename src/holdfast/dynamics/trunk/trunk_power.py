@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import bias_accelerations
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.model.arm import Arm
 from holdfast.model.trunk import Trunk
@@ -120,7 +120,7 @@ class TrunkCase(NamedTuple):
             bodies.append((base, v, unrotate(R, y.base), a, acceleration_gradient(a[:3], v[:3])))
         if self.trunk.serial is not None:
             arm = self.trunk.serial.standing_at(base)
-            at = forward_kinematics(arm, q)
+            at = varied_kinematics(arm, q)
             V, U = link_twists(arm, at, qd, twist), link_twists(arm, at, y.qdd, y.base)
             found = bias_accelerations(arm, at, V, qd, twist, acceleration, z.qdd)
             frames = [Pose.unchecked(turn, at.tip.p - reach) for turn, reach in zip(at.R, at.reach, strict=True)]
