@@ -76,7 +76,7 @@ def test_a_step():
     on_floats = functions_run(lambda: stepper.advance(now, [1e-4]), rooms)
     law = held_torques(chain.joint_count)
     traced = functions_run(lambda: step_schedule(Structure(chain, Options()), law, {}, None, RK4), rooms)
-    times = ("course_of", "<genexpr>", "back_on_constraint")  # when the stages are, and which gaps are refused
+    times = ("step_generator", "<genexpr>", "back_on_constraint")  # when the stages are, and which gaps are refused
     of_both = {code for code in on_floats if code.co_name not in times}
     assert names(of_both) <= names(traced)
     assert of_both <= traced.keys()

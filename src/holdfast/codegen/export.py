@@ -125,9 +125,9 @@ def export_c(
     place = file_path(folder, "export: folder")
     if names_in(place, "a folder of exported code") and not overwrite:
         raise ResultError(f"{place}: is in use; try another folder, or overwrite")
-    asked = _asked(functions, laws or {})
+    requested = _requested(functions, laws or {})
     made = compiled or compile(chain)  # type: ignore[arg-type]
-    found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in asked]
+    found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in requested]
     found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
     written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
     with replaced_folder(place, lambda path: path.name in written.files) as beside:
@@ -150,7 +150,7 @@ class ExportedFiles:
     functions: list[CFunction]
 
 
-def _asked(functions: Sequence[str], laws: Mapping[str, object]) -> list[str]:
+def _requested(functions: Sequence[str], laws: Mapping[str, object]) -> list[str]:
     """Return the functions' names, each once.
 
     Raises:

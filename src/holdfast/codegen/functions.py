@@ -204,11 +204,11 @@ def _step(
     given = {name: getattr(state, field) for name, field in names.items()}
     if chain.floats:
         given |= {"floating_pose": state.base_pose, "floating_twist": state.base_twist}
-    begun: Any = rollout.start(**given, tau=np.zeros(chain.joint_count))
-    if not begun.running.all():
-        raise StateError(f"export: state: expected one from which steps can begin; it {begun.status[0].value}")
+    systems: Any = rollout.start(**given, tau=np.zeros(chain.joint_count))
+    if not systems.running.all():
+        raise StateError(f"export: state: expected one from which steps can begin; it {systems.status[0].value}")
     kernel = StepKernel(chain, law, tableau, rollout.generic_rank or 0, motions=motions, options=options)
-    values = kernel.parameters | kernel.defaults | {f"last.{name}": x[0] for name, x in begun.arrays.items()}
+    values = kernel.parameters | kernel.defaults | {f"last.{name}": x[0] for name, x in systems.arrays.items()}
     values |= {"step": np.array(1e-3)}
 
     def schedule() -> Schedule:

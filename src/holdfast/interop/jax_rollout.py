@@ -65,10 +65,10 @@ class JaxRollout:
         by |= {name: (self.steps, *by[name]) for name in self._scheduled}
         sizes = shapes(chain) | {MEMORY: (len(rollout.law.memory),)}
         results = {name: (self.steps, *sizes[name]) for name in self.of}
-        bars = {f"{WITH}{name}": (*x[:-1], 6) if name in POSES else x for name, x in results.items()}
+        cotangents = {f"{WITH}{name}": (*x[:-1], 6) if name in POSES else x for name, x in results.items()}
         self._shapes = {name: (*x[:-1], 7) if name in POSES else x for name, x in by.items()}
         self._forward = self._operation(self._roll, self._shapes, results)
-        self._backward = self._operation(self._pull, self._shapes | bars, by)
+        self._backward = self._operation(self._pull, self._shapes | cotangents, by)
         self._function = self._with_vjp()
 
     def __call__(self, q: Any, qd: Any, object_pose: Any, object_twist: Any, **parameters: Any) -> dict[str, Any]:
@@ -97,9 +97,9 @@ class JaxRollout:
 
         def backward(kept: tuple[Any, Any], cotangents: Mapping[str, Any]) -> tuple[Any, ...]:
             values, found = kept
-            bars = [pose_cotangent(found[n], cotangents[n]) if n in POSES else cotangents[n] for n in self.of]
-            gradients = zip(self._names, values, self._backward(*values, *bars), strict=True)
-            return tuple(pose_gradient(x, bar) if name in POSES else bar for name, x, bar in gradients)
+            given = [pose_cotangent(found[n], cotangents[n]) if n in POSES else cotangents[n] for n in self.of]
+            gradients = zip(self._names, values, self._backward(*values, *given), strict=True)
+            return tuple(pose_gradient(x, found) if name in POSES else found for name, x, found in gradients)
 
         function.defvjp(forward, backward)
         return function
@@ -143,10 +143,10 @@ class JaxRollout:
         along, idle = {}, ~tape.records[RUNNING]
         lost = np.zeros(idle.shape[1], dtype=bool)
         for name in self.of:
-            bar = np.array(np.moveaxis(given[f"{WITH}{name}"], 1, 0))
-            lost |= (idle & (bar != 0).reshape(*idle.shape, -1).any(axis=2)).any(axis=0)
-            bar[idle] = 0.0
-            along[name] = bar
+            cotangent = np.array(np.moveaxis(given[f"{WITH}{name}"], 1, 0))
+            lost |= (idle & (cotangent != 0).reshape(*idle.shape, -1).any(axis=2)).any(axis=0)
+            cotangent[idle] = 0.0
+            along[name] = cotangent
         found = tape.vjp(along=along, by=self._names)
         rows = {name: np.array(found[name]) for name in self._names}
         rows |= {name: np.moveaxis(rows[name], 0, 1) for name in self._scheduled}

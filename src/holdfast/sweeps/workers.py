@@ -36,7 +36,7 @@ def computed_by_processes(tasks: Iterator[Task], count: int, most_deaths: int = 
     """
     again: list[Task] = []
     at_work: dict[Any, Task] = {}
-    processes: dict[Any, Any] = dict(_begun() for _ in range(count))
+    processes: dict[Any, Any] = dict(_new_process() for _ in range(count))
     deaths = 0
     try:
         while True:
@@ -66,7 +66,7 @@ def computed_by_processes(tasks: Iterator[Task], count: int, most_deaths: int = 
                         " memory ran out, and `if __name__ == '__main__':` around the call in a script"
                     )
                 _end(pipe, processes.pop(pipe))
-                processes |= [_begun()]
+                processes |= [_new_process()]
     finally:
         for pipe, process in processes.items():
             _end(pipe, process)
@@ -111,7 +111,7 @@ def deaf_to_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begun() -> tuple[Connection, Any]:
+def _new_process() -> tuple[Connection, Any]:
     """Return the pipe to a new process, and the process."""
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()

@@ -75,7 +75,7 @@ class ChainScene:
             writer.arrows(f"/squeeze/{node}", 1, figure_style.rgb(figure_style.INTERNAL), 0.8 * shaft)
         for i, segments in enumerate(self._coils(0)):
             writer.lines(f"/springs/{i}", segments, LINE_GREY, LINE * self._size)
-        writer.look_from(cameras(playback)[0], upward(chain))
+        writer.set_camera(cameras(playback)[0], upward(chain))
         self.show(0)
 
     def show(self, k: int) -> None:
@@ -230,12 +230,12 @@ class ChainScene:
 
 def arm_colour(index: int) -> Colour:
     """Return the colour of the arm at an index of the chain's order, 0 to 255."""
-    return figure_style.rgb(figure_style.arm_look(index)[0])
+    return figure_style.rgb(figure_style.arm_style(index)[0])
 
 
 def part_colour(chain: ClosedChain, name: str) -> str:
     """Return the colour '#rrggbb' of an arm, or of "trunk"."""
-    return figure_style.arm_look(chain.names.index(name))[0] if name in chain.arms else figure_style.TRUNK_COLOUR
+    return figure_style.arm_style(chain.names.index(name))[0] if name in chain.arms else figure_style.TRUNK_COLOUR
 
 
 def foot(size: float, normal: Array) -> Mesh:

@@ -12,7 +12,7 @@ import numpy as np
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.chooser import different_playbacks
-from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_look
+from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_style
 from holdfast.view.markers import ArrowScale, common_scale
 from holdfast.view.page import legend, meter, plots
 from holdfast.view.playback import Playback
@@ -100,7 +100,7 @@ class Controls:
         self._length = gui.add_slider("arrow length", 0.1, 5.0, 0.1, 1.0)
         views = {view.name: view for view in cameras(playback)}
         buttons = gui.add_button_group("look from", tuple(views))
-        buttons.on_click(lambda event: _look(event.client, views[buttons.value], upward(playback.chain)))
+        buttons.on_click(lambda event: _set_camera(event.client, views[buttons.value], upward(playback.chain)))
         self._legend = gui.add_html("")
         self._numbers = gui.add_html("")
         for plot in plots(playback) if len(playback) > 1 else []:
@@ -144,7 +144,7 @@ class Controls:
         self._button.label = "Pause" if playing else "Play"
 
 
-def _look(client: Any, view: Camera, up: Any) -> None:
+def _set_camera(client: Any, view: Camera, up: Any) -> None:
     """Move one viewer's camera."""
     if client is not None:
         with client.atomic():
@@ -189,7 +189,7 @@ def readout(playback: Playback, moment: int) -> str:
 
 def chip(index: int, name: str) -> str:
     """Return an arm's name beside a square of its colour, as HTML."""
-    return f"<span style='color:{arm_look(index)[0]}'>&#9632;</span> {html.escape(name)}"
+    return f"<span style='color:{arm_style(index)[0]}'>&#9632;</span> {html.escape(name)}"
 
 
 def _row(playback: Playback, moment: int, i: int, name: str) -> str:

@@ -31,13 +31,21 @@ from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hol
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, refuse, state_of, state_rows
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
-from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of, rows_held_near
+from holdfast.simulation.step import (
+    EvaluationRequest,
+    Gaps,
+    ProjectionRequest,
+    StageRequest,
+    rows_held_near,
+    run_steps_together,
+    step_generator,
+)
 from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Stepper
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 WORTH_COMPILING = 45  # steps: compiling takes as long as about this many steps without machine code
-LOOKED_AT = 16  # with limits, the evaluations inside a step cost about as much as this many steps
+COST_OF_VERIFICATION = 16  # with limits, the evaluations inside a step cost about as much as this many steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +88,8 @@ class StagewiseStepper:
         )
         kernel = StepKernel(environment.chain, ours, EULER, generic_rank, options=options, quick=True)
         values = controller.values if isinstance(controller, GivenLaw) else {}
-        asked = controller if law is None else None
-        return cls(environment, asked, kernel, generic_rank, scheme, tolerance, by_name(values))
+        in_python = controller if law is None else None
+        return cls(environment, in_python, kernel, generic_rank, scheme, tolerance, by_name(values))
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
@@ -96,9 +104,9 @@ class StagewiseStepper:
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads; see `Stepper`."""
-        courses = [course_of(now, end, self.scheme) for end in ends]
+        generators = [step_generator(now, end, self.scheme) for end in ends]
         try:
-            steps = answered_together(courses, partial(self._answers, now))
+            steps = run_steps_together(generators, partial(self._handle_all, now))
         except HoldfastError as cause:
             if len(ends) == 1:
                 return [Advance(ends[0], None, NO_GAPS, np.zeros(4), failure=cause)]
@@ -110,17 +118,17 @@ class StagewiseStepper:
             for end, step, error in zip(ends, steps, errors, strict=True)
         ]
 
-    def _answers(self, now: Instant, questions: Sequence[Question]) -> list[Any]:
-        """Answer the requests of several steps from `now`, which are all of the same kind."""
-        times, states, held = [one.t for one in questions], [one.state for one in questions], now.result.held
-        if isinstance(questions[0], Closing):
+    def _handle_all(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
+        """Return the replies to requests of several steps from `now`, which are all of the same kind."""
+        times, states, held = [one.t for one in requests], [one.state for one in requests], now.result.held
+        if isinstance(requests[0], ProjectionRequest):
             return self._closed(times, states, held)
-        implicit = [one.implicit for one in questions if isinstance(one, Stage) and one.implicit is not None]
-        rows = held if isinstance(questions[0], Stage) else None
+        implicit = [one.implicit for one in requests if isinstance(one, StageRequest) and one.implicit is not None]
+        rows = held if isinstance(requests[0], StageRequest) else None
         found, moments = self._evaluated(times, states, now.memory, rows, implicit)
         return [
-            _slope(found["slope"][row], one) if isinstance(one, Stage) else _late(found, row, moments[row])
-            for row, one in enumerate(questions)
+            _slope(found["slope"][row], one) if isinstance(one, StageRequest) else _late(found, row, moments[row])
+            for row, one in enumerate(requests)
         ]
 
     def _closed(self, times: list[float], states: list[State], rows: Array | None) -> list[tuple[State, Gaps]]:
@@ -258,7 +266,7 @@ def _late(found: Systems, row: int, at: StageInputs) -> Instant:
     return late_instant(at.t, (found["q"][row], found["qd"][row], tau), lambda: instant_of(found, row, at))
 
 
-def _slope(found: Array, at: Stage) -> Array:
+def _slope(found: Array, at: StageRequest) -> Array:
     """Return the slope at a stage, with the rates of the rotation vectors relative to the start of the step.
 
     The machine code has treated the attitude at the stage as that of a step's start.
@@ -304,7 +312,7 @@ def stepper_for(
         StateError: the law has parameters, which cannot be given in a run.
         CompileError: the law cannot be traced.
     """
-    few = steps * (LOOKED_AT if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
+    few = steps * (COST_OF_VERIFICATION if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
     acting = _acting_at_first(environment)
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
     if (few and not scheme.adaptive) or on_links:

@@ -18,12 +18,12 @@ from holdfast.simulation.rollout.arguments import (
     whole_steps,
 )
 from holdfast.simulation.rollout.parts import refined
-from holdfast.simulation.rollout.record import Begun, RolloutRecord
+from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.systems import RolloutSystems, require_recorded
 from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
 from holdfast.spatial.scalar import Array
 
-LOOKS = 100  # at most so many reports of how far a run is
+MOST_REPORTS = 100  # at most so many reports of how far a run is
 
 
 def recorded_rollout(
@@ -51,12 +51,12 @@ def recorded_rollout(
     require_recorded(record)
     at, begin = systems.copy(), common_time(systems)
     done = np.minimum(np.arange(0, steps + every, every), steps)
-    begun = Begun(rollout, systems.copy(), step, every, options, float(duration))
+    arguments = RolloutArguments(rollout, systems.copy(), step, every, options, float(duration))
     writer = None
     if folder is not None:
         from holdfast.io.record_writer import RecordWriter
 
-        writer = RecordWriter(folder, begun, overwrite)
+        writer = RecordWriter(folder, arguments, overwrite)
     waiting: list[tuple[float, dict[str, Array]]] = []  # time, arrays
     last = at
 
@@ -71,11 +71,11 @@ def recorded_rollout(
             waiting.clear()
 
     keep(0)
-    looks = np.union1d(done, np.arange(0, steps, max(1, steps // LOOKS))) if progress else done
+    reports = np.union1d(done, np.arange(0, steps, max(1, steps // MOST_REPORTS))) if progress else done
     doing, size = f"running {len(at)} systems", f"{duration:g} s in {steps} steps"
     try:
         with reporting(progress, doing, size, of_time(duration)) as tell:
-            for some_steps, now in zip(np.diff(looks), looks[1:], strict=True):
+            for some_steps, now in zip(np.diff(reports), reports[1:], strict=True):
                 rollout.step(at, step, steps=some_steps, threads=threads, **options, **given)
                 if now in done:
                     keep(now)
@@ -83,7 +83,7 @@ def recorded_rollout(
                         flush(_ended(last), False)
                 tell(now * step)
     except BaseException:
-        if writer is not None and writer.begun:  # nothing is on disk before the arguments were accepted
+        if writer is not None and writer.started:  # nothing is on disk before the arguments were accepted
             flush(_ended(last), False)
         raise
     stopped = _ended(at)
@@ -92,7 +92,7 @@ def recorded_rollout(
         least = stop_margins(options["least_margin"], options["stop_at_limits"])
         stopped[violated] = refined(at, violated, step, lambda some, h: rollout.advance_unconfirmed(some, h, 1, least))
     flush(stopped, True)
-    return RolloutRecord(*_joined(waiting, record), at, stopped, begun) if writer is None else writer.record()
+    return RolloutRecord(*_joined(waiting, record), at, stopped, arguments) if writer is None else writer.record()
 
 
 def _joined(rows: Sequence[tuple[float, Mapping[str, Array]]], names: Sequence[str]) -> tuple[Array, dict[str, Array]]:
