@@ -34,8 +34,8 @@ from holdfast.simulation.rollout.arguments import (
 )
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, subdivided
-from holdfast.simulation.rollout.record import RolloutRecord
-from holdfast.simulation.rollout.recording import recorded_rollout
+from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
+from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
 from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import RolloutSystems
@@ -311,9 +311,9 @@ class Rollout:
             ResultError: the folder is in use or cannot be written.
         """
         options = step_options(least_margin, stop_at_limits, largest_drift)
-        return recorded_rollout(
-            self, systems, duration, step, every, record, options, folder, overwrite, progress, threads, given
-        )
+        h, duration = float(step_lengths(step, 1)[0]), number("duration", duration)
+        arguments = RolloutArguments(self, systems.copy(), h, whole_number("every", every), options, duration)
+        return recorded_rollout(arguments, RecordOutput(record, folder, overwrite, progress), given, threads)
 
     def tape(
         self,
