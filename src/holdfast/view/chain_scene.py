@@ -51,7 +51,7 @@ class ChainScene:
 
     Attributes:
         playback: what is shown.
-        scale: of the arrows; may be changed between two moments.
+        scale: of the arrows; may be changed between two frames.
     """
 
     def __init__(self, writer: SceneWriter, playback: Playback, scale: ArrowScale | None = None) -> None:
@@ -79,7 +79,7 @@ class ChainScene:
         self.show(0)
 
     def show(self, k: int) -> None:
-        """Move everything to where it is at moment k."""
+        """Move everything to its pose in frame k."""
         playback, chain = self.playback, self.playback.chain
         pose = playback.object_pose[k]
         with self._writer.at_once():
@@ -99,13 +99,13 @@ class ChainScene:
                 self._writer.paint(f"/object/cones/{_node(name)}", cone_colour(float(reserve[k])))
 
     def _coils(self, k: int) -> list[Array]:
-        """Return the lines of every spring, and of every bushing from tip to contact, at moment k, world axes."""
+        """Return the lines of every spring, and of every bushing from tip to contact, in frame k, world axes."""
         playback, chain, held = self.playback, self.playback.chain, Pose.from_wxyz_xyz(self.playback.object_pose[k])
         ends = [(playback.tip[k, chain.names.index(n)], (held @ chain.grasps[n].frame).p) for n in chain.bushings]
         return self._springs(k) + [coil(a, b, COIL * self._size) for a, b in ends]
 
     def _springs(self, k: int) -> list[Array]:
-        """Return the lines of every spring between bodies at moment k, world axes."""
+        """Return the lines of every spring between bodies in frame k, world axes."""
         playback, chain = self.playback, self.playback.chain
         if not chain.springs:
             return []

@@ -99,8 +99,8 @@ class StagewiseStepper:
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state without projection."""
-        found, (moment,) = self._evaluated([t], [state], memory, None)
-        return instant_of(found, 0, moment)
+        found, (stage,) = self._evaluated([t], [state], memory, None)
+        return instant_of(found, 0, stage)
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads; see `Stepper`."""
@@ -125,16 +125,16 @@ class StagewiseStepper:
             return self._closed(times, states, held)
         implicit = [one.implicit for one in requests if isinstance(one, StageRequest) and one.implicit is not None]
         rows = held if isinstance(requests[0], StageRequest) else None
-        found, moments = self._evaluated(times, states, now.memory, rows, implicit)
+        found, stages = self._evaluated(times, states, now.memory, rows, implicit)
         return [
-            _slope(found["slope"][row], one) if isinstance(one, StageRequest) else _late(found, row, moments[row])
+            _slope(found["slope"][row], one) if isinstance(one, StageRequest) else _late(found, row, stages[row])
             for row, one in enumerate(requests)
         ]
 
     def _closed(self, times: list[float], states: list[State], rows: Array | None) -> list[tuple[State, Gaps]]:
         """Return the states projected onto the grasps, and the gaps before and after."""
-        moments = [self._stage_inputs(t, state) for t, state in zip(times, states, strict=True)]
-        systems = self._run(states, moments, None, rows, held=False)
+        stages = [self._stage_inputs(t, state) for t, state in zip(times, states, strict=True)]
+        systems = self._run(states, stages, None, rows, held=False)
         return [(state_of(systems, row), gaps_of(systems, row)) for row in range(len(states))]
 
     def _evaluated(
@@ -146,10 +146,10 @@ class StagewiseStepper:
         implicit: Sequence[Implicit] = (),
     ) -> tuple[Systems, list[StageInputs]]:
         """Return the evaluated systems at the given states, with the controller's torques, and their inputs."""
-        moments = [
+        stages = [
             self._driven(self._stage_inputs(t, state), state, memory) for t, state in zip(times, states, strict=True)
         ]
-        return self._run(states, moments, memory, rows, held=True, implicit=implicit), moments
+        return self._run(states, stages, memory, rows, held=True, implicit=implicit), stages
 
     def _stage_inputs(self, t: float, state: State) -> StageInputs:
         """Return the inputs of the machine code at a time and state, without torques.
@@ -201,7 +201,7 @@ class StagewiseStepper:
     def _run(
         self,
         states: list[State],
-        moments: list[StageInputs],
+        stages: list[StageInputs],
         memory: Any,
         rows: Array | None,
         held: bool,
@@ -211,7 +211,7 @@ class StagewiseStepper:
 
         Args:
             states: states of the systems.
-            moments: inputs of the systems.
+            stages: inputs of the systems.
             memory: memory of the law.
             rows: rows of the constraint to satisfy; None to choose them at the given states.
             held: evaluate the states without projection.
@@ -220,28 +220,28 @@ class StagewiseStepper:
         systems = self.kernel.systems(state_rows(states), memory)
         hold_rows(systems, rows)
         inputs = {
-            "begin": np.array([m.t for m in moments]),
+            "begin": np.array([m.t for m in stages]),
             "step": np.array(0.0),
             "held": np.array(float(held)),
-            "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
+            "object_wrench": np.array([m.inputs.object_wrench for m in stages]),
             "keep_rows": np.array(float(rows is not None)),
             **self.values,
         }
         if self.environment.of_state:
-            inputs |= _on_links(self.environment.chain, [m.inputs for m in moments])
+            inputs |= _on_links(self.environment.chain, [m.inputs for m in stages])
         if self.scheme.implicit:
             none = np.zeros(self.environment.chain.joint_count)
             inputs["added_armature"] = np.array([one.armature for one in implicit]) if implicit else none
             inputs["added_torque"] = np.array([one.torque for one in implicit]) if implicit else none
         if self.controller is not None:
-            inputs["control.tau"] = np.array([m.tau for m in moments])
+            inputs["control.tau"] = np.array([m.tau for m in stages])
         parameters = {}
         if bases_move(self.environment):
             parameters = {
-                "base_R": np.array([[arm.base.R for arm in m.chain.arms.values()] for m in moments]),
-                "base_p": np.array([[arm.base.p for arm in m.chain.arms.values()] for m in moments]),
-                "base_twist": np.array([m.inputs.base_twists for m in moments]),
-                "base_acceleration": np.array([m.inputs.base_accelerations for m in moments]),
+                "base_R": np.array([[arm.base.R for arm in m.chain.arms.values()] for m in stages]),
+                "base_p": np.array([[arm.base.p for arm in m.chain.arms.values()] for m in stages]),
+                "base_twist": np.array([m.inputs.base_twists for m in stages]),
+                "base_acceleration": np.array([m.inputs.base_accelerations for m in stages]),
             }
         self.kernel.run(systems, inputs, parameters)
         refuse(systems)
