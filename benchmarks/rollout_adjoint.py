@@ -24,10 +24,10 @@ def measure(arms: int, count: int, steps: int, scheme: str) -> dict[str, float]:
     q, qd, tau, pose, twist = system.repeated(count).arrays
     rollout = hf.compile_rollout(system.chain, scheme=scheme)
     systems = rollout.start(q, qd, pose, twist, tau=tau)
-    bar = {"q": np.random.default_rng(0).normal(size=np.shape(systems.q))}
+    cotangent = {"q": np.random.default_rng(0).normal(size=np.shape(systems.q))}
 
     def back(every: int) -> Any:
-        return rollout.tape(systems, STEP, steps=steps, every=every, tau=tau).vjp(bar)
+        return rollout.tape(systems, STEP, steps=steps, every=every, tau=tau).vjp(cotangent)
 
     ways: dict[str, Callable[[], Any]] = {
         "steps": lambda: rollout.step(systems.copy(), STEP, steps=steps, tau=tau),

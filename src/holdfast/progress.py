@@ -131,7 +131,7 @@ def _cell(doing: str, time_left: bool) -> Iterator[Shown]:
     def picture(bar: str, text: str) -> Any:
         return display.HTML(f"{bar}{html.escape(doing)}{': ' if text else ''}{html.escape(text)}")
 
-    begun, due, latest = time.monotonic(), 0.0, ""
+    start, due, latest = time.monotonic(), 0.0, ""
     place: Any = display.display(picture("<progress></progress> ", ""), display_id=True)
 
     def show(part: float, text: str) -> None:
@@ -139,13 +139,13 @@ def _cell(doing: str, time_left: bool) -> Iterator[Shown]:
         now, latest = time.monotonic(), text
         if now >= due:
             due = now + REFRESH
-            left = f", {(now - begun) * (1 - part) / part:.0f} s left" if time_left and part > 0 else ""
+            left = f", {(now - start) * (1 - part) / part:.0f} s left" if time_left and part > 0 else ""
             place.update(picture(f'<progress max="1" value="{part:.4f}"></progress> ', text + left))
 
     try:
         yield show
     finally:
-        took = f"{time.monotonic() - begun:.1f} s"
+        took = f"{time.monotonic() - start:.1f} s"
         place.update(picture("", f"{latest}, took {took}" if latest else took))
 
 

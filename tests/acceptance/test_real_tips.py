@@ -78,9 +78,9 @@ def test_what_can_be_reached_is(robot):
     grasps, box = {"arm": hf.Grasp("rigid", hf.Pose.identity())}, hf.HeldObject.box(1.0, 0.1, 0.1, 0.1)
     for _ in range(CONFIGURATIONS):
         q = random.uniform(low + SPARE * (high - low), high - SPARE * (high - low))
-        begun = time.perf_counter()
+        start = time.perf_counter()
         chain, state = hf.assemble({"arm": arm}, box, grasps, object_pose=hf.dynamics.tip_pose(arm, q))
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - start)
         assert max(float(np.abs(gap.position).max()) for gap in hf.dynamics.closure(chain, state).values()) < 1e-10
         assert (np.minimum(state.q - limits[0], limits[1] - state.q) >= (KEPT - 1e-9) * (high - low)).all()
     print(f"{robot}: {CONFIGURATIONS} of {CONFIGURATIONS}, median {np.median(times):.2f} s, longest {max(times):.2f} s")

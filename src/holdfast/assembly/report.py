@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.assembly.limits import asked_reach, longest_reach
+from holdfast.assembly.limits import longest_reach, required_reach
 from holdfast.assembly.on_trunk import on_own_bases
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
@@ -179,7 +179,7 @@ def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) 
     return ArmReport(
         name=name,
         holds=gap is not None,
-        reach=np.nan if gap is None else asked_reach(chain, name, state.object_frame),
+        reach=np.nan if gap is None else required_reach(chain, name, state.object_frame),
         longest=longest_reach(arm),
         joint=joint,
         margin=margin,

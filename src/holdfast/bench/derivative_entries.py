@@ -91,8 +91,8 @@ class Way:
         return float(np.abs(self.first() - expected).max() / np.abs(expected).max())
 
 
-class Asked:
-    """What is asked for at every state: random cotangents and directions, the same for all of them.
+class DerivativeRequest:
+    """The derivatives requested at every state: random cotangents and directions, the same for all of them.
 
     Attributes:
         kind: of `bind_derivatives`.
@@ -131,16 +131,16 @@ class Asked:
         """Return the same at the first state by the reference forms."""
         q, qd, tau, pose, twist = (x[0] for x in system.arrays)
         made = {"vjp": forward_dynamics_vjp, "jvp": forward_dynamics_jvp, "jacobian": forward_dynamics_jacobian}
-        asked = self.of_many(0)
+        request = self.of_many(0)
         if self.kind == "jvp":
-            del asked["of"]
-        return self.flat(made[self.kind](system.chain, State(q, qd, pose, twist), tau, **asked))
+            del request["of"]
+        return self.flat(made[self.kind](system.chain, State(q, qd, pose, twist), tau, **request))
 
 
 def call(system: System, fast: Any, what: str) -> Way:
     """Return the checked call, result re-used."""
-    asked, states = Asked(system, what), entries.each_state(system)
-    solve, given = getattr(fast, f"forward_dynamics_{asked.kind}"), asked.of_many(0)
+    request, states = DerivativeRequest(system, what), entries.each_state(system)
+    solve, given = getattr(fast, f"forward_dynamics_{request.kind}"), request.of_many(0)
     out = solve(*states[0], **given)
 
     def sweep() -> None:
@@ -151,17 +151,17 @@ def call(system: System, fast: Any, what: str) -> Way:
         return answers_of([solve(*state, **given).result for state in states])
 
     entry = Entry(f"{what}, call", LIBRARY, sweep, system.states, answers, "arrays in, result re-used")
-    return Way(what, "call", entry, lambda: asked.flat(solve(*states[0], **given)), lambda: asked.reference(system))
+    return Way(what, "call", entry, lambda: request.flat(solve(*states[0], **given)), lambda: request.reference(system))
 
 
 def bound(system: System, fast: Any, what: str) -> Way:
     """Return the bound form, one for each state."""
-    asked = Asked(system, what)
-    options = {"of": OF, "by": NAMES} | asked.names
+    request = DerivativeRequest(system, what)
+    options = {"of": OF, "by": NAMES} | request.names
     made = []
     for state in entries.each_state(system):
-        one = fast.bind_derivatives(asked.kind, **options, **dict(zip(NAMES, state, strict=True)))
-        for name, x in asked.numbers.items():
+        one = fast.bind_derivatives(request.kind, **options, **dict(zip(NAMES, state, strict=True)))
+        for name, x in request.numbers.items():
             one.given[name][...] = x
         made.append(one)
 
@@ -175,16 +175,16 @@ def bound(system: System, fast: Any, what: str) -> Way:
 
     def first() -> Array:
         made[0]()
-        return asked.flat(made[0].found)
+        return request.flat(made[0].found)
 
     entry = Entry(f"{what}, bound", LIBRARY, sweep, system.states, answers, "bound, one for each state")
-    return Way(what, "bound", entry, first, lambda: asked.reference(system))
+    return Way(what, "bound", entry, first, lambda: request.reference(system))
 
 
 def batch(system: System, fast: Any, what: str) -> Way:
     """Return one call for many states, on one thread."""
-    asked, count = Asked(system, what), batch_size(system, what)
-    solve, given = getattr(fast, f"forward_dynamics_{asked.kind}"), asked.of_many(count)
+    request, count = DerivativeRequest(system, what), batch_size(system, what)
+    solve, given = getattr(fast, f"forward_dynamics_{request.kind}"), request.of_many(count)
     arrays = system.repeated(count).arrays
     out = solve(*arrays, **given)
 
@@ -199,9 +199,9 @@ def batch(system: System, fast: Any, what: str) -> Way:
     entry = Entry(f"{what}, batch", LIBRARY, sweep, count, answers, note)
 
     def first() -> Array:
-        return asked.flat(solve(*arrays, **given, out=out), 0)
+        return request.flat(solve(*arrays, **given, out=out), 0)
 
-    return Way(what, "batch", entry, first, lambda: asked.reference(system))
+    return Way(what, "batch", entry, first, lambda: request.reference(system))
 
 
 def batch_size(system: System, what: str) -> int:

@@ -36,10 +36,10 @@ PEERS = (
 
 def found() -> dict[str, dict[str, str]]:
     """Return {"version": ...} or {"absent": why, and what to try} of every peer."""
-    return {peer.name: _look_for(peer) for peer in PEERS}
+    return {peer.name: _find(peer) for peer in PEERS}
 
 
-def _look_for(peer: Peer) -> dict[str, str]:
+def _find(peer: Peer) -> dict[str, str]:
     try:
         module = import_module(peer.name)
     except ImportError as error:

@@ -40,10 +40,10 @@ def rollout(system: System, scheme: str, size: int) -> Stepping:
     """Return a batch of a size, stepped by one call on one thread under held torques."""
     made = _compiled(system, scheme)
     q, qd, tau, pose, twist = system.repeated(size).arrays
-    begun = made.start(q, qd, pose, twist, tau=tau)
+    initial = made.start(q, qd, pose, twist, tau=tau)
 
     def stepped() -> Any:
-        return made.step(begun.copy(), STEP, steps=STEPS, tau=tau)
+        return made.step(initial.copy(), STEP, steps=STEPS, tau=tau)
 
     def answers() -> Answers:
         found = stepped()

@@ -58,13 +58,13 @@ def export_code(
     folder = Path("code") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes)
     compiled = compile(scenario.chain)
-    asked = list(functions) or _those_there_are(scenario, compiled, scheme)
-    laws = {CONTROL: scenario.controller} if CONTROL in asked else {}
+    requested = list(functions) or _those_there_are(scenario, compiled, scheme)
+    laws = {CONTROL: scenario.controller} if CONTROL in requested else {}
     made = export_c(
         compiled,
         folder,
         name=_prefix(scene_name(scene)) if name is None else name,
-        functions=[one for one in asked if one != CONTROL],
+        functions=[one for one in requested if one != CONTROL],
         laws=laws,
         target=target,
         source=source,

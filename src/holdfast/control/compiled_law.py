@@ -104,8 +104,8 @@ class CompiledLaw:
 
     def __repr__(self) -> str:
         """Return the number of joints and the names of the parameters without values."""
-        asked = [name for name in self.law.parameters if name not in self.values]
-        return f"<CompiledLaw of {self.chain.joint_count} joints{', of ' + ', '.join(asked) if asked else ''}>"
+        missing = [name for name in self.law.parameters if name not in self.values]
+        return f"<CompiledLaw of {self.chain.joint_count} joints{', of ' + ', '.join(missing) if missing else ''}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the arguments that create the law again; its machine code is then compiled or loaded from disk."""

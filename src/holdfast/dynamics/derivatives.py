@@ -106,15 +106,16 @@ def forward_dynamics_vjp(
     require_names(what, by, arguments_of(chain))
     require_names(what, cotangents, results_of(chain))
     at, result, least = _point(chain, state, tau, inputs, check, generic_rank)
-    bars = {
+    checked = {
         name: checks.numbers(x, np.shape(result_named(result, name)), name, StateError)
         for name, x in cotangents.items()
     }
     also: tuple[VirtualPower, ...] = ()
     if least is not None:
-        bars, also = least.backward(at, bars)
+        checked, also = least.backward(at, checked)
     springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), by)
-    found, shapes = with_pulled(springs, by, lambda names: backward(at, bars, names, also)), gradient_shapes(chain)
+    found = with_pulled(springs, by, lambda names: backward(at, checked, names, also))
+    shapes = gradient_shapes(chain)
     return _finite(result, {name: found[name].reshape(shapes[name]) for name in by})
 
 

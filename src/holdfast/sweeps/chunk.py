@@ -76,7 +76,7 @@ def compute(task: Task) -> Computed:
     Raises:
         ResultError: this process has other libraries than the one that planned.
     """
-    begun = time.perf_counter()
+    start = time.perf_counter()
     if task.made_by != made_by():
         raise ResultError(
             f"sweep: expected workers with {_listed(task.made_by)}, on which the last bits depend, got one with"
@@ -89,7 +89,7 @@ def compute(task: Task) -> Computed:
     )
     data = encoded(columns_of(record, task), task.plan)
     fates = Counter(status.name for status in record.systems.status)
-    return Computed(task.number, data, fates, time.perf_counter() - begun, os.getpid())
+    return Computed(task.number, data, fates, time.perf_counter() - start, os.getpid())
 
 
 def columns_of(record: RolloutRecord, task: Task) -> dict[str, Array]:

@@ -199,13 +199,13 @@ def _manifest(folder: Path) -> dict[str, Any] | None:
     return found
 
 
-def _require_same(folder: Path, there: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
+def _require_same(folder: Path, there: Mapping[str, Any], requested: Mapping[str, Any]) -> None:
     """Refuse a folder of another plan.
 
     Raises:
         ResultError: naming what differs.
     """
-    differing = sorted(_differences(there, asked))
+    differing = sorted(_differences(there, requested))
     if differing:
         raise ResultError(
             f"{folder}: holds a sweep of another plan: {', '.join(differing)} differ; try another folder, or the"

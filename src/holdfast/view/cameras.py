@@ -18,7 +18,7 @@ from holdfast.view.markers import box_lines, equivalent_box
 from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
 
-SEEN_OF = 5  # moments that are to fit into the picture
+SEEN_OF = 5  # number of frames that must fit into the picture
 MARGIN = 1.1  # picture over what is in it
 AROUND = 0.05  # how far links stand out beside the lines through their joints, in lengths of the longest
 
@@ -75,7 +75,7 @@ def _fitted(name: str, direction: Array, up: Array, points: Array, target: Array
 
 
 def arms_outline(playback: Playback, k: int) -> Array:
-    """Return bases, link origins and tips at a moment, (points, 3) world axes [m]."""
+    """Return bases, link origins and tips in a frame, (points, 3) world axes [m]."""
     points = []
     for i, (name, arm) in enumerate(playback.chain.arms.items()):
         base = Pose.from_wxyz_xyz(playback.base_pose[k, i])
@@ -84,7 +84,7 @@ def arms_outline(playback: Playback, k: int) -> Array:
 
 
 def trunk_outline(trunk: Trunk, playback: Playback, k: int) -> Array:
-    """Return base and link origins, and the corners of a body that floats, at a moment, (points, 3) world axes [m]."""
+    """Return base and link origins, and the corners of a body that floats, in a frame, (points, 3) world axes [m]."""
     base = Pose.from_wxyz_xyz(playback.trunk_pose[k])
     points = [base.p]
     if trunk.floating is not None:
@@ -106,7 +106,7 @@ def _corners(body: HeldObject | Link) -> Array:
 
 
 def object_outline(playback: Playback, k: int) -> Array:
-    """Return the corners of the object's box, and the contacts, at a moment, (points, 3) world axes [m]."""
+    """Return the corners of the object's box, and the contacts, in a frame, (points, 3) world axes [m]."""
     corners = _corners(playback.chain.held_object)
     contacts = [grasp.frame.p for grasp in playback.chain.grasps.values()]
     frame = Pose.from_wxyz_xyz(playback.object_pose[k])

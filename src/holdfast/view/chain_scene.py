@@ -51,7 +51,7 @@ class ChainScene:
 
     Attributes:
         playback: what is shown.
-        scale: of the arrows; may be changed between two moments.
+        scale: of the arrows; may be changed between two frames.
     """
 
     def __init__(self, writer: SceneWriter, playback: Playback, scale: ArrowScale | None = None) -> None:
@@ -75,11 +75,11 @@ class ChainScene:
             writer.arrows(f"/squeeze/{node}", 1, figure_style.rgb(figure_style.INTERNAL), 0.8 * shaft)
         for i, segments in enumerate(self._coils(0)):
             writer.lines(f"/springs/{i}", segments, LINE_GREY, LINE * self._size)
-        writer.look_from(cameras(playback)[0], upward(chain))
+        writer.set_camera(cameras(playback)[0], upward(chain))
         self.show(0)
 
     def show(self, k: int) -> None:
-        """Move everything to where it is at moment k."""
+        """Move everything to its pose in frame k."""
         playback, chain = self.playback, self.playback.chain
         pose = playback.object_pose[k]
         with self._writer.at_once():
@@ -99,13 +99,13 @@ class ChainScene:
                 self._writer.paint(f"/object/cones/{_node(name)}", cone_colour(float(reserve[k])))
 
     def _coils(self, k: int) -> list[Array]:
-        """Return the lines of every spring, and of every bushing from tip to contact, at moment k, world axes."""
+        """Return the lines of every spring, and of every bushing from tip to contact, in frame k, world axes."""
         playback, chain, held = self.playback, self.playback.chain, Pose.from_wxyz_xyz(self.playback.object_pose[k])
         ends = [(playback.tip[k, chain.names.index(n)], (held @ chain.grasps[n].frame).p) for n in chain.bushings]
         return self._springs(k) + [coil(a, b, COIL * self._size) for a, b in ends]
 
     def _springs(self, k: int) -> list[Array]:
-        """Return the lines of every spring between bodies at moment k, world axes."""
+        """Return the lines of every spring between bodies in frame k, world axes."""
         playback, chain = self.playback, self.playback.chain
         if not chain.springs:
             return []
@@ -230,12 +230,12 @@ class ChainScene:
 
 def arm_colour(index: int) -> Colour:
     """Return the colour of the arm at an index of the chain's order, 0 to 255."""
-    return figure_style.rgb(figure_style.arm_look(index)[0])
+    return figure_style.rgb(figure_style.arm_style(index)[0])
 
 
 def part_colour(chain: ClosedChain, name: str) -> str:
     """Return the colour '#rrggbb' of an arm, or of "trunk"."""
-    return figure_style.arm_look(chain.names.index(name))[0] if name in chain.arms else figure_style.TRUNK_COLOUR
+    return figure_style.arm_style(chain.names.index(name))[0] if name in chain.arms else figure_style.TRUNK_COLOUR
 
 
 def foot(size: float, normal: Array) -> Mesh:

@@ -11,7 +11,7 @@ from holdfast.errors import StateError
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 from holdfast.view.base_travel import base_travel
-from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, COLUMN, DANGER, arm_look, new_figure
+from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, COLUMN, DANGER, arm_style, new_figure
 from holdfast.view.plots import columns_of_panels, worst_gaps
 
 MOST_RUNS = len(ARM_COLOURS) * len(ARM_LINES)  # that no two look alike
@@ -124,7 +124,7 @@ def _balance_figure(runs: Runs) -> Any:
     figure = _over_each_other(runs, ("kinetic energy [J]", "imbalance [J]", "position gap\n[m or rad]"), parts, 4.6)
     gap = figure.axes[-1]
     for i, run in enumerate(runs.values()):
-        colour, line = arm_look(i)
+        colour, line = arm_style(i)
         gap.semilogy(*worst_gaps(run.t, run.position_gap[:, 1]), linestyle=line, color=colour)
     return figure
 
@@ -147,7 +147,7 @@ def _draw(panel: Any, runs: Runs, curves: Sequence[Array | None]) -> None:
     """Draw a curve of every run that has one, each narrower than those below, so that of equal ones all are seen."""
     for i, ((name, run), found) in enumerate(zip(runs.items(), curves, strict=True)):
         if found is not None:
-            colour, line = arm_look(i)
+            colour, line = arm_style(i)
             panel.plot(
                 run.t, found, linestyle=line, color=colour, label=name, linewidth=2.0 - 0.9 * i / (len(runs) - 1)
             )

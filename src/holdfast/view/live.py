@@ -1,4 +1,4 @@
-"""The live viewer: a playback in the browser, with controls beside it and the numbers of the moment that is shown."""
+"""The live viewer: a playback in the browser, with controls beside it and the numbers of the frame that is shown."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.chooser import different_playbacks
-from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_look
+from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_style
 from holdfast.view.markers import ArrowScale, common_scale
 from holdfast.view.page import legend, meter, plots
 from holdfast.view.playback import Playback
@@ -52,12 +52,12 @@ def watch(playbacks: Playback | Sequence[Playback], announce: Callable[[str], No
                 announced = True
             before = None
             while controls.chosen == playback.title:
-                now = controls.moment(time.monotonic()), controls.scale
+                now = controls.frame(time.monotonic()), controls.scale
                 if now != before:
                     before = now
-                    moment, scene.scale = now
-                    scene.show(moment)
-                    controls.show_numbers(moment)
+                    frame, scene.scale = now
+                    scene.show(frame)
+                    controls.show_numbers(frame)
                 time.sleep(TICK)
 
 
@@ -100,7 +100,7 @@ class Controls:
         self._length = gui.add_slider("arrow length", 0.1, 5.0, 0.1, 1.0)
         views = {view.name: view for view in cameras(playback)}
         buttons = gui.add_button_group("look from", tuple(views))
-        buttons.on_click(lambda event: _look(event.client, views[buttons.value], upward(playback.chain)))
+        buttons.on_click(lambda event: _set_camera(event.client, views[buttons.value], upward(playback.chain)))
         self._legend = gui.add_html("")
         self._numbers = gui.add_html("")
         for plot in plots(playback) if len(playback) > 1 else []:
@@ -117,8 +117,8 @@ class Controls:
         """The scale of the arrows that is asked for."""
         return ArrowScale(*(self._length.value * usual for usual in self._usual))
 
-    def moment(self, now: float) -> int:
-        """Return which moment of the playback to show.
+    def frame(self, now: float) -> int:
+        """Return the index of the frame to show.
 
         Args:
             now: time of a clock that never goes back [s].
@@ -134,17 +134,17 @@ class Controls:
             self._slider.value = round(self._time, 3)
         return int(np.searchsorted(playback.t, self._time + 1e-9, side="right").clip(1, len(playback))) - 1
 
-    def show_numbers(self, moment: int) -> None:
-        """Show the numbers of a moment."""
+    def show_numbers(self, frame: int) -> None:
+        """Show the numbers of a frame."""
         self._legend.content = f"<div style='padding:0 1em;opacity:.75'>{legend(self._playback, self.scale)}</div>"
-        self._numbers.content = readout(self._playback, moment)
+        self._numbers.content = readout(self._playback, frame)
 
     def _play(self, playing: bool) -> None:
         self._playing = playing
         self._button.label = "Pause" if playing else "Play"
 
 
-def _look(client: Any, view: Camera, up: Any) -> None:
+def _set_camera(client: Any, view: Camera, up: Any) -> None:
     """Move one viewer's camera."""
     if client is not None:
         with client.atomic():
@@ -172,16 +172,16 @@ METER = f"height:8px;border-radius:4px;background:linear-gradient(90deg,{ZONES})
 NEEDLE = "position:relative;top:-3px;width:3px;height:14px;background:#000"
 
 
-def readout(playback: Playback, moment: int) -> str:
-    """Return the wrenches of a moment, the margins, how near the torques are to their limits, and the condition."""
-    rows = "".join(_row(playback, moment, i, name) for i, name in enumerate(playback.chain.names))
+def readout(playback: Playback, frame: int) -> str:
+    """Return the wrenches in a frame, the margins, the torques relative to their limits, and the condition."""
+    rows = "".join(_row(playback, frame, i, name) for i, name in enumerate(playback.chain.names))
     head = "".join(f"<th style='text-align:right;font-weight:normal'>{heading}</th>" for heading in HEADINGS)
     shown = meter(playback)
-    share, nearest = shown["values"][moment] or 0.0, shown["names"][shown["nearest"][moment]]
+    share, nearest = shown["values"][frame] or 0.0, shown["names"][shown["nearest"][frame]]
     return (
-        f"<div style='padding:0 1em;font-size:.8em'><b>t = {playback.t[moment]:.3f} s</b>"
+        f"<div style='padding:0 1em;font-size:.8em'><b>t = {playback.t[frame]:.3f} s</b>"
         f"<table style='width:100%'><tr>{head}</tr>{rows}</table>"
-        f"condition of the grasps {playback.condition[moment]:.3g}; regular to singular, nearest:"
+        f"condition of the grasps {playback.condition[frame]:.3g}; regular to singular, nearest:"
         f" {html.escape(nearest)}"
         f"<div style='{METER}'><div style='{NEEDLE};left:{99 * share:.1f}%'></div></div></div>"
     )
@@ -189,18 +189,18 @@ def readout(playback: Playback, moment: int) -> str:
 
 def chip(index: int, name: str) -> str:
     """Return an arm's name beside a square of its colour, as HTML."""
-    return f"<span style='color:{arm_look(index)[0]}'>&#9632;</span> {html.escape(name)}"
+    return f"<span style='color:{arm_style(index)[0]}'>&#9632;</span> {html.escape(name)}"
 
 
-def _row(playback: Playback, moment: int, i: int, name: str) -> str:
+def _row(playback: Playback, frame: int, i: int, name: str) -> str:
     use = playback.torque_use(name)
-    moments, forces = playback.wrench[moment, i, :3], playback.wrench[moment, i, 3:]
+    moments, forces = playback.wrench[frame, i, :3], playback.wrench[frame, i, 3:]
     values = (
         float(np.linalg.norm(forces)),
-        float(np.linalg.norm(playback.internal[moment, i, 3:])),
+        float(np.linalg.norm(playback.internal[frame, i, 3:])),
         float(np.linalg.norm(moments)),
-        float(playback.margin[moment, i]),
-        np.inf if use is None else 100 * float(use[moment]),
+        float(playback.margin[frame, i]),
+        np.inf if use is None else 100 * float(use[frame]),
     )
     cells = "".join(f"<td style='text-align:right'>{_short(value)}</td>" for value in values)
     return f"<tr><td style='white-space:nowrap'>{chip(i, name)}</td>{cells}</tr>"

@@ -27,7 +27,7 @@ from holdfast.view.scene_writer import SceneWriter, viewer_server
 def export_page(playback: Playback | Sequence[Playback], path: str | PathLike[str]) -> None:
     """Write a playback as one HTML file, whole or not at all; of several, one is chosen in the page.
 
-    The player begins at once and repeats; space pauses it. A playback of one moment stands still. Whoever changes
+    The player begins at once and repeats; space pauses it. A playback of one frame stands still. Whoever changes
     from one playback to another sees the same time from the same camera, paused.
 
     Args:
@@ -97,7 +97,7 @@ def with_panel(page: str, playback: Playback, scale: ArrowScale) -> str:
 
 
 def panel_data(playback: Playback, scale: ArrowScale) -> dict[str, Any]:
-    """Return what the panel shows, as plain data; times count from the first moment [s]."""
+    """Return the content of the panel as plain data; times count from the first frame [s]."""
     return {
         "title": playback.title,
         "start": float(playback.t[0]),

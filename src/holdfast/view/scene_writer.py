@@ -54,7 +54,7 @@ class SceneWriter:
         self._arrows: dict[str, tuple[Any, float]] = {}  # node, radius of its shafts
         self._sent: dict[str, Any] = {}  # what viewers have already
 
-    def look_from(self, camera: Camera, up: Array) -> None:
+    def set_camera(self, camera: Camera, up: Array) -> None:
         """Set where a viewer begins, and which way is up (3,)."""
         scene, begin = self.server.scene, self.server.initial_camera
         scene.set_up_direction(up)

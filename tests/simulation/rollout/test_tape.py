@@ -41,7 +41,7 @@ class Rolled:
     Attributes:
         p: the chain, a state and torques.
         rollout: what steps.
-        bars: cotangents at the end, and along the steps.
+        cotangents: at the end, and along the steps.
     """
 
     def __init__(
@@ -247,7 +247,7 @@ def test_events():
     free, last = list(chain.grasps)
     alone, both = (hf.compile_rollout(c, law(n)) for c in (replace(chain, grasps={free: chain.grasps[free]}), chain))
     random, given = np.random.default_rng(3), {"tau": hf.holding_torques(chain, p.state.at_rest())}
-    bar = {"q": random.normal(size=(1, n)), "object_twist": random.normal(size=(1, 6))}
+    cotangent = {"q": random.normal(size=(1, n)), "object_twist": random.normal(size=(1, 6))}
     turn = random.normal(size=n)
     row, h = list(chain.arms).index(last), 1e-4
 
@@ -272,13 +272,13 @@ def test_events():
         )
         third = both.tape(second.systems, length * h, steps=1, record=("grasp_wrench",))
         fourth = alone.tape(alone.take_over(third.systems, **given), h, steps=597)
-        value = sum((x * getattr(fourth.systems, name)).sum() for name, x in bar.items())
+        value = sum((x * getattr(fourth.systems, name)).sum() for name, x in cotangent.items())
         return value, bound, (first, second, third, fourth)
 
     _, bound, tapes = run(0.5, 0.0)
     by, states = ("q", "qd", "object_pose", "object_twist", "memory", "gain"), slice(0, 5)
     names, gains = by[states], 0.0
-    back = tapes[3].vjp(bar, by=by)
+    back = tapes[3].vjp(cotangent, by=by)
     gains += back.gain
     of_state = {name: back[name] for name in names}
     after = tapes[2].vjp(of_state, by=(*by, "step"))

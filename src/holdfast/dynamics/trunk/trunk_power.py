@@ -168,8 +168,8 @@ class TrunkCase(NamedTuple):
         def less(*x: Array) -> Scalar:
             power, carried = self.outward(z, y, dict(zip(names, x, strict=True)))
             total: Scalar = -power
-            for base, bar in zip(carried, of_bases, strict=True):
-                for part, of_part in zip(base, bar, strict=True):
+            for base, of_base in zip(carried, of_bases, strict=True):
+                for part, of_part in zip(base, of_base, strict=True):
                     total = total + np.ravel(part) @ np.ravel(of_part)
             return total
 

@@ -34,8 +34,8 @@ from holdfast.simulation.rollout.arguments import (
 )
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, subdivided
-from holdfast.simulation.rollout.record import RolloutRecord
-from holdfast.simulation.rollout.recording import recorded_rollout
+from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
+from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
 from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import RolloutSystems
@@ -170,24 +170,24 @@ class Rollout:
         if self.chain.floats != systems.chain.floats:
             base = "a floating base" if self.chain.floats else "no floating base"
             raise StateError(f"systems: expected those of a rollout with {base}, as this one's chain has")
-        begun = systems.copy()
+        before = systems.copy()
         stale = [] if list(systems.chain.grasps) == list(self.chain.grasps) else ["grasp_R", "grasp_p"]
         stale += ["base_R", "base_p"] if self.base_motion else []
         takes = {name: external.shape for name, external in self.kernel.externals.items() if name not in stale}
-        kept = {name: x for name, x in begun.call_inputs.items() if takes.get(name) == x.shape[1:]}
-        memory = begun.arrays.get("memory", np.zeros((len(systems), 0)))
+        kept = {name: x for name, x in before.call_inputs.items() if takes.get(name) == x.shape[1:]}
+        memory = before.arrays.get("memory", np.zeros((len(systems), 0)))
         remembered = memory if memory.shape[1] == len(self.law.memory) else None
-        found = self.kernel.systems({name: begun.arrays[name] for name in state_fields(self.chain)}, remembered)
-        for array, x in ((found[key], begun.arrays.get(key)) for key in found):
+        found = self.kernel.systems({name: before.arrays[name] for name in state_fields(self.chain)}, remembered)
+        for array, x in ((found[key], before.arrays.get(key)) for key in found):
             if x is not None and x.shape == array.shape:
-                array[~begun.running] = x[~begun.running]
-        made = RolloutSystems(self.chain, found, begun.t, np.zeros(len(systems)))
+                array[~before.running] = x[~before.running]
+        made = RolloutSystems(self.chain, found, before.t, np.zeros(len(systems)))
         made.keep_inputs(kept | call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
         made = self._started(made, whole_number("threads", threads))
-        made.arrays["work"][...] = begun.arrays["work"]
+        made.arrays["work"][...] = before.arrays["work"]
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
         for name in state_fields(self.chain):
-            made.arrays[name][apart] = begun.arrays[name][apart]
+            made.arrays[name][apart] = before.arrays[name][apart]
         made.arrays["code"][apart] = OPEN
         return made
 
@@ -315,9 +315,9 @@ class Rollout:
             ResultError: the folder is in use or cannot be written.
         """
         options = step_options(least_margin, stop_at_limits, largest_drift)
-        return recorded_rollout(
-            self, systems, duration, step, every, record, options, folder, overwrite, progress, threads, given
-        )
+        h, duration = float(step_lengths(step, 1)[0]), number("duration", duration)
+        arguments = RolloutArguments(self, systems.copy(), h, whole_number("every", every), options, duration)
+        return recorded_rollout(arguments, RecordOutput(record, folder, overwrite, progress), given, threads)
 
     def tape(
         self,
