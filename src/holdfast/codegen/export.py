@@ -108,7 +108,6 @@ def export_c(
         ModelError: a name that is none, an unknown function or target, a step without a state.
         ResultError: the folder is in use or cannot be written.
         MethodNotApplicable, CompileError: a law that cannot become machine code.
-        NotCompiledError: machine code has this function of other chains only.
     """
     compiled = chain if isinstance(chain, CompiledChain) else None
     if compiled is None:
