@@ -10,7 +10,7 @@ import numpy as np
 import holdfast as hf
 from holdfast.codegen.arrays import CONTROL, LAST
 from holdfast.codegen.functions import ExportedFunction, exported_function, exported_law
-from holdfast.compiled.arm_functions import CLOSED
+from holdfast.compiled.arm_functions import CLOSED, COMPUTATIONS
 from holdfast.compiled.derivative_schedule import FOUND, UNITS
 from holdfast.control import compile_law
 from holdfast.spatial.scalar import sin
@@ -77,7 +77,7 @@ def truths(name: str, count: int, derivatives: bool = True) -> list[Truth]:
     compiled = hf.compile(chain)
     made = [_forward(compiled, state, count), _projected(compiled, state, count), _law(compiled, state, count)]
     made += [_closure(compiled, state, count)] if chain.grasps else []
-    made += [] if chain.floats else [_inverse(compiled, state, count)]
+    made += [_inverse(compiled, state, count)]
     made += [_jacobian(compiled, state, count)] if derivatives else []
     return [*made, steps(compiled, state, count)]
 
@@ -160,13 +160,17 @@ def _inverse(compiled, state, count) -> Truth:
     given, expected = [], []
     for k in range(count):
         random = np.random.default_rng((k, 2))
-        system = _only(_near(chain, state, k), "q", "qd")
+        system = _only(_near(chain, state, k), "q", "qd", "floating_pose", "floating_twist")
+        system |= {"floating_acceleration": random.normal(size=6)} if chain.floats else {}
         system |= {
             "qdd": random.normal(size=chain.joint_count),
             "grasp_wrench": holds * random.normal(size=(len(chain.arms), 6)),
         }
         given.append(system)
-        expected.append({"tau": compiled.inverse_dynamics(**system), "returned": np.array(0)})
+        args = tuple(system[name] for name in COMPUTATIONS["inverse_dynamics"].inputs)
+        rest = {name: x for name, x in system.items() if name.startswith("floating")}
+        found = compiled._function("inverse_dynamics")(args, rest, 1)
+        expected.append(found | {"returned": np.array(0)})
     return Truth(function, given, expected)
 
 

@@ -13,7 +13,6 @@ from holdfast.codegen import export_c
 from holdfast.codegen.arrays import fields_of, meaning
 from holdfast.codegen.functions import EXPORTED, exported_function
 from holdfast.codegen.header import CFunction
-from holdfast.compiled.not_compiled import NotCompiledError
 from tests.codegen.exported import STRICT, require
 from tests.codegen.problems import chain_and_state
 
@@ -62,7 +61,7 @@ def test_every_array_is_explained():
         chain, state = chain_and_state(name)
         compiled = hf.compile(chain, parameters=("link_inertia", "link_wrench"))
         for function in EXPORTED:
-            if function in ("inverse_dynamics", "step") and chain.floats:
+            if function == "step" and chain.floats:
                 continue
             found = exported_function(function, compiled, state, scheme="imex")
             own = CFunction("x", found, 1, None)
@@ -111,10 +110,7 @@ def test_refusals(case, tmp_path):
 
 @pytest.mark.slow
 def test_refused_chains_and_states(tmp_path):
-    """No inverse dynamics of what floats, no step from open grasps, no scheme that estimates errors."""
-    chain, state = chain_and_state("floating")
-    with pytest.raises(NotCompiledError, match="floating base"):
-        export_c(chain, tmp_path / "a", functions=["inverse_dynamics"])
+    """No step from open grasps, no scheme that estimates errors."""
     chain, state = chain_and_state("one holds")
     apart = hf.State(state.q + 1.0, state.qd, state.object_pose, state.object_twist)
     with pytest.raises(hf.StateError, match="from which steps can begin"):
@@ -154,15 +150,15 @@ def test_command(tmp_path, capsys):
 
 
 @pytest.mark.long
-def test_command_says_what_it_leaves_out(tmp_path, capsys):
-    """A scene whose chain floats has no inverse dynamics: the note says so."""
+def test_command_of_what_floats(tmp_path, capsys):
+    """Inverse dynamics takes the base's acceleration; what cannot be exported is left out with a note."""
     scene = str(ROOT / "examples" / "free_flyer.toml")
     assert command(["export-c", scene, "--out", str(tmp_path / "code"), "--name", "flyer"]) == 0
     err = capsys.readouterr().err
-    assert "without inverse_dynamics" in err
+    assert "note: without control: compile_law" in err and "inverse_dynamics" not in err
     header = (tmp_path / "code" / "flyer.h").read_text()
-    assert "int64_t flyer_step(" in header
-    assert "int64_t flyer_inverse_dynamics(" not in header
+    assert "int64_t flyer_step(" in header and "int64_t flyer_inverse_dynamics(" in header
+    assert "floating_acceleration" in header and "largest_wrench" in header
 
 
 def test_memory_begins_at_the_state(tmp_path):

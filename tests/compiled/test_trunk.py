@@ -9,7 +9,6 @@ import pytest
 import holdfast as hf
 from holdfast.compiled import arrays
 from holdfast.compiled.externals import FLOATING
-from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import Status
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import chain_motion
@@ -176,13 +175,16 @@ def test_other_functions(floating):
         assert np.allclose(closed["floating_pose"], there.base_pose, atol=1e-12)
         with pytest.raises(hf.StateError, match="floating_twist: expected that of the trunk's floating base"):
             compiled.momentum(*state, **pose)
-        with pytest.raises(NotCompiledError, match="with a floating base"):
-            compiled.inverse_dynamics(s.q, s.qd, 0 * s.q, np.zeros((2, 6)))
-    else:
-        found = p.solved()
-        tau = compiled.inverse_dynamics(s.q, s.qd, found.qdd, found.grasp_wrench)
-        expected = hf.inverse_dynamics(chain, s, found.qdd, found.grasp_wrench)
-        assert np.allclose(tau, expected, rtol=1e-11, atol=1e-9)
+        with pytest.raises(hf.StateError, match="floating_acceleration: expected that of the trunk's floating base"):
+            compiled.inverse_dynamics(s.q, s.qd, 0 * s.q, np.zeros((2, 6)), **moving)
+    found = p.solved()
+    accelerating = moving | ({"floating_acceleration": found.base_acceleration} if floating else {})
+    tau = compiled.inverse_dynamics(s.q, s.qd, found.qdd, found.grasp_wrench, **accelerating)
+    expected = hf.inverse_dynamics(
+        chain, s, found.qdd, found.grasp_wrench, base_acceleration=accelerating.get("floating_acceleration")
+    )
+    assert np.allclose(tau, expected, rtol=1e-11, atol=1e-9)
+    if not floating:
         many = compiled.momentum(*(np.array([x, x]) for x in state))
         assert np.allclose(many, [hf.dynamics.momentum(chain, s)] * 2, rtol=1e-11, atol=1e-11)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ ENERGIES = ("kinetic_energy", "potential_energy")
 CASES = [
     ("kinetic_energy", "plain"),
     ("inverse_dynamics", "plain"),
+    *(("inverse_dynamics", kind) for kind in ("springs", "bushing", "trunk", "floating")),
     *((name, kind) for name in ENERGIES for kind in ("springs", "bushing", "trunk", "floating")),
     ("potential_energy", "plain"),
     ("joint_margins", "limits"),
@@ -52,6 +54,13 @@ SOME = {
     "joint_margins": ("q", "tau"),
     "wrist_wrenches": ("q", "grasp_wrench"),
 }
+
+
+ONE_OF_EACH = [
+    *((name, "limits" if name in OF_FORCES else "plain") for name in SOME),
+    ("inverse_dynamics", "bushing"),
+    ("inverse_dynamics", "floating"),
+]
 
 
 class Alone(ChainFunctions, FunctionDerivatives, ClosureDerivatives, ForceDerivatives):
@@ -81,6 +90,9 @@ def parameters_of(of: FunctionCase) -> dict[str, np.ndarray]:
         found |= {"base_acceleration": given.base_accelerations, "link_wrench": given.link_wrenches}
         found |= {"trunk_base_acceleration": given.trunk_base_acceleration}
         found |= {"trunk_link_wrench": given.trunk_link_wrenches}
+        found |= {"floating_acceleration": of.own.get("floating_acceleration")}
+        if of.p.chain.springs or of.p.chain.bushings:
+            found |= {"object_pose": state.object_pose, "object_twist": state.object_twist}
     if of.name in ("potential_energy", "wrist_wrenches"):
         found = {"floating_pose": state.base_pose}
     if of.name == "joint_margins":
@@ -197,26 +209,29 @@ def test_rates_are_five_point_differences():
     assert relative_gap(found.tau, differences) < 1e-9
 
 
-@pytest.mark.parametrize("name", mostly_slow(list(SOME), ["potential_energy"]))
-def test_bits(name):
+@pytest.mark.parametrize(("name", "kind"), mostly_slow(ONE_OF_EACH, [("potential_energy", "plain")]))
+def test_bits(name, kind):
     """One system, a batch of any size, its tail, and threads."""
-    of, random, count = function_case(name, "limits" if name in OF_FORCES else "plain"), np.random.default_rng(4), 21
-    fast, result, by = Alone(of.p.chain), of.results[0], SOME[name]
-    many = [np.array(x + 0.1 * random.normal(size=(count, *x.shape)) * (x != 0.0)) for x in inputs_of(of)]
+    of, random, count = function_case(name, kind), np.random.default_rng(4), 21
+    fast, result, by, named = fast_of(of), of.results[0], SOME[name], parameters_of(of)
+    by = (*by, "object_pose") if kind == "bushing" else by
+    far = 0.0 if kind == "floating" else 0.1  # other accelerations would need a drive of the base
+    many = [np.array(x + far * random.normal(size=(count, *x.shape)) * (x != 0.0)) for x in inputs_of(of)]
     if "object_pose" in GIVEN[name]:
         many[GIVEN[name].index("object_pose")] = of.p.state.object_pose  # of unit length, and shared
     cotangent = random.normal(size=(count, *of.values()[result].shape))
-    own = dict(zip(GIVEN[name], inputs_of(of), strict=True))
-    along = {x: random.normal(size=(count, *own[x].shape)) for x in by}
+    directions = of.directions(random)
+    along = {x: random.normal(size=(count, *directions[x].shape)) for x in by}
 
     def one(x: np.ndarray, k: Any, ndim: int) -> np.ndarray:
         return x[k] if x.ndim > ndim else x
 
     def at(k: Any, threads: int = 1) -> list[np.ndarray]:
         given = [one(x, k, y.ndim) for x, y in zip(many, inputs_of(of), strict=True)]
-        back = getattr(fast, f"{name}_vjp")(*given, by=by, **{result: cotangent[k]}, threads=threads)
-        ahead = getattr(fast, f"{name}_jvp")(*given, along={x: d[k] for x, d in along.items()}, threads=threads)
-        matrix = getattr(fast, f"{name}_jacobian")(*given, by=by, threads=threads)
+        options = {**named, "threads": threads}
+        back = getattr(fast, f"{name}_vjp")(*given, by=by, **{result: cotangent[k]}, **options)
+        ahead = getattr(fast, f"{name}_jvp")(*given, along={x: d[k] for x, d in along.items()}, **options)
+        matrix = getattr(fast, f"{name}_jacobian")(*given, by=by, **options)
         return [*(back[x] for x in by), ahead[result], *(matrix[result, x] for x in by), *arrays_of(back.result)]
 
     whole = at(slice(None))
@@ -227,24 +242,24 @@ def test_bits(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list(SOME))
+@pytest.mark.parametrize(("name", "case"), ONE_OF_EACH)
 @pytest.mark.parametrize("kind", ["vjp", "jvp", "jacobian"])
-def test_interpreter(name, kind):
+def test_interpreter(name, case, kind):
     """The schedules of derivatives read number by number give the bits of the machine code."""
-    of, random = function_case(name, "limits" if name in OF_FORCES else "plain"), np.random.default_rng(6)
-    fast, by = Alone(of.p.chain), SOME[name]
+    of, random = function_case(name, case), np.random.default_rng(6)
+    fast, by, named = fast_of(of), SOME[name], parameters_of(of)
     cotangents = {result: random.normal(size=x.shape) for result, x in of.values().items()}
     own = dict(zip(GIVEN[name], inputs_of(of), strict=True))
     along = {x: random.normal(size=own[x].shape) for x in by}
     options: dict[str, Any] = {"vjp": {"by": by, **cotangents}, "jvp": {"along": along}, "jacobian": {"by": by}}[kind]
-    getattr(fast, f"{name}_{kind}")(*inputs_of(of), **options)
+    getattr(fast, f"{name}_{kind}")(*inputs_of(of), **options, **named)
     (request, made), *others = vars(fast)["_texts_made"].items()
     assert not others
     with_given = {f"{WITH}{x}": {**cotangents, **along}[x] for x in request.given}
     computation = request.computation(of.p.chain)
     structure = computation.structure(of.p.chain, options_of(fast.options, request.arguments, True))
-    expected = interpret_schedule(computation.schedule(structure), {**made._own, **own, **with_given})
-    found = made((*own.values(), *with_given.values()), {}, 1)
+    expected = interpret_schedule(computation.schedule(structure), {**made._own, **own, **named, **with_given})
+    found = made((*own.values(), *with_given.values()), named, 1)
     assert list(found) == list(expected)
     for x, numbers in expected.items():
         assert np.array_equal(found[x], numbers), x
@@ -293,11 +308,37 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
         fast.inverse_dynamics_vjp(*given[:3], grasp_wrench=np.ones_like(given[3]), tau=np.ones(n))
 
 
-@pytest.mark.parametrize(("kind", "why"), [("springs", "springs between bodies"), ("floating", "floating base")])
-def test_what_is_not_compiled_says_why(kind, why):
+@pytest.mark.parametrize("kind", ["bushing", "floating"])
+def test_motions_that_are_not_possible(kind):
+    """One system is refused with the reference's message; in a batch its results are not-a-number."""
     of = function_case("inverse_dynamics", kind)
-    with pytest.raises(hf.MethodNotApplicable, match=f"'inverse_dynamics_jvp' of a chain with .*{why}.* runs as ref"):
-        Alone(of.p.chain).inverse_dynamics_jvp(*inputs_of(of), along={"q": of.p.state.q})
+    fast, given = fast_of(of), dict(zip(GIVEN[of.name], inputs_of(of), strict=True))
+    named, lifted = parameters_of(of), np.array(given["grasp_wrench"])
+    if kind == "bushing":
+        lifted[of.p.chain.names.index(of.p.chain.bushings[0])] += 1.0
+        changed = {"grasp_wrench": lifted}
+        refused = of._replace(own={**of.own, **changed})
+    else:
+        changed = {"floating_acceleration": of.own["floating_acceleration"] + 1e-3}
+        refused = of._replace(own={**of.own, **changed})
+    with pytest.raises(hf.StateError) as expected:
+        refused.called()
+    tau = of.called()
+    for call in (fast.inverse_dynamics, partial(fast.inverse_dynamics_vjp, by=["q"], tau=np.ones_like(tau))):
+        with pytest.raises(hf.StateError) as got:
+            call(**{**given, **named, **changed})
+        assert str(got.value) == str(expected.value)
+        ((name, off),) = changed.items()
+        many = call(**{**given, **named, name: np.array([{**given, **named}[name], off])})
+        for x in (many,) if call == fast.inverse_dynamics else (many.q, many.result):
+            assert np.isnan(x[1]).all() and np.isfinite(x[0]).all()
+    assert relative_gap(fast.inverse_dynamics(**given, **named), tau) < SAME
+
+
+def test_where_the_object_is_must_be_given_to_springs():
+    of = function_case("inverse_dynamics", "springs")
+    with pytest.raises(hf.StateError, match=r"^object_pose: expected it, as springs between bodies or bushings"):
+        Alone(of.p.chain).inverse_dynamics(*inputs_of(of))
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import kinetic_energy, momentum, momentum_rate, potential_energy, power
 from holdfast.dynamics.energy import bodies
 from holdfast.simulation.balance import WORK_TERMS
@@ -137,8 +136,10 @@ def test_every_method(seed):
         assert relative_gap(getattr(many, name)[8], getattr(found, name)) <= 1e-11
     assert fast.potential_energy(s.q, s.object_pose) == pytest.approx(potential_energy(p.chain, s), rel=1e-12)
     assert fast.closure(s.q, s.qd, s.object_pose, s.object_twist)["arm2"].position.shape == (0,)
-    with pytest.raises(NotCompiledError, match="bushings"):
-        fast.inverse_dynamics(s.q, s.qd, found.qdd, found.grasp_wrench)
+    acting = {name: acting[name] for name in ("link_wrench", "base_twist", "base_acceleration")}
+    acting |= {"object_pose": s.object_pose, "object_twist": s.object_twist}
+    for f in (found.grasp_wrench, zeros):
+        assert relative_gap(fast.inverse_dynamics(s.q, s.qd, found.qdd, f, **acting), p.tau) <= 1e-11
 
 
 def test_elsewhere_in_machine_code():

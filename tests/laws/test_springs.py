@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import link_poses, momentum_rate, potential_energy, power
 from holdfast.dynamics.closed.spring_wrenches import stretches
 from holdfast.simulation.balance import WORK_TERMS
@@ -129,8 +128,9 @@ def test_machine_code():
     assert relative_gap(moved.qdd, expected_there.qdd) <= 1e-11
     energy = fast.potential_energy(state.q, state.object_pose)
     assert energy == pytest.approx(potential_energy(chain, state), rel=1e-13)
-    with pytest.raises(NotCompiledError, match="springs between bodies"):
-        fast.inverse_dynamics(state.q, state.qd, expected.qdd, expected.grasp_wrench)
+    of_object = {"object_pose": state.object_pose, "object_twist": state.object_twist}
+    back = fast.inverse_dynamics(state.q, state.qd, expected.qdd, expected.grasp_wrench, **of_object)
+    assert relative_gap(back, tau) <= 1e-11
 
 
 def test_energy():

@@ -25,6 +25,8 @@ _MEANINGS = {
     "grasp_wrench": "moment about the contact and force of each arm on the object, world axes",
     "base_wrench": "moment and force of each base on its arm about the base origin, world axes",
     "trunk_base_wrench": "moment and force of the base on the trunk, world axes",
+    "bushing_wrench": "moment about the contact and force that each bushing exerts on the object, world axes",
+    "largest_wrench": "the largest number among the wrenches on the trunk; beside it, what its base needs must vanish",
     "contact_acceleration": "accelerations along the grasps' freedoms",
     "floating_pose": "quaternion w, x, y, z and origin of the floating base [m]",
     "floating_twist": "angular velocity, velocity of the floating base's origin, world axes",

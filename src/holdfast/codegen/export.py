@@ -108,7 +108,6 @@ def export_c(
         ModelError: a name is invalid, a function or target is unknown, or a step has no state.
         ResultError: the folder is in use or cannot be written.
         MethodNotApplicable, CompileError: a law cannot be compiled.
-        NotCompiledError: a function is not available as machine code for this chain.
     """
     compiled = chain if isinstance(chain, CompiledChain) else None
     if compiled is None:

@@ -13,7 +13,6 @@ from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.compiled_derivatives import options_of
 from holdfast.compiled.derivative_schedule import UNITS
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
-from holdfast.compiled.not_compiled import require_inverse
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED
 from holdfast.compiled.structure import Structure
@@ -119,7 +118,6 @@ def exported_function(
 
     Raises:
         ModelError: there is no such computation, a step has no state, or a motion belongs to no base.
-        NotCompiledError: the computation is not available as machine code for this chain.
     """
     if name == STEP:
         return _step(compiled, state, scheme, base_motion or {})
@@ -136,8 +134,6 @@ def exported_function(
         return _function(name, externals, lambda: request.schedule(varied), own | units, _ANSWERS)
     if name not in COMPUTATIONS:
         raise ModelError(f"export: functions: no '{name}'.{checks.did_you_mean(name, EXPORTED)}")
-    if name == "inverse_dynamics":
-        require_inverse(chain, name)
     computation = COMPUTATIONS[name]
     seen = computation.structure(chain, compiled.options)
     return _function(name, computation.externals(seen), lambda: computation.schedule(seen), own)

@@ -34,11 +34,12 @@ from holdfast.dynamics.energy import (
     total_momentum,
     total_potential_energy,
 )
-from holdfast.dynamics.inverse import torques
+from holdfast.dynamics.inverse import deciding, torques_and_deciding
 from holdfast.dynamics.kinematics import link_frames
 from holdfast.dynamics.linear_text import Text
 from holdfast.dynamics.object_level import object_mobility
 from holdfast.dynamics.projection import after_step
+from holdfast.dynamics.trunk.trunk_derivatives import FLOATING_RESULT
 from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.forces.force_derivatives import LIMITS, OF_LIMITS, WRISTS
@@ -67,9 +68,10 @@ class Computation:
             them; None means the shape given by `shapes`.
         by_grasp: whether it depends on the kinds of the grasps.
         by_links: whether it depends on the inertias of the links.
-        acting: whether it depends on external wrenches on the links.
+        acting: whether forces act: external wrenches on the links, springs between bodies and bushings.
         closes: whether it returns a state, whose arrays are named with the prefix `CLOSED`.
-        elastic: whether it depends on the energy stored in bushings.
+        elastic: whether it depends on the forces or the energy of bushings.
+        deciding: further results, with their shapes, that show whether its arguments are possible.
         unlimited: whether results may be infinite, as a margin without a limit is.
         further: the shapes of those inputs that `shapes` does not know, by name.
         fixed: the numbers of parameters that no call changes, by name.
@@ -88,6 +90,7 @@ class Computation:
     unlimited: bool = False
     further: Mapping[str, Shape] = field(default_factory=dict)
     fixed: Mapping[str, Array] = field(default_factory=dict)
+    deciding: Callable[[ClosedChain], Mapping[str, Shape]] = lambda chain: {}
 
     def structure(self, chain: ClosedChain, options: Options) -> Structure:
         """Return the chain with the options that this computation depends on; the others are reset."""
@@ -111,7 +114,8 @@ class Computation:
             inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
         parameters += link_parameters(chain) if options.link_inertia else ()
         parameters += ("grasp_R", "grasp_p") if self._by_bushings(chain) else ()
-        inputs += self.of_base(chain)
+        inputs += self.by_name(chain)
+        parameters += ("base_p",) if self.by_place(chain) else ()
         if chain.trunk is not None and self._placed:
             parameters += [name for name in ("base_R", "base_p") if name not in parameters]
             parameters += TRUNK_BASE_MOTION if "base_twist" in parameters and not chain.floats else ()
@@ -121,14 +125,25 @@ class Computation:
             outputs[f"{CLOSED}{name}"] = known[name]
         for name, shape in self.whole.items():
             outputs[name] = known[name] if shape is None else shape(chain) if callable(shape) else shape
+        outputs |= self.deciding(chain)
         of_fixed = {name: x.shape for name, x in self.fixed.items()}
         return externals(inputs, [*parameters, *of_fixed], outputs, known | {**self.further, **of_fixed, **outputs})
 
-    def of_base(self, chain: ClosedChain) -> list[str]:
-        """Return the inputs of a floating base: its pose, and also its twist if velocities are among the inputs."""
-        if not chain.floats or not self._placed:
-            return []
-        return list(FLOATING) if {"qd", "object_twist"} & {*self.inputs} else [FLOATING[0]]
+    def by_place(self, chain: ClosedChain) -> bool:
+        """Return whether it depends on where this chain's arms and object are because of forces between them."""
+        return self.acting and bool(chain.springs or chain.bushings)
+
+    def by_name(self, chain: ClosedChain) -> list[str]:
+        """Return the inputs that only some chains have.
+
+        They are the pose of a floating base, its twist and acceleration if other velocities or accelerations are among
+        the inputs, and the pose and twist of the object if forces depend on them.
+        """
+        found = ["object_pose", "object_twist"] if self.by_place(chain) else []
+        if chain.floats and self._placed:
+            found += FLOATING if {"qd", "object_twist"} & {*self.inputs} else FLOATING[:1]
+            found += [FLOATING_RESULT] if "qdd" in self.inputs else []
+        return found
 
     def starts(self, chain: ClosedChain, result: str) -> list[int]:
         """Return the offset of each arm's part of a result, and the end of the last part."""
@@ -144,7 +159,8 @@ class Computation:
 def _torques(chain: ClosedChain, x: Given) -> Found:
     state = traced_state(chain, x)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), traced_inputs(chain, x))
-    return {"tau": torques(motion, x["qdd"], x["grasp_wrench"])}
+    found = torques_and_deciding(motion, x["qdd"], x["grasp_wrench"], x.get(FLOATING_RESULT))
+    return dict(zip(("tau", *deciding(chain)), found, strict=True))
 
 
 def _of_text(text: Text) -> Callable[[ClosedChain, Given], Found]:
@@ -225,6 +241,8 @@ COMPUTATIONS: dict[str, Computation] = {
         _torques,
         whole={"tau": None},
         acting=True,
+        elastic=True,
+        deciding=deciding,
     ),
     "joint_margins": Computation(
         ("q", "qd", "tau"),
@@ -297,15 +315,16 @@ COMPUTATIONS: dict[str, Computation] = {
 }
 
 
-def own_inputs(function: str) -> tuple[str, ...]:
-    """Return what a function is given besides the state and parameters of every chain."""
+def own_inputs(function: str, chain: ClosedChain) -> tuple[str, ...]:
+    """Return what a function of a chain is given besides the state and parameters of every chain."""
     base = COMPUTATIONS[function]
-    return *(name for name in base.inputs if name not in STATE), *(name for name in base.parameters if name == LIMITS)
+    inputs = (name for name in (*base.inputs, *base.by_name(chain)) if name not in (*STATE, *FLOATING))
+    return *inputs, *(name for name in base.parameters if name == LIMITS)
 
 
 def traced_case(chain: ClosedChain, x: Given, function: str) -> VariedCase:
     """Return the traced arguments of a function that can be differentiated."""
-    own = {name: x[name] for name in own_inputs(function)}
+    own = {name: x[name] for name in own_inputs(function, chain)}
     return VariedCase(chain, traced_state(chain, x), traced_inputs(chain, x), own)
 
 

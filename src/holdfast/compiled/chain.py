@@ -21,7 +21,7 @@ from holdfast.compiled.forward_schedule import forward_externals, forward_schedu
 from holdfast.compiled.function_derivatives import FunctionDerivatives
 from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.kernels import compiling, kernel
-from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
+from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.result import CompiledResult
 from holdfast.compiled.structure import Options, Structure, optional_parameters, require_rank
 from holdfast.compiler.kernel import Bound
@@ -233,7 +233,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
             return result
         given = [q, qd, tau, object_pose, object_twist]
         if self.chain.floats:
-            require_floating(FLOATING, parameters)
+            require_inputs(FLOATING, parameters)
             given += [parameters.pop(name) for name in FLOATING]
         found = {name: arrays.floats(name, x, shape) for (name, shape), x in zip(self._shapes, given, strict=True)}
         if parameters:

@@ -13,7 +13,7 @@ from holdfast.compiled.calls import Calls
 from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes, given_names
 from holdfast.compiled.externals import FLOATING, LINKS, MOVING, TRUNK_LINKS
 from holdfast.compiled.kernels import kernel
-from holdfast.compiled.parameters import WRENCHES, parameters_of, parse_parameters, require_floating
+from holdfast.compiled.parameters import WRENCHES, parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.result import INDETERMINATE, CompiledResult
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.targets import Builtin
@@ -114,7 +114,7 @@ class CompiledDerivatives:
         """
         arrays.require_threads(threads)
         if self._compiled.chain.floats:
-            require_floating(FLOATING, parameters)
+            require_inputs(FLOATING, parameters)
             of_state = len(STATE_AND_TORQUES)
             given = *given[:of_state], *(parameters.pop(name) for name in FLOATING), *given[of_state:]
         if self._rank != self._compiled.generic_rank:

@@ -13,7 +13,7 @@ from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import COMPUTATIONS, Computation
 from holdfast.compiled.faults import fault, faulty, largest_positions
 from holdfast.compiled.kernels import kernel
-from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
+from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.structure import Options
 from holdfast.compiler.kernel import Bound
 from holdfast.model import checks
@@ -42,11 +42,10 @@ class CompiledFunction:
         structure = computation.structure(chain, options)
         self.externals = computation.externals(structure)
         self._kernel = kernel(name, structure, self.externals, lambda: computation.schedule(structure))
-        self._inputs, self._of_base = computation.inputs, computation.of_base(chain)
+        self._inputs, self._by_name = computation.inputs, computation.by_name(chain)
         own = parameters_of(chain, None) | dict(computation.fixed)
-        self._own = {
-            name: own[name] for name, e in self.externals.items() if e.role != "output" and name not in self._inputs
-        }
+        called = (*self._inputs, *self._by_name)
+        self._own = {name: own[name] for name, e in self.externals.items() if e.role != "output" and name not in called}
         self._results = {name: e.shape for name, e in self.externals.items() if e.role == "output"}
         self._ranks = {name: len(e.shape) for name, e in self.externals.items()}
         self._largest = largest_positions(chain)
@@ -75,10 +74,12 @@ class CompiledFunction:
             name: arrays.floats(name.rpartition(".")[2], x, self.externals[name].shape)
             for name, x in zip(self._inputs, given, strict=True)
         }
-        require_floating(self._of_base, parameters)
-        changed = parse_parameters(parameters, self.externals, self._chain) if parameters else {}
+        require_inputs(self._by_name, parameters)
+        named = {name: x for name, x in parameters.items() if name in self._by_name}
+        inputs |= {name: arrays.floats(name, x, self.externals[name].shape) for name, x in named.items()}
+        others = {name: x for name, x in parameters.items() if name not in named}
+        changed = parse_parameters(others, self.externals, self._chain) if others else {}
         changed = {name: arrays.floats(name, x, self.externals[name].shape) for name, x in changed.items()}
-        inputs |= {name: changed.pop(name) for name in self._of_base}
         batch = arrays.batch_of(inputs | changed, self.externals)
         if batch is not None:
             return self._many(inputs, changed, batch, threads)

@@ -42,7 +42,8 @@ class FunctionDerivatives(TextDerivatives):
             qdd: (n,) joint accelerations [rad/s^2 or m/s^2].
             grasp_wrench: (arms, 6) wrench of each arm on the object, as in `inverse_dynamics`.
             tau: (n,) the cotangent.
-            by: the arguments: those of `forward_dynamics_vjp`, with qdd and grasp_wrench instead of tau.
+            by: the arguments: those of `forward_dynamics_vjp`, with qdd and grasp_wrench instead of tau, and with a
+                floating base floating_acceleration.
             threads: the number of threads for a batch.
             **parameters: parameters as in `inverse_dynamics`.
 
@@ -50,8 +51,8 @@ class FunctionDerivatives(TextDerivatives):
             The gradient by every argument, in the shape of the argument.
 
         Raises:
-            StateError: A name, shape or number is wrong, or an arm that holds nothing has a wrench.
-            NotCompiledError: The chain has a floating base, springs between bodies, or bushings.
+            StateError: A name, shape or number is wrong, or a wrench or acceleration is not possible, as in
+                `inverse_dynamics`.
         """
         given = {"tau": tau}
         return self._derived(
@@ -85,8 +86,8 @@ class FunctionDerivatives(TextDerivatives):
             `found.tau`, (n,), with a leading axis if there are several directions or a batch.
 
         Raises:
-            StateError: A name, shape or number is wrong, or an arm that holds nothing has a wrench.
-            NotCompiledError: The chain has a floating base, springs between bodies, or bushings.
+            StateError: A name, shape or number is wrong, or a wrench or acceleration is not possible, as in
+                `inverse_dynamics`.
         """
         checks.instance(along, Mapping, "inverse_dynamics_jvp: along", StateError)
         return self._derived(
@@ -113,7 +114,8 @@ class FunctionDerivatives(TextDerivatives):
             qdd: (n,) joint accelerations [rad/s^2 or m/s^2].
             grasp_wrench: (arms, 6) wrench of each arm on the object, as in `inverse_dynamics`.
             of: the results; there is one, tau.
-            by: the arguments: those of `forward_dynamics_vjp`, with qdd and grasp_wrench instead of tau.
+            by: the arguments: those of `forward_dynamics_vjp`, with qdd and grasp_wrench instead of tau, and with a
+                floating base floating_acceleration.
             threads: the number of threads for a batch.
             **parameters: parameters as in `inverse_dynamics`.
 
@@ -121,8 +123,8 @@ class FunctionDerivatives(TextDerivatives):
             `found["tau", by]` of shape (n, *shape of the argument's gradient), with a leading axis for a batch.
 
         Raises:
-            StateError: A name, shape or number is wrong, or an arm that holds nothing has a wrench.
-            NotCompiledError: The chain has a floating base, springs between bodies, or bushings.
+            StateError: A name, shape or number is wrong, or a wrench or acceleration is not possible, as in
+                `inverse_dynamics`.
         """
         return self._derived(
             "inverse_dynamics", "jacobian", (q, qd, qdd, grasp_wrench), of, by, {}, parameters, threads

@@ -9,7 +9,8 @@ from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import CLOSED
 from holdfast.compiled.function import CompiledFunction
 from holdfast.compiled.kernels import compiling
-from holdfast.compiled.not_compiled import missing, require_holding, require_inverse
+from holdfast.compiled.not_compiled import missing, require_holding
+from holdfast.compiled.possible_motion import possible
 from holdfast.compiled.structure import Options
 from holdfast.dynamics.closure_derivatives import by_grasps
 from holdfast.dynamics.consistency import GraspResidual
@@ -61,23 +62,26 @@ class ChainFunctions:
             qd: (n,) joint velocities [rad/s or m/s].
             qdd: (n,) joint accelerations [rad/s^2 or m/s^2].
             grasp_wrench: (arms, 6) wrench [moment; force] of each arm on the object about the contact point, world
-                axes [N m, N]; rows of arms without a grasp must be zero.
+                axes [N m, N]; rows of arms without a grasp must be zero, and those of bushings zero or what they exert.
             threads: the number of threads for a batch.
             **parameters: for this call, any of gravity (3,), base_pose (arms, 7), base_twist and
-                base_acceleration (arms, 6), and the parameters added in `compile`.
+                base_acceleration (arms, 6), and the parameters added in `compile`. Chains with springs between bodies
+                or bushings, whose forces depend on the object, require object_pose (7,) and object_twist (6,), those
+                with a floating base floating_pose (7,), floating_twist and floating_acceleration (6,); bushings add
+                grasp_pose (grasps, 7).
 
         Returns:
             (n,) joint torques [N m or N].
 
         Raises:
-            StateError: A shape or number is wrong, or an arm that holds nothing has a wrench.
-            NotCompiledError: The chain has a floating base, or it has springs between bodies or bushings, whose
-                forces depend on the object's pose, which is not an argument.
+            StateError: A shape or number is wrong, an arm that holds nothing has a wrench, a bushing exerts another
+                wrench, or a floating base would need a drive; in a batch, the results of such a system are NaN in the
+                last two cases.
         """
-        require_inverse(self.chain, "inverse_dynamics")
         f = arrays.floats("grasp_wrench", grasp_wrench, (len(self.chain.arms), 6))
         require_holding(self.chain, f)
-        return self._function("inverse_dynamics")((q, qd, qdd, f), parameters, threads)["tau"]
+        found = self._function("inverse_dynamics")((q, qd, qdd, f), parameters, threads)
+        return possible(self.chain, f, found)["tau"]
 
     def mass_matrix(self, q: Any, *, threads: int = 1, **parameters: Any) -> dict[str, Array]:
         """Return the joint mass matrix M of every arm, armature included: T = 1/2 qd^T M qd + ...

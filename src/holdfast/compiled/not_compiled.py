@@ -58,28 +58,6 @@ def missing(name: str, kind: str) -> AttributeError:
     return AttributeError(f"'{kind}' object has no attribute '{name}'")
 
 
-def require_inverse(chain: ClosedChain, what: str) -> None:
-    """Raise an error if inverse dynamics of the chain, or its derivatives, are not available in machine code.
-
-    Args:
-        chain: the chain.
-        what: the name of the function.
-
-    Raises:
-        NotCompiledError: The chain has a floating base, springs between bodies, or bushings.
-    """
-    if chain.floats:
-        raise NotCompiledError(
-            f"compile: '{what}' of a chain with a floating base runs as reference only, which checks that"
-            f" the base, which has no actuator, can accelerate as given; holdfast.{what} computes it"
-        )
-    if chain.springs or chain.bushings:
-        raise NotCompiledError(
-            f"compile: '{what}' of a chain with springs between bodies or bushings runs as reference only,"
-            f" because their forces depend on the object's pose; holdfast.{what} computes it from the chain"
-        )
-
-
 def require_holding(chain: ClosedChain, f: Array) -> None:
     """Raise a StateError if wrenches (..., arms, 6) are not zero for an arm that holds nothing."""
     for row, name in enumerate(chain.names):

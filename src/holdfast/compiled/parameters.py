@@ -63,13 +63,15 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
     }
 
 
-def require_floating(names: Iterable[str], given: Collection[str]) -> None:
-    """Raise an error if a call does not give the state of a trunk's floating base.
+def require_inputs(names: Iterable[str], given: Collection[str]) -> None:
+    """Raise an error if a call does not give the motion of a trunk's floating base, or of the object where it matters.
 
     Raises:
         StateError: One of `names` is missing; the message names it.
     """
     for name in names:
+        if name not in given and name.startswith("object"):
+            raise StateError(f"{name}: expected it, as springs between bodies or bushings depend on it, got none")
         if name not in given:
             raise StateError(f"{name}: expected that of the trunk's floating base, got none; its state is an input")
 

@@ -57,11 +57,6 @@ class TextRequest(NamedTuple):
         """The results that have cotangents (`vjp`) or the arguments that have tangents (`jvp`)."""
         return {"vjp": self.results, "jvp": self.arguments, "jacobian": ()}[self.kind]
 
-    @property
-    def own(self) -> tuple[str, ...]:
-        """What the function is given besides the state."""
-        return own_inputs(self.function)
-
     def found(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of the derivatives: by argument (`vjp`), by result (`jvp`), or of `blocks` (`jacobian`)."""
         known = self.shapes(chain)
@@ -77,7 +72,7 @@ class TextRequest(NamedTuple):
         """Return the shapes of results, and of gradients by arguments."""
         known = shapes(chain)
         of_results = {name: self.text.shape(chain, name) for name in self.text.results}
-        return derivative_shapes(chain) | {name: known[name] for name in self.own} | of_results
+        return derivative_shapes(chain) | {name: known[name] for name in own_inputs(self.function, chain)} | of_results
 
     def matrix(self, chain: ClosedChain, of: str, by: str, found: Array) -> Array:
         """Return a Jacobian, (..., *shape of the result, *shape of the argument), of its blocks (..., numbers)."""
@@ -144,7 +139,8 @@ class TextRequest(NamedTuple):
 def own_entries(text: Text, chain: ClosedChain, part: Part, by: str, shape: Shape) -> slice:
     """Return the entries of an argument, flat, on which a part of a result may depend.
 
-    Arms on bases of their own depend on what is theirs, on gravity, and some results also on the object.
+    Arms on bases of their own depend on what is theirs, on gravity, and some results also on the object. Where springs
+    or bushings act, everything may depend on everything.
 
     Args:
         text: the function as it is differentiated.
@@ -155,6 +151,8 @@ def own_entries(text: Text, chain: ClosedChain, part: Part, by: str, shape: Shap
     """
     whole, none, size = slice(0, math.prod(shape)), slice(0, 0), math.prod(shape[1:])
     if text.parts is None or chain.trunk is not None or by == "gravity" or part.arm is None:
+        return whole
+    if COMPUTATIONS[text.name].by_place(chain):
         return whole
     if by.startswith(("object", "grasp_pose")) and not text.of_object:
         return none

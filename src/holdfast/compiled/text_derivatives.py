@@ -11,7 +11,8 @@ from holdfast.compiled.compiled_derivatives import options_of
 from holdfast.compiled.derivative_schedule import FOUND
 from holdfast.compiled.function import CompiledFunction
 from holdfast.compiled.kernels import compiling
-from holdfast.compiled.not_compiled import require_holding, require_inverse
+from holdfast.compiled.not_compiled import require_holding
+from holdfast.compiled.possible_motion import possible
 from holdfast.compiled.structure import Options
 from holdfast.compiled.text_computation import TEXTS, TextRequest
 from holdfast.dynamics.derivatives import Derivatives, require_names
@@ -65,11 +66,11 @@ class TextDerivatives:
             collected: makes the function's result of its results, in order.
         """
         what, text = f"{function}_{kind}", TEXTS[function]
-        if function == "inverse_dynamics":
-            require_inverse(self.chain, what)
-        if "grasp_wrench" in own_inputs(function):
-            require_holding(self.chain, arrays.floats("grasp_wrench", inputs[-1], (len(self.chain.arms), 6)))
-        known = text.arguments_at(self.chain, own_inputs(function))
+        own = own_inputs(function, self.chain)
+        if "grasp_wrench" in own:
+            inputs = *inputs[:-1], arrays.floats("grasp_wrench", inputs[-1], (len(self.chain.arms), 6))
+            require_holding(self.chain, inputs[-1])
+        known = text.arguments_at(self.chain, own)
         require_names(what, of, text.results)
         require_names(what, by, known)
         results = tuple(name for name in text.results if name in of)
@@ -80,6 +81,8 @@ class TextDerivatives:
             with compiling(self.chain, what, self.progress):
                 made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
         found = made[request]((*inputs, *(given[name] for name in request.given)), parameters, threads)
+        if text.deciding(self.chain):
+            found = possible(self.chain, inputs[-1], found)
         result = collected(*(found.pop(name) for name in text.results))
         parts: dict[Any, Any] = {name.removeprefix(FOUND): x for name, x in found.items()}
         if kind == "jacobian":

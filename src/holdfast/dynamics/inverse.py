@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,7 +13,7 @@ from holdfast.dynamics.trunk.trunk_inverse import require_undriven, trunk_torque
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array, concatenate, each
+from holdfast.spatial.scalar import Array, array, concatenate, each
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 SAME = 1e-9  # largest relative difference between a given wrench and the one that a bushing exerts
@@ -54,13 +56,9 @@ def inverse_dynamics(
     for i, name in enumerate(chain.names):
         if name not in chain.grasps and f[i].any():
             raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {f[i]}")
-    f = _without_known(motion, f)
-    of_base = acceleration_of_base(chain, base_acceleration)
-    if of_base is not None:
-        found = trunk_torques(motion, qdd, f, of_base)
-        require_undriven(found)
-        return checks.finite(found.tau, "inverse dynamics")
-    return checks.finite(torques(motion, qdd, f), "inverse dynamics")
+    tau, *others = torques_and_deciding(motion, qdd, f, acceleration_of_base(chain, base_acceleration))
+    require_possible(chain, f, dict(zip(deciding(chain), others, strict=True)))
+    return checks.finite(tau, "inverse dynamics")
 
 
 def acceleration_of_base(chain: ClosedChain, given: ArrayLike | None) -> Array | None:
@@ -75,25 +73,65 @@ def acceleration_of_base(chain: ClosedChain, given: ArrayLike | None) -> Array |
     return None if given is None else checks.numbers(given, (6,), "base_acceleration", StateError)
 
 
-def _without_known(motion: ChainMotion, f: Array) -> Array:
-    """Return the grasp wrenches without those of bushings, which are already part of the arms' bias.
+def deciding(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
+    """Return names and shapes of the numbers that show whether wrenches and accelerations are possible.
+
+    They are the wrench that a floating base would need, and beside it the largest wrench on the trunk; and the wrench
+    that every bushing exerts on the object, with zeros for other grasps.
+    """
+    of_base: dict[str, tuple[int, ...]] = {"trunk_base_wrench": (6,), "largest_wrench": ()} if chain.floats else {}
+    return of_base | ({"bushing_wrench": (len(chain.arms), 6)} if chain.bushings else {})
+
+
+def torques_and_deciding(motion: ChainMotion, qdd: Array, f: Array, base: Array | None) -> tuple[Array, ...]:
+    """Return the torques of inverse dynamics, (n,), and then the numbers of `deciding`.
+
+    The wrenches of bushings are already part of the arms' bias, so their rows in f, (arms, 6), are not used.
+    """
+    exerted = [arm.known for arm in motion.arms.values()]
+    known = [x for x in exerted if x is not None]
+    left = array([row if x is None else np.zeros(6) for row, x in zip(f, exerted, strict=True)]) if known else f
+    of_bushings = [array([np.zeros(6) if x is None else x for x in exerted])] if known else []
+    if motion.trunk is not None and motion.trunk.floats:
+        return *trunk_torques(motion, qdd, left, base), *of_bushings
+    return torques(motion, qdd, left), *of_bushings
+
+
+def differ(chain: ClosedChain, f: Array, exerted: Array) -> dict[str, Array]:
+    """Return by arm whether the wrench given for its bushing is neither zero nor the one that it exerts, (...).
+
+    Args:
+        chain: the chain.
+        f: (..., arms, 6) given wrenches.
+        exerted: (..., arms, 6) exerted wrenches.
+    """
+    off, size = (np.abs(x).max(-1) for x in (f - exerted, exerted))
+    different = (f != 0.0).any(-1) & (off > SAME * np.maximum(1.0, size))
+    return {name: different[..., chain.names.index(name)] for name in chain.bushings}
+
+
+def require_possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -> None:
+    """Refuse wrenches that bushings do not exert, and accelerations for which a floating base would need a drive.
+
+    Args:
+        chain: the chain.
+        f: (arms, 6) given wrenches.
+        found: the numbers of `deciding`.
 
     Raises:
-        StateError: a wrench differs from that of a bushing.
+        StateError: they are not possible; the message gives the wrench that is missing.
     """
-    left = np.array(f)
-    for i, (name, arm) in enumerate(motion.arms.items()):
-        if arm.known is None:
-            continue
-        off = np.abs(f[i] - arm.known).max()
-        if f[i].any() and off > SAME * max(1.0, float(np.abs(arm.known).max())):
+    exerted = found.get("bushing_wrench", f)
+    for name, different in differ(chain, f, exerted).items():
+        i = chain.names.index(name)
+        if different:
             raise StateError(
-                f"grasp_wrench: arm '{name}' holds by a bushing, which exerts {checks.place(arm.known)} in this state,"
+                f"grasp_wrench: arm '{name}' holds by a bushing, which exerts {checks.place(exerted[i])} in this state,"
                 f" got {checks.place(f[i])};"
                 " try zeros, which stand for that"
             )
-        left[i] = 0.0
-    return left
+    if chain.floats:
+        require_undriven(found["trunk_base_wrench"], found["largest_wrench"])
 
 
 def torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None = None) -> Array:

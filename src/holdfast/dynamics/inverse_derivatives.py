@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.forward_derivatives import ARGUMENTS
 from holdfast.dynamics.derivatives import Derivatives
-from holdfast.dynamics.inverse import inverse_dynamics, torques
+from holdfast.dynamics.inverse import deciding, inverse_dynamics, torques_and_deciding
 from holdfast.dynamics.linear_text import Text, by_joints
 from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.trunk.trunk_derivatives import FLOATING_RESULT, OF_TRUNK
@@ -150,13 +150,13 @@ def _case(
     return case_of(chain, state, inputs, own), found
 
 
-def _torques(case: VariedCase) -> tuple[Array]:
-    """Return tau, with the wrenches of bushings and of arms without a grasp replaced by zero."""
+def _torques(case: VariedCase) -> tuple[Array, ...]:
+    """Return tau, with the wrenches of arms without a grasp replaced by zero, and the numbers of `deciding`."""
     chain = case.chain
     motion = chain_motion(chain, case.state, np.zeros(chain.joint_count), case.inputs)
-    decided = [name in chain.grasps and arm.known is None for name, arm in motion.arms.items()]
-    f = [row if own else np.zeros(6) for row, own in zip(case.own["grasp_wrench"], decided, strict=True)]
-    return (torques(motion, case.own["qdd"], array(f), case.own.get(FLOATING_RESULT)),)
+    rows = zip(chain.arms, case.own["grasp_wrench"], strict=True)
+    f = array([row if name in chain.grasps else np.zeros(6) for name, row in rows])
+    return torques_and_deciding(motion, case.own["qdd"], f, case.own.get(FLOATING_RESULT))
 
 
 TORQUES = Text(
@@ -173,4 +173,5 @@ TORQUES = Text(
     _torques,
     shape=lambda chain, result: (chain.joint_count,),
     parts=by_joints,
+    deciding=deciding,
 )

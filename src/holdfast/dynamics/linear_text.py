@@ -53,6 +53,8 @@ class Text(NamedTuple):
         parts: the parts of a result of a chain, in order; None if it has none. Those of arms in the world depend on
             nothing of other arms.
         of_object: whether parts depend on the object and on their grasps.
+        deciding: further arrays that the code returns after the results, by name with their shapes: they are not
+            differentiated, but show whether the function is defined there.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Text(NamedTuple):
     shape: Callable[[ClosedChain, str], Shape] = lambda chain, result: ()
     parts: Callable[[ClosedChain, str], Sequence[Part]] | None = None
     of_object: bool = False
+    deciding: Callable[[ClosedChain], Mapping[str, Shape]] = lambda chain: {}
 
     def arguments_at(self, chain: ClosedChain, own: Iterable[str]) -> tuple[str, ...]:
         """Return the names of its arguments that exist for a chain, and of further inputs."""
@@ -83,7 +86,7 @@ class LinearText(NamedTuple):
         names: names of the arguments.
         numbers: the numbers that make up these arguments, by name.
         linear: the linearisation in `numbers`.
-        results: what the text returns there, by name.
+        results: what the text returns there, by name, also what is not differentiated.
     """
 
     text: Text
@@ -181,8 +184,9 @@ def linear_text(text: Text, case: VariedCase, by: Sequence[str]) -> LinearText:
 
     def of(*given: Array) -> tuple[Any, ...]:
         found = text.of(case.varied(dict(zip(numbers, given, strict=True))))
-        results.update({name: bare(x) for name, x in zip(text.results, found, strict=True)})
-        return found
+        returned = (*text.results, *text.deciding(case.chain))
+        results.update({name: bare(x) for name, x in zip(returned, found, strict=True)})
+        return found[: len(text.results)]
 
     return LinearText(text, case, names, numbers, linearised(of, *numbers.values()), results)
 

@@ -77,14 +77,19 @@ def drive_torques_and_base(arm: ArmMotion, qdd: Array, f: Array, base: Array | N
     return T + arm.passive, wrench
 
 
-def require_undriven(found: TrunkTorques) -> None:
-    """Refuse accelerations of a floating base for which it would need a drive.
+def needs_drive(base: Array, largest: Array) -> Array:
+    """Return whether wrenches on a base, (..., 6), exceed rounding; the largest wrenches on the trunk are (...)."""
+    return ~(np.abs(base).max(-1) <= UNDRIVEN * largest)
+
+
+def require_undriven(base: Array, largest: Array) -> None:
+    """Refuse accelerations of a floating base for which it would need a drive; arguments as in `needs_drive`.
 
     Raises:
         StateError: a wrench on the base is needed; the message gives it.
     """
-    if not float(np.abs(found.base).max()) <= UNDRIVEN * float(found.largest):
+    if needs_drive(base, largest):
         raise StateError(
-            f"base_acceleration: the floating base has no drive, but would need the wrench {checks.place(found.base)}"
+            f"base_acceleration: the floating base has no drive, but would need the wrench {checks.place(base)}"
             " (moment, force about its origin) to accelerate so; try the accelerations and wrenches of forward_dynamics"
         )
