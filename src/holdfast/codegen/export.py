@@ -23,6 +23,7 @@ from holdfast.io.files import file_path, names_in
 from holdfast.io.replaced_folder import replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.progress import busy
 from holdfast.simulation.environment import BaseMotion
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.state import State
@@ -76,6 +77,7 @@ def export_c(
     scheme: str = "rk4",
     base_motion: Mapping[str, BaseMotion] | None = None,
     overwrite: bool = False,
+    progress: bool = False,
 ) -> ExportedCode:
     """Write a chain's computations as code that runs without Python, and return what was written.
 
@@ -103,9 +105,10 @@ def export_c(
         base_motion: of a step: t -> (pose, twist, acceleration) of moving bases, by arm name or "trunk", as for
             `compile_rollout`; they become part of the code, t counting from `begin` by steps.
         overwrite: replace what an earlier export wrote there.
+        progress: whether to show, in a notebook or on a terminal, that code is made and how long it took.
 
     Raises:
-        ModelError: a name that is none, an unknown function or target, a step without a state.
+        ModelError: a name that is none, an unknown function or target, a step without a state, a wrong `progress`.
         ResultError: the folder is in use or cannot be written.
         MethodNotApplicable, CompileError: a law that cannot become machine code.
         NotCompiledError: machine code has this function of other chains only.
@@ -126,10 +129,11 @@ def export_c(
     if names_in(place, "a folder of exported code") and not overwrite:
         raise ResultError(f"{place}: is in use; try another folder, or overwrite")
     asked = _asked(functions, laws or {})
-    made = compiled or compile(chain)  # type: ignore[arg-type]
-    found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in asked]
-    found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
-    written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
+    with busy(progress, f"writing {', '.join([*asked, *(laws or {})])} as code", "this may take seconds"):
+        made = compiled or compile(chain)  # type: ignore[arg-type]
+        found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in asked]
+        found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
+        written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
     with replaced_folder(place, lambda path: path.name in written.files) as beside:
         for file, content in written.files.items():
             (beside / file).write_bytes(content)
