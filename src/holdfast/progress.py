@@ -60,8 +60,13 @@ def reporting(
 
 
 @contextmanager
-def busy(progress: bool, doing: str) -> Iterator[None]:
+def busy(progress: bool, doing: str, begin: str = "the first time takes longest") -> Iterator[None]:
     """Show, if that is wanted, that something is done of which nobody knows how far it is.
+
+    Args:
+        progress: whether it is wanted.
+        doing: as for `progress_bar`.
+        begin: as for `progress_bar`.
 
     Raises:
         ModelError: not True or False.
@@ -71,7 +76,7 @@ def busy(progress: bool, doing: str) -> Iterator[None]:
     if not progress:
         yield
         return
-    with progress_bar(doing, "the first time takes longest") as show:
+    with progress_bar(doing, begin) as show:
         yield
         show(1.0, "done")
 

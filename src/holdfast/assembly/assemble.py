@@ -46,6 +46,14 @@ class Assembly(NamedTuple):
     chain: ClosedChain
     state: State
 
+    def __repr__(self) -> str:
+        """Return the chain and the state."""
+        return f"<Assembly of {self.chain!r}\n{self.state!r}>"
+
+    def _repr_html_(self) -> str:
+        """Return the chain as it shows itself in notebooks."""
+        return self.chain._repr_html_()
+
     @property
     def report(self) -> AssemblyReport:
         """The report on reach, joint limits, closure and mobility, which can be printed."""

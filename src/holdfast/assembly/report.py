@@ -121,6 +121,10 @@ class AssemblyReport(Frozen):
         "friction at one-sided contacts",
     )
 
+    def __repr__(self) -> str:
+        """Return mobility and rank; `print` shows the arms, too."""
+        return f"<AssemblyReport: {len(self.arms)} arms, mobility {self.mobility}, rank {self.rank} of {self.rows}>"
+
     def __str__(self) -> str:
         lines = [*([] if self.trunk is None else [str(self.trunk)]), *map(str, self.arms)]
         lines += [f"  note: {arm.name}: {arm.tip_note}" for arm in self.arms if arm.tip_note]

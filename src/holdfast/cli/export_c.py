@@ -36,6 +36,8 @@ def export_code(
 ) -> int:
     """Write computations of a scene's chain, and its controller, as code that runs without Python; return 0.
 
+    What takes its time is said on stderr.
+
     Args:
         scene: the scene file; `-` for stdin.
         out: the folder; `code/<scene's name>` if None.
@@ -74,6 +76,7 @@ def export_code(
         scheme=scheme,
         base_motion=scenario.options.get("base_motion"),
         overwrite=overwrite,
+        progress=True,
     )
     _report(made, as_json)
     return 0

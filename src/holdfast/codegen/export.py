@@ -23,6 +23,7 @@ from holdfast.io.files import file_path, names_in
 from holdfast.io.replaced_folder import replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.progress import busy
 from holdfast.simulation.environment import BaseMotion
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.state import State
@@ -76,6 +77,7 @@ def export_c(
     scheme: str = "rk4",
     base_motion: Mapping[str, BaseMotion] | None = None,
     overwrite: bool = False,
+    progress: bool = False,
 ) -> ExportedCode:
     """Write a chain's computations as code that runs without Python, and return a list of the files and functions.
 
@@ -103,9 +105,10 @@ def export_c(
         base_motion: for a step, functions of t that return pose, twist and acceleration of moving bases, by arm name or
             "trunk", as for `compile_rollout`; they become part of the code, in which steps count t from `begin`.
         overwrite: replace an earlier export in this folder.
+        progress: whether to show, in a notebook or on a terminal, that code is made and how long it took.
 
     Raises:
-        ModelError: a name is invalid, a function or target is unknown, or a step has no state.
+        ModelError: a name is invalid, a function or target is unknown, a step has no state, or `progress` is invalid.
         ResultError: the folder is in use or cannot be written.
         MethodNotApplicable, CompileError: a law cannot be compiled.
     """
@@ -125,10 +128,11 @@ def export_c(
     if names_in(place, "a folder of exported code") and not overwrite:
         raise ResultError(f"{place}: is in use; try another folder, or overwrite")
     requested = _requested(functions, laws or {})
-    made = compiled or compile(chain)  # type: ignore[arg-type]
-    found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in requested]
-    found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
-    written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
+    with busy(progress, f"writing {', '.join([*requested, *(laws or {})])} as code", "this may take seconds"):
+        made = compiled or compile(chain)  # type: ignore[arg-type]
+        found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in requested]
+        found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
+        written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
     with replaced_folder(place, lambda path: path.name in written.files) as beside:
         for file, content in written.files.items():
             (beside / file).write_bytes(content)

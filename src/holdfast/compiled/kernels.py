@@ -59,6 +59,13 @@ def compiling(chain: ClosedChain, what: str, progress: bool) -> AbstractContextM
     return busy(progress, f"compiling {what} of {', '.join(chain.names)}")
 
 
+def compile_batch(code: Kernel, chain: ClosedChain, what: str, progress: bool) -> None:
+    """Compile what a batch of a computation needs, if it is not compiled yet; show it if `progress` is true."""
+    if progress and not code.batch_is_compiled:
+        with compiling(chain, f"{what} for batches", progress):
+            code.compile_batch()
+
+
 @functools.cache
 def _sources(*further: str) -> str:
     """Return a digest of the library's version and the sources on which machine code depends."""

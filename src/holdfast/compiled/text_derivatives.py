@@ -79,7 +79,8 @@ class TextDerivatives:
         if request not in made:
             options = options_of(self.options, request.arguments, True)
             with compiling(self.chain, what, self.progress):
-                made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
+                computation, shown_as = request.computation(self.chain), what if self.progress else ""
+                made[request] = CompiledFunction(request.name, self.chain, options, computation, shown_as)
         found = made[request]((*inputs, *(given[name] for name in request.given)), parameters, threads)
         if text.deciding(self.chain):
             found = possible(self.chain, inputs[-1], found)

@@ -96,6 +96,16 @@ class BatchKernel:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(part, range(threads)))
 
+    @property
+    def batch_is_compiled(self) -> bool:
+        """Whether there is machine code for batches."""
+        return "_batch_code" in vars(self)
+
+    def compile_batch(self) -> None:
+        """Compile the machine code for batches now, rather than at their first run."""
+        with self._compiling:
+            _ = self._batch_code
+
     @cached_property
     def _batch_code(self) -> cpu.Code:
         return cpu.Code(self._batch_source, "batch", key=self._key and f"{self._key}/batch", quick=self._quick)

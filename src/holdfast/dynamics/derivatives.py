@@ -43,6 +43,11 @@ class Derivatives(Frozen):
     result: Any
     parts: Mapping[Any, Array]
 
+    def __repr__(self) -> str:
+        """Return names and shapes of the derivatives."""
+        names = {key: key if isinstance(key, str) else f"{key[0]} by {key[1]}" for key in self.parts}
+        return f"<Derivatives: {', '.join(f'{names[key]} {np.shape(x)}' for key, x in self.parts.items())}>"
+
     def __getitem__(self, name: Any) -> Array:
         """Return the derivatives with the given name, or those of a result with respect to an argument."""
         if name not in self.parts:

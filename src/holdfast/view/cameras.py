@@ -17,6 +17,7 @@ from holdfast.spatial.vector import cross
 from holdfast.view.markers import box_lines, equivalent_box
 from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
+from holdfast.view.spring_ends import spring_ends
 
 SEEN_OF = 5  # number of frames that must fit into the picture
 MARGIN = 1.1  # picture over what is in it
@@ -36,7 +37,8 @@ def cameras(playback: Playback) -> list[Camera]:
     front = cross(along, up)  # from the chain towards who looks at it
     chosen = np.unique(np.linspace(0, len(playback) - 1, SEEN_OF).astype(int))
     near = np.concatenate([object_outline(playback, k) for k in chosen])
-    points = np.concatenate([near, *(arms_outline(playback, k) for k in chosen)])
+    springs = [np.reshape(spring_ends(playback, k), (-1, 3)) for k in chosen]
+    points = np.concatenate([near, *(arms_outline(playback, k) for k in chosen), *springs])
     trunk, lengths = playback.chain.trunk, [chain_length(playback.chain)]
     if trunk is not None:
         points = np.concatenate([points, *(trunk_outline(trunk, playback, k) for k in chosen)])

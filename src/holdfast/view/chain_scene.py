@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import joint_placement
-from holdfast.dynamics.closed.spring_wrenches import stretches
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -18,7 +16,6 @@ from holdfast.robots.visuals import arm_length, chain_length, visuals_of, visual
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
 from holdfast.view import figure_style, meshes
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.link_meshes import LinkMesh, meshes_of
@@ -36,6 +33,7 @@ from holdfast.view.meshes import Mesh
 from holdfast.view.object_drawing import drawn_object
 from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import Colour, SceneWriter
+from holdfast.view.spring_ends import spring_ends
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 UP = np.array([0.0, 0.0, 1.0])
@@ -102,23 +100,7 @@ class ChainScene:
         """Return the lines of every spring, and of every bushing from tip to contact, in frame k, world axes."""
         playback, chain, held = self.playback, self.playback.chain, Pose.from_wxyz_xyz(self.playback.object_pose[k])
         ends = [(playback.tip[k, chain.names.index(n)], (held @ chain.grasps[n].frame).p) for n in chain.bushings]
-        return self._springs(k) + [coil(a, b, COIL * self._size) for a, b in ends]
-
-    def _springs(self, k: int) -> list[Array]:
-        """Return the lines of every spring between bodies in frame k, world axes."""
-        playback, chain = self.playback, self.playback.chain
-        if not chain.springs:
-            return []
-        bases = dict(zip(chain.names, playback.base_pose[k], strict=True))
-        moved = chain.with_bases({name: pose for name, pose in bases.items() if name not in chain.mounts})
-        below = playback.trunk_pose[k]
-        if moved.trunk is not None and not chain.floats:
-            moved = replace(moved, trunk=replace(moved.trunk, base=below))
-        state = State(
-            playback.q[k], 0.0 * playback.q[k], playback.object_pose[k], base_pose=below if chain.floats else None
-        )
-        still = Inputs().shaped(moved)
-        return [coil(s.a.position, s.b.position, COIL * self._size) for s in stretches(moved, state, still)]
+        return [coil(a, b, COIL * self._size) for a, b in (*spring_ends(playback, k), *ends)]
 
     def _point(self, name: str, k: int) -> None:
         """Let the arrows of one arm go out from its tip; the squeeze beside the force, not inside it."""

@@ -166,7 +166,7 @@ def _add_curves(gui: Any, playback: Playback, plot: dict[str, Any]) -> None:
     gui.add_uplot((playback.t, *values), tuple(series), title=plot["title"], scales=scales, aspect=1.8)
 
 
-HEADINGS = ("", "force [N]", "internal [N]", "moment [N m]", "margin [N]", "torque [%]")
+HEADINGS = ("", "force [N]", "internal [N]", "moment [N\u00a0m]", "margin [N]", "torque [%]")
 ZONES = f"{GREEN} 28%,{ORANGE} 38%,{ORANGE} 62%,{DANGER} 72%"
 METER = f"height:8px;border-radius:4px;background:linear-gradient(90deg,{ZONES})"
 NEEDLE = "position:relative;top:-3px;width:3px;height:14px;background:#000"

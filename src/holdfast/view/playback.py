@@ -73,6 +73,10 @@ class Playback:
     visuals: Visuals = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """Return the title, the number of moments and the time of the last one."""
+        return f"<Playback '{self.title}': {len(self)} moments, to {self.t[-1]:g} s>"
+
     def __len__(self) -> int:
         return len(self.t)
 
