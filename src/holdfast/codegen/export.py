@@ -16,7 +16,15 @@ from holdfast.codegen.functions import EXPORTED, ExportedFunction, exported_func
 from holdfast.codegen.header import CFunction, header
 from holdfast.codegen.wrapper import wrapper
 from holdfast.compiled.chain import CompiledChain, compile
-from holdfast.compiler.targets import OBJECT_TARGETS, ObjectTarget, cpu, object_file, single_module, single_source
+from holdfast.compiler.targets import (
+    DEFINITIONS,
+    OBJECT_TARGETS,
+    ObjectTarget,
+    cpu,
+    object_file,
+    single_module,
+    single_source,
+)
 from holdfast.control.controller import ControlLaw, Controller
 from holdfast.errors import ModelError, ResultError
 from holdfast.io.files import file_path, names_in
@@ -240,7 +248,7 @@ def _source(name: str, found: Sequence[ExportedFunction], target: ObjectTarget) 
         f"/* Compile with: -std=c11 -O2 {target.flags} {EXACT} */",
         f'#include "{name}.h"',
         "",
-        "#define ONE_FUNCTION static __attribute__((noinline)) /* inlined, they would take compilers very long */",
+        DEFINITIONS,
     ]
     functions = []
     for one in found:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from holdfast.compiler.program import Program
+from holdfast.compiler.targets.signs import signs_to_keep
 from holdfast.compiler.targets.split import LONGEST, Access, Number, Part, SplitProgram, split
 
 # A number in memory that has not been used for so many operations is loaded again. LLVM would keep it in a register, or
@@ -54,6 +55,7 @@ def declarations(lanes: int) -> list[str]:
     """Return the declarations of the intrinsics that functions on so many lanes call."""
     T = number_type(lanes)
     functions = [f"declare {T} @llvm.{name}.{_suffix(lanes)}({T})" for name in _FUNCTIONS.values()]
+    functions += ["declare double @llvm.arithmetic.fence.f64(double)"] if lanes == 1 else []
     return [*functions, f"declare {T} @llvm.fma.{_suffix(lanes)}({T}, {T}, {T})"]
 
 
@@ -89,6 +91,9 @@ def _body(part: Part, lanes: int) -> list[str]:
     """Return the lines of the operations; numbers are loaded when they are used, and stored when they are computed."""
     program, sources, wanted = part.program, part.sources, part.wanted
     T, truth, suffix = number_type(lanes), _truth_type(lanes), _suffix(lanes)
+    kept = (
+        signs_to_keep(program, False) if lanes == 1 else set[int]()
+    )  # vectors have no instruction that would be wrong
     lines: list[str] = []
     names: dict[int, str] = {}
     now = first_operation = program.input_size
@@ -142,6 +147,9 @@ def _body(part: Part, lanes: int) -> list[str]:
                 text = f"select {truth} {x[0]}, {T} {x[1]}, {T} {x[2]}"
             else:
                 assert kind == "negate", kind
+                if place in kept:
+                    lines.append(f"  {name}.kept = call double @llvm.arithmetic.fence.f64(double {x[0]})")
+                    x = [f"{name}.kept"]
                 text = f"fneg {T} {x[0]}"
             lines.append(f"  {name} = {text}")
         if place in wanted:
