@@ -8,7 +8,6 @@ import threading
 import weakref
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from importlib import metadata
 from pathlib import Path
 
 import holdfast.compiler
@@ -68,11 +67,12 @@ def compile_batch(code: Kernel, chain: ClosedChain, what: str, progress: bool) -
 
 @functools.cache
 def _sources(*further: str) -> str:
-    """Return a digest of the library's version and the sources on which machine code depends."""
+    """Return a digest of the sources on which machine code depends, templates of LLVM's language included."""
     root = Path(holdfast.compiler.__file__).parent.parent
-    digest = hashlib.sha256(metadata.version("holdfast").encode())
+    digest = hashlib.sha256()
     for room in (*_ROOMS, *further):
-        for path in sorted((root / room).rglob("*.py")) or [root / f"{room}.py"]:
+        files = [path for suffix in ("*.py", "*.ll") for path in (root / room).rglob(suffix)]
+        for path in sorted(files) or [root / f"{room}.py"]:
             digest.update(path.name.encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()

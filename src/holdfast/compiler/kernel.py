@@ -9,7 +9,6 @@ import ctypes
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any
 
@@ -93,6 +92,8 @@ class BatchKernel:
         if threads == 1:
             part(0)
             return
+        from concurrent.futures import ThreadPoolExecutor  # here, because it imports much that is rarely needed
+
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(part, range(threads)))
 
