@@ -50,7 +50,7 @@ def test_page_of_a_scene(tmp_path, capsys):
     """The state in which a scene begins, with the forces of its controller's torques."""
     page = tmp_path / "page.html"
     assert main(["view", str(EXAMPLE), "--export", str(page)]) == 0
-    assert ", 1 moment\n" in capsys.readouterr().out
+    assert ", 1 frame\n" in capsys.readouterr().out
     assert '"label":"left, internal","colour":"#0072B2","dashed":true,"values":[20.0]' in page.read_text()
 
 

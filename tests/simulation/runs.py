@@ -20,6 +20,7 @@ from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.runge_kutta import RK4, Tableau
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.spatial import rotation
+from tests.systems.problems import largest_gaps
 
 # (environment, controller, generic rank, scheme, tolerance) -> stepper
 MakeStepper = Callable[..., Stepper]
@@ -108,9 +109,8 @@ def kept(instants: Iterator[Instant]) -> Books:
     """Return the books of a run."""
     books, energy = Books(), None
     for at in instants:
-        for gap in closure(at.chain, at.state, at.inputs).values():
-            books.position = max(books.position, float(np.abs(gap.position).max()))
-            books.velocity = max(books.velocity, float(np.abs(gap.velocity).max()))
+        position, velocity = largest_gaps(closure(at.chain, at.state, at.inputs)).tolist()
+        books.position, books.velocity = max(books.position, position), max(books.velocity, velocity)
         T = kinetic_energy(at.chain, at.state, at.inputs)
         total = T + potential_energy(at.chain, at.state)
         energy = total if energy is None else energy
