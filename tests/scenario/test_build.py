@@ -37,7 +37,6 @@ b = { body = "object", point = [0, 0, 0.1] }
 stiffness = 5
 """
 
-RIGHT_GRASP = TEXT[TEXT.index('[[grasps]]\narm = "right"') : TEXT.index("[controller]")]
 LEFT_ARM = TEXT[TEXT.index('[[arms]]\nname = "left"') : TEXT.index('[[arms]]\nname = "right"')]
 
 

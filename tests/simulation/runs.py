@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast import ClosedChain, State
+from holdfast import ClosedChain, State, forward_dynamics, holding_torques
+from holdfast.control import GravityCompensation
 from holdfast.dynamics import closure, kinetic_energy, potential_energy
 from holdfast.simulation.adaptive import Tolerance, first_proposal, next_step
 from holdfast.simulation.environment import Environment
@@ -29,6 +30,13 @@ MakeStepper = Callable[..., Stepper]
 def limp(t: float, state: State, memory: Any) -> tuple[np.ndarray, Any]:
     """No torques at all."""
     return np.zeros(len(state.q)), memory
+
+
+def assert_held_still(chain: ClosedChain, state: State, controlled: bool) -> None:
+    """Assert that a chain at rest stays there under `GravityCompensation`, or under `holding_torques`."""
+    still = State(state.q, np.zeros(len(state.q)), state.object_pose)
+    tau = GravityCompensation(chain)(0.0, still, None)[0] if controlled else holding_torques(chain, still)
+    assert np.abs(forward_dynamics(chain, still, tau).qdd).max() < 1e-9 * np.abs(tau).max()
 
 
 def stepper_of(
