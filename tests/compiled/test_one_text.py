@@ -30,7 +30,7 @@ ON_FLOATS = {"rank", "consistency", "indeterminate", "forward", "result", "metho
 
 
 # What measures the gaps of grasps and closes them, in every step.
-GAPS = {"largest_gaps", "position_mismatch", "small_displacement", "small_gap", "position_contact", "largest"}
+GAPS = {"largest_gaps", "position_mismatch", "small_displacement", "small_gap", "position_contact"}
 ROUNDS = {"position_mismatch", "small_displacement", "small_gap", "closer", "constraint_impulses", "project_velocities"}
 
 

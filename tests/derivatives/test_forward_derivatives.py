@@ -41,7 +41,7 @@ from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain
 from tests.systems.problems import relative_gap
 
-BAR, SHARP, SOUND = 1e-9, 1e-11, 1e4  # of every block; where the condition is below SOUND
+TOLERANCE, SHARP, SOUND = 1e-9, 1e-11, 1e4  # of every block; where the condition is below SOUND
 RANDOM = 1e-10
 UNIQUE = [name for name in names() if stored(name).unique]
 NOT_UNIQUE = [name for name in names() if name not in UNIQUE]
@@ -54,7 +54,7 @@ ALONG = ("q", "object_pose", "qd", "object_twist")  # the rows of a tangent of t
 
 def bound_of(p: Problem) -> float:
     """Return how far a block may be off its largest entry."""
-    return SHARP if p.solved().condition < SOUND else BAR
+    return SHARP if p.solved().condition < SOUND else TOLERANCE
 
 
 @pytest.mark.parametrize("name", UNIQUE)
@@ -313,7 +313,7 @@ def test_straight_arms(seed):
             wanted = {of: expected.block(of, by) for of in OUTPUTS}
             worst = max(worst, *(x for _, x in gaps({of: found[of, by] for of in OUTPUTS}, wanted, ROUNDING)))
         print(f"\n{way}: {worst:.1e}, condition {condition:.1e}")
-        assert worst < BAR
+        assert worst < TOLERANCE
 
 
 def straight(seed: int) -> Problem:

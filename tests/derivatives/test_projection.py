@@ -35,7 +35,7 @@ from tests.oracles.chain_derivatives import INERTIAS, names_of
 from tests.systems.as_chain import Problem
 
 OFF = 1e-2  # m, rad: how far beside the grasps
-BAR = 1e-8
+TOLERANCE = 1e-8
 ROUNDS = {"position": round_point, "velocity": impulse_point}
 
 
@@ -99,7 +99,7 @@ def test_rounds(seed, trunk, level):
         if name in own and (velocities or name == "q") and name in names:  # what is changed is itself varied
             slope += float(np.sum(cotangents[own[name]] * by[name]))
         size = max(abs(expected), 1e-3)
-        assert abs(slope - expected) < BAR * max(size, 1.0), name
+        assert abs(slope - expected) < TOLERANCE * max(size, 1.0), name
         pushed = forward(at, by)
         other_way = sum(np.sum(pushed[k] * x) for k, x in cotangents.items())
         assert abs(other_way - np.sum(gradient[name] * by[name])) < 1e-11 * max(1.0, size), name

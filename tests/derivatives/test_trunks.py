@@ -26,7 +26,6 @@ from tests.systems.trunk_runs import with_first_joints_as_trunk
 
 TRUNCATED, SAME, DUAL = 1e-8, 1e-10, 1e-13
 OF = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
-IN_STATE = ("q", "qd", "object_pose", "object_twist", "floating_pose", "floating_twist")
 # What changes no grasp and no motion that grasps allow.
 OF_MODEL = (
     *("tau", "gravity", "object_mass", "object_com", "object_inertia", "object_wrench", "armature", "damping"),

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import dynamics
-from holdfast.dynamics.projection import largest_gaps, moved
+from holdfast.dynamics import closure
+from holdfast.dynamics.projection import largest_gaps as largest_in_step
+from holdfast.dynamics.projection import moved
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.compiled_steppers import FusedStepper, StagewiseStepper
@@ -16,6 +17,7 @@ from holdfast.simulation.stepper import ReferenceStepper
 from tests.dynamics.problems import random_problem
 from tests.simulation.rollout.problems import arrays, difference, generic_rank, problem, swinging, swinging_law
 from tests.systems.lower_pairs import JOINTS, grasp_of
+from tests.systems.problems import largest_gaps
 
 ROUNDING = 1e-12
 KINDS = ("rigid", "hinge", "softfinger", "ball", *JOINTS)
@@ -29,13 +31,6 @@ def opened(chain: hf.ClosedChain, state: hf.State, size: float) -> hf.State:
     return hf.State(beside.q, beside.qd, beside.object_pose, twist)
 
 
-def largest(chain: hf.ClosedChain, state: hf.State) -> np.ndarray:
-    """Return the largest residuals of `closure`: position, velocity."""
-    found = dynamics.closure(chain, state).values()
-    gaps = np.array([[np.abs(part).max(initial=0.0) for part in gap] for gap in found])
-    return gaps.max(axis=0)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_closure_and_steps_measure_the_same(kind):
     """Steps take sines of angles, t - t^3 / 6, where `closure` has angles; lengths and velocities are the same."""
@@ -45,7 +40,7 @@ def test_closure_and_steps_measure_the_same(kind):
     chain = p.chain.without_grasp(name).with_grasp(name, grasp_of(kind, frame))
     for size in (1e-6, 1e-4, 1e-2):
         state = opened(chain, p.state, size)
-        expected, found = largest(chain, state), largest_gaps(chain, state, hf.Inputs().shaped(chain))
+        expected, found = largest_gaps(closure(chain, state)), largest_in_step(chain, state, hf.Inputs().shaped(chain))
         assert expected.min() > 0.1 * size
         assert abs(found.position - expected[0]) <= expected[0] ** 3 + 1e-15
         assert found.velocity == pytest.approx(expected[1], rel=1e-12)
@@ -57,7 +52,7 @@ def test_every_backend_reports_and_closes_the_same_gaps():
     chain, state = problem("five")
     loose, law, rank = opened(chain, state, 1e-4), swinging_law(chain.joint_count), generic_rank(chain, state)
     environment, rk4, tolerance = Environment(chain), scheme("rk4"), Tolerance(1e-6, 1e-9)
-    expected, memory = largest(chain, loose), law.memory
+    expected, memory = largest_gaps(closure(chain, loose)), law.memory
 
     def controller(t, state, memory):
         return law.torque(t, state, memory, {})
@@ -77,7 +72,7 @@ def test_every_backend_reports_and_closes_the_same_gaps():
     assert np.max(after) <= ROUNDING
 
     closed = arrays(hf.project(chain, loose)[0])
-    assert largest(chain, hf.State(**closed)).max() <= ROUNDING
+    assert largest_gaps(closure(chain, hf.State(**closed))).max() <= ROUNDING
     compiled = hf.compile(chain).project(**arrays(loose))
     others = [arrays(instant.state) for instant, _ in starts] + [arrays(systems.state(0)), compiled]
     assert [difference(found, closed) <= ROUNDING for found in others] == [True] * len(others)

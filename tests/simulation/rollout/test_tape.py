@@ -19,7 +19,7 @@ from tests.systems.as_chain import Problem, as_chain
 from tests.systems.sprung import with_springs
 
 STEP, STEPS, SYSTEMS = 2e-3, 9, 3
-BAR = 1e-8
+TOLERANCE = 1e-8
 
 
 def damped(t: Any, state: hf.State, memory: Any, given: Any) -> Any:
@@ -130,7 +130,7 @@ def rolled():
 
 def test_gradients(rolled):
     """Everything that a rollout is given, the state that `start` brings onto the grasps included."""
-    assert rolled.worst(NAMES) < BAR
+    assert rolled.worst(NAMES) < TOLERANCE
 
 
 def test_bits(rolled):
@@ -200,7 +200,7 @@ def sprung(p: Problem) -> Rolled:
 def test_springs_between_bodies():
     """Their wrenches follow the state, the object and the bases from stage to stage."""
     p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
-    assert sprung(p).worst((*NAMES, "base_pose"), far=5e-5) < BAR
+    assert sprung(p).worst((*NAMES, "base_pose"), far=5e-5) < TOLERANCE
 
 
 @pytest.mark.long
@@ -218,7 +218,7 @@ def test_many_holds():
     state = hf.State([2.2] * 2, [0.3] * 2, [1, 0, 0, 0, 0.5 + np.cos(2.2), np.sin(2.2), 0])
     p = Problem(chain, hf.project(chain, state)[0], np.array([0.1, -0.2]), hf.Inputs())
     rolled = Rolled(p, along=("qdd",))
-    assert rolled.worst(("q", "qd", "memory", "gain", "tau", "step", "object_mass")) < BAR
+    assert rolled.worst(("q", "qd", "memory", "gain", "tau", "step", "object_mass")) < TOLERANCE
     with pytest.raises(hf.MethodNotApplicable, match="unique"):
         rolled.tape({}, 0.0).vjp(along={"grasp_wrench": np.zeros((STEPS, SYSTEMS, 2, 6))})
 
@@ -298,4 +298,4 @@ def test_events():
     ):
         expected = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * far)
         print(f"\n{abs(slope - expected) / abs(expected):.1e}")
-        assert abs(slope - expected) < BAR * abs(expected)
+        assert abs(slope - expected) < TOLERANCE * abs(expected)
