@@ -16,6 +16,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, array
+from holdfast.spatial.traced_array import as_traced
 from holdfast.state import State
 
 
@@ -70,7 +71,11 @@ def law_outputs(
     Raises:
         CompileError: the law does not return torques and memory of the right shapes.
     """
-    found = law.torque(t, state, memory, {name: given[f"control.{name}"] for name in law.parameters})
+    values = {name: as_traced(given[f"control.{name}"]) for name in law.parameters}
+    if state.q.dtype == object and not isinstance(law.torque, OwnTorque):
+        names = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")
+        state, memory = State(*(as_traced(getattr(state, name)) for name in names)), as_traced(memory)
+    found = law.torque(t, state, memory, values)
     if not isinstance(found, tuple) or len(found) != 2:
         raise CompileError(f"control law: expected torques and memory, got {type(found).__name__}; try `tau, memory`")
     drive, kept = array(found[0]), array(found[1])
