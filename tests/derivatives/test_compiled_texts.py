@@ -31,6 +31,8 @@ CASES = [
     *(("inverse_dynamics", kind) for kind in ("springs", "bushing", "trunk", "floating")),
     *((name, kind) for name in ENERGIES for kind in ("springs", "bushing", "trunk", "floating")),
     ("potential_energy", "plain"),
+    ("grasp_margins", "limits"),
+    ("grasp_margins", "floating"),
     ("joint_margins", "limits"),
     ("joint_margins", "floating"),
     *(("closure", kind) for kind in ("plain", "bushing", "trunk", "floating")),
@@ -41,16 +43,18 @@ GIVEN = {  # what machine code takes by place
     "inverse_dynamics": ("q", "qd", "qdd", "grasp_wrench"),
     "potential_energy": ("q", "object_pose"),
     "closure": ("q", "qd", "object_pose", "object_twist"),
+    "grasp_margins": ("object_pose", "grasp_wrench"),
     "joint_margins": ("q", "qd", "tau"),
     "wrist_wrenches": ("q", "grasp_wrench"),
 }
-OF_FORCES = ("joint_margins", "wrist_wrenches")
+OF_FORCES = ("grasp_margins", "joint_margins", "wrist_wrenches")
 SAME, DUAL = 1e-12, 1e-13
 SOME = {
     "kinetic_energy": ("q", "qd"),
     "inverse_dynamics": ("q", "qdd"),
     "potential_energy": ("q",),
     "closure": ("q", "object_twist"),
+    "grasp_margins": ("object_pose", "grasp_wrench"),
     "joint_margins": ("q", "tau"),
     "wrist_wrenches": ("q", "grasp_wrench"),
 }
@@ -95,7 +99,7 @@ def parameters_of(of: Asked) -> dict[str, np.ndarray]:
             found |= {"object_pose": state.object_pose, "object_twist": state.object_twist}
     if of.name in ("potential_energy", "wrist_wrenches"):
         found = {"floating_pose": state.base_pose}
-    if of.name == "joint_margins":
+    if of.name in ("grasp_margins", "joint_margins"):
         return {}
     if of.p.chain.floats:
         found |= {"trunk_base_twist": None}
@@ -250,7 +254,8 @@ def test_interpreter(name, case, kind):
     fast, by, named = fast_of(of), SOME[name], parameters_of(of)
     bars = {result: random.normal(size=x.shape) for result, x in of.values().items()}
     own = dict(zip(GIVEN[name], inputs_of(of), strict=True))
-    along = {x: random.normal(size=own[x].shape) for x in by}
+    shapes = of.directions(random)
+    along = {x: random.normal(size=shapes[x].shape) for x in by}
     options: dict[str, Any] = {"vjp": {"by": by, **bars}, "jvp": {"along": along}, "jacobian": {"by": by}}[kind]
     getattr(fast, f"{name}_{kind}")(*inputs_of(of), **options, **named)
     (request, made), *others = vars(fast)["_texts_made"].items()

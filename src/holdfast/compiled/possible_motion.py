@@ -24,6 +24,8 @@ def possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -> dict[s
         StateError: One system is not possible: a bushing exerts another wrench, or a floating base would need a drive.
     """
     decided = deciding(chain)
+    if not decided:
+        return dict(found)
     results = {name: x for name, x in found.items() if name not in decided}
     of = {name: found[name] for name in decided}
     if all(of[name].ndim == len(shape) for name, shape in decided.items()):

@@ -20,6 +20,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
 Kind = Literal["vjp", "jvp", "jacobian"]
+HOLDING = ("inverse_dynamics", "wrist_wrenches")  # functions that refuse wrenches of arms that hold nothing
 
 
 def number_or_array(x: Array) -> Any:
@@ -69,6 +70,7 @@ class TextDerivatives:
         own = own_inputs(function, self.chain)
         if "grasp_wrench" in own:
             inputs = *inputs[:-1], arrays.floats("grasp_wrench", inputs[-1], (len(self.chain.arms), 6))
+        if function in HOLDING:
             require_holding(self.chain, inputs[-1])
         known = text.arguments_at(self.chain, own)
         require_names(what, of, text.results)
@@ -81,7 +83,7 @@ class TextDerivatives:
             with compiling(self.chain, what, self.progress):
                 made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
         found = made[request]((*inputs, *(given[name] for name in request.given)), parameters, threads)
-        if text.deciding(self.chain):
+        if function == "inverse_dynamics":
             found = possible(self.chain, inputs[-1], found)
         result = collected(*(found.pop(name) for name in text.results))
         parts: dict[Any, Any] = {name.removeprefix(FOUND): x for name, x in found.items()}

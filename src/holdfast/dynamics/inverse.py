@@ -105,8 +105,9 @@ def differ(chain: ClosedChain, f: Array, exerted: Array) -> dict[str, Array]:
         f: (..., arms, 6) given wrenches.
         exerted: (..., arms, 6) exerted wrenches.
     """
-    off, size = (np.abs(x).max(-1) for x in (f - exerted, exerted))
-    different = (f != 0.0).any(-1) & (off > SAME * np.maximum(1.0, size))
+    with np.errstate(invalid="ignore"):  # a batch may contain systems that are refused for other reasons
+        off, size = (np.abs(x).max(-1) for x in (f - exerted, exerted))
+        different = (f != 0.0).any(-1) & (off > SAME * np.maximum(1.0, size))
     return {name: different[..., chain.names.index(name)] for name in chain.bushings}
 
 
@@ -121,10 +122,10 @@ def require_possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -
     Raises:
         StateError: they are not possible; the message gives the wrench that is missing.
     """
-    exerted = found.get("bushing_wrench", f)
-    for name, different in differ(chain, f, exerted).items():
-        i = chain.names.index(name)
-        if different:
+    if chain.bushings:
+        exerted = found["bushing_wrench"]
+        for name in [name for name, different in differ(chain, f, exerted).items() if different]:
+            i = chain.names.index(name)
             raise StateError(
                 f"grasp_wrench: arm '{name}' holds by a bushing, which exerts {checks.place(exerted[i])} in this state,"
                 f" got {checks.place(f[i])};"
