@@ -34,10 +34,11 @@ from holdfast.dynamics.energy import (
     total_momentum,
     total_potential_energy,
 )
-from holdfast.dynamics.inverse import deciding, torques_and_deciding
+from holdfast.dynamics.inverse import torques_and_deciding
 from holdfast.dynamics.kinematics import link_frames
 from holdfast.dynamics.linear_text import Text
 from holdfast.dynamics.object_level import object_mobility
+from holdfast.dynamics.possible_motion import deciding
 from holdfast.dynamics.projection import after_step
 from holdfast.dynamics.trunk.trunk_derivatives import FLOATING_RESULT
 from holdfast.dynamics.trunk.trunk_motion import standing

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from holdfast.dynamics.inverse import deciding, differ, require_possible
+from holdfast.dynamics.possible_motion import deciding, differ, require_possible
 from holdfast.dynamics.trunk.trunk_inverse import needs_drive
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
