@@ -23,6 +23,7 @@ from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.projection import after_step
 from holdfast.forces.wrist import across_tips
+from holdfast.model.grasp import WrenchLimits
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from tests.compiled import problems
@@ -32,9 +33,10 @@ from tests.surface import PUBLIC
 from tests.systems.as_chain import Problem
 
 BOUND = 1e-11
-OF_FORCES = ("joint_margins", "wrist_wrenches")
+OF_FORCES = ("grasp_margins", "joint_margins", "wrist_wrenches")
 ARGUMENTS = {
     "inverse_dynamics": ("q", "qd", "qdd", "grasp_wrench"),
+    "grasp_margins": ("object_pose", "grasp_wrench"),
     "joint_margins": ("q", "qd", "tau"),
     "wrist_wrenches": ("q", "grasp_wrench"),
     "mass_matrix": ("q",),
@@ -94,6 +96,7 @@ def parameters(chain, batch: int, seed: int = 0) -> dict[str, dict[str, Array]]:
     moving = {"base_acceleration": random.normal(size=(batch, l, 6)), "link_wrench": random.normal(size=(batch, n, 6))}
     return {
         "inverse_dynamics": base | twist | gravity | moving | links,
+        "grasp_margins": {"grasp_pose": poses(len(chain.grasps))},
         "joint_margins": {},
         "wrist_wrenches": base,
         "mass_matrix": links,
@@ -130,6 +133,8 @@ def reference(
     state = State(*(given[name] for name in ("q", "qd", "object_pose", "object_twist")))
     if function == "inverse_dynamics":
         return {"": holdfast.inverse_dynamics(chain, state, given["qdd"], given["grasp_wrench"], inputs)}
+    if function == "grasp_margins":
+        return {"": holdfast.forces.grasp_margins(chain, state, given["grasp_wrench"])}
     if function == "joint_margins":
         return holdfast.forces.joint_margins(chain, state, given["tau"])._asdict()
     if function == "wrist_wrenches":
@@ -214,8 +219,16 @@ def alone(chain: ClosedChain, link_inertia: bool = False) -> ChainFunctions:
 
 
 def named(name: str) -> ChainFunctions:
-    """Return the functions of one of `CHAINS`, with every optional parameter."""
-    return alone(chain_named(name), link_inertia=True)
+    """Return the functions of one of `CHAINS`, with every optional parameter; its grasps have friction or limits."""
+    chain = chain_named(name)
+    sized = {"softfinger": {"torsion_radius": 0.02}, "hinge": {"half_length": 0.05}, "ball": {}}
+    grasps = {
+        arm: replace(grasp, contact=holdfast.Friction(0.5, **sized[grasp.kind]))
+        if grasp.kind in sized
+        else replace(grasp, wrench_limits=WrenchLimits(force=20.0))
+        for arm, grasp in chain.grasps.items()
+    }
+    return alone(replace(chain, grasps=grasps), link_inertia=True)
 
 
 def disagreement(problem: Problem, function: str, seed: int = 0) -> float:
@@ -503,12 +516,12 @@ def test_refusals(function):
     with pytest.raises(StateError, match="threads: expected an integer >= 1, got 0"):
         called(fast, function, given, threads=0)
     if len(ARGUMENTS[function]) > 1:
-        last = ARGUMENTS[function][-1]
-        with pytest.raises(StateError, match=f"expected one batch size, got q: 2, {last}: 3"):
+        first, *_, last = ARGUMENTS[function]
+        with pytest.raises(StateError, match=f"expected one batch size, got {first}: 2, {last}: 3"):
             called(
                 fast,
                 function,
-                given | {"q": np.zeros((2, fast.chain.joint_count)), last: np.zeros((3, *np.shape(given[last])))},
+                given | {name: np.zeros((k, *np.shape(given[name]))) for name, k in ((first, 2), (last, 3))},
             )
 
 

@@ -86,3 +86,19 @@ def test_anchors(name, first):
         of = FunctionCase(name, p, {"grasp_wrench": result.grasp_wrench}, result)
     require_reference(of)
     require_matrix(of, of.by)
+
+
+@pytest.mark.parametrize("force", [0.0, 5.0])
+def test_margins_where_two_conditions_are_equal(force):
+    """The derivative is that of the condition that the reference takes, and of a norm at 0 it is 0."""
+    p = random_problem(4, joints=(6,), grasps=("ball",))
+    ((name, grasp),) = p.chain.grasps.items()
+    grasp = replace(grasp, frame=hf.Pose.identity(), contact=hf.Friction(1.0))
+    chain, f = replace(p.chain, grasps={name: grasp}), np.array([[0.0, 0.0, 0.0, 0.0, 0.0, force]])
+    state = hf.State(p.state.q, p.state.qd, hf.Pose.identity(), np.zeros(6))
+    expected = hf.forces.grasp_margins_vjp(chain, state, f, grasp_margins=[1.0])
+    found = Alone(chain).grasp_margins_vjp(state.object_pose, f, grasp_margins=[1.0])
+    assert found.result == expected.result == [force]
+    for by in ("object_pose", "grasp_wrench"):
+        assert np.array_equal(found[by], expected[by])
+    assert np.array_equal(found.grasp_wrench[0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])

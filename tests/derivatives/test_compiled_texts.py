@@ -31,6 +31,8 @@ CASES = [
     *(("inverse_dynamics", kind) for kind in ("springs", "bushing", "trunk", "floating")),
     *((name, kind) for name in ENERGIES for kind in ("springs", "bushing", "trunk", "floating")),
     ("potential_energy", "plain"),
+    ("grasp_margins", "limits"),
+    ("grasp_margins", "floating"),
     ("joint_margins", "limits"),
     ("joint_margins", "floating"),
     *(("closure", kind) for kind in ("plain", "bushing", "trunk", "floating")),
@@ -41,16 +43,18 @@ GIVEN = {  # what machine code takes by place
     "inverse_dynamics": ("q", "qd", "qdd", "grasp_wrench"),
     "potential_energy": ("q", "object_pose"),
     "closure": ("q", "qd", "object_pose", "object_twist"),
+    "grasp_margins": ("object_pose", "grasp_wrench"),
     "joint_margins": ("q", "qd", "tau"),
     "wrist_wrenches": ("q", "grasp_wrench"),
 }
-OF_FORCES = ("joint_margins", "wrist_wrenches")
+OF_FORCES = ("grasp_margins", "joint_margins", "wrist_wrenches")
 SAME, DUAL = 1e-12, 1e-13
 SOME = {
     "kinetic_energy": ("q", "qd"),
     "inverse_dynamics": ("q", "qdd"),
     "potential_energy": ("q",),
     "closure": ("q", "object_twist"),
+    "grasp_margins": ("object_pose", "grasp_wrench"),
     "joint_margins": ("q", "tau"),
     "wrist_wrenches": ("q", "grasp_wrench"),
 }
@@ -95,7 +99,7 @@ def parameters_of(of: FunctionCase) -> dict[str, np.ndarray]:
             found |= {"object_pose": state.object_pose, "object_twist": state.object_twist}
     if of.name in ("potential_energy", "wrist_wrenches"):
         found = {"floating_pose": state.base_pose}
-    if of.name == "joint_margins":
+    if of.name in ("grasp_margins", "joint_margins"):
         return {}
     if of.p.chain.floats:
         found |= {"trunk_base_twist": None}
@@ -250,7 +254,8 @@ def test_interpreter(name, case, kind):
     fast, by, named = fast_of(of), SOME[name], parameters_of(of)
     cotangents = {result: random.normal(size=x.shape) for result, x in of.values().items()}
     own = dict(zip(GIVEN[name], inputs_of(of), strict=True))
-    along = {x: random.normal(size=own[x].shape) for x in by}
+    shapes = of.directions(random)
+    along = {x: random.normal(size=shapes[x].shape) for x in by}
     options: dict[str, Any] = {"vjp": {"by": by, **cotangents}, "jvp": {"along": along}, "jacobian": {"by": by}}[kind]
     getattr(fast, f"{name}_{kind}")(*inputs_of(of), **options, **named)
     (request, made), *others = vars(fast)["_texts_made"].items()
@@ -263,6 +268,52 @@ def test_interpreter(name, case, kind):
     assert list(found) == list(expected)
     for x, numbers in expected.items():
         assert np.array_equal(found[x], numbers), x
+
+
+@pytest.mark.parametrize("name", ["grasp_margins", "potential_energy"])
+@pytest.mark.parametrize("kind", ["vjp", "jvp", "jacobian"])
+def test_bound_calls(name, kind):
+    """Bits of the calls with arrays, at one state and another; inputs and parameters are changed in place."""
+    of, random, by = function_case(name, "limits"), np.random.default_rng(7), SOME[name]
+    fast, own = Alone(of.p.chain), dict(zip(GIVEN[name], inputs_of(of), strict=True))
+    (result,), along = of.results, {x: y for x, y in of.directions(random).items() if x in by}
+    given = {"vjp": {result: random.normal(size=of.values()[result].shape)}, "jvp": along, "jacobian": {}}[kind]
+    bound = fast.bind_derivatives_of(name, kind, by=by, **own)
+    for x, y in given.items():
+        bound.given[x][...] = y
+    pose = [*of.p.state.object_pose[:4], 0.1, 0.2, 0.3]
+    for there in (own, own | {"object_pose": np.array(pose)}):
+        bound.arrays["object_pose"][...] = there["object_pose"]
+        bound()
+        options = {"vjp": {"by": by, **given}, "jvp": {"along": given}, "jacobian": {"by": by}}[kind]
+        expected = getattr(fast, f"{name}_{kind}")(*there.values(), **options)
+        assert np.array_equal(bound.found.results[next(iter(bound.found.results))], expected.result)
+        names = {"vjp": by, "jvp": (result,), "jacobian": [(result, x) for x in by]}[kind]
+        assert all(np.array_equal(bound.found[x], expected[x]) for x in names)
+
+
+def test_bound_calls_refuse_what_they_do_not_know():
+    of = function_case("potential_energy", "limits")
+    fast = Alone(of.p.chain)
+    with pytest.raises(hf.StateError, match=r"function: expected one of .*, got 'potential_energie'. Did you mean"):
+        fast.bind_derivatives_of("potential_energie", "vjp", by=["q"])
+    with pytest.raises(hf.StateError, match="kind: expected one of vjp, jvp, jacobian, got 'grad'"):
+        fast.bind_derivatives_of("potential_energy", "grad", by=["q"])  # pyright: ignore[reportArgumentType]
+    with pytest.raises(hf.StateError, match="potential_energy_vjp: no 'qd'"):
+        fast.bind_derivatives_of("potential_energy", "vjp", by=["qd"])
+    bound = fast.bind_derivatives_of("potential_energy", "vjp", by=["q"], q=of.p.state.q)
+    with pytest.raises(hf.StateError, match="q: expected numbers of one system, got a batch of 2"):
+        bound.set(q=np.zeros((2, of.p.chain.joint_count)))
+    with pytest.raises(hf.StateError, match="no parameter 'tau'"):
+        bound.set(tau=1.0)
+    with pytest.raises(AttributeError, match="no derivative 'qd'; there are q"):
+        _ = bound.found.qd
+    gravity = np.array([0.0, 1.0, 2.0])
+    bound.set(gravity=gravity, object_pose=of.p.state.object_pose)
+    bound.given["potential_energy"][...] = 1.0
+    bound()
+    expected = fast.potential_energy_vjp(of.p.state.q, of.p.state.object_pose, by=["q"], gravity=gravity)
+    assert np.array_equal(bound.found.q, expected.q)
 
 
 def test_directions_at_once_and_shared_cotangents():

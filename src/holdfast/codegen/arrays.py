@@ -85,6 +85,7 @@ _MEANINGS = {
     "velocity": "velocity gaps of the grasps' rows",
     "rate": "rate limits minus the sizes of the joint velocities",
     "effort": "effort limits minus the sizes of the joint torques",
+    "grasp_margins": "the grasps' margins; infinite without a limit [N]",
     "wrist_wrenches": "the grasp wrenches in tip axes",
     "joint_limits": "of the joints: lowest and highest positions, rate limits, effort limits; infinite for none",
     "energy": "energy [J]",

@@ -60,6 +60,7 @@ _SUMMARIES = {
     "closure": "How far the grasps are from holding.",
     "kinetic_energy": "Kinetic energy of links and object.",
     "potential_energy": "Potential energy of links and object, zero at the world's origin.",
+    "grasp_margins": "How far grasps are from slipping, lifting off, or giving way.",
     "joint_margins": "How far joints are from their limits.",
     "wrist_wrenches": "The grasp wrenches in the axes of the arms' tips.",
     "momentum": "Momentum of links and object.",

@@ -34,15 +34,16 @@ from holdfast.dynamics.energy import (
     total_momentum,
     total_potential_energy,
 )
-from holdfast.dynamics.inverse import deciding, torques_and_deciding
+from holdfast.dynamics.inverse import torques_and_deciding
 from holdfast.dynamics.kinematics import link_frames
 from holdfast.dynamics.linear_text import Text
 from holdfast.dynamics.object_level import object_mobility
+from holdfast.dynamics.possible_motion import deciding
 from holdfast.dynamics.projection import after_step
 from holdfast.dynamics.trunk.trunk_derivatives import FLOATING_RESULT
 from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.dynamics.varied_case import VariedCase
-from holdfast.forces.force_derivatives import LIMITS, OF_LIMITS, WRISTS
+from holdfast.forces.force_derivatives import CONTACTS, LIMITS, MARGINS, OF_LIMITS, WRISTS
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_kinds import GraspKind
@@ -252,6 +253,15 @@ COMPUTATIONS: dict[str, Computation] = {
         by_links=False,
         unlimited=True,
     ),
+    "grasp_margins": Computation(
+        ("object_pose", "grasp_wrench"),
+        (CONTACTS, "grasp_R"),
+        _of_text(MARGINS),
+        whole={"grasp_margins": lambda chain: (len(chain.grasps),)},
+        by_grasp=True,
+        by_links=False,
+        unlimited=True,
+    ),
     "wrist_wrenches": Computation(
         ("q", "grasp_wrench"),
         ("base_R",),
@@ -319,7 +329,7 @@ def own_inputs(function: str, chain: ClosedChain) -> tuple[str, ...]:
     """Return what a function of a chain is given besides the state and parameters of every chain."""
     base = COMPUTATIONS[function]
     inputs = (name for name in (*base.inputs, *base.by_name(chain)) if name not in (*STATE, *FLOATING))
-    return *inputs, *(name for name in base.parameters if name == LIMITS)
+    return *inputs, *(name for name in base.parameters if name in (LIMITS, CONTACTS))
 
 
 def traced_case(chain: ClosedChain, x: Given, function: str) -> VariedCase:

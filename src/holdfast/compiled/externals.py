@@ -53,6 +53,7 @@ def shapes(chain: ClosedChain) -> dict[str, Shape]:
         "gravity": (3,),
         "about": (3,),
         "joint_limits": (4, n),
+        "contact": (g, 6),
         "object_mass": (),
         "object_com": (3,),
         "object_inertia": (3, 3),

@@ -1,4 +1,4 @@
-"""Derivatives of a compiled chain's margins of joints and wrenches at wrists."""
+"""Derivatives of a compiled chain's margins of grasps and joints, and wrenches at wrists."""
 
 from __future__ import annotations
 
@@ -8,17 +8,98 @@ from typing import Any
 from holdfast.compiled.text_derivatives import TextDerivatives
 from holdfast.dynamics.derivatives import Derivatives
 from holdfast.errors import StateError
-from holdfast.forces.force_derivatives import OF_JOINTS, OF_WRISTS
+from holdfast.forces.force_derivatives import OF_JOINTS, OF_MARGINS, OF_WRISTS
 from holdfast.forces.margins import JointMargins
 from holdfast.model import checks
 
 
 class ForceDerivatives(TextDerivatives):
-    """The methods of a `CompiledChain` that differentiate the margins of joints and the wrenches at wrists.
+    """The methods of a `CompiledChain` that differentiate the margins of grasps and joints, and wrenches at wrists.
 
     They are those of the reference of the same names, `holdfast.forces.joint_margins_vjp` and so on, for one system or
     a batch, and have the conventions of `FunctionDerivatives`.
     """
+
+    def grasp_margins_vjp(
+        self,
+        object_pose: Any,
+        grasp_wrench: Any,
+        *,
+        grasp_margins: Any,
+        by: Sequence[str] = OF_MARGINS,
+        threads: int = 1,
+        **parameters: Any,
+    ) -> Derivatives:
+        """Return gradients of cotangent . margins of the grasps, O(l); see `holdfast.forces.grasp_margins_vjp`.
+
+        Args:
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            grasp_wrench: (arms, 6) wrench of each arm on the object, as in `grasp_margins`.
+            grasp_margins: (grasps,) the cotangent.
+            by: the arguments: object_pose, grasp_pose, grasp_wrench.
+            threads: the number of threads for a batch.
+            **parameters: parameters as in `grasp_margins`.
+
+        Returns:
+            The gradient by every argument, in the shape of the argument; `result` holds the margins [N].
+
+        Raises:
+            StateError: A name, shape or number is wrong.
+        """
+        given, inputs = {"grasp_margins": grasp_margins}, (object_pose, grasp_wrench)
+        return self._derived("grasp_margins", "vjp", inputs, tuple(given), by, given, parameters, threads)
+
+    def grasp_margins_jvp(
+        self, object_pose: Any, grasp_wrench: Any, *, along: Mapping[str, Any], threads: int = 1, **parameters: Any
+    ) -> Derivatives:
+        """Return directional derivatives of the grasps' margins, O(l); see `holdfast.forces.grasp_margins_jvp`.
+
+        Args:
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            grasp_wrench: (arms, 6) wrench of each arm on the object, as in `grasp_margins`.
+            along: the tangents by argument, each in the shape of the argument's gradient; (d, ...) for d directions
+                of one system at once, (batch, ...) for a batch.
+            threads: the number of threads for a batch.
+            **parameters: parameters as in `grasp_margins`.
+
+        Returns:
+            `found.grasp_margins`, (grasps,), with a leading axis if there are several directions or a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong.
+        """
+        checks.instance(along, Mapping, "grasp_margins_jvp: along", StateError)
+        results, inputs = ("grasp_margins",), (object_pose, grasp_wrench)
+        return self._derived("grasp_margins", "jvp", inputs, results, along, along, parameters, threads)
+
+    def grasp_margins_jacobian(
+        self,
+        object_pose: Any,
+        grasp_wrench: Any,
+        *,
+        of: Sequence[str] = ("grasp_margins",),
+        by: Sequence[str] = OF_MARGINS,
+        threads: int = 1,
+        **parameters: Any,
+    ) -> Derivatives:
+        """Return the Jacobian of the grasps' margins, O(l^2); see `holdfast.forces.grasp_margins_jacobian`.
+
+        Args:
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            grasp_wrench: (arms, 6) wrench of each arm on the object, as in `grasp_margins`.
+            of: the results; there is one, grasp_margins.
+            by: the arguments.
+            threads: the number of threads for a batch.
+            **parameters: parameters as in `grasp_margins`.
+
+        Returns:
+            `found["grasp_margins", by]`, (grasps, *shape of the argument's gradient), with a leading axis for a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong.
+        """
+        inputs = object_pose, grasp_wrench
+        return self._derived("grasp_margins", "jacobian", inputs, of, by, {}, parameters, threads)
 
     def joint_margins_vjp(
         self,

@@ -16,6 +16,7 @@ from holdfast.compiled.kernels import compile_batch, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.structure import Options
 from holdfast.compiler.kernel import Bound
+from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -53,7 +54,7 @@ class CompiledFunction:
         self._kernel = kernel(name, structure, self.externals, lambda: computation.schedule(structure))
         self._inputs, self._by_name = computation.inputs, computation.by_name(chain)
         own = parameters_of(chain, None) | dict(computation.fixed)
-        called = (*self._inputs, *self._by_name)
+        self._called = called = (*self._inputs, *self._by_name)
         self._own = {name: own[name] for name, e in self.externals.items() if e.role != "output" and name not in called}
         self._results = {name: e.shape for name, e in self.externals.items() if e.role == "output"}
         self._ranks = {name: len(e.shape) for name, e in self.externals.items()}
@@ -132,14 +133,36 @@ class CompiledFunction:
                 x[bad] = np.nan
         return results
 
-    @cached_property
-    def _bound(self) -> Bound:
-        """The kernel with fixed arrays for single calls with the chain's own parameters."""
+    def fill(self, bound: Bound, given: Mapping[str, Any]) -> None:
+        """Write inputs and parameters of one system to the arrays of a bound kernel.
+
+        Raises:
+            StateError: A name is unknown, a shape is wrong or a parameter is not finite.
+        """
+        shapes = {name: self.externals[name].shape for name in self._called}
+        found = {name: arrays.floats(name, x, shapes[name]) for name, x in given.items() if name in shapes}
+        found |= parse_parameters(
+            {name: x for name, x in given.items() if name not in shapes}, self.externals, self._chain
+        )
+        for name, x in found.items():
+            if x.ndim > self._ranks[name]:
+                raise StateError(f"{name}: expected numbers of one system, got a batch of {len(x)}")
+        for name, x in found.items():
+            bound.arrays[name][...] = x
+        bound.prepare()
+
+    def bind(self) -> Bound:
+        """Return the kernel bound to new arrays, which hold the chain's own parameters."""
         bound = self._kernel.bind()
         for name, x in self._own.items():
             bound.arrays[name][...] = x
         bound.prepare()
         return bound
+
+    @cached_property
+    def _bound(self) -> Bound:
+        """The kernel with fixed arrays for single calls with the chain's own parameters."""
+        return self.bind()
 
     @cached_property
     def _spare(self) -> Bound:

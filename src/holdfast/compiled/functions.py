@@ -194,6 +194,23 @@ class ChainFunctions:
         """
         return JointMargins(**self._function("joint_margins")((q, qd, tau), parameters, threads))
 
+    def grasp_margins(self, object_pose: Any, grasp_wrench: Any, *, threads: int = 1, **parameters: Any) -> Array:
+        """Return the margin of every grasp, as `holdfast.forces.grasp_margins`; infinite without a limit.
+
+        Args:
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            grasp_wrench: (arms, 6) wrench of each arm on the object, as in `wrist_wrenches`.
+            threads: how many threads share a batch.
+            **parameters: for this call, grasp_pose (grasps, 7). Friction and wrench limits are the chain's.
+
+        Returns:
+            (grasps,) [N].
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return self._function("grasp_margins")((object_pose, grasp_wrench), parameters, threads)["grasp_margins"]
+
     def wrist_wrenches(self, q: Any, grasp_wrench: Any, *, threads: int = 1, **parameters: Any) -> Array:
         """Return the grasp wrenches in tip axes, as `holdfast.forces.wrist_wrenches`.
 

@@ -11,7 +11,6 @@ from holdfast.spatial.scalar import Array
 _ROUNDS = "it goes on for as many rounds as it takes"
 _SINGULAR_VALUES = "it decides by singular values, which are NumPy's"
 _OF_A_RESULT = "it reads one ForwardResult"
-_KINDS = ("vjp", "jvp", "jacobian")
 
 REASONS = {
     "close": f"{_ROUNDS}; where grasps are nearly closed try `project`, which takes two",
@@ -28,7 +27,6 @@ REASONS = {
     "dynamics.state_from_joints": "it is of rigid grasps only; try `tip_poses`",
     "dynamics.tip_jacobian": "it is of one arm; `jacobian` gives those of all arms",
     "dynamics.tip_pose": "it is of one arm; `tip_poses` gives those of all arms",
-    "forces.grasp_margins": "its conditions differ from grasp to grasp; the systems of a rollout have their `margin`",
     "forces.largest_margin": f"it is a convex programme: {_ROUNDS}",
     "forces.last_joint_wrenches": _OF_A_RESULT,
     "forces.margin_range": f"it is a convex programme: {_ROUNDS}",
@@ -36,10 +34,6 @@ REASONS = {
     "linearise": _SINGULAR_VALUES,
     "regressor": "it is of the model's parameters, which machine code has as constants",
     "dynamics.inertial_parameters": "it is of a body, not of a chain",
-    **{
-        f"forces.grasp_margins_{kind}": "its conditions differ from grasp to grasp, and so would its code"
-        for kind in _KINDS
-    },
     "holding_torques": "it is a control law, made by `control.compile_law(control.holding_law(chain), chain)`",
 }
 _PATHS = {path.rpartition(".")[2]: path for path in REASONS}

@@ -12,8 +12,8 @@ from holdfast.compiled.externals import BASE_MOTION, FLOATING
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
-from holdfast.forces.force_derivatives import LIMITS
-from holdfast.forces.margins import joint_limits
+from holdfast.forces.force_derivatives import CONTACTS, LIMITS
+from holdfast.forces.margins import contacts_of, joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
@@ -24,7 +24,7 @@ from holdfast.spatial.scalar import Array
 _POSES = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
 WRENCHES = ("link_wrench", "trunk_link_wrench")
 _INPUTS = ("object_wrench", *WRENCHES, *FLOATING)  # inputs that users pass like parameters
-_INTERNAL = {"generic_rank", LIMITS, *(name for pair in _POSES.values() for name in pair)}
+_INTERNAL = {"generic_rank", LIMITS, CONTACTS, *(name for pair in _POSES.values() for name in pair)}
 
 
 def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Array]:
@@ -39,6 +39,7 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
         "gravity": np.array(chain.gravity),
         "about": np.zeros(3),
         LIMITS: np.array(joint_limits(chain)),
+        CONTACTS: contacts_of(chain),
         "generic_rank": np.array(-1.0 if generic_rank is None else float(generic_rank)),
         "trunk_link_wrench": np.zeros((len(bodies), 6)),
         "trunk_link_mass": np.array([body.mass for body in bodies]),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from holdfast.dynamics.inverse import deciding, differ, require_possible
+from holdfast.dynamics.possible_motion import deciding, differ, require_possible
 from holdfast.dynamics.trunk.trunk_inverse import needs_drive
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -24,6 +24,8 @@ def possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -> dict[s
         StateError: One system is not possible: a bushing exerts another wrench, or a floating base would need a drive.
     """
     decided = deciding(chain)
+    if not decided:
+        return dict(found)
     results = {name: x for name, x in found.items() if name not in decided}
     of = {name: found[name] for name in decided}
     if all(of[name].ndim == len(shape) for name, shape in decided.items()):

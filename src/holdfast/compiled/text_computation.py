@@ -19,11 +19,11 @@ from holdfast.dynamics.closure_derivatives import CLOSURE
 from holdfast.dynamics.energy_derivatives import KINETIC, POTENTIAL
 from holdfast.dynamics.inverse_derivatives import TORQUES
 from holdfast.dynamics.linear_text import LinearText, Part, Text, linear_text
-from holdfast.forces.force_derivatives import OF_LIMITS, WRISTS
+from holdfast.forces.force_derivatives import MARGINS, OF_LIMITS, WRISTS
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, concatenate
 
-TEXTS = {text.name: text for text in (TORQUES, KINETIC, POTENTIAL, CLOSURE, OF_LIMITS, WRISTS)}
+TEXTS = {text.name: text for text in (TORQUES, KINETIC, POTENTIAL, CLOSURE, MARGINS, OF_LIMITS, WRISTS)}
 OF_EACH_JOINT = {"q", "qd", "qdd", "tau", "armature", "damping", "link_wrench", *LINKS}  # arguments, row by row
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import own_inputs
+from holdfast.compiled.bound_text import BoundText
 from holdfast.compiled.compiled_derivatives import options_of
 from holdfast.compiled.derivative_schedule import FOUND
 from holdfast.compiled.function import CompiledFunction
@@ -16,10 +17,13 @@ from holdfast.compiled.possible_motion import possible
 from holdfast.compiled.structure import Options
 from holdfast.compiled.text_computation import TEXTS, TextRequest
 from holdfast.dynamics.derivatives import Derivatives, require_names
+from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
 Kind = Literal["vjp", "jvp", "jacobian"]
+HOLDING = ("inverse_dynamics", "wrist_wrenches")  # functions that refuse wrenches of arms that hold nothing
 
 
 def number_or_array(x: Array) -> Any:
@@ -65,12 +69,57 @@ class TextDerivatives:
             threads: the number of threads for a batch.
             collected: makes the function's result of its results, in order.
         """
-        what, text = f"{function}_{kind}", TEXTS[function]
-        own = own_inputs(function, self.chain)
-        if "grasp_wrench" in own:
+        text = TEXTS[function]
+        if "grasp_wrench" in own_inputs(function, self.chain):
             inputs = *inputs[:-1], arrays.floats("grasp_wrench", inputs[-1], (len(self.chain.arms), 6))
+        if function in HOLDING:
             require_holding(self.chain, inputs[-1])
-        known = text.arguments_at(self.chain, own)
+        request, code = self._code_of(function, kind, of, by)
+        found = code((*inputs, *(given[name] for name in request.given)), parameters, threads)
+        if function == "inverse_dynamics":
+            found = possible(self.chain, inputs[-1], found)
+        result = collected(*(found.pop(name) for name in text.results))
+        parts: dict[Any, Any] = {name.removeprefix(FOUND): x for name, x in found.items()}
+        if kind == "jacobian":
+            names = [tuple(name.split(".")) for name in parts]
+            parts = {(of, by): request.matrix(self.chain, of, by, parts[f"{of}.{by}"]) for of, by in names}
+        return Derivatives(result, parts)
+
+    def bind_derivatives_of(
+        self,
+        function: str,
+        kind: Kind,
+        *,
+        by: Collection[str],
+        of: Sequence[str] | None = None,
+        **inputs_or_parameters: Any,
+    ) -> BoundText:
+        """Return derivatives of a function besides forward dynamics bound to fixed arrays, for control loops.
+
+        Args:
+            function: its name: inverse_dynamics, kinetic_energy, potential_energy, closure, grasp_margins,
+                joint_margins or wrist_wrenches.
+            kind: `vjp`, `jvp` or `jacobian`, as in the methods `inverse_dynamics_vjp` and so on.
+            by: the arguments by which it is differentiated.
+            of: the results to differentiate; by default all.
+            **inputs_or_parameters: initial values of the function's inputs, and its parameters.
+
+        Raises:
+            StateError: A name, shape or number is wrong.
+        """
+        for name, known, what in ((function, tuple(TEXTS), "function"), (kind, get_args(Kind), "kind")):
+            if name not in known:
+                what = f"bind_derivatives_of: {what}: expected one of {', '.join(known)}"
+                raise StateError(f"{what}, got {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
+        request, code = self._code_of(function, kind, TEXTS[function].results if of is None else of, by)
+        return BoundText(code, request, self.chain, inputs_or_parameters)
+
+    def _code_of(
+        self, function: str, kind: Kind, of: Sequence[str], by: Collection[str]
+    ) -> tuple[TextRequest, CompiledFunction]:
+        """Return the machine code of derivatives, made when first requested, after checking the names."""
+        what, text = f"{function}_{kind}", TEXTS[function]
+        known = text.arguments_at(self.chain, own_inputs(function, self.chain))
         require_names(what, of, text.results)
         require_names(what, by, known)
         results = tuple(name for name in text.results if name in of)
@@ -81,12 +130,4 @@ class TextDerivatives:
             with compiling(self.chain, what, self.progress):
                 computation, shown_as = request.computation(self.chain), what if self.progress else ""
                 made[request] = CompiledFunction(request.name, self.chain, options, computation, shown_as)
-        found = made[request]((*inputs, *(given[name] for name in request.given)), parameters, threads)
-        if text.deciding(self.chain):
-            found = possible(self.chain, inputs[-1], found)
-        result = collected(*(found.pop(name) for name in text.results))
-        parts: dict[Any, Any] = {name.removeprefix(FOUND): x for name, x in found.items()}
-        if kind == "jacobian":
-            names = [tuple(name.split(".")) for name in parts]
-            parts = {(of, by): request.matrix(self.chain, of, by, parts[f"{of}.{by}"]) for of, by in names}
-        return Derivatives(result, parts)
+        return request, made[request]

@@ -98,7 +98,7 @@ def traced_state(chain: ClosedChain, given: Given) -> State:
     n, twist = chain.joint_count, given.get("object_twist", np.zeros(6))
     pose = given.get("object_pose", np.eye(7)[0])
     floating = (given.get(name) for name in FLOATING)
-    return framed(State(given["q"], given.get("qd", np.zeros(n)), pose, twist, *floating))
+    return framed(State(given.get("q", np.zeros(n)), given.get("qd", np.zeros(n)), pose, twist, *floating))
 
 
 def framed(state: State) -> State:

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.trunk.trunk_inverse import require_undriven, trunk_torques
+from holdfast.dynamics.possible_motion import deciding, require_possible
+from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, array, concatenate, each
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
-
-SAME = 1e-9  # largest relative difference between a given wrench and the one that a bushing exerts
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -73,16 +70,6 @@ def acceleration_of_base(chain: ClosedChain, given: ArrayLike | None) -> Array |
     return None if given is None else checks.numbers(given, (6,), "base_acceleration", StateError)
 
 
-def deciding(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
-    """Return names and shapes of the numbers that show whether wrenches and accelerations are possible.
-
-    They are the wrench that a floating base would need, and beside it the largest wrench on the trunk; and the wrench
-    that every bushing exerts on the object, with zeros for other grasps.
-    """
-    of_base: dict[str, tuple[int, ...]] = {"trunk_base_wrench": (6,), "largest_wrench": ()} if chain.floats else {}
-    return of_base | ({"bushing_wrench": (len(chain.arms), 6)} if chain.bushings else {})
-
-
 def torques_and_deciding(motion: ChainMotion, qdd: Array, f: Array, base: Array | None) -> tuple[Array, ...]:
     """Return the torques of inverse dynamics, (n,), and then the numbers of `deciding`.
 
@@ -95,43 +82,6 @@ def torques_and_deciding(motion: ChainMotion, qdd: Array, f: Array, base: Array 
     if motion.trunk is not None and motion.trunk.floats:
         return *trunk_torques(motion, qdd, left, base), *of_bushings
     return torques(motion, qdd, left), *of_bushings
-
-
-def differ(chain: ClosedChain, f: Array, exerted: Array) -> dict[str, Array]:
-    """Return by arm whether the wrench given for its bushing is neither zero nor the one that it exerts, (...).
-
-    Args:
-        chain: the chain.
-        f: (..., arms, 6) given wrenches.
-        exerted: (..., arms, 6) exerted wrenches.
-    """
-    off, size = (np.abs(x).max(-1) for x in (f - exerted, exerted))
-    different = (f != 0.0).any(-1) & (off > SAME * np.maximum(1.0, size))
-    return {name: different[..., chain.names.index(name)] for name in chain.bushings}
-
-
-def require_possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -> None:
-    """Refuse wrenches that bushings do not exert, and accelerations for which a floating base would need a drive.
-
-    Args:
-        chain: the chain.
-        f: (arms, 6) given wrenches.
-        found: the numbers of `deciding`.
-
-    Raises:
-        StateError: they are not possible; the message gives the wrench that is missing.
-    """
-    exerted = found.get("bushing_wrench", f)
-    for name, different in differ(chain, f, exerted).items():
-        i = chain.names.index(name)
-        if different:
-            raise StateError(
-                f"grasp_wrench: arm '{name}' holds by a bushing, which exerts {checks.place(exerted[i])} in this state,"
-                f" got {checks.place(f[i])};"
-                " try zeros, which stand for that"
-            )
-    if chain.floats:
-        require_undriven(found["trunk_base_wrench"], found["largest_wrench"])
 
 
 def torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None = None) -> Array:

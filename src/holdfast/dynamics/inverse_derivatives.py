@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.forward_derivatives import ARGUMENTS
 from holdfast.dynamics.derivatives import Derivatives
-from holdfast.dynamics.inverse import deciding, inverse_dynamics, torques_and_deciding
+from holdfast.dynamics.inverse import inverse_dynamics, torques_and_deciding
 from holdfast.dynamics.linear_text import Text, by_joints
+from holdfast.dynamics.possible_motion import deciding
 from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.trunk.trunk_derivatives import FLOATING_RESULT, OF_TRUNK
 from holdfast.dynamics.varied_case import VariedCase

@@ -21,10 +21,11 @@ from holdfast.errors import StateError
 from holdfast.forces.margins import (
     JointLimits,
     JointMargins,
+    contacts_of,
     grasp_margins,
     joint_limits,
     joint_margins,
-    margins_of_grasps,
+    limited_margins,
     margins_of_joints,
 )
 from holdfast.forces.wrist import across_tips, wrist_wrenches
@@ -37,6 +38,7 @@ OF_MARGINS = ("object_pose", "grasp_wrench")
 OF_WRISTS = ("q", "grasp_wrench")
 OF_JOINTS = ("q", "qd", "tau")
 LIMITS = "joint_limits"  # (4, n) `JointLimits`
+CONTACTS = "contact"  # (grasps, 6) `contacts_of`
 
 
 def grasp_margins_vjp(
@@ -292,7 +294,7 @@ def _margins_case(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
     checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         found = grasp_margins(chain, state, grasp_wrench)
-    return _with_wrenches(chain, state, grasp_wrench), found
+    return _with_wrenches(chain, state, grasp_wrench, {CONTACTS: contacts_of(chain)}), found
 
 
 def _joints_case(chain: ClosedChain, state: State, tau: ArrayLike) -> tuple[VariedCase, JointMargins]:
@@ -312,13 +314,15 @@ def _wrists_case(chain: ClosedChain, state: State, result: ForwardResult) -> tup
     return _with_wrenches(chain, state, result.grasp_wrench), found
 
 
-def _with_wrenches(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> VariedCase:
+def _with_wrenches(
+    chain: ClosedChain, state: State, grasp_wrench: ArrayLike, further: Mapping[str, Array] | None = None
+) -> VariedCase:
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
-    return case_of(chain, state, None, {"grasp_wrench": f})
+    return case_of(chain, state, None, {"grasp_wrench": f, **(further or {})})
 
 
 def _margins(case: VariedCase) -> tuple[Array]:
-    return (margins_of_grasps(case.chain, case.state, case.own["grasp_wrench"]),)
+    return (limited_margins(case.chain, case.own[CONTACTS], case.state.object_frame.R, case.own["grasp_wrench"]),)
 
 
 def _limits(case: VariedCase) -> tuple[Array, ...]:
@@ -331,6 +335,10 @@ def _wrists(case: VariedCase) -> tuple[Array]:
     return (across_tips(case.chain, case.state, case.own["grasp_wrench"]),)
 
 
+def _grasps(chain: ClosedChain, result: str) -> list[Part]:
+    return [Part(slice(k, k + 1), chain.names.index(name)) for k, name in enumerate(chain.grasps)]
+
+
 MARGINS = Text(
     "grasp_margins",
     ("object_pose", "grasp_pose", "grasp_wrench"),
@@ -338,6 +346,8 @@ MARGINS = Text(
     _margins,
     unlimited=True,
     shape=lambda chain, result: (len(chain.grasps),),
+    parts=_grasps,
+    of_object=True,
 )
 
 

@@ -15,6 +15,7 @@ The moment of a hinge about the normal is carried by the edge, and has no limit.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import reduce
 from typing import NamedTuple
 
@@ -24,9 +25,10 @@ from numpy.typing import ArrayLike
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import Grasp
+from holdfast.model.grasp import Grasp, WrenchLimits
+from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.wrench_condition import Condition, largest_force_and_moment
-from holdfast.spatial.scalar import Array, Scalar, array, less, minimum
+from holdfast.spatial.scalar import Array, Scalar, array, each, less, minimum, where
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State, require_fit
 
@@ -86,31 +88,77 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
         StateError: a shape is wrong.
     """
     require_fit(chain, state)
-    return margins_of_grasps(
-        chain, state, checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
+    f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
+    with np.errstate(all="ignore"):  # squares of huge forces
+        return limited_margins(chain, contacts_of(chain), state.object_frame.R, f)
+
+
+def contacts_of(chain: ClosedChain) -> Array:
+    """Return the numbers that determine the margins of all grasps, (grasps, 6); see `contact_of`."""
+    return np.reshape([contact_of(grasp) for grasp in chain.grasps.values()], (-1, 6))
+
+
+def contact_of(grasp: Grasp) -> Array:
+    """Return the numbers that determine the margin of a grasp.
+
+    They are (6,): 1 if it is one-sided, mu, torsion radius or half length, largest moment, largest force, lever.
+    """
+    contact, limits = grasp.contact, grasp.wrench_limits or WrenchLimits()
+    one_sided = [0.0, 1.0, 1.0] if contact is None else [1.0, contact.mu, grasp.contact_size or 1.0]
+    return np.array([*one_sided, limits.moment, limits.force, limits.lever], dtype=float)
+
+
+def limited_margins(chain: ClosedChain, contacts: Array, R: Array, f: Array) -> Array:
+    """Return the margins of all grasps, which are infinite for unlimited grasps, whatever their wrenches.
+
+    Arguments as in `margins_of_grasps`, for the frames of the chain's grasps.
+    """
+    margins = margins_of_grasps(chain, contacts, R, [grasp.frame.R for grasp in chain.grasps.values()], f)
+    return array([where(limited(x), margin, math.inf) for x, margin in zip(contacts, margins, strict=True)])
+
+
+def margins_of_grasps(chain: ClosedChain, contacts: Array, R: Array, frames: Iterable[Array], f: Array) -> Array:
+    """Return the margin of every grasp, (grasps,) [N].
+
+    Args:
+        chain: the chain, of which only names and kinds are used.
+        contacts: (grasps, 6) numbers of `contact_of`.
+        R: (3, 3) attitude of the object.
+        frames: (3, 3) each, attitudes of the contact frames, object axes.
+        f: (arms, 6) wrench of each arm on the object about the contact point, world axes.
+    """
+    kinds, rows = [grasp.kind for grasp in chain.grasps.values()], [chain.names.index(name) for name in chain.grasps]
+    found = each(
+        lambda kind, contact, frame, f: contact_margin(kind, contact, unrotate(R @ frame, f)),
+        kinds,
+        contacts,
+        frames,
+        [f[row] for row in rows],
     )
+    return array(found)
 
 
-def margins_of_grasps(chain: ClosedChain, state: State, f: Array) -> Array:
-    """Return the margin of every grasp for wrenches that are not checked; see `grasp_margins`."""
-    R = state.object_frame.R
-    rows = [chain.names.index(name) for name in chain.grasps]
-    return array(
-        [
-            contact_margin(grasp, unrotate(R @ grasp.frame.R, f[i]))
-            for i, grasp in zip(rows, chain.grasps.values(), strict=True)
-        ]
-    )
-
-
-def contact_margin(grasp: Grasp, wrench: Array) -> Scalar:
+def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
     """Return the margin of one grasp [N], infinite if it is two-sided and has no wrench limits.
 
     Args:
-        grasp: the grasp.
-        wrench: (6,) wrench of the arm on the object about the contact point, contact axes.
+        kind: kind of the grasp.
+        contact: (6,) numbers of `contact_of`.
+        f: (6,) wrench of the arm on the object about the contact point, contact axes.
     """
-    return least_margin(conditions(grasp), wrench)
+    one_sided, mu, size, moment, force, lever = contact
+    strength = least_margin(largest_force_and_moment(moment, force, lever), f)
+    friction = GRASP_KINDS[kind].friction
+    if friction is None:
+        return strength
+    pressed = least_margin(friction(mu, size), f)
+    return minimum(strength, where(one_sided > 0.5, pressed, math.inf))
+
+
+def limited(contact: Array) -> Scalar:
+    """Return whether a grasp is one-sided or has wrench limits; `contact` as in `contact_of`."""
+    one_sided, _, _, moment, force, _ = contact
+    return where(one_sided > 0.5, 0.0, minimum(moment, force)) < math.inf
 
 
 def least_margin(conditions: tuple[Condition, ...], wrench: Array) -> Scalar:

@@ -14,12 +14,13 @@ from holdfast.compiler.kernel import address_of
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
+from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.simulation.rollout.kernel import StepKernel, step_externals
 from holdfast.simulation.rollout.varied_step import CONTROL, VariedStep
 from holdfast.simulation.runge_kutta import EULER, Tableau
 from holdfast.spatial.scalar import Array
 
-UNUSED = ("held", "least_margin", "least_joint_margin", "search", "keep_rows", "contact", "limits")
+UNUSED = ("held", "least_margin", "least_joint_margin", "search", "keep_rows", CONTACTS, "limits")
 WITH = "with."  # prefix of the names of cotangents
 FOUND = "found."  # prefix of the names of gradients
 BEFORE = "before"  # the law's memory at the start of a step

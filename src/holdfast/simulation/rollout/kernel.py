@@ -21,10 +21,10 @@ from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.control.controller import ControlLaw
 from holdfast.errors import StateError
+from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
-from holdfast.model.grasp import WrenchLimits
 from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.joint_friction import joint_friction
@@ -64,7 +64,7 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
     chain, options = structure.chain, structure.options
     own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "keep_rows", "generic_rank"), ())
     n = chain.joint_count
-    own |= {"contact": (len(chain.grasps), 6), "limits": (4, n), "added_armature": (n,), "added_torque": (n,)}
+    own |= {"limits": (4, n), "added_armature": (n,), "added_torque": (n,)}
     of_law = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
     inputs = [*STEP_INPUTS, "object_wrench", *of_law]
     if options.link_wrenches:
@@ -77,7 +77,7 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         *(BASE_MOTION if options.base_motion else ()),
         "grasp_R",
         "grasp_p",
-        "contact",
+        CONTACTS,
         "limits",
     ]
     states = carried_shapes(chain, law, options.held)
@@ -137,7 +137,7 @@ class StepKernel:
         self.adjoints: dict[Any, Any] = {}  # values are `adjoint.AdjointKernel`, created on demand
         self.carried = carried_shapes(chain, law, structure.options.held)
         self.externals = externals
-        own = parameters_of(chain, generic_rank) | {"contact": _contact(chain), "limits": np.array(joint_limits(chain))}
+        own = parameters_of(chain, generic_rank) | {"limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         none = np.array(-np.inf)
         self.defaults: Systems = {"least_margin": none, "least_joint_margin": none}
@@ -247,13 +247,3 @@ class StepKernel:
                 )
             if x.dtype != np.float64 or not (x.flags.c_contiguous and x.flags.aligned and x.flags.writeable):
                 raise StateError(f"systems: {name}: expected float64 in C order, writeable; try writing into the array")
-
-
-def _contact(chain: ClosedChain) -> Array:
-    """Return the parameters of the grasps' margins, (grasps, 6); see `traced_step.contact_margin`."""
-    rows: list[list[float]] = []
-    for grasp in chain.grasps.values():
-        contact, limits = grasp.contact, grasp.wrench_limits or WrenchLimits()
-        one_sided = [0.0, 1.0, 1.0] if contact is None else [1.0, contact.mu, grasp.contact_size or 1.0]
-        rows.append([*one_sided, limits.moment, limits.force, limits.lever])
-    return np.array(rows, dtype=float).reshape(len(rows), 6)

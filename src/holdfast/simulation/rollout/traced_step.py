@@ -24,14 +24,9 @@ from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
-from holdfast.forces.margins import (
-    JointLimits,
-    least_margin,
-    margins_of_joints,
-)
+from holdfast.forces.force_derivatives import CONTACTS
+from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp_kinds import GRASP_KINDS
-from holdfast.model.wrench_condition import largest_force_and_moment
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import GivenInputs
@@ -48,13 +43,11 @@ from holdfast.spatial.scalar import (
     Scalar,
     array,
     concatenate,
-    each,
     maximum,
     minimum,
     select,
     where,
 )
-from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import Inputs, State
 
 # Status codes of the machine code. The machine code itself does not return TOO_LONG, which is determined afterwards.
@@ -250,44 +243,15 @@ def step(
             "memory": now.memory,
             "rank": array(found.rank),
             "condition": array(found.condition),
-            "margin": grasp_margins(system.real, given, end.object_frame.R, whole.grasp_wrench),
+            "margin": margins_of_grasps(
+                system.real, given[CONTACTS], end.object_frame.R, given["grasp_R"], whole.grasp_wrench
+            ),
         }
         | ({} if found.held is None else {"held_rows": found.held})
     )
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, system.worst, drift, gaps, passed)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
-
-
-def grasp_margins(chain: ClosedChain, given: Given, R: Array, wrenches: Array) -> Array:
-    """Return the margin of every grasp, (grasps,); infinite for a two-sided one without wrench limits."""
-    rows = [chain.names.index(name) for name in chain.grasps]
-    kinds = [grasp.kind for grasp in chain.grasps.values()]
-    found = each(
-        lambda kind, contact, grasp_R, f: contact_margin(kind, contact, unrotate(R @ grasp_R, f)),
-        kinds,
-        given["contact"],
-        given["grasp_R"],
-        [wrenches[row] for row in rows],
-    )
-    return array(found)
-
-
-def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
-    """Return the margin of one grasp [N].
-
-    Args:
-        kind: of the grasp.
-        contact: (6,) [1 if it is one-sided, mu, torsion radius or half length, largest moment, largest force, lever].
-        f: (6,) wrench, contact axes.
-    """
-    one_sided, mu, size, moment, force, lever = contact
-    strength = least_margin(largest_force_and_moment(moment, force, lever), f)
-    friction = GRASP_KINDS[kind].friction
-    if friction is None:
-        return strength
-    pressed = least_margin(friction(mu, size), f)
-    return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
 
 
 def stop_code(
