@@ -39,7 +39,7 @@ OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 UP = np.array([0.0, 0.0, 1.0])
 ROOT = f"/{TRUNK}"  # node of a trunk's base
 OBJECT_OPACITY = 0.28
-# in lengths of the longest arm
+# relative to the length of the longest arm
 SHAFT, BESIDE, AXES, CONE, LINE, COIL = 0.006, 0.03, 0.05, 0.09, 0.0025, 0.012
 FOOT_RADIUS, FOOT_HEIGHT, NAME_DEPTH, TOOL_RADIUS, PALM_RADIUS = 0.1, 0.008, 0.07, 0.012, 0.035
 
@@ -48,12 +48,12 @@ class ChainScene:
     """A playback's chain, drawn into a scene.
 
     Attributes:
-        playback: what is shown.
-        scale: of the arrows; may be changed between two frames.
+        playback: the playback.
+        scale: scale of the arrows, which may be changed between two frames.
     """
 
     def __init__(self, writer: SceneWriter, playback: Playback, scale: ArrowScale | None = None) -> None:
-        """Draw everything that does not change, at the playback's own scale of arrows or another; `show` the rest."""
+        """Draw everything that does not change; `show` draws the rest. By default the scale is the playback's own."""
         self.playback, self.scale = playback, scale or arrow_scale(playback)
         self._writer = writer
         chain = playback.chain
@@ -103,7 +103,7 @@ class ChainScene:
         return [coil(a, b, COIL * self._size) for a, b in (*spring_ends(playback, k), *ends)]
 
     def _point(self, name: str, k: int) -> None:
-        """Let the arrows of one arm go out from its tip; the squeeze beside the force, not inside it."""
+        """Set the arrows of one arm, which start at its tip; the internal force is drawn beside the force."""
         playback, node, writer = self.playback, _node(name), self._writer
         i = playback.chain.names.index(name)
         tip, wrench, internal = playback.tip[k, i], playback.wrench[k, i], playback.internal[k, i, 3:]
@@ -121,7 +121,7 @@ class ChainScene:
         nodes = self._draw_links(root, base, name, arm.joints, meshes_of(visuals_of(arm)), colour)
         self._writer.mesh(f"{nodes[-1]}/(own)" if nodes else f"{root}/(hand)", self._hand(arm), colour)
         up = base.R.T @ upward(chain)
-        # the base of an arm on a trunk may be far away, and that of others too
+        # bases of arms on a trunk and of others may be far away
         beside = arm.joints[0].placement.p if name in chain.mounts and arm.joints else np.zeros(3)
         if name not in chain.mounts:
             self._writer.mesh(f"{root}/(own)", foot(self._size, up), colour)
@@ -133,7 +133,7 @@ class ChainScene:
         base, colour = Pose.from_wxyz_xyz(self.playback.trunk_pose[0]), figure_style.rgb(figure_style.TRUNK_COLOUR)
         visuals = meshes_of(visuals_of_trunk(self.playback.chain))
         nodes = self._draw_links(ROOT, base, TRUNK, trunk.joints, visuals, colour)
-        # out of the body that floats, which would hide them
+        # outside the floating body, which would hide them
         inside = 0.0 if trunk.floating is None else float(equivalent_box(trunk.floating)[0].max()) / 2
         self._writer.frame(f"{ROOT}/(axes)", Pose.identity(), inside + 3 * AXES * self._widest)
         if trunk.floating is None:
@@ -143,10 +143,10 @@ class ChainScene:
     def _draw_links(
         self, root: str, base: Pose, name: str, joints: Sequence[Joint], otherwise: list[list[LinkMesh]], colour: Colour
     ) -> list[str]:
-        """Draw base and links as the playback has them, or as given; return the names of the joints' nodes.
+        """Draw base and links with the playback's visuals or the given ones; return the names of the joints' nodes.
 
         Raises:
-            ModelError: visuals that are not as many.
+            ModelError: the number of visuals differs from that of the links.
         """
         nodes = [root]
         self._writer.frame(root, base)
@@ -165,7 +165,7 @@ class ChainScene:
     def _hand(self, arm: Arm) -> Mesh:
         """Return a thin tool from the last link's origin to a disc at the tip, in the last link's axes."""
         thin, length = TOOL_RADIUS * self._size, float(np.linalg.norm(arm.tip.p))
-        # a little beyond the tip, so that it does not flicker with what ends there
+        # slightly beyond the tip, to avoid flicker with surfaces that end there
         disc = Pose(arm.tip.R, arm.tip.p - 0.4 * thin * arm.tip.R[:, 2])
         parts = [meshes.cylinder(PALM_RADIUS * self._size, thin).at(disc)]
         if length > 3 * thin:
@@ -174,7 +174,7 @@ class ChainScene:
         return meshes.joined(parts)
 
     def _draw_object(self) -> list[str]:
-        """Draw object, contact frames and friction cones, which move with it; return whose cones there are."""
+        """Draw the object with its contact frames and friction cones; return the names of the arms with cones."""
         chain, writer = self.playback.chain, self._writer
         surface, outline, edges, box = drawn_object(chain.held_object)
         thin = LINE * self._size
@@ -191,7 +191,7 @@ class ChainScene:
         return [name for name, grasp in chain.grasps.items() if grasp.contact is not None]
 
     def _draw_ground(self) -> None:
-        """Draw a grid under the lowest base in the world; none where nothing stands in it, or falls."""
+        """Draw a grid below the lowest base in the world; none without such a base or without gravity."""
         playback, chain = self.playback, self.playback.chain
         up = upward(chain)
         placed = [
@@ -221,18 +221,18 @@ def part_colour(chain: ClosedChain, name: str) -> str:
 
 
 def foot(size: float, normal: Array) -> Mesh:
-    """Return a flat plate that a base stands on.
+    """Return a flat plate below a base.
 
     Args:
-        size: of the arm [m].
-        normal: (3,) unit vector square to the plate, base axes.
+        size: size of the arm [m].
+        normal: (3,) unit normal of the plate, base axes.
     """
     plate = Pose(rotation.exp(rotation.align(UP, normal)), np.zeros(3))
     return meshes.cylinder(FOOT_RADIUS * size, FOOT_HEIGHT * size).at(plate)
 
 
 def _across(vector: Array, wanted: Array) -> Array:
-    """Return the unit vector square to a vector that is nearest to a wanted one."""
+    """Return the unit vector perpendicular to a vector that is nearest to a given direction."""
     size = float(np.linalg.norm(vector))
     along = vector / size if size > 0 else np.zeros(3)
     for direction in (wanted, *np.eye(3)):
@@ -248,5 +248,5 @@ def _root(name: str) -> str:
 
 
 def _node(name: str) -> str:
-    """Return a name as one step of a path: with a division sign for a slash."""
+    """Return a name as one component of a path, with a division sign in place of each slash."""
     return name.replace("/", "\u2215")

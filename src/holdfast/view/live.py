@@ -23,18 +23,18 @@ TICK = 1 / 60  # s
 
 
 def watch(playbacks: Playback | Sequence[Playback], announce: Callable[[str], None], port: int = 0) -> None:
-    """Show playbacks in the browser, one at a time, until KeyboardInterrupt; only this machine can see them.
+    """Show playbacks in the browser of this machine, one at a time, until KeyboardInterrupt.
 
     Args:
-        playbacks: what to show, one or several, each with a title of its own.
-        announce: called with the address once it can be opened.
-        port: to listen at; 0 for any that is free.
+        playbacks: one or several playbacks, with different titles.
+        announce: function that is called with the address when it can be opened.
+        port: port of the server; 0 for any free port.
 
     Raises:
         MissingExtra: viser is not installed.
         ModelError: as for `export_page`.
         HoldfastError: the port is not free.
-        KeyboardInterrupt: the end; the server has been stopped.
+        KeyboardInterrupt: the user ended the viewer; the server has been stopped.
     """
     shown = different_playbacks(playbacks)
     titles, scale = [playback.title for playback in shown], common_scale(shown)
@@ -62,7 +62,7 @@ def watch(playbacks: Playback | Sequence[Playback], announce: Callable[[str], No
 
 
 class Controls:
-    """The controls beside the picture, and the clock that they govern."""
+    """The controls beside the picture, and the clock of the playback."""
 
     def __init__(
         self,
@@ -72,14 +72,14 @@ class Controls:
         titles: Sequence[str] = (),
         earlier: Controls | None = None,
     ) -> None:
-        """Put the controls up.
+        """Create the controls.
 
         Args:
-            server: of `viewer_server`.
-            playback: what is shown.
-            scale: of the arrows at their usual length.
-            titles: of all that can be shown, its own among them; none are offered where there is no other.
-            earlier: the controls of another playback, whose time goes on.
+            server: the result of `viewer_server`.
+            playback: the playback that is shown.
+            scale: default scale of the arrows.
+            titles: titles of all playbacks; there is no choice if there is only one.
+            earlier: controls of the previous playback, whose time is kept.
         """
         self._playback, self._usual, self._choice = playback, scale, None
         first, last = float(playback.t[0]), float(playback.t[-1])
@@ -109,24 +109,24 @@ class Controls:
 
     @property
     def chosen(self) -> str:
-        """The title of the playback that is asked for."""
+        """The title of the selected playback."""
         return self._playback.title if self._choice is None else str(self._choice.value)
 
     @property
     def scale(self) -> ArrowScale:
-        """The scale of the arrows that is asked for."""
+        """The selected scale of the arrows."""
         return ArrowScale(*(self._length.value * usual for usual in self._usual))
 
     def frame(self, now: float) -> int:
         """Return the index of the frame to show.
 
         Args:
-            now: time of a clock that never goes back [s].
+            now: time of a monotonic clock [s].
         """
         playback, passed, self._before = self._playback, now - self._before, now
         if len(playback) == 1:
             return 0
-        if abs(self._slider.value - self._time) > 1e-3:  # someone moved it
+        if abs(self._slider.value - self._time) > 1e-3:  # the user moved it
             self._time = float(self._slider.value)
         elif self._playing:
             later = self._time + float(self._speed.value[:-1]) * passed
@@ -157,7 +157,7 @@ def _add_curves(gui: Any, playback: Playback, plot: dict[str, Any]) -> None:
     from viser import uplot
 
     series = [uplot.Series(label="t [s]")]
-    widths = np.linspace(4.0, 2.0, len(plot["curves"]))  # so that of equal curves both are seen
+    widths = np.linspace(4.0, 2.0, len(plot["curves"]))  # so that both of two equal curves are visible
     for curve, width in zip(plot["curves"], widths, strict=True):
         dash = (6.0, 4.0) if curve["dashed"] else ()
         series.append(uplot.Series(label=curve["label"], stroke=curve["colour"], width=float(width), dash=dash))
@@ -188,7 +188,7 @@ def readout(playback: Playback, frame: int) -> str:
 
 
 def chip(index: int, name: str) -> str:
-    """Return an arm's name beside a square of its colour, as HTML."""
+    """Return an arm's name after a square in its colour, as HTML."""
     return f"<span style='color:{arm_style(index)[0]}'>&#9632;</span> {html.escape(name)}"
 
 
