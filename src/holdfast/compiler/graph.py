@@ -55,7 +55,8 @@ class Graph:
         key = (kind, *map(SERIAL, nodes))
         node = self._known.get(key)
         if node is None:
-            node = self._known[key] = self.new(kind, nodes, 0.0)
+            node = self._known[key] = Node(self, len(self.nodes), kind, nodes, 0.0)
+            self.nodes.append(node)
         return node
 
     def apply(self, kind: str, *args: Value) -> Value:
