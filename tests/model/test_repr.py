@@ -64,6 +64,13 @@ def test_results_of_functions():
     assert short(hf.assembly.Assembly(chain, state), 3).startswith("<Assembly of <ClosedChain: 2 arms, 14 joints")
     bound = hf.compile(chain).bind(q=np.array(state.q), object_pose=np.array(state.object_pose))
     assert short(bound) == "<BoundDynamics of left, right>"
+    law = hf.control.compile_law(hf.control.GravityCompensation(chain)).bind()
+    assert short(law).startswith("<BoundLaw of 14 joints: t, q, qd, ")
+    at = (state.q, state.qd, tau, state.object_pose, state.object_twist)
+    compiled = hf.compile(chain).forward_dynamics_jacobian(*at, of=["qdd"], by=["q", "tau"])
+    assert short(compiled) == "<Derivatives: jacobian of qdd by q, tau>"
+    legs = ", ".join(f"leg{k}" for k in range(1, 7))
+    assert short(hf.robots.stewart_platform()) == f"<Mechanism of {legs}: object 20 kg>"
     run = hf.simulate(chain, state, lambda t, now, memory: (tau, memory), 0.004, 0.002, name="held")
     assert short(run.playback()) == "<Playback 'held': 2 moments, to 0.004 s>"
     assert short(run.summary()).startswith("<Summary: 3 samples, to 0.004 s, complete; closure error ")

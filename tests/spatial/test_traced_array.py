@@ -94,3 +94,18 @@ def test_floats_and_states():
     watching(0.0, STATE, None)
     law_program(watching, CHAIN)
     assert seen == [np.ndarray, TracedArray]
+
+
+def test_wrenches_of_a_rollout():
+    """External wrenches of the state may be in NumPy's spelling, too: as large as those in the words."""
+
+    def drag(word):
+        return lambda t, now: hf.Inputs(object_wrench=word(-30.0 * now.object_twist - 0.1, -1.0, 1.0))
+
+    tau = hf.holding_torques(CHAIN, STATE, internal=20.0)
+    at = (STATE.q, STATE.qd, STATE.object_pose, STATE.object_twist)
+    ends = []
+    for word in (np.clip, scalar.clip):
+        rollout = hf.compile_rollout(CHAIN, inputs=drag(word))
+        ends.append(rollout.step(rollout.start(*at, tau=tau), 1e-3, steps=5).q)
+    assert np.array_equal(*ends) and not np.array_equal(ends[0][0], STATE.q)

@@ -44,6 +44,11 @@ class Derivatives:
     def __init__(self, result: CompiledResult, request: Request) -> None:
         self.__dict__.update(result=result, request=request, _blocks={})
 
+    def __repr__(self) -> str:
+        """Return the kind of derivatives, of which results and by which arguments they are."""
+        request = self.request
+        return f"<Derivatives: {request.kind} of {', '.join(request.results)} by {', '.join(request.arguments)}>"
+
     def __getattr__(self, name: str) -> Array:
         """Return the derivatives of one name."""
         if name.startswith("_") or f"{FOUND}{name}" not in self.result.layout.shapes:

@@ -296,6 +296,10 @@ class BoundLaw:
             raise FrozenError(f"bound law: no attribute '{name}'.{checks.did_you_mean(name, known)}")
         object.__setattr__(self, name, value)
 
+    def __repr__(self) -> str:
+        """Return the number of joints and the names of the arrays."""
+        return f"<BoundLaw of {len(self.arrays['tau'])} joints: {', '.join(self.arrays)}>"
+
     def __call__(self) -> Array:
         """Compute and return `tau`, which is always the same array."""
         self.run()

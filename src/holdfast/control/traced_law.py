@@ -72,9 +72,8 @@ def law_outputs(
         CompileError: the law does not return torques and memory of the right shapes.
     """
     values = {name: as_traced(given[f"control.{name}"]) for name in law.parameters}
-    if state.q.dtype == object and not isinstance(law.torque, OwnTorque):
-        names = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")
-        state, memory = State(*(as_traced(getattr(state, name)) for name in names)), as_traced(memory)
+    if not isinstance(law.torque, OwnTorque):
+        state, memory = comparable(state), as_traced(memory)
     found = law.torque(t, state, memory, values)
     if not isinstance(found, tuple) or len(found) != 2:
         raise CompileError(f"control law: expected torques and memory, got {type(found).__name__}; try `tau, memory`")
@@ -83,6 +82,14 @@ def law_outputs(
         if x.shape != (size,):
             raise CompileError(f"control law: {what}: expected shape ({size},), got {x.shape}")
     return drive, kept
+
+
+def comparable(state: State) -> State:
+    """Return a state; one of traced numbers has arrays on which NumPy's functions that compare entries work."""
+    if state.q.dtype != object:
+        return state
+    names = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")
+    return State(*(as_traced(getattr(state, name)) for name in names))
 
 
 def law_program(law: ControlLaw, chain: ClosedChain) -> Program:
