@@ -91,11 +91,16 @@ class VariedCase(NamedTuple):
         own = {name: numbers.get(name, x) for name, x in self.own.items()}
         return VariedCase(self._chain(numbers), self._state(numbers), self._inputs(numbers), own)
 
-    def on_varied_bases(self, tangents: Array) -> VariedCase:
-        """Return the same on bases that turn and shift by tangents, (arms, 6), which are zero but may vary."""
-        R, p = self.numbers(("base_R", "base_p")).values()
+    def with_varied(self, what: str, tangents: Array) -> VariedCase:
+        """Return the same with poses that turn and shift by tangents, which are zero but may vary.
+
+        Args:
+            what: whose poses: "base" for those of arms, "grasp" for those of contact frames.
+            tangents: (arms, 6) or (grasps, 6), [turn; shift].
+        """
+        R, p = self.numbers((f"{what}_R", f"{what}_p")).values()
         turned = array([frame + skew(turn) @ frame for frame, turn in zip(R, tangents[:, :3], strict=True)])
-        return self.varied({"base_R": turned, "base_p": p + tangents[:, 3:]})
+        return self.varied({f"{what}_R": turned, f"{what}_p": p + tangents[:, 3:]})
 
     def _chain(self, numbers: Numbers) -> ClosedChain:
         given, made = self.chain, object.__new__(ClosedChain)

@@ -15,8 +15,9 @@ from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
 from holdfast.forces.force_derivatives import CONTACTS
+from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.rollout.kernel import StepKernel, step_externals
-from holdfast.simulation.rollout.varied_step import CONTROL, VariedStep
+from holdfast.simulation.rollout.varied_step import CONTROL, MARGIN, WORK, VariedStep
 from holdfast.simulation.runge_kutta import EULER, Tableau
 from holdfast.spatial.scalar import Array
 
@@ -49,7 +50,8 @@ class AdjointKernel:
         if tableau is None:  # the projection does not depend on the law
             del self._shapes[f"{WITH}{BEFORE}"]
         own = step_externals(step.structure, step.law)
-        plain = {name: e for name, e in own.items() if e.role != "carried" and name not in UNUSED}
+        unused = [name for name in UNUSED if name != CONTACTS or MARGIN not in self.of]
+        plain = {name: e for name, e in own.items() if e.role != "carried" and name not in unused}
         states = [f"last.{name}" for name in (*state_fields(step.chain), "before", "count")]
         states += ["last.held_rows"] if "held_rows" in step.carried else []
         found = {name: e for name, e in plain.items() if e.role == "input"}
@@ -108,7 +110,8 @@ def adjoint_shapes(step: StepKernel, by: Sequence[str], of: Sequence[str]) -> di
     known = (
         shapes(step.chain) | gradient_shapes(step.chain) | dict.fromkeys((BEFORE, "memory"), (len(step.law.memory),))
     )
-    known |= dict.fromkeys(("object_pose", "floating_pose"), (6,)) | {"step": ()}
+    known |= dict.fromkeys(("object_pose", "floating_pose"), (6,)) | {"step": (), MARGIN: (len(step.chain.grasps),)}
+    known |= {WORK: (len(WORK_TERMS),)}
     known |= {f"{CONTROL}{name}": tuple(shape) for name, shape in step.law.parameters.items()}
     states = (*state_fields(step.chain), BEFORE)
     return {f"{WITH}{name}": known[name] for name in (*states, *of)} | {f"{FOUND}{name}": known[name] for name in by}

@@ -30,7 +30,7 @@ from holdfast.simulation.rollout.arguments import (
     whole_number,
 )
 from holdfast.simulation.rollout.systems import RolloutSystems, require_recorded
-from holdfast.simulation.rollout.varied_step import CONTROL
+from holdfast.simulation.rollout.varied_step import CONTROL, MARGIN, WORK
 from holdfast.simulation.runge_kutta import IMEX
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 MOST_STORED = 2**30  # bytes: if the states need more memory, only some of them are stored
 STEP, MEMORY = "step", "memory"
-FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")  # these need not be unique
+FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench", MARGIN)  # these need not be unique
 
 
 class StoredStep(NamedTuple):
@@ -127,16 +127,17 @@ class Tape:
 
         Args:
             final: cotangents at the end, by name: q (systems, n), qd, object_pose (systems, 6), object_twist,
-                floating_pose and floating_twist, and the law's memory.
-            along: cotangents at the end of every step, (steps, systems, ...): of the same arrays, of tau, and of the
-                results of forward dynamics: qdd, grasp_wrench (.., arms, 6), object_acceleration, contact_acceleration,
-                base_wrench.
+                floating_pose and floating_twist, the law's memory, and the work (systems, 4) since the start.
+            along: cotangents at the end of every step, (steps, systems, ...): of the same arrays, of tau, of the
+                margins of the grasps, margin (.., grasps), and of the results of forward dynamics: qdd, grasp_wrench
+                (.., arms, 6), object_acceleration, contact_acceleration, base_wrench.
             by: the arguments of which gradients are returned: the arrays of the state and `memory` at the start,
-                parameters of the law, the length of a `step`, object_wrench, gravity, object_mass, object_com,
-                object_inertia, grasp_pose, base_pose, and, if the rollout was compiled with them, link_mass, link_com,
-                link_inertia, link_wrench, and those of a trunk (trunk_link_mass ...). By default the state and all
-                parameters of the law. If the tape begins with systems from `Rollout.start` or `take_over`, the
-                gradients refer to the states passed to these functions, before the projection onto the grasps.
+                parameters of the law, object_wrench, gravity, object_mass, object_com, object_inertia, grasp_pose; if
+                no base moves, base_pose and the length of a `step`; and, if the rollout was compiled with them,
+                link_mass, link_com, link_inertia, link_wrench, and those of a trunk (trunk_link_mass ...). By default
+                the state and all parameters of the law. If the tape begins with systems from `Rollout.start` or
+                `take_over`, the gradients refer to the states passed to these functions, before the projection onto
+                the grasps.
             threads: number of threads.
 
         Returns:
@@ -153,12 +154,13 @@ class Tape:
         ends, passed = dict(final or {}), dict(along or {})
         state = tuple(state_fields(chain))
         memory = (MEMORY,) if len(law.memory) else ()
-        require_names("tape: final", ends or state, (*state, *memory))
-        require_names("tape: along", passed or state, (*state, *memory, "tau", *results_of(chain)))
+        require_names("tape: final", ends or state, (*state, *memory, WORK))
+        of_steps = ("tau", MARGIN, WORK, *results_of(chain))
+        require_names("tape: along", passed or state, (*state, *memory, *of_steps))
         threads = whole_number("threads", threads)
         require_names("tape: by", (*state, *law.parameters) if by is None else by, arguments_of(self.rollout))
         names = (*state, *law.parameters) if by is None else tuple(by)
-        self._require_unique(passed)
+        self._require_unique((*ends, *passed))
         code = {name: f"{CONTROL}{name}" if name in law.parameters else name for name in names}
         code |= {MEMORY: BEFORE} if MEMORY in names else {}
         return self._vjp(ends, passed, code, threads)
@@ -170,6 +172,7 @@ class Tape:
         chain, count, kernel = self.rollout.chain, len(self.systems), self.rollout.kernel
         carried = (*state_fields(chain), *([BEFORE] if len(self.rollout.law.memory) else []))
         of = tuple(dict.fromkeys(name for name in (*along, *final) if name not in carried))
+        at_end = tuple(name for name in of if name != WORK)  # work is the sum over this step and all before it
         parameters = tuple(dict.fromkeys(name for name in by.values() if name not in carried))
         known = adjoint_shapes(kernel, (*carried, *parameters), of)
         cotangents = {name: np.zeros((count, *known[f"with.{name}"])) for name in (*carried, *of)}
@@ -192,16 +195,16 @@ class Tape:
                 found = _of_rows(adjoints[stiff], step.given, cotangents, rows, count, threads)
                 for name in carried:
                     cotangents[name] = _with_rows(cotangents[name], rows, found[name])
-                for name in of:
+                for name in at_end:
                     cotangents[name][rows] = 0.0
                 for name in parameters:
                     totals[name][rows] += found[name]
                     if name in stepwise:
                         stepwise[name][k, rows] = found[name]
-        idle = np.flatnonzero([any(cotangents[name][i].any() for name in of) for i in range(count)])
+        idle = np.flatnonzero([any(cotangents[name][i].any() for name in at_end) for i in range(count)])
         if len(idle):
             raise StateError(
-                f"tape: along: expected results of systems that took a step, got cotangents of {', '.join(of)} of"
+                f"tape: along: expected results of systems that took a step, got cotangents of {', '.join(at_end)} of"
                 f" system {idle[0]}, which took none; try zeros for it"
             )
         self._through_start(cotangents, totals, parameters, threads)
@@ -297,14 +300,14 @@ class Tape:
             found[f"{CONTROL}{name}"] = [fitting(name, x, shapes[name], count) for x in given]
         return found
 
-    def _require_unique(self, along: Mapping[str, Any]) -> None:
+    def _require_unique(self, names: Sequence[str]) -> None:
         """Refuse cotangents of forces that are not unique.
 
         Raises:
             MethodNotApplicable: there is such a cotangent; the message names it.
         """
-        for name in FORCES:
-            if name in along and "held_rows" in self.rollout.kernel.carried:
+        for name in (*FORCES, *([WORK] if self.rollout.base_motion else ())):
+            if name in names and "held_rows" in self.rollout.kernel.carried:
                 raise MethodNotApplicable(
                     f"tape: along: {name}: expected forces that are unique, got a chain whose grasps hold it more than"
                     " once; a step returns one choice of them, which has no derivative"
@@ -315,9 +318,10 @@ def arguments_of(rollout: Rollout) -> tuple[str, ...]:
     """Return what gradients through a rollout may be by."""
     kernel, law = rollout.kernel, rollout.law
     links = [name for name in OF_LINKS if name in kernel.externals]
-    chains = [name for name in CHAINS if name != "base_pose" or not rollout.base_motion]
+    of_bases = () if rollout.base_motion else (STEP, "base_pose")  # where and when bases move, both decide
+    chains = [name for name in CHAINS if name != "base_pose"]
     memory = [MEMORY] if len(law.memory) else []
-    return (*state_fields(rollout.chain), *memory, *law.parameters, STEP, *chains, *links)
+    return (*state_fields(rollout.chain), *memory, *law.parameters, *of_bases, *chains, *links)
 
 
 def _with_rows(whole: Array, rows: Array, part: Array) -> Array:

@@ -29,6 +29,8 @@ from holdfast.dynamics.point_rule import PointRule, by_pose, motion_of
 from holdfast.dynamics.projection import STEP_ROUNDS, Change, displaced_by, quickened, turned_and_shifted
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION, OF_ROUND, change_of, impulse_point, round_point
 from holdfast.dynamics.varied_case import VariedCase
+from holdfast.forces.force_derivatives import CONTACTS
+from holdfast.forces.margins import limited_margins
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import GivenInputs
@@ -46,6 +48,7 @@ from holdfast.state import Inputs, State
 POSES = ("object_pose", "floating_pose")
 FIELDS = {"object_wrench": "object_wrench", "link_wrench": "link_wrenches", "trunk_link_wrench": "trunk_link_wrenches"}
 RESULTS = {"floating_acceleration": "base_acceleration"}  # results of forward dynamics with another name in a solution
+MARGIN, WORK = "margin", "work"  # results of a step that are not of forward dynamics
 CONTROL = "control."  # prefix of the names of the law's parameters
 
 
@@ -56,6 +59,7 @@ class VariedSystem(TracedSystem):
         varied: the varied numbers by name; for parameters of the model and for inputs, these are zero tangents.
         memory: the law's memory during the step.
         many: as in `VariedStep`.
+        working: whether the derivatives of the work are computed.
         heavier: (n,) armature added in a stage of a linearly implicit step; None in other stages.
         taker: runs the loops inside forward dynamics; the loops of the step itself are Python loops.
     """
@@ -71,7 +75,7 @@ class VariedSystem(TracedSystem):
         own |= {"step": varied["step"]} if "step" in varied else {}
         self.given, self.varied, self.taker = {**given, **own}, varied, taker
         self.heavier: Array | None = None
-        self.memory, self.many = self.last("before"), of.many
+        self.memory, self.many, self.working = self.last("before"), of.many, False
 
     def evaluate(
         self, t: Scalar, state: State, memory: Array, choose: bool, implicit: Implicit | None = None
@@ -87,8 +91,7 @@ class VariedSystem(TracedSystem):
         """Return forward dynamics, with its derivatives."""
         if chain.springs:
             chain, inputs = without_springs(chain), self._with_springs(chain, state, inputs)
-        pushed = {name: x for name, field in FIELDS.items() if (x := getattr(inputs, field)) is not None}
-        pushed = {name: x + self.varied[name] if name in self.varied else x for name, x in pushed.items()}
+        pushed = self._pushed(inputs)
         acting = replace(inputs, **{FIELDS[name]: bare(x) for name, x in pushed.items()})
         with self._loops():
             rank = self.given["generic_rank"]
@@ -101,19 +104,39 @@ class VariedSystem(TracedSystem):
         made = ruled(at, {name: x for name, x in results.items() if x.size}, arguments, self.many)
         return found._replace(whole=found.whole._replace(**{fields[name]: x for name, x in made.items()}))
 
+    def _pushed(self, inputs: Inputs) -> dict[str, Array]:
+        """Return the external wrenches by name, which vary as the state does and by themselves."""
+        pushed = {name: x for name, field in FIELDS.items() if (x := getattr(inputs, field)) is not None}
+        return {name: x + self.varied[name] if name in self.varied else x for name, x in pushed.items()}
+
     def _with_springs(self, chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
         """Return the inputs with the wrenches of springs between bodies, which vary with the state and the bases."""
-        here = framed(State(**parts_of(state)))
-        case = VariedCase(chain, here, inputs, {})
-        if "base_pose" in self.varied:
-            case = case.on_varied_bases(self.varied["base_pose"])
-        return with_springs(case.chain, here, inputs)
+        case = self._case(chain, state, inputs, ("base",))
+        return with_springs(case.chain, case.state, inputs)
+
+    def _case(self, chain: ClosedChain, state: State, inputs: Inputs, moved: Sequence[str]) -> VariedCase:
+        """Return a chain at a state, both of which vary; `moved` as in `VariedCase.with_varied`."""
+        case = VariedCase(chain, framed(State(**parts_of(state))), inputs, {})
+        for what in moved:
+            if (name := f"{what}_pose") in self.varied:
+                case = case.with_varied(what, self.varied[name])
+        return case
 
     def power(
         self, chain: ClosedChain, state: State, drive: Array, lost: Array, inputs: Inputs, whole: ChainSolution
     ) -> Array:
-        """Return zeros, because derivatives of the work are not computed."""
-        return np.zeros(OF_WORK)
+        """Return the power (4,); zeros where no derivatives of the work are needed."""
+        if not self.working:
+            return np.zeros(OF_WORK)
+        acting = replace(inputs, **{FIELDS[name]: x for name, x in self._pushed(inputs).items()})
+        case = self._case(chain, state, acting, ("base", "grasp"))
+        return super().power(case.chain, case.state, drive, lost, acting, whole)
+
+    def margins(self, at: Evaluation) -> Array:
+        """Return the margins of the grasps, (grasps,)."""
+        case = self._case(self.environment.chain, at.state, Inputs(), ("grasp",))
+        R = case.state.object_frame.R
+        return limited_margins(case.chain, self.given[CONTACTS], R, at.found.whole.grasp_wrench)
 
     def handle(self, request: EvaluationRequest) -> Any:
         """Return the reply to a request of a step; at the end it is the state."""
@@ -236,7 +259,8 @@ class VariedStep(NamedTuple):
             given: arguments of the step, as for `TracedSystem`; "last.before" is the law's memory at the start.
             by: names of the varied arguments: arrays of the state, "before", "step", "control.*", and arguments of
                 forward dynamics.
-            of: names of the required results at the end: results of forward dynamics, "tau", "memory".
+            of: names of the required results: results of forward dynamics, "tau", "memory" and "margin" at the end, and
+                "work" done during the step.
         """
         return self._linear(given, by, lambda system: self._step(system, of))
 
@@ -246,19 +270,22 @@ class VariedStep(NamedTuple):
 
     def _step(self, system: VariedSystem, of: Sequence[str]) -> dict[str, Array]:
         """Return the state after a step, the law's memory during it, and the results at its end."""
-        start, h = system.state, system.given["step"][()]
+        start, h, system.working = system.state, system.given["step"][()], WORK in of
         now = system.evaluate(system.time(0.0), start, system.last("before"), choose=False)
         system.memory = now.memory
         times = [system.time(c) for c in (*self.tableau.c.tolist(), 1.0)]
         passive = passive_joints(self.structure.chain) if self.tableau.implicit else None
         generator = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
-        end = run_step(generator, system.handle).later
-        found = state_arrays(system.real, end) | {"before": now.memory}
+        end, _, work, _ = run_step(generator, system.handle)
+        found = state_arrays(system.real, end) | {"before": now.memory} | ({WORK: work} if WORK in of else {})
+        of = [name for name in of if name != WORK]
         if not of:
             return found
+        system.working = False
         at_end = system.evaluate(times[-1], end, now.memory, choose=False)
         whole = at_end.found.whole
         own = {"tau": at_end.drive, "memory": at_end.memory}
+        own |= {MARGIN: system.margins(at_end)} if MARGIN in of else {}
         return found | {name: own[name] if name in own else getattr(whole, RESULTS.get(name, name)) for name in of}
 
     def _linear(self, given: Given, by: Sequence[str], text: Callable[[VariedSystem], dict[str, Array]]) -> LinearStep:
