@@ -85,7 +85,7 @@ def _require_mjcf(given: Any, is_text: bool, source: str) -> None:
     try:
         root = _bounded_mjcf(text, source, Path() if is_text else Path(given).parent)
     except RecursionError as cause:
-        raise SceneError(f"{source}: expected an MJCF file: nested too deeply") from cause
+        raise SceneError(f"{source}: expected an MJCF file, got elements nested too deeply") from cause
     if root.tag != "mujoco":
         hint = "; try load_urdf" if root.tag == "robot" else ""
         raise SceneError(f"{source}: expected <mujoco> as the outermost element, got <{root.tag}>{hint}")

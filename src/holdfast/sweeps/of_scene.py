@@ -94,8 +94,8 @@ def kept_scene(folder: Path) -> Scenario:
     for name in (SCENE, ROBOTS):
         if name not in there:
             raise ResultError(
-                f"{folder}: has no {name}; expected the folder of a scene's sweep; one made in Python goes on by the"
-                " same call of `holdfast.sweep`"
+                f"{folder}: expected the folder of a scene's sweep, got one without {name}; a sweep started in Python"
+                " is continued by the same call of `holdfast.sweep`"
             )
     try:
         records = msgspec.json.decode(read_bytes(folder / ROBOTS), type=dict[str, RobotRecord])

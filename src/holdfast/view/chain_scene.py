@@ -155,7 +155,10 @@ class ChainScene:
             self._writer.frame(nodes[-1], Pose.identity())
         visuals = self.playback.visuals.get(name) or otherwise
         if len(visuals) != len(nodes):
-            raise ModelError(f"visuals of '{name}': expected {len(nodes)} lists, base and links, got {len(visuals)}")
+            raise ModelError(
+                f"visuals of '{name}': expected {len(nodes)} lists, one for the base and"
+                f" one for each link, got {len(visuals)}"
+            )
         for node, link_meshes in zip(nodes, visuals, strict=True):
             for j, shade in enumerate(dict.fromkeys(piece.colour for piece in link_meshes)):
                 whole = meshes.joined(piece.mesh for piece in link_meshes if piece.colour == shade)
