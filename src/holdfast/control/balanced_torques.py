@@ -12,8 +12,9 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, pseudo_gravity
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.inverse import torques
 from holdfast.spatial.linalg import least_solution
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, largest, maximum
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench
+from holdfast.spatial.vector import largest
 
 POSSIBLE = 1e-8  # largest accepted residual of a balance, relative to its terms
 Missed = tuple[Scalar, Scalar]  # largest component of a tip's acceleration error, and the size for comparison

@@ -26,8 +26,9 @@ from holdfast.dynamics.trunk.trunk_dynamics import filtered
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, concatenate, each, largest, maximum, scan
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum, scan
 from holdfast.spatial.spatial_vector import rotate, shift_twist
+from holdfast.spatial.vector import largest
 from holdfast.state import Inputs, State
 
 CLOSED = 1e-14  # m and rad: the iteration stops below this gap

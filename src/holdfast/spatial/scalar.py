@@ -150,14 +150,6 @@ def maximum(a: Scalar, b: Scalar) -> Scalar:
     return where(a > b, a, b)
 
 
-def largest(x: Iterable[Scalar]) -> Scalar:
-    """Return the largest absolute value of some numbers; 0 if there are none."""
-    found: Scalar = 0.0
-    for entry in x:
-        found = maximum(found, abs(entry))
-    return found
-
-
 def minimum(a: Scalar, b: Scalar) -> Scalar:
     """Return the smaller of two."""
     if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
