@@ -113,11 +113,8 @@ def test_sums(way, lanes):
                 assert (rows[[0, -1]] == UNTOUCHED).all(), (size, bad, column)
                 assert (rows[1:-1, size:] == (0.0 if way == "streamed" else UNTOUCHED)).all(), (size, bad, column)
                 odd = np.isnan(area[filled])
-                assert np.array_equal(odd, np.arange(lanes) == bad) and not area[filled][~odd].any(), (
-                    size,
-                    bad,
-                    column,
-                )
+                assert np.array_equal(odd, np.arange(lanes) == bad), (size, bad, column)
+                assert not area[filled][~odd].any(), (size, bad, column)
 
 
 @pytest.mark.parametrize("lanes", LANES)
