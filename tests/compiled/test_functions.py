@@ -271,9 +271,9 @@ def test_open_states(function, name):
 
     The grasps' own equations may be singular there: for what solves them these are no states.
     """
-    chain = chain_named(name)
-    given = states(chain, 5)
-    found = called(named(name), function, given)
+    fast = named(name)
+    chain, given = fast.chain, states(fast.chain, 5)
+    found = called(fast, function, given)
     for i in range(5):
         here = rows(found, i) if chain.grasps or function != "closure" else found
         assert gap(here, reference(chain, function, one(given, i))) < BOUND
