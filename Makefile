@@ -8,7 +8,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the library, which Python is to compile once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo style test test-slow test-portable acceptance fuzz bars lint counts capabilities bench drift pictures robots docs clean
+.PHONY: demo style test test-slow test-portable acceptance fuzz million lint counts capabilities bench drift pictures robots docs clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -41,7 +41,7 @@ fuzz: $(VENV)/.dev
 
 # A million runs by two workers of Dask beside bare rollouts (RUNS=100000 for fewer; leave the machine alone meanwhile).
 RUNS ?= 1000000
-bars: $(VENV)/.dev
+million: $(VENV)/.dev
 	$(BIN)/python benchmarks/sweep_million.py $(RUNS)
 
 style: $(VENV)/.dev

@@ -17,7 +17,7 @@ from holdfast.view.figure_style import BLUE, COLUMN, GREEN, ORANGE, PURPLE, SKY,
 
 DOCS = Path(__file__).parents[1] / "docs"
 # In the order of the runs.
-LOOKS = ((BLUE, "-"), (VERMILLION, "-"), (ORANGE, "-"), (PURPLE, "-"), (GREEN, "-"), (SKY, "-"), (SKY, "--"))
+STYLES = ((BLUE, "-"), (VERMILLION, "-"), (ORANGE, "-"), (PURPLE, "-"), (GREEN, "-"), (SKY, "-"), (SKY, "--"))
 FLOOR = 1e-17  # m or rad: a gap of zero is drawn there
 SETTLED = 1.0  # s: from here on the table counts
 
@@ -56,7 +56,7 @@ def figure(found: list[Run]) -> Any:
     with rc_context(STYLE):
         made = Figure(figsize=(1.6 * COLUMN, 3.6), layout="constrained")
         panel = made.subplots()
-        for run, (colour, line) in zip(found, LOOKS, strict=False):
+        for run, (colour, line) in zip(found, STYLES, strict=False):
             panel.semilogy(run.t, np.maximum(run.gap, FLOOR), line, color=colour, label=label(run), linewidth=0.9)
         panel.set_xlim(0.0, DURATION)
         panel.set_ylim(FLOOR, 1e-2)

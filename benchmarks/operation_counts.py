@@ -225,7 +225,7 @@ def report() -> str:
         "",
         "## `sequential`: linear in joints and arms",
         "",
-        "From six joints on, with which an arm follows every motion of the object; shorter arms cost less.",
+        "The arms have six joints or more, so that they can follow every motion of the object; shorter arms cost less.",
         "",
     ]
     for kind in GRASP_KINDS:

@@ -24,10 +24,10 @@ def measure(arms: int, count: int, steps: int, scheme: str) -> dict[str, float]:
     q, qd, tau, pose, twist = system.repeated(count).arrays
     rollout = hf.compile_rollout(system.chain, scheme=scheme)
     systems = rollout.start(q, qd, pose, twist, tau=tau)
-    bar = {"q": np.random.default_rng(0).normal(size=np.shape(systems.q))}
+    cotangent = {"q": np.random.default_rng(0).normal(size=np.shape(systems.q))}
 
     def back(every: int) -> Any:
-        return rollout.tape(systems, STEP, steps=steps, every=every, tau=tau).vjp(bar)
+        return rollout.tape(systems, STEP, steps=steps, every=every, tau=tau).vjp(cotangent)
 
     ways: dict[str, Callable[[], Any]] = {
         "steps": lambda: rollout.step(systems.copy(), STEP, steps=steps, tau=tau),
@@ -37,10 +37,10 @@ def measure(arms: int, count: int, steps: int, scheme: str) -> dict[str, float]:
     found: dict[str, list[float]] = {name: [] for name in ways}
     for k in range(ROUNDS + 1):
         for name, way in ways.items():
-            began = time.perf_counter()
+            began = time.process_time()
             way()
             if k:  # the first round compiles
-                found[name].append(time.perf_counter() - began)
+                found[name].append(time.process_time() - began)
     once = np.array(found.pop("steps"))
     return {name: float(np.median(np.array(times) / once)) for name, times in found.items()}
 

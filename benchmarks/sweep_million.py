@@ -29,7 +29,7 @@ MOST_MEMORY = 2.0  # of any process [GiB]
 LEAST_SHARE = 0.85  # of the rate of bare rollouts
 STEP, DURATION = 0.001, 0.2  # [s]
 BARE_SECONDS = 15.0
-LOOK_EVERY = 10  # chunks
+SAMPLE_EVERY = 10  # chunks
 
 
 def problem() -> tuple[hf.ClosedChain, hf.ControlLaw, hf.State, dict[str, Any]]:
@@ -108,10 +108,10 @@ class Watch:
         self.notes: list[tuple[int, float, float]] = []
         self.most: dict[int, float] = {}
 
-    def look(self, progress: Progress) -> None:
+    def sample(self, progress: Progress) -> None:
         """Note time and memory at every so many chunks; a line now and then says how far the sweep is."""
         self.chunks += 1
-        if self.chunks % LOOK_EVERY:
+        if self.chunks % SAMPLE_EVERY:
             return
         self.notes.append((self.chunks, time.perf_counter(), 0.0))
         for pid in (os.getpid(), *descendants()):
@@ -124,7 +124,7 @@ class Watch:
             self.most[pid] = max([self.most.get(pid, 0.0), *peak])
             chunks, clock, processor = self.notes[-1]
             self.notes[-1] = chunks, clock, processor + sum(map(int, spent)) / os.sysconf("SC_CLK_TCK")
-        if len(self.notes) % LOOK_EVERY == 0:
+        if len(self.notes) % SAMPLE_EVERY == 0:
             print(progress, flush=True)
 
     def rates(self, chunk: int) -> tuple[float, float]:
@@ -151,48 +151,48 @@ def descendants() -> list[int]:
 
 
 def main() -> int:
-    """Print the figures; 1 if one misses its bar."""
+    """Print the figures; 1 if one misses its target."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("count", type=int, nargs="?", default=1_000_000)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--chunk", type=int, default=1000)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     chain, law, state, parameters = problem()
-    plan(asked.count, asked.chunk)  # machine code is on disk from here on
-    before = bare_rates(asked.workers, asked.chunk)
-    folder, watch, begun = Path(tempfile.mkdtemp()), Watch(), time.perf_counter()
+    plan(options.count, options.chunk)  # machine code is on disk from here on
+    before = bare_rates(options.workers, options.chunk)
+    folder, watch, start = Path(tempfile.mkdtemp()), Watch(), time.perf_counter()
     try:
         found = hf.sweep(
             chain,
             law,
             state=state,
             parameters=parameters,
-            count=asked.count,
-            chunk=asked.chunk,
+            count=options.count,
+            chunk=options.chunk,
             duration=DURATION,
             step=STEP,
             store=folder / "store",
             cluster="local",
-            workers=asked.workers,
-            progress=watch.look,
+            workers=options.workers,
+            progress=watch.sample,
         )
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - start
         fates = found.fates
         size = sum(path.stat().st_size for path in (folder / "store").iterdir()) / 2**20
     finally:
         shutil.rmtree(folder)
-    after = bare_rates(asked.workers, asked.chunk)
-    rate, largest = asked.count / seconds / asked.workers, max(watch.most.values())
+    after = bare_rates(options.workers, options.chunk)
+    rate, largest = options.count / seconds / options.workers, max(watch.most.values())
     share = rate / ((before[0] + after[0]) / 2)
-    by_clock, busy = watch.rates(asked.chunk)
-    steady = by_clock / asked.workers
-    print(f"runs               {asked.count} of {DURATION} s in {DURATION / STEP:.0f} steps, {size:.0f} MiB: {fates}")
+    by_clock, busy = watch.rates(options.chunk)
+    steady = by_clock / options.workers
+    print(f"runs               {options.count} of {DURATION} s in {DURATION / STEP:.0f} steps, {size:.0f} MiB: {fates}")
     print(f"bare rollouts      {before[0]:.0f} and {after[0]:.0f} runs/s a process, before and after")
-    print(f"the sweep          {seconds:.1f} s, {rate:.0f} runs/s a worker: {share:.3f} (bar: {LEAST_SHARE})")
+    print(f"the sweep          {seconds:.1f} s, {rate:.0f} runs/s a worker: {share:.3f} (target: {LEAST_SHARE})")
     print(f"after its start    {steady:.0f} runs/s a worker: {steady * share / rate:.3f}")
     print(f"of processors      {busy:.0f} runs/s of all its processes, bare {before[1]:.0f}: {busy / before[1]:.3f}")
-    print(f"largest process    {largest:.2f} GiB (bar: {MOST_MEMORY}) of {len(watch.most)}")
-    return 0 if share >= LEAST_SHARE and largest < MOST_MEMORY and fates == {"RUNNING": asked.count} else 1
+    print(f"largest process    {largest:.2f} GiB (target: {MOST_MEMORY}) of {len(watch.most)}")
+    return 0 if share >= LEAST_SHARE and largest < MOST_MEMORY and fates == {"RUNNING": options.count} else 1
 
 
 if __name__ == "__main__":

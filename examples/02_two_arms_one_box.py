@@ -14,7 +14,7 @@ from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.robots import panda
-from holdfast.view.figure_style import BLACK, DPI, STYLE, arm_look
+from holdfast.view.figure_style import BLACK, DPI, STYLE, arm_style
 
 OUT = Path(__file__).parent / "out"
 
@@ -62,8 +62,8 @@ def draw(out: Path, chain: hf.ClosedChain, run: hf.simulation.Trajectory) -> Non
                 at = forward_kinematics(arm, state.q[chain.joints[name]])
                 points = np.array([arm.base.p, *(at.tip.p - reach for reach in at.reach), at.tip.p])
                 label = f"{name}, {'at the end' if k else 'at the beginning'}"
-                look: dict[str, Any] = {"color": arm_look(i)[0], "alpha": strength, "markersize": 3}
-                axes.plot(points[:, 0], points[:, 2], "o-", label=label, **look)
+                style: dict[str, Any] = {"color": arm_style(i)[0], "alpha": strength, "markersize": 3}
+                axes.plot(points[:, 0], points[:, 2], "o-", label=label, **style)
             frame = state.object_frame
             outline = frame.p[[0, 2]] + corners @ frame.R[np.ix_([0, 2], [0, 2])].T
             axes.fill(*outline.T, color=BLACK, alpha=0.15 * strength)

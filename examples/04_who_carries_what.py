@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 import holdfast as hf
 from holdfast.robots import panda
-from holdfast.view.figure_style import BLACK, DPI, STYLE, arm_look
+from holdfast.view.figure_style import BLACK, DPI, STYLE, arm_style
 
 OUT = Path(__file__).parent / "out"
 HALF = 0.15  # d: from the box's middle to each hand [m]
@@ -61,7 +61,7 @@ def draw(out: Path, offsets: np.ndarray, shares: dict[str, np.ndarray]) -> None:
         for (kind, share), marker, line, lever in zip(shares.items(), "os", ("-", "--"), (4, 2), strict=True):
             for k, name in enumerate(("left", "right")):
                 part = 0.5 + (-1, 1)[k] * offsets / (lever * HALF)
-                label, colour = None if k else f"1/2 ± c / {lever}d", arm_look(k)[0]
+                label, colour = None if k else f"1/2 ± c / {lever}d", arm_style(k)[0]
                 axes.plot(offsets, 100 * part, line, color=BLACK, linewidth=0.7, label=label)
                 axes.plot(offsets, 100 * share[:, k], marker, color=colour, markersize=4, label=f"{name}, {kind}")
         axes.set(xlabel="mass centre from the middle, c [m]", ylabel="share of the load [%]")

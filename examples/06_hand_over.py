@@ -14,7 +14,7 @@ from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
 from holdfast.robots import panda
 from holdfast.simulation.events import Attach, Release
-from holdfast.view.figure_style import BLACK, DPI, STYLE, arm_look
+from holdfast.view.figure_style import BLACK, DPI, STYLE, arm_style
 
 OUT = Path(__file__).parent / "out"
 MEETING, GRIP, LET_GO, END = [1, 0, 0, 0, 0, 0, 0.6], 0.4, 0.5, 0.8  # wxyz_xyz; s
@@ -65,7 +65,7 @@ def draw(out: Path, run: hf.simulation.Trajectory) -> None:
         speed, push, lift = figure.subplots(3, 1, sharex=True)
         speed.plot(run.t, run.object_twist[:, 3], "-", color=BLACK)
         for k, name in enumerate(("left", "right")):
-            colour, line = arm_look(k)
+            colour, line = arm_style(k)
             push.plot(run.t, run.grasp_wrench[:, k, 3], linestyle=line, color=colour, label=name)
             lift.plot(run.t, run.grasp_wrench[:, k, 5], linestyle=line, color=colour)
         for axes in (speed, push, lift):

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 import holdfast as hf
 from holdfast.robots import stewart_platform
-from holdfast.view.figure_style import DPI, STYLE, arm_look
+from holdfast.view.figure_style import DPI, STYLE, arm_style
 
 OUT = Path(__file__).parent / "out"
 MIRRORED = ((0, 1), (2, 5), (3, 4))  # legs that mirror each other in the plane of the tilt
@@ -68,7 +68,7 @@ def draw(out: Path, angles: np.ndarray, forces: np.ndarray) -> None:
         figure = Figure(figsize=(4.5, 2.8), layout="constrained")
         axes = figure.subplots()
         for k, (one, other) in enumerate(MIRRORED):
-            colour, line = arm_look(k)
+            colour, line = arm_style(k)
             axes.plot(angles, forces[:, one], linestyle=line, color=colour, label=f"leg {one + 1}")
             axes.plot(angles, forces[:, other], "o", color=colour, fillstyle="none", label=f"leg {other + 1}")
         axes.set(xlabel="tilt about y [degrees]", ylabel="force of the drive [N]")

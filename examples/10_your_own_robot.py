@@ -9,7 +9,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 import holdfast as hf
-from holdfast.view.figure_style import DANGER, DPI, STYLE, arm_look
+from holdfast.view.figure_style import DANGER, DPI, STYLE, arm_style
 
 OUT = Path(__file__).parent / "out"
 
@@ -86,7 +86,7 @@ def draw(out: Path, chain: hf.ClosedChain, use: np.ndarray) -> None:
         axes = figure.subplots()
         places = np.arange(len(JOINTS))
         for k, (name, part) in enumerate(chain.joints.items()):
-            axes.bar(places + 0.4 * k - 0.2, 100 * np.abs(use[part]), 0.38, color=arm_look(k)[0], label=name)
+            axes.bar(places + 0.4 * k - 0.2, 100 * np.abs(use[part]), 0.38, color=arm_style(k)[0], label=name)
         axes.set_axisbelow(True)
         axes.axhline(100, color=DANGER, linewidth=0.8)
         axes.set(xticks=places, xticklabels=[joint[0] for joint in JOINTS], ylabel="torque to hold it [% of the limit]")

@@ -33,7 +33,10 @@ OF_ITSELF = [  # machine code against machine code: NumPy's kernels have no part
 ]
 ARM = "tests/compiler/test_aarch64.py"
 MACHINE_CODE = [  # those that run it; what is written of programs and schedules before is the same everywhere
-    *(f"tests/compiler/test_{name}.py" for name in ("arithmetic", "builtin", "kernel", "llvm", "schedule")),
+    *(
+        f"tests/compiler/test_{name}.py"
+        for name in ("arithmetic", "builtin", "kernel", "llvm", "schedule", "signs_of_zeros")
+    ),
     *(f"tests/compiler/test_{name}.py" for name in ("target", "transposition", "trigonometry", "two_arms")),
     "tests/compiled/test_batches.py",
 ]

@@ -53,8 +53,10 @@ MAY_IMPORT = {
 # constructors that read files, and methods that write or draw, ask the room that does so, when called
 ON_CALL = {
     "compiled/chain.py": {"codegen"},
+    "model/closed_chain.py": {"view"},
     "model/held_object.py": {"robots"},
     "simulation/run_outputs.py": {"io", "view", "interop"},
+    "simulation/summary.py": {"view"},
     "simulation/rollout/record.py": {"io"},
     "simulation/rollout/recording.py": {"io"},
     "simulation/simulate.py": {"io"},

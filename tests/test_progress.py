@@ -3,15 +3,18 @@
 import io
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import holdfast as hf
 from holdfast import progress
+from holdfast.compiled import kernels
 from holdfast.errors import ModelError
 from holdfast.progress import busy, of_time, progress_bar, reporting
 from tests.compiler.programs import same_bits
+from tests.control.two_pandas import two_pandas
 from tests.simulation.rollout.problems import arrays, problem
 from tests.simulation.rollout.test_statuses import STEP, gantries, given
 
@@ -134,3 +137,38 @@ def test_code_made_later(capsys):
         fast.potential_energy_vjp(state.q, state.object_pose)
     said = [line.partition(" of ")[0] for line in capsys.readouterr().err.splitlines()]
     assert said == ["compiling the dynamics", "compiling kinetic_energy", "compiling potential_energy_vjp"]
+
+
+def test_code_for_batches(monkeypatch, capsys, tmp_path):
+    """Said once, before the first batch, of forward dynamics, a function and a law; nothing unless asked."""
+    monkeypatch.setenv("HOLDFAST_CACHE", str(tmp_path))
+    chain, state = two_pandas()
+    lighter = replace(chain, held_object=hf.HeldObject.box(0.5, 0.3, 0.2, 0.2))
+    q, still, at = np.tile(state.q, (3, 1)), state.qd, (state.object_pose, state.object_twist)
+    for asked in (False, True):
+        monkeypatch.setattr(kernels, "_made", {})
+        fast = hf.compile(lighter, progress=asked)
+        law = hf.control.compile_law(hf.control.GravityCompensation(lighter), progress=asked)
+        capsys.readouterr()
+        for _ in range(2):
+            fast.forward_dynamics(q, still, still, *at)
+            fast.mass_matrix(q)
+            law.torques(0.0, q, still, *at)
+        said = [line.partition(" of ")[0] for line in capsys.readouterr().err.splitlines()]
+        expected = ["the dynamics for batches", "mass_matrix", "mass_matrix for batches"]
+        expected.append("the control law for batches")
+        assert said == ([f"compiling {what}" for what in expected] if asked else [])
+
+
+def test_exported_code(capsys, tmp_path):
+    """What is written is said before it is compiled, as often as it is; nothing unless asked."""
+    chain, _ = two_pandas()
+    law = {"hold": hf.control.GravityCompensation(chain)}
+    wanted = {"functions": ["kinetic_energy"], "laws": law, "overwrite": True}
+    hf.compile(chain).export(tmp_path / "code", **wanted)
+    assert capsys.readouterr().err == ""
+    made = hf.compile(chain).export(tmp_path / "code", **wanted, progress=True)
+    assert capsys.readouterr().err == "writing kinetic_energy, hold as code: this may take seconds\n"
+    assert list(made.functions) == ["chain_kinetic_energy", "chain_hold"]
+    with pytest.raises(ModelError, match="progress: expected True or False, got int"):
+        hf.compile(chain).export(tmp_path / "code", **wanted, progress=1)

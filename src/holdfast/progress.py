@@ -1,4 +1,4 @@
-"""How far long work is: a bar in a notebook's cell, one on a terminal, elsewhere a line now and then on stderr."""
+"""Progress of long work: a bar in a notebook's cell or on a terminal; elsewhere an occasional line on stderr."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from holdfast.errors import ModelError
 
 T = TypeVar("T")
 
-SILENCE = 10.0  # seconds after which a line says how far work is, where no bar can be drawn
-REFRESH = 0.2  # seconds between two pictures of a notebook's bar
+SILENCE = 10.0  # seconds between lines of progress if no bar can be drawn
+REFRESH = 0.2  # seconds between two updates of a notebook's bar
 
-Shown = Callable[[float, str], None]  # takes the part that is done, 0 to 1, and what is said beside the bar
+Shown = Callable[[float, str], None]  # function of the completed fraction, 0 to 1, and of the text beside the bar
 
 
 def say(line: str) -> bool:
-    """Print a line on stderr, if stderr can be written; return whether it can."""
+    """Print a line on stderr, and return whether stderr can be written."""
     try:
         print(line, file=sys.stderr, flush=True)
     except (OSError, ValueError):
@@ -36,17 +36,17 @@ def reporting(
     shown: Callable[[T], tuple[float, str]],
     time_left: bool = True,
 ) -> Iterator[Callable[[T], object]]:
-    """Yield what is told how far work is: what the caller gave, or what moves a bar.
+    """Yield the function to call with the progress: that of the caller, or one that moves a bar.
 
     Args:
-        progress: True for a bar, a function that is told, or False or None for neither.
+        progress: True for a bar, a function to call with the progress, or False or None for neither.
         doing: as for `progress_bar`.
         begin: as for `progress_bar`.
-        shown: the part that is done, and what is said, of what is told.
+        shown: function of a report that returns the completed fraction and the text to show.
         time_left: as for `progress_bar`.
 
     Raises:
-        ModelError: what is none of these.
+        ModelError: `progress` is none of these.
     """
     if progress is True:
         with progress_bar(doing, begin, time_left=time_left) as show:
@@ -60,24 +60,29 @@ def reporting(
 
 
 @contextmanager
-def busy(progress: bool, doing: str) -> Iterator[None]:
-    """Show, if that is wanted, that something is done of which nobody knows how far it is.
+def busy(progress: bool, doing: str, begin: str = "the first time takes longest") -> Iterator[None]:
+    """Show, if requested, that work whose progress is unknown is being done.
+
+    Args:
+        progress: whether to show it.
+        doing: as for `progress_bar`.
+        begin: as for `progress_bar`.
 
     Raises:
-        ModelError: not True or False.
+        ModelError: the flag is not True or False.
     """
     if not isinstance(progress, bool | None):
         raise ModelError(f"progress: expected True or False, got {type(progress).__name__}")
     if not progress:
         yield
         return
-    with progress_bar(doing, "the first time takes longest") as show:
+    with progress_bar(doing, begin) as show:
         yield
         show(1.0, "done")
 
 
 def of_time(whole: float) -> Callable[[float], tuple[float, str]]:
-    """Return what shows a time of so many seconds."""
+    """Return the function that shows a time within a duration [s]."""
     return lambda t: (t / whole, f"{t:.3f} of {whole:g} s")
 
 
@@ -85,17 +90,16 @@ def of_time(whole: float) -> Callable[[float], tuple[float, str]]:
 def progress_bar(
     doing: str, begin: str = "", say: Callable[[str], object] = say, time_left: bool = True
 ) -> Iterator[Shown]:
-    """Yield what shows how far work is.
+    """Yield the function that shows the progress of work.
 
-    Work that never says how far it is has a bar that runs to and fro. In a notebook a line is left of it, that says
-    how long it took.
+    The bar of work that never reports its progress moves to and fro. In a notebook, a line with the time taken remains.
 
     Args:
-        doing: what is done, such as "simulating run".
-        begin: what is said at the beginning where neither a notebook nor a terminal looks; if empty, the first and the
-            last report are said instead.
-        say: prints a line there.
-        time_left: whether to say how much longer it takes, where the work itself does not.
+        doing: description of the work, such as "simulating run".
+        begin: line to print at the beginning if there is neither a notebook nor a terminal; if empty, the first and the
+            last report are printed instead.
+        say: function that prints such a line.
+        time_left: whether to show the remaining time, unless the work itself does.
     """
     if in_notebook():
         with _cell(doing, time_left) as show:
@@ -118,20 +122,20 @@ def progress_bar(
 
 
 def in_notebook() -> bool:
-    """Return whether a notebook's kernel runs this."""
+    """Return whether this runs in the kernel of a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return getattr(shell, "kernel", None) is not None
 
 
 @contextmanager
 def _cell(doing: str, time_left: bool) -> Iterator[Shown]:
-    """Show HTML's own bar, which needs no widgets."""
+    """Show the progress element of HTML, which needs no widgets."""
     from IPython import display
 
     def picture(bar: str, text: str) -> Any:
         return display.HTML(f"{bar}{html.escape(doing)}{': ' if text else ''}{html.escape(text)}")
 
-    begun, due, latest = time.monotonic(), 0.0, ""
+    start, due, latest = time.monotonic(), 0.0, ""
     place: Any = display.display(picture("<progress></progress> ", ""), display_id=True)
 
     def show(part: float, text: str) -> None:
@@ -139,13 +143,13 @@ def _cell(doing: str, time_left: bool) -> Iterator[Shown]:
         now, latest = time.monotonic(), text
         if now >= due:
             due = now + REFRESH
-            left = f", {(now - begun) * (1 - part) / part:.0f} s left" if time_left and part > 0 else ""
+            left = f", {(now - start) * (1 - part) / part:.0f} s left" if time_left and part > 0 else ""
             place.update(picture(f'<progress max="1" value="{part:.4f}"></progress> ', text + left))
 
     try:
         yield show
     finally:
-        took = f"{time.monotonic() - begun:.1f} s"
+        took = f"{time.monotonic() - start:.1f} s"
         place.update(picture("", f"{latest}, took {took}" if latest else took))
 
 

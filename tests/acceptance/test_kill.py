@@ -81,9 +81,9 @@ def made(place: Path, *arguments: str) -> Run:
     """Return a run, after letting it live once."""
     process = started(place, "whole", arguments)
     wait_for_a_flush(process, place, "whole")
-    begun = time.monotonic()
+    start = time.monotonic()
     assert process.wait(300) == 0, (place / "whole.err").read_text()
-    return Run(place, arguments, load_result(place / "whole"), time.monotonic() - begun)
+    return Run(place, arguments, load_result(place / "whole"), time.monotonic() - start)
 
 
 def scene_run(place: Path, duration: float) -> Run:

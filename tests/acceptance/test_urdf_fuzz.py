@@ -112,7 +112,7 @@ def hollow(text: str, dice: random.Random) -> str:
 MUTATIONS = (odd_value, mistyped, deleted, duplicated, shuffled, bytes_flipped, encoded, deep, entity_bomb, hollow)
 WEIGHTS = (30, 20, 15, 10, 15, 8, 8, 2, 2, 2)
 PAIR = {"left": ("torso", "left_hand"), "right": ("torso", "right_hand")}
-ASKED = (
+OPTIONS = (
     {"base": "torso", "tip": "left_grasp", "lock_others": True},
     {"tip": "right_grasp", "lock_others": True},
     {"tip": "left_hand", "lock_others": True, "locked": {"lift": 0.1}},
@@ -136,11 +136,11 @@ def mutated(seed: int) -> tuple[str, bytes]:
 
 
 def use(path: Path, seed: int) -> tuple[str, str]:
-    """Return 'loaded' or 'refused' and why, after everything that can be asked of a file."""
-    asked = ASKED[seed % len(ASKED)]
+    """Return 'loaded' or 'refused' and why, after every function that takes a file."""
+    options = OPTIONS[seed % len(OPTIONS)]
     try:
         assert urdf_tree(read_urdf(path)).replace("\n", "").isprintable()
-        chain = urdf_chain(path, **asked)
+        chain = urdf_chain(path, **options)
         check(chain)
         arms = load_urdf_arms(path, PAIR, lock_others=True, locked={"lift": 0.1})
         assert all(np.isfinite(arm.base.p).all() for arm in arms.values())

@@ -109,11 +109,11 @@ def by_machine_code(c: Case) -> Any:
 
 def gradients_by_machine_code(c: Case) -> Any:
     """Return gradients of sum(qdd) of a batch."""
-    bar = np.ones((2, c.chain.joint_count))
-    return compiled(c).forward_dynamics_vjp(*as_batch(c), qdd=bar, by=BY, **parameters(c)).q
+    cotangent = np.ones((2, c.chain.joint_count))
+    return compiled(c).forward_dynamics_vjp(*as_batch(c), qdd=cotangent, by=BY, **parameters(c)).q
 
 
-def begun(c: Case) -> tuple[Any, Any]:
+def started(c: Case) -> tuple[Any, Any]:
     """Return a rollout, and two systems at the state."""
     law = hf.ControlLaw(lambda t, state, memory, given: (given["tau"], memory), parameters={"tau": c.tau.shape})
     made = hf.compile_rollout(c.chain, law, inputs=c.wrenches, base_motion=c.base_motion)
@@ -126,7 +126,7 @@ def begun(c: Case) -> tuple[Any, Any]:
 
 def rollout(c: Case) -> Any:
     """Return joint positions of two systems after three steps."""
-    made, systems = begun(c)
+    made, systems = started(c)
     made.step(systems, STEP, steps=3)
     assert set(systems.status) == {hf.simulation.RolloutStatus.RUNNING}, systems.status
     return systems.q
@@ -134,9 +134,9 @@ def rollout(c: Case) -> Any:
 
 def gradients(c: Case) -> Any:
     """Return gradients, rates and a Jacobian of the reference."""
-    bar = np.ones(c.chain.joint_count)
-    back = hf.forward_dynamics_vjp(c.chain, c.state, c.tau, inputs=c.inputs, by=BY, qdd=bar)
-    rates = hf.forward_dynamics_jvp(c.chain, c.state, c.tau, inputs=c.inputs, along={"qd": bar})
+    cotangent = np.ones(c.chain.joint_count)
+    back = hf.forward_dynamics_vjp(c.chain, c.state, c.tau, inputs=c.inputs, by=BY, qdd=cotangent)
+    rates = hf.forward_dynamics_jvp(c.chain, c.state, c.tau, inputs=c.inputs, along={"qd": cotangent})
     matrix = hf.forward_dynamics_jacobian(c.chain, c.state, c.tau, inputs=c.inputs, by=("tau",))
     return [back.q, rates.qdd, matrix["qdd", "tau"]]
 
@@ -148,7 +148,7 @@ def a_step(c: Case) -> Any:
 
 def through_steps(c: Case) -> Any:
     """Return gradients of joint positions after two steps by what they were and by torques."""
-    made, systems = begun(c)
+    made, systems = started(c)
     tape = made.tape(systems, STEP, steps=2)
     found = tape.vjp({"q": np.ones_like(systems.q)}, by=("q", "tau"))
     return [found.q, found.tau]
@@ -168,13 +168,13 @@ def of_texts(c: Case) -> Any:
 
 def of_margins(c: Case) -> Any:
     """Return gradients by joint positions of the gaps of the grasps, of margins, and of wrenches at wrists."""
-    found, bar = solved(c), np.ones(c.chain.joint_count)
+    found, cotangent = solved(c), np.ones(c.chain.joint_count)
     gaps = [gap.position for gap in dynamics.closure(c.chain, c.state, c.inputs).values()]
     of_gaps = np.ones(sum(map(len, gaps)))
     wrists = np.ones((len(c.chain.arms), 6))
     return [
         dynamics.closure_vjp(c.chain, c.state, c.inputs, position=of_gaps, by=("q",)).q,
-        forces.joint_margins_vjp(c.chain, c.state, c.tau, position=bar, by=("q",)).q,
+        forces.joint_margins_vjp(c.chain, c.state, c.tau, position=cotangent, by=("q",)).q,
         forces.wrist_wrenches_vjp(c.chain, c.state, found, wrist_wrenches=wrists, by=("q",)).q,
         forces.grasp_margins_vjp(
             c.chain, c.state, found.grasp_wrench, grasp_margins=np.ones(len(c.chain.grasps))

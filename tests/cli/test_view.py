@@ -15,18 +15,18 @@ pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
 
 
 def test_page_of_a_result(result, tmp_path, capsys):
-    """One file, its size and moments on stdout; it is not overwritten unasked."""
+    """One file, its size and number of frames on stdout; it is not overwritten unasked."""
     capsys.readouterr()
     page = tmp_path / "page.html"
     assert main(["view", str(result), "--export", str(page), "--rate", "100"]) == 0
     said = capsys.readouterr()
-    assert said.out == f"{page}: 0.8 MiB, 3 moments\n"
+    assert said.out == f"{page}: 0.8 MiB, 3 frames\n"
     assert said.err == ""
     assert "<title>two pandas lift a box</title>" in page.read_text()
     assert main(["view", str(result), "--export", str(page)]) == 2
     assert "try --overwrite" in capsys.readouterr().err
     assert main(["view", str(result), "--export", str(page), "--overwrite", "--rate", "1"]) == 0
-    assert "2 moments" in capsys.readouterr().out
+    assert "2 frames" in capsys.readouterr().out
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
@@ -50,7 +50,7 @@ def test_page_of_a_scene(tmp_path, capsys):
     """The state in which a scene begins, with the forces of its controller's torques."""
     page = tmp_path / "page.html"
     assert main(["view", str(EXAMPLE), "--export", str(page)]) == 0
-    assert ", 1 moment\n" in capsys.readouterr().out
+    assert ", 1 frame\n" in capsys.readouterr().out
     assert '"label":"left, internal","colour":"#0072B2","dashed":true,"values":[20.0]' in page.read_text()
 
 
@@ -59,7 +59,7 @@ def test_a_page_of_several(result, tmp_path, capsys):
     page, scene = tmp_path / "page.html", tmp_path / "start.toml"
     shutil.copy(EXAMPLE, scene)
     assert main(["view", str(result), str(scene), "--export", str(page)]) == 0
-    assert capsys.readouterr().out.endswith(" MiB, 2 runs, 3 moments\n")
+    assert capsys.readouterr().out.endswith(" MiB, 2 runs, 3 frames\n")
     text = page.read_text()
     assert "<title>result, start.toml</title>" in text
     assert '"titles":["result","start.toml"]' in text

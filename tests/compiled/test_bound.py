@@ -78,6 +78,16 @@ def test_wrong_parameters():
         assert all_same_bits(outputs(bound.result), tuple(kept))
 
 
+def test_arrays_of_a_state():
+    """They cannot be written, so a loop cannot use them; the message says what can be."""
+    fast = compiled(NAME)
+    q = np.zeros(fast.chain.joint_count)
+    q.flags.writeable = False
+    with pytest.raises(StateError, match=r"q: .* such as an array of a State; try np.array\(q\)"):
+        fast.bind(q=q)
+    assert fast.bind(q=np.array(q)).q.shape == q.shape
+
+
 def test_bad_inputs():
     """Nothing is raised: the status says so, and the results are not-a-number until the next good call."""
     chain, fast = chain_named(NAME), compiled(NAME)

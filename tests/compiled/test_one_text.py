@@ -2,17 +2,21 @@
 
 import ast
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 import holdfast
+from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.structure import Options, Structure
 from holdfast.control.controller import held_torques
 from holdfast.dynamics.projection import STEP_ROUNDS
-from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.kernel import step_schedule
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
@@ -25,8 +29,19 @@ GRASPS = ("rigid", "hinge", None, "softfinger", "ball")
 ON_FLOATS = {"rank", "consistency", "indeterminate", "forward", "result", "methods", "impulse", "split"}
 
 
-def functions_run(call, rooms) -> dict:
-    """Return how often each function of the given rooms ran during a call, by its code."""
+# What measures the gaps of grasps and closes them, in every step.
+GAPS = {"largest_gaps", "position_mismatch", "small_displacement", "small_gap", "position_contact"}
+ROUNDS = {"position_mismatch", "small_displacement", "small_gap", "closer", "constraint_impulses", "project_velocities"}
+
+
+def functions_run(call, rooms, but=ON_FLOATS) -> dict:
+    """Return how often each function of the given rooms ran during a call, by its code.
+
+    Args:
+        call: what is called.
+        rooms: folders or files of the package.
+        but: files whose functions are left out.
+    """
     found: dict = {}
 
     def note(frame, event, _):
@@ -38,7 +53,7 @@ def functions_run(call, rooms) -> dict:
         call()
     finally:
         sys.setprofile(None)
-    return {code: n for code, n in found.items() if Path(code.co_filename).stem not in ON_FLOATS}
+    return {code: n for code, n in found.items() if Path(code.co_filename).stem not in but}
 
 
 def names(codes) -> set:
@@ -64,26 +79,80 @@ def test_forward_dynamics(problem):
     }
 
 
-@pytest.mark.slow
-def test_a_step():
-    """Stages, projection and its rounds, gaps, forward dynamics."""
+class Stepping(NamedTuple):
+    """A chain that the reference steps, and what the trace of a step runs.
+
+    Attributes:
+        state: its state.
+        stepper: the reference, under constant torques.
+        now: its instant at that state.
+        structure: what machine code is made for.
+        traced: how often functions run while a step is traced, by their code.
+    """
+
+    state: holdfast.State
+    stepper: ReferenceStepper
+    now: Instant
+    structure: Structure
+    traced: dict
+
+
+@pytest.fixture(scope="module")
+def stepping():
+    """Every grasp, on arms that can move."""
     problem = random_problem(0, grasps=GRASPS[:4], joints=(6, 4, 2, 4), moving_base=False, extras=False)
-    chain = problem.chain
-    world, tau = Environment(chain), problem.tau
-    stepper = ReferenceStepper(world, lambda t, state, memory: (tau, memory), 18, RK4, Tolerance(1e-6, 1e-9))
-    now, _ = stepper.start(0.0, problem.state, None)
-    rooms = ("dynamics/arm", "dynamics/closed", "dynamics/projection", "simulation/runge_kutta", "simulation/step.py")
-    on_floats = functions_run(lambda: stepper.advance(now, [1e-4]), rooms)
+    chain, structure = problem.chain, Structure(problem.chain, Options())
+    stepper = ReferenceStepper(Environment(chain), lambda t, state, memory: (problem.tau, memory), 18, RK4)
     law = held_torques(chain.joint_count)
-    traced = functions_run(lambda: step_schedule(Structure(chain, Options()), law, {}, None, RK4), rooms)
-    times = ("course_of", "<genexpr>", "back_on_constraint")  # when the stages are, and which gaps are refused
+    traced = functions_run(lambda: step_schedule(structure, law, {}, None, RK4), ("",), ())
+    return Stepping(problem.state, stepper, stepper.start(0.0, problem.state, None)[0], structure, traced)
+
+
+@pytest.mark.slow
+def test_a_step(stepping):
+    """Stages, projection and its rounds, gaps, forward dynamics."""
+    rooms = ("dynamics/arm", "dynamics/closed", "dynamics/projection", "simulation/runge_kutta", "simulation/step.py")
+    on_floats = functions_run(lambda: stepping.stepper.advance(stepping.now, [1e-4]), rooms)
+    times = ("step_generator", "<genexpr>", "back_on_constraint")  # when the stages are, and which gaps are refused
     of_both = {code for code in on_floats if code.co_name not in times}
-    assert names(of_both) <= names(traced)
-    assert of_both <= traced.keys()
+    assert names(of_both) <= names(stepping.traced)
+    assert of_both <= stepping.traced.keys()
     for name in ("closer", "largest_gaps", "sequential", "runge_kutta_step", "take_step"):
-        counts = [sum(n for code, n in found.items() if code.co_name == name) for found in (on_floats, traced)]
+        counts = [sum(n for code, n in run.items() if code.co_name == name) for run in (on_floats, stepping.traced)]
         assert counts[0] == counts[1] > 0, name
         assert name != "closer" or counts[0] == STEP_ROUNDS
+
+
+@pytest.mark.slow
+def test_gaps_and_projection(stepping):
+    """Steps, `project` and `closure` measure gaps and close them by the same objects; a step takes two rounds."""
+    chain, state = stepping.structure.chain, stepping.state
+    loose = replace(state, q=state.q + 1e-4 * np.sin(np.arange(len(state.q))), qd=state.qd + 1e-4)
+    calls = {
+        "step": lambda: stepping.stepper.advance(stepping.now, [1e-4]),
+        "start": lambda: stepping.stepper.start(0.0, loose, None),
+        "project": lambda: holdfast.project(chain, loose),
+        "closure": lambda: holdfast.dynamics.closure(chain, loose),
+        "compiled project": lambda: COMPUTATIONS["project"].schedule(stepping.structure),
+        "compiled closure": lambda: COMPUTATIONS["closure"].schedule(stepping.structure),
+    }
+    rooms = ("dynamics/projection.py", "dynamics/consistency.py", "model/grasp_kinds")
+    run = {name: functions_run(call, rooms, ()) for name, call in calls.items()} | {"compiled step": stepping.traced}
+
+    def of(name, wanted):
+        return {code for code in run[name] if code.co_name in wanted and any(x in code.co_filename for x in rooms)}
+
+    for wanted, of_all in ((GAPS, ("start", "compiled step")), (ROUNDS, ("start", "project", "compiled project"))):
+        reference = of("step", wanted)
+        assert {code.co_name for code in reference} == wanted
+        assert [name for name in of_all if of(name, wanted) != reference] == []
+    of_closure = {"residuals_at", "position_residual", "gap", "tip_from_contact"}
+    assert {code.co_name for code in of("closure", of_closure)} == of_closure
+    assert of("compiled closure", of_closure) == of("closure", of_closure)
+    assert of("step", {"tip_from_contact"}) == of("closure", {"tip_from_contact"})  # both measure the same pose
+    (closer,) = of("step", {"closer"})
+    rounds = {name: run[name][closer] for name in ("step", "start", "compiled step", "compiled project")}
+    assert rounds == dict.fromkeys(rounds, STEP_ROUNDS)
 
 
 @pytest.mark.parametrize("path", [*(ROOT / "compiled").glob("*.py"), *(ROOT / "simulation" / "rollout").glob("*.py")])

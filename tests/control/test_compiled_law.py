@@ -211,3 +211,11 @@ class Text(GravityCompensation):
     """Gravity compensation that is never machine code."""
 
     traceable = False
+
+
+def test_a_controller_is_no_law():
+    """A function of three arguments is refused where the law is made, with what is missing; others are not."""
+    with pytest.raises(ModelError, match=r"got one of \(t, now, memory\); try a fourth argument"):
+        ControlLaw(lambda t, now, memory: (np.zeros(N), memory))
+    for torque in (lambda *all_four: (np.zeros(N), all_four[2]), lambda t, now, memory, given=None: (now.qd, memory)):
+        assert compile_law(ControlLaw(torque), CHAIN)(0.0, STATE, None)[0] == pytest.approx(np.zeros(N))

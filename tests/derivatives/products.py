@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from holdfast import State
-from tests.derivatives.asked import NAMES, as_direction, flat_gradient, given, shapes, size_of
+from tests.derivatives.blocks import NAMES, as_direction, flat_gradient, given, shapes, size_of
 from tests.derivatives.stored import gaps
 from tests.oracles.chain_derivatives import INERTIAS, OUTPUTS, SYMMETRIC, Derivatives
 from tests.systems.as_chain import Problem
@@ -48,12 +48,12 @@ def worst_of_products(way: Any, p: Problem, expected: Derivatives, random: np.ra
         random: where cotangents and directions come from.
         by: the arguments.
     """
-    bars, along = random_cotangents(p, random), random_directions(p, random, by)
-    pulled = way.forward_dynamics_vjp(**given(p), **bars, by=by)
+    cotangents, along = random_cotangents(p, random), random_directions(p, random, by)
+    pulled = way.forward_dynamics_vjp(**given(p), **cotangents, by=by)
     pushed = way.forward_dynamics_jvp(**given(p), along=along)
     worst = 0.0
     for name in by:
-        parts = [np.ravel(bars[of]) @ expected.block(of, name) for of in OUTPUTS]
+        parts = [np.ravel(cotangents[of]) @ expected.block(of, name) for of in OUTPUTS]
         size = max(np.abs(x).max(initial=0.0) for x in parts)
         off = np.abs(flat_gradient(p, name, getattr(pulled, name)) - sum(parts)).max(initial=0.0)
         worst = max(worst, off / (size or 1.0))

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from tests.derivatives.asked import NAMES, Reference, compiled
+from tests.derivatives.blocks import NAMES, Reference, compiled
 from tests.derivatives.products import worst_of_products
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import chain_derivatives
 from tests.systems.anchored import pinned
 from tests.systems.problems import random_problem
 
-BAR = 1e-10
+TOLERANCE = 1e-10
 KINDS = ("rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "screw", "planar")
 FEW = ("q", "tau", "object_pose", "grasp_pose", "base_pose", "base_twist")
 
@@ -25,7 +25,7 @@ def test_the_reference(kind):
     """Two arms and an anchor, all on bases that move: products by everything, against the oracle."""
     p = pinned(random_problem(KINDS.index(kind), joints=(7, 8), moving_base=True), (kind,), KINDS.index(kind))
     random = np.random.default_rng(0)
-    assert worst_of_products(Reference(p), p, chain_derivatives(p, NAMES), random) < BAR
+    assert worst_of_products(Reference(p), p, chain_derivatives(p, NAMES), random) < TOLERANCE
 
 
 @pytest.mark.parametrize("kind", mostly_long(KINDS, ("hinge",)))
@@ -33,7 +33,7 @@ def test_machine_code(kind):
     """One arm and an anchor."""
     p = pinned(random_problem(1, arms=1, joints=7, moving_base=True), (kind,), 1)
     random = np.random.default_rng(0)
-    assert worst_of_products(compiled(p), p, chain_derivatives(p, FEW), random, FEW) < BAR
+    assert worst_of_products(compiled(p), p, chain_derivatives(p, FEW), random, FEW) < TOLERANCE
 
 
 def test_anchors_alone():

@@ -35,19 +35,19 @@ def moved(state: hf.State, by: str, change: np.ndarray) -> hf.State:
 
 @pytest.mark.parametrize("trunk", [False, True])
 def test_against_differences(trunk):
-    """Of five points; and <bar, J d> = <J^T bar, d>."""
+    """Of five points; and <w, J d> = <J^T w, d> for cotangents w."""
     p, rng, h = held_by_rubber(trunk), np.random.default_rng(0), 1e-3
     options = {"inputs": p.inputs, "check": False}
     for by in BY:
         d = rng.normal(size=np.shape(getattr(p.state, by)) if by != "object_pose" else 6)
         at = {k: hf.forward_dynamics(p.chain, moved(p.state, by, k * h * d), p.tau, **options) for k in (-2, -1, 1, 2)}
         pushed = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, along={by: d}, **options)
-        bars = {of: rng.normal(size=np.shape(pushed[of])) for of in OUTPUTS}
+        cotangents = {of: rng.normal(size=np.shape(pushed[of])) for of in OUTPUTS}
         for of in OUTPUTS:
             inner, outer = (getattr(at[k], of) - getattr(at[-k], of) for k in (1, 2))
             assert relative_gap(pushed[of], (8.0 * inner - outer) / (12.0 * h)) < 1e-8, (by, of)
-        pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, by=(by,), **bars, **options)
-        one_way, other_way = pulled[by] @ d, sum(np.sum(bars[of] * pushed[of]) for of in OUTPUTS)
+        pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, by=(by,), **cotangents, **options)
+        one_way, other_way = pulled[by] @ d, sum(np.sum(cotangents[of] * pushed[of]) for of in OUTPUTS)
         assert one_way == pytest.approx(other_way, rel=1e-11)
 
 
@@ -61,10 +61,10 @@ def test_machine_code():
     acting |= {"base_twist": inputs.base_twists, "base_acceleration": inputs.base_accelerations}
     given |= {name: x for name, x in acting.items() if x is not None}
     fast, options = hf.compile(p.chain, parameters=("link_wrench",)), {"inputs": p.inputs, "check": False}
-    bars = {"qdd": rng.normal(size=13), "grasp_wrench": rng.normal(size=(2, 6))}
+    cotangents = {"qdd": rng.normal(size=13), "grasp_wrench": rng.normal(size=(2, 6))}
     along = {"q": rng.normal(size=13), "object_pose": rng.normal(size=6)}
-    pulled = fast.forward_dynamics_vjp(**given, **bars, by=BY)
-    expected = hf.forward_dynamics_vjp(p.chain, s, p.tau, by=BY, **bars, **options)
+    pulled = fast.forward_dynamics_vjp(**given, **cotangents, by=BY)
+    expected = hf.forward_dynamics_vjp(p.chain, s, p.tau, by=BY, **cotangents, **options)
     assert max(relative_gap(pulled[name], expected[name]) for name in BY) < 1e-11
     pushed = fast.forward_dynamics_jvp(**given, along=along, of=of)
     expected = hf.forward_dynamics_jvp(p.chain, s, p.tau, along=along, **options)

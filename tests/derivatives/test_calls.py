@@ -14,7 +14,7 @@ from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, forces, numbers, one
 from tests.compiler.programs import same_bits
-from tests.derivatives.asked import NAMES, Reference, as_direction, compiled, given, names_for, shapes, size_of
+from tests.derivatives.blocks import NAMES, Reference, as_direction, compiled, given, names_for, shapes, size_of
 from tests.derivatives.chains import random_chain
 from tests.derivatives.products import random_cotangents, random_directions, state_of
 from tests.derivatives.texts import problem
@@ -47,12 +47,12 @@ def require_bits(name: str, names: tuple[str, ...]) -> None:
     chain, count, random = chain_named(name), 21, np.random.default_rng(1)
     many, fast = numbers(chain, count) | forces(chain, count), problems.compiled(name)
     p = Problem(chain, state_of(one(many, 0)), many["tau"][0], hf.Inputs())
-    bars = {of: random.normal(size=(count, *shape)) for of, shape in shapes(p).items()}
+    cotangents = {of: random.normal(size=(count, *shape)) for of, shape in shapes(p).items()}
     directions = {by: as_direction(p, by, random.normal(size=(count, size_of(p, by)))) for by in names}
     of, few = ("qdd", "object_acceleration"), ("q", "tau")
 
     def pulled(which, **more):
-        found = fast.forward_dynamics_vjp(**one(many | bars, which), by=names, **more)
+        found = fast.forward_dynamics_vjp(**one(many | cotangents, which), by=names, **more)
         return [np.asarray(getattr(found, name)) for name in names]
 
     def pushed(which, **more):
@@ -95,18 +95,22 @@ def test_results_past_the_caches():
 def test_some_of_it():
     """Fewer gradients and directions are the same numbers; names that are none are refused by name."""
     p, random = random_chain(100), np.random.default_rng(0)
-    fast, bars = compiled(p), random_cotangents(random_chain(100), random)
-    whole = fast.forward_dynamics_vjp(**given(p), **bars, by=NAMES)
+    fast, cotangents = compiled(p), random_cotangents(random_chain(100), random)
+    whole = fast.forward_dynamics_vjp(**given(p), **cotangents, by=NAMES)
     for by in ("grasp_pose", "link_inertia"):
-        few = fast.forward_dynamics_vjp(**given(p), **bars, by=(by,))
+        few = fast.forward_dynamics_vjp(**given(p), **cotangents, by=(by,))
         assert relative_gap(getattr(few, by), getattr(whole, by)) < LAW
-    apart = [fast.forward_dynamics_vjp(**given(p), **{of: bar}, by=("q",)).q for of, bar in bars.items() if bar.size]
+    apart = [
+        fast.forward_dynamics_vjp(**given(p), **{of: cotangent}, by=("q",)).q
+        for of, cotangent in cotangents.items()
+        if cotangent.size
+    ]
     assert relative_gap(sum(apart), whole.q) < LAW
     for of in ("rank", "status", "condition", "force"):
         with pytest.raises(hf.HoldfastError, match=of):
             fast.forward_dynamics_jacobian(**given(p), of=("qdd", of), by=("q",))
     with pytest.raises(hf.HoldfastError, match="object_weight"):
-        fast.forward_dynamics_vjp(**given(p), **bars, by=("q", "object_weight"))
+        fast.forward_dynamics_vjp(**given(p), **cotangents, by=("q", "object_weight"))
     with pytest.raises(hf.HoldfastError, match="object_weight"):
         fast.forward_dynamics_jvp(**given(p), along={"object_weight": np.ones(3)})
 
@@ -123,8 +127,8 @@ def test_singular_and_invalid_systems():
     clean = {name: x.copy() for name, x in many.items()}
     clean["q"][singular] += random.uniform(-0.5, 0.5, (singular.sum(), 12))
     many["tau"][invalid, 0] = np.nan
-    by, bars = ("q", "tau", "object_pose", "object_mass"), {"qdd": random.normal(size=(count, 12))}
-    found, good = (fast.forward_dynamics_vjp(**x, **bars, by=by) for x in (many, clean))
+    by, cotangents = ("q", "tau", "object_pose", "object_mass"), {"qdd": random.normal(size=(count, 12))}
+    found, good = (fast.forward_dynamics_vjp(**x, **cotangents, by=by) for x in (many, clean))
     bad, statuses = (
         singular | invalid,
         np.where(singular, Status.SINGULAR, np.where(invalid, Status.INVALID, Status.OK)),
@@ -143,9 +147,9 @@ def test_singular_and_invalid_systems():
         x, y = matrix["qdd", name], good["qdd", name]
         assert np.isnan(x[bad]).all() and same_bits(x[~bad], y[~bad]), name
     with pytest.raises(hf.SingularChainError):
-        fast.forward_dynamics_vjp(**one(many, 0), qdd=bars["qdd"][0], by=by)
+        fast.forward_dynamics_vjp(**one(many, 0), qdd=cotangents["qdd"][0], by=by)
     with pytest.raises(hf.StateError, match="tau: expected finite numbers"):
-        fast.forward_dynamics_vjp(**one(many, 4), qdd=bars["qdd"][4], by=by)
+        fast.forward_dynamics_vjp(**one(many, 4), qdd=cotangents["qdd"][4], by=by)
 
 
 def one_arm() -> tuple[Problem, dict[str, np.ndarray]]:
@@ -180,15 +184,15 @@ def test_out():
     """Earlier derivatives are written over, in the same memory; those of other names are refused."""
     p, own = one_arm()
     fast, random = compiled(p), np.random.default_rng(0)
-    bars = [{"qdd": random.normal(size=p.chain.joint_count)} for _ in range(2)]
-    first, second = (fast.forward_dynamics_vjp(**own, **bar, by=FEW) for bar in bars)
+    cotangents = [{"qdd": random.normal(size=p.chain.joint_count)} for _ in range(2)]
+    first, second = (fast.forward_dynamics_vjp(**own, **cotangent, by=FEW) for cotangent in cotangents)
     memory = first.q
-    again = fast.forward_dynamics_vjp(**own, **bars[1], by=FEW, out=first)
+    again = fast.forward_dynamics_vjp(**own, **cotangents[1], by=FEW, out=first)
     assert again is first or again.q.base is memory.base or np.shares_memory(again.q, memory)
     for name in FEW:
         assert same_bits(again[name], second[name])
     with pytest.raises(hf.StateError, match="out"):
-        fast.forward_dynamics_vjp(**own, **bars[1], by=("q",), out=first)
+        fast.forward_dynamics_vjp(**own, **cotangents[1], by=("q",), out=first)
 
 
 def test_out_by_the_builtin(monkeypatch):
@@ -196,11 +200,14 @@ def test_out_by_the_builtin(monkeypatch):
     p, _ = one_arm()
     chain, fast, random = p.chain, hf.compile(p.chain), np.random.default_rng(3)
     many = {x: numbers(chain, 3)[x] for x in problems.STATE}
-    bars = {"qdd": random.normal(size=chain.joint_count), "grasp_wrench": random.normal(size=(len(chain.arms), 6))}
+    cotangents = {
+        "qdd": random.normal(size=chain.joint_count),
+        "grasp_wrench": random.normal(size=(len(chain.arms), 6)),
+    }
     along = {"q": random.normal(size=chain.joint_count)}
     ways = [
         (fast.forward_dynamics_jacobian, {"of": ["qdd"], "by": ("tau",)}),
-        (fast.forward_dynamics_vjp, bars | {"by": ("tau",)}),
+        (fast.forward_dynamics_vjp, cotangents | {"by": ("tau",)}),
         (fast.forward_dynamics_jvp, {"along": along}),
     ]
     for solve, asked in ways:
@@ -213,18 +220,18 @@ def test_out_by_the_builtin(monkeypatch):
                 assert solve(*one(many, i).values(), **asked, out=out) is out
                 assert same_bits(out.result.memory, found.result.memory)
     state = one(many, 0)
-    bars["by"] = ("tau",)
-    out = fast.forward_dynamics_vjp(**state, **bars)
-    fast.forward_dynamics_vjp(**state, **bars, out=out)
-    turned = bars | {"grasp_wrench": bars["grasp_wrench"].reshape(6, -1)}  # as many numbers
+    cotangents["by"] = ("tau",)
+    out = fast.forward_dynamics_vjp(**state, **cotangents)
+    fast.forward_dynamics_vjp(**state, **cotangents, out=out)
+    turned = cotangents | {"grasp_wrench": cotangents["grasp_wrench"].reshape(6, -1)}  # as many numbers
     with pytest.raises(hf.StateError, match="grasp_wrench: expected shape"):
         fast.forward_dynamics_vjp(**state, **turned, out=out)
     with pytest.raises(hf.StateError, match="tau: expected shape"):
-        fast.forward_dynamics_vjp(**state | {"tau": state["tau"][:-1]}, **bars, out=out)
+        fast.forward_dynamics_vjp(**state | {"tau": state["tau"][:-1]}, **cotangents, out=out)
     with pytest.raises(hf.StateError, match="threads"):
-        fast.forward_dynamics_vjp(**state, **bars, out=out, threads=True)
+        fast.forward_dynamics_vjp(**state, **cotangents, out=out, threads=True)
     with pytest.raises(hf.StateError, match="memory of its own"):
-        fast.forward_dynamics_vjp(**state | {"tau": out.tau}, **bars, out=out)
+        fast.forward_dynamics_vjp(**state | {"tau": out.tau}, **cotangents, out=out)
     with pytest.raises(hf.StateError, match="arguments"):  # a text is no list of one name
         fast.forward_dynamics_jacobian(**state, of=["qdd"], by="tau")
 
@@ -237,15 +244,15 @@ def test_bound_forms():
     vjp, jvp, matrix = (fast.bind_derivatives(kind, of=of, by=FEW, **own) for kind in ("vjp", "jvp", "jacobian"))
     for _ in range(2):
         own["tau"] = random.normal(size=p.chain.joint_count)
-        bars = {name: random.normal(size=shapes(p)[name]) for name in of}
+        cotangents = {name: random.normal(size=shapes(p)[name]) for name in of}
         along = random_directions(p, random, FEW)
-        for bound, numbers_given in ((vjp, bars), (jvp, along), (matrix, {})):
+        for bound, numbers_given in ((vjp, cotangents), (jvp, along), (matrix, {})):
             bound.arrays["tau"][...] = own["tau"]
             for name, x in numbers_given.items():
                 bound.given[name][...] = x
             assert bound() is Status.OK
         pulled, pushed = (
-            fast.forward_dynamics_vjp(**own, **bars, by=FEW),
+            fast.forward_dynamics_vjp(**own, **cotangents, by=FEW),
             fast.forward_dynamics_jvp(**own, along=along, of=of),
         )
         jacobian = fast.forward_dynamics_jacobian(**own, of=of, by=FEW)
@@ -290,21 +297,21 @@ def test_a_floating_base_is_an_input():
     fast, own, by = hf.compile(p.chain), given(p), ("q", "floating_pose", "floating_twist")
     acting = {name: own[name] for name in ("base_twist", "base_acceleration", "object_wrench")}
     own = {name: own[name] for name in (*STATE_AND_TORQUES, "floating_pose", "floating_twist")}
-    bar = np.linspace(-1.0, 1.0, 6)
+    cotangent = np.linspace(-1.0, 1.0, 6)
     lacking = {name: x for name, x in own.items() if name != "floating_twist"}
     with pytest.raises(hf.StateError, match="floating_twist: expected that of the trunk's floating base"):
-        fast.forward_dynamics_vjp(**lacking, floating_acceleration=bar, by=by)
-    found = fast.forward_dynamics_vjp(**own, **acting, floating_acceleration=bar, by=by)
+        fast.forward_dynamics_vjp(**lacking, floating_acceleration=cotangent, by=by)
+    found = fast.forward_dynamics_vjp(**own, **acting, floating_acceleration=cotangent, by=by)
     many = fast.forward_dynamics_vjp(
         **{name: np.stack([x] * 3) for name, x in own.items()},
         **acting,
-        floating_acceleration=np.stack([bar] * 3),
+        floating_acceleration=np.stack([cotangent] * 3),
         by=by,
     )
     bound = fast.bind_derivatives("vjp", of=("floating_acceleration",), by=by, **acting)
     for name, x in own.items():
         bound.arrays[name][...] = x
-    bound.given["floating_acceleration"][...] = bar
+    bound.given["floating_acceleration"][...] = cotangent
     assert bound() is Status.OK
     for name in by:
         assert same_bits(bound.found[name], found[name])
@@ -329,16 +336,16 @@ def test_machine_code_of_springs_between_bodies(kind):
     """It is the reference's, on every kind of body and by all arguments."""
     p, random = problem(kind), np.random.default_rng(2)
     fast, by, few = compiled(p), names_for(p), ("q", "object_pose", "tau")
-    bars, along = random_cotangents(p, random), random_directions(p, random, by)
+    cotangents, along = random_cotangents(p, random), random_directions(p, random, by)
     reference = {"inputs": p.inputs}
-    pulled = fast.forward_dynamics_vjp(**given(p), **bars, by=by)
-    expected = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, **bars, by=by, **reference)
+    pulled = fast.forward_dynamics_vjp(**given(p), **cotangents, by=by)
+    expected = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, **cotangents, by=by, **reference)
     assert all(relative_gap(pulled[name], expected[name], floor=1.0) < LAW for name in by)
     pushed = fast.forward_dynamics_jvp(**given(p), along=along)
     expected = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, along=along, **reference)
-    assert all(relative_gap(pushed[name], expected[name], floor=1.0) < LAW for name in bars)
+    assert all(relative_gap(pushed[name], expected[name], floor=1.0) < LAW for name in cotangents)
     parts = [float(np.sum(pulled[name] * x)) for name, x in along.items()]
-    other = sum(float(np.sum(bar * pushed[name])) for name, bar in bars.items())
+    other = sum(float(np.sum(cotangent * pushed[name])) for name, cotangent in cotangents.items())
     assert sum(parts) == pytest.approx(other, abs=1e-13 * np.abs(parts).sum())
     matrix = fast.forward_dynamics_jacobian(**given(p), by=few)
     expected = hf.forward_dynamics_jacobian(p.chain, p.state, p.tau, by=few, **reference)
@@ -351,10 +358,10 @@ def test_bits_of_springs_between_bodies():
     """One system, a batch, its tail and threads; without wrenches on links as an input."""
     p, random = problem("springs"), np.random.default_rng(3)
     fast, own = hf.compile(p.chain), {name: given(p)[name] for name in STATE_AND_TORQUES}
-    q, bar = own.pop("q") + 0.1 * random.normal(size=(11, len(p.state.q))), np.ones(p.chain.joint_count)
+    q, cotangent = own.pop("q") + 0.1 * random.normal(size=(11, len(p.state.q))), np.ones(p.chain.joint_count)
 
     def at(which, threads=1):
-        found = fast.forward_dynamics_vjp(q[which], **own, qdd=bar, by=("q", "object_pose"), threads=threads)
+        found = fast.forward_dynamics_vjp(q[which], **own, qdd=cotangent, by=("q", "object_pose"), threads=threads)
         return found.q, found.object_pose
 
     whole = at(slice(None))
@@ -378,8 +385,10 @@ def test_springs_between_bodies():
 
         expected = slopes()
         pushed = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, inputs=p.inputs, along={by: d}, check=False)
-        bars = {o: rng.normal(size=x.shape) for o, x in expected.items()}
-        pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, by=[by], check=False, **bars)
+        cotangents = {o: rng.normal(size=x.shape) for o, x in expected.items()}
+        pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, by=[by], check=False, **cotangents)
         for o, x in expected.items():
             assert np.allclose(pushed[o], x, rtol=1e-7, atol=1e-7 * (1.0 + np.abs(x).max(initial=0.0))), (by, o)
-        assert np.sum(pulled[by] * d) == pytest.approx(sum(np.sum(bars[o] * pushed[o]) for o in OUTPUTS), rel=1e-11)
+        assert np.sum(pulled[by] * d) == pytest.approx(
+            sum(np.sum(cotangents[o] * pushed[o]) for o in OUTPUTS), rel=1e-11
+        )

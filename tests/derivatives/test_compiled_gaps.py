@@ -11,7 +11,7 @@ import holdfast as hf
 from holdfast.spatial import rotation
 from tests.derivatives.test_compiled_texts import Alone, called, fast_of, require_matrix, require_reference
 from tests.derivatives.test_texts import GRASPS
-from tests.derivatives.texts import Asked, open_grasp
+from tests.derivatives.texts import FunctionCase, open_grasp
 from tests.systems.anchored import pinned
 from tests.systems.problems import random_problem, relative_gap
 
@@ -44,7 +44,7 @@ def test_turned_tips(angle):
         name: arm.with_tip(hf.Pose(arm.tip.R @ rotation.exp(angle * axis[p.chain.grasps[name].kind]), arm.tip.p))
         for name, arm in p.chain.arms.items()
     }
-    of = Asked("closure", replace(p, chain=replace(p.chain, arms=arms)), {})
+    of = FunctionCase("closure", replace(p, chain=replace(p.chain, arms=arms)), {})
     fast, by = fast_of(of), ("q", "object_pose")
     found, expected = called(of, fast, "_jacobian", by=by), of.called("_jacobian", by=by)
     near = max(1.0, 1.0 / (np.pi - angle))
@@ -80,10 +80,10 @@ def test_anchors(name, first):
         twists = p.inputs.shaped(p.chain).base_twists[order]
         p = replace(p, chain=chain, inputs=hf.Inputs(base_twists=twists))
         assert not next(iter(chain.arms.values())).joints
-    of = Asked(name, p, {})
+    of = FunctionCase(name, p, {})
     if name == "wrist_wrenches":
         result = hf.forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
-        of = Asked(name, p, {"grasp_wrench": result.grasp_wrench}, result)
+        of = FunctionCase(name, p, {"grasp_wrench": result.grasp_wrench}, result)
     require_reference(of)
     require_matrix(of, of.by)
 

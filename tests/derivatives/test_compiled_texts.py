@@ -20,7 +20,7 @@ from holdfast.compiled.structure import optional_parameters
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.interpret import interpret_schedule
 from tests.derivatives.chains import random_chain
-from tests.derivatives.texts import FIVE_POINTS, STEP, Asked, asked, undriven
+from tests.derivatives.texts import FIVE_POINTS, STEP, FunctionCase, function_case, undriven
 from tests.longer import mostly_slow
 from tests.systems.problems import random_problem, relative_gap
 
@@ -74,18 +74,18 @@ class Alone(ChainFunctions, FunctionDerivatives, ClosureDerivatives, ForceDeriva
         self.chain, self.options = chain, optional_parameters(parameters, "compile")
 
 
-def fast_of(of: Asked) -> Alone:
+def fast_of(of: FunctionCase) -> Alone:
     """Return the chain as machine code with every parameter."""
     return Alone(of.p.chain, ("link_inertia", "link_wrench"))
 
 
-def inputs_of(of: Asked) -> tuple[np.ndarray, ...]:
+def inputs_of(of: FunctionCase) -> tuple[np.ndarray, ...]:
     """Return what machine code takes by place."""
     found = {"tau": of.p.tau, **of.own}
     return tuple(found[name] if name in found else getattr(of.p.state, name) for name in GIVEN[of.name])
 
 
-def parameters_of(of: Asked) -> dict[str, np.ndarray]:
+def parameters_of(of: FunctionCase) -> dict[str, np.ndarray]:
     """Return what machine code takes by name."""
     given, state = of.p.inputs.shaped(of.p.chain), of.p.state
     found: dict[str, Any] = {"base_twist": given.base_twists, "trunk_base_twist": given.trunk_base_twist}
@@ -106,7 +106,7 @@ def parameters_of(of: Asked) -> dict[str, np.ndarray]:
     return {name: x for name, x in found.items() if x is not None}
 
 
-def called(of: Asked, fast: Any, suffix: str, **options: Any) -> Any:
+def called(of: FunctionCase, fast: Any, suffix: str, **options: Any) -> Any:
     """Return what machine code finds."""
     return getattr(fast, of.name + suffix)(*inputs_of(of), **parameters_of(of), **options)
 
@@ -118,20 +118,20 @@ def arrays_of(result: Any) -> list[np.ndarray]:
     return list(result) if isinstance(result, tuple) else [np.asarray(result)]
 
 
-def random_case(seed: int, trunk: str | None) -> Asked:
+def random_case(seed: int, trunk: str | None) -> FunctionCase:
     """Return inverse dynamics of a random chain, accelerations and wrenches at random."""
     p, random = random_chain(seed, trunk, any_kind=False), np.random.default_rng(seed)
     held = np.array([name in p.chain.grasps for name in p.chain.arms])[:, None]
     own = {"qdd": random.normal(size=p.chain.joint_count), "grasp_wrench": held * random.normal(size=(len(held), 6))}
-    return undriven(Asked("inverse_dynamics", p, own))
+    return undriven(FunctionCase("inverse_dynamics", p, own))
 
 
-def require_reference(of: Asked) -> None:
+def require_reference(of: FunctionCase) -> None:
     """Compare all derivatives by all arguments with the reference, and rates with gradients."""
     fast, random = fast_of(of), np.random.default_rng(1)
-    bars, along = {name: random.normal(size=x.shape) for name, x in of.values().items()}, of.directions(random)
-    back, ahead = called(of, fast, "_vjp", by=of.by, **bars), called(of, fast, "_jvp", along=along)
-    expected, rates = of.called("_vjp", by=of.by, **bars), of.called("_jvp", along=along)
+    cotangents, along = {name: random.normal(size=x.shape) for name, x in of.values().items()}, of.directions(random)
+    back, ahead = called(of, fast, "_vjp", by=of.by, **cotangents), called(of, fast, "_jvp", along=along)
+    expected, rates = of.called("_vjp", by=of.by, **cotangents), of.called("_jvp", along=along)
     assert_alike(back.result, expected.result)
     for name in of.by:
         assert back[name].shape == expected[name].shape
@@ -139,7 +139,7 @@ def require_reference(of: Asked) -> None:
     for name in of.results:
         assert relative_gap(ahead[name], rates[name]) < SAME
     parts = [float(np.sum(back[name] * x)) for name, x in along.items()]
-    expected = sum(float(np.sum(bar * ahead[name])) for name, bar in bars.items())
+    expected = sum(float(np.sum(cotangent * ahead[name])) for name, cotangent in cotangents.items())
     assert sum(parts) == pytest.approx(expected, abs=DUAL * np.abs(parts).sum())
 
 
@@ -159,7 +159,7 @@ def assert_alike(found: Any, expected: Any) -> None:
         assert relative_gap(x, y) < SAME
 
 
-def require_matrix(of: Asked, by: tuple[str, ...]) -> None:
+def require_matrix(of: FunctionCase, by: tuple[str, ...]) -> None:
     """Compare a Jacobian with the reference."""
     matrix, expected = called(of, fast_of(of), "_jacobian", by=by), of.called("_jacobian", by=by)
     for result in of.results:
@@ -170,13 +170,13 @@ def require_matrix(of: Asked, by: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize(("name", "kind"), mostly_slow(CASES, CASES[:1]))
 def test_derivatives_by_everything_are_those_of_the_reference(name, kind):
-    require_reference(asked(name, kind))
+    require_reference(function_case(name, kind))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_jacobians_by_everything_are_those_of_the_reference(name, kind):
-    of = asked(name, kind)
+    of = function_case(name, kind)
     require_matrix(of, of.by)
 
 
@@ -196,14 +196,14 @@ def test_an_anchor_and_as_many_arms_as_joints():
     chain = hf.ClosedChain({"anchor": anchor, **p.chain.arms}, p.chain.held_object, p.chain.grasps)
     random = np.random.default_rng(4)
     own = {"qdd": random.normal(size=3), "grasp_wrench": random.normal(size=(3, 6)) * [[0.0], [1.0], [1.0]]}
-    of = Asked("inverse_dynamics", replace(p, chain=chain, inputs=hf.Inputs()), own)
+    of = FunctionCase("inverse_dynamics", replace(p, chain=chain, inputs=hf.Inputs()), own)
     require_matrix(of, ("q", "qdd", "grasp_wrench", "base_pose", "link_mass"))
 
 
 @pytest.mark.slow
 def test_rates_are_five_point_differences():
     """Of machine code by machine code: torques of states that follow each other."""
-    of = asked("inverse_dynamics", "plain")
+    of = function_case("inverse_dynamics", "plain")
     fast, random = Alone(of.p.chain), np.random.default_rng(3)
     given = dict(zip(("q", "qd", "qdd", "grasp_wrench"), inputs_of(of), strict=True))
     along = {name: random.normal(size=x.shape) * (x != 0.0) for name, x in given.items()}
@@ -216,14 +216,14 @@ def test_rates_are_five_point_differences():
 @pytest.mark.parametrize(("name", "kind"), mostly_slow(ONE_OF_EACH, [("potential_energy", "plain")]))
 def test_bits(name, kind):
     """One system, a batch of any size, its tail, and threads."""
-    of, random, count = asked(name, kind), np.random.default_rng(4), 21
+    of, random, count = function_case(name, kind), np.random.default_rng(4), 21
     fast, result, by, named = fast_of(of), of.results[0], SOME[name], parameters_of(of)
     by = (*by, "object_pose") if kind == "bushing" else by
     far = 0.0 if kind == "floating" else 0.1  # other accelerations would need a drive of the base
     many = [np.array(x + far * random.normal(size=(count, *x.shape)) * (x != 0.0)) for x in inputs_of(of)]
     if "object_pose" in GIVEN[name]:
         many[GIVEN[name].index("object_pose")] = of.p.state.object_pose  # of unit length, and shared
-    bar = random.normal(size=(count, *of.values()[result].shape))
+    cotangent = random.normal(size=(count, *of.values()[result].shape))
     directions = of.directions(random)
     along = {x: random.normal(size=(count, *directions[x].shape)) for x in by}
 
@@ -233,7 +233,7 @@ def test_bits(name, kind):
     def at(k: Any, threads: int = 1) -> list[np.ndarray]:
         given = [one(x, k, y.ndim) for x, y in zip(many, inputs_of(of), strict=True)]
         options = {**named, "threads": threads}
-        back = getattr(fast, f"{name}_vjp")(*given, by=by, **{result: bar[k]}, **options)
+        back = getattr(fast, f"{name}_vjp")(*given, by=by, **{result: cotangent[k]}, **options)
         ahead = getattr(fast, f"{name}_jvp")(*given, along={x: d[k] for x, d in along.items()}, **options)
         matrix = getattr(fast, f"{name}_jacobian")(*given, by=by, **options)
         return [*(back[x] for x in by), ahead[result], *(matrix[result, x] for x in by), *arrays_of(back.result)]
@@ -250,17 +250,17 @@ def test_bits(name, kind):
 @pytest.mark.parametrize("kind", ["vjp", "jvp", "jacobian"])
 def test_interpreter(name, case, kind):
     """The schedules of derivatives read number by number give the bits of the machine code."""
-    of, random = asked(name, case), np.random.default_rng(6)
+    of, random = function_case(name, case), np.random.default_rng(6)
     fast, by, named = fast_of(of), SOME[name], parameters_of(of)
-    bars = {result: random.normal(size=x.shape) for result, x in of.values().items()}
+    cotangents = {result: random.normal(size=x.shape) for result, x in of.values().items()}
     own = dict(zip(GIVEN[name], inputs_of(of), strict=True))
     shapes = of.directions(random)
     along = {x: random.normal(size=shapes[x].shape) for x in by}
-    options: dict[str, Any] = {"vjp": {"by": by, **bars}, "jvp": {"along": along}, "jacobian": {"by": by}}[kind]
+    options: dict[str, Any] = {"vjp": {"by": by, **cotangents}, "jvp": {"along": along}, "jacobian": {"by": by}}[kind]
     getattr(fast, f"{name}_{kind}")(*inputs_of(of), **options, **named)
     (request, made), *others = vars(fast)["_texts_made"].items()
     assert not others
-    with_given = {f"{WITH}{x}": {**bars, **along}[x] for x in request.given}
+    with_given = {f"{WITH}{x}": {**cotangents, **along}[x] for x in request.given}
     computation = request.computation(of.p.chain)
     structure = computation.structure(of.p.chain, options_of(fast.options, request.arguments, True))
     expected = interpret_schedule(computation.schedule(structure), {**made._own, **own, **named, **with_given})
@@ -274,7 +274,7 @@ def test_interpreter(name, case, kind):
 @pytest.mark.parametrize("kind", ["vjp", "jvp", "jacobian"])
 def test_bound_calls(name, kind):
     """Bits of the calls with arrays, at one state and another; inputs and parameters are changed in place."""
-    of, random, by = asked(name, "limits"), np.random.default_rng(7), SOME[name]
+    of, random, by = function_case(name, "limits"), np.random.default_rng(7), SOME[name]
     fast, own = Alone(of.p.chain), dict(zip(GIVEN[name], inputs_of(of), strict=True))
     (result,), along = of.results, {x: y for x, y in of.directions(random).items() if x in by}
     given = {"vjp": {result: random.normal(size=of.values()[result].shape)}, "jvp": along, "jacobian": {}}[kind]
@@ -293,7 +293,7 @@ def test_bound_calls(name, kind):
 
 
 def test_bound_calls_refuse_what_they_do_not_know():
-    of = asked("potential_energy", "limits")
+    of = function_case("potential_energy", "limits")
     fast = Alone(of.p.chain)
     with pytest.raises(hf.StateError, match=r"function: expected one of .*, got 'potential_energie'. Did you mean"):
         fast.bind_derivatives_of("potential_energie", "vjp", by=["q"])
@@ -317,7 +317,7 @@ def test_bound_calls_refuse_what_they_do_not_know():
 
 
 def test_directions_at_once_and_shared_cotangents():
-    of = asked("kinetic_energy", "plain")
+    of = function_case("kinetic_energy", "plain")
     fast, d = Alone(of.p.chain), np.random.default_rng(5).normal(size=(3, of.p.chain.joint_count))
     several = called(of, fast, "_jvp", along={"qd": d})["kinetic_energy"]
     momentum = called(of, fast, "_vjp", by=["qd"]).qd  # the cotangent is 1
@@ -328,7 +328,7 @@ def test_directions_at_once_and_shared_cotangents():
 
 def test_invalid_systems():
     """A batch has NaN where a system is invalid; one system raises an error that names the number."""
-    of = asked("potential_energy", "plain")
+    of = function_case("potential_energy", "plain")
     fast, q = Alone(of.p.chain), np.tile(of.p.state.q, (3, 1))
     q[1, 0] = np.nan
     found = fast.potential_energy_vjp(q, of.p.state.object_pose, by=["q"])
@@ -340,7 +340,7 @@ def test_invalid_systems():
 
 
 def test_names_and_shapes_that_do_not_fit_are_refused():
-    of = asked("inverse_dynamics", "plain")
+    of = function_case("inverse_dynamics", "plain")
     fast, n = Alone(of.p.chain), of.p.chain.joint_count
     given: Any = inputs_of(of)
     with pytest.raises(hf.StateError, match="inverse_dynamics_vjp: no 'tau'"):
@@ -362,7 +362,7 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
 @pytest.mark.parametrize("kind", ["bushing", "floating"])
 def test_motions_that_are_not_possible(kind):
     """One system is refused with the reference's message; in a batch its results are not-a-number."""
-    of = asked("inverse_dynamics", kind)
+    of = function_case("inverse_dynamics", kind)
     fast, given = fast_of(of), dict(zip(GIVEN[of.name], inputs_of(of), strict=True))
     named, lifted = parameters_of(of), np.array(given["grasp_wrench"])
     if kind == "bushing":
@@ -387,7 +387,7 @@ def test_motions_that_are_not_possible(kind):
 
 
 def test_where_the_object_is_must_be_given_to_springs():
-    of = asked("inverse_dynamics", "springs")
+    of = function_case("inverse_dynamics", "springs")
     with pytest.raises(hf.StateError, match=r"^object_pose: expected it, as springs between bodies or bushings"):
         Alone(of.p.chain).inverse_dynamics(*inputs_of(of))
 

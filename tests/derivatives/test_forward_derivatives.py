@@ -11,7 +11,7 @@ import pytest
 import holdfast as hf
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, forces, numbers, one
-from tests.derivatives.asked import (
+from tests.derivatives.blocks import (
     NAMES,
     WAYS,
     Reference,
@@ -41,7 +41,7 @@ from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain
 from tests.systems.problems import relative_gap
 
-BAR, SHARP, SOUND = 1e-9, 1e-11, 1e4  # of every block; where the condition is below SOUND
+TOLERANCE, SHARP, SOUND = 1e-9, 1e-11, 1e4  # of every block; where the condition is below SOUND
 RANDOM = 1e-10
 UNIQUE = [name for name in names() if stored(name).unique]
 NOT_UNIQUE = [name for name in names() if name not in UNIQUE]
@@ -52,25 +52,25 @@ MANY_TYPES = ("two", "interleaved", "rows first", "factors only", "all kinds", "
 ALONG = ("q", "object_pose", "qd", "object_twist")  # the rows of a tangent of the state manifold
 
 
-def bar_of(p: Problem) -> float:
+def bound_of(p: Problem) -> float:
     """Return how far a block may be off its largest entry."""
-    return SHARP if p.solved().condition < SOUND else BAR
+    return SHARP if p.solved().condition < SOUND else TOLERANCE
 
 
 @pytest.mark.parametrize("name", UNIQUE)
 def test_stored_answers_by_the_reference(name):
     """A gradient and rates of change of everything, against products with the stored matrices."""
     case, random = stored(name), np.random.default_rng(0)
-    p, reference, bar = case.problem, Reference(case.problem), bar_of(case.problem)
+    p, reference, bound = case.problem, Reference(case.problem), bound_of(case.problem)
     lists = {group: columns(p.chain, group) for group in case.groups}
     by = tuple(dict.fromkeys(by for by, _ in lists.values()))
-    bars = {of: x for of, x in random_cotangents(p, random).items() if of in OF}
-    pulled = reference.forward_dynamics_vjp(**given(p), **bars, by=by)
+    cotangents = {of: x for of, x in random_cotangents(p, random).items() if of in OF}
+    pulled = reference.forward_dynamics_vjp(**given(p), **cotangents, by=by)
     for group, (name_of, which) in lists.items():
-        parts = [np.ravel(bars[of]) @ case.blocks[of, group] for of in OF]
+        parts = [np.ravel(cotangents[of]) @ case.blocks[of, group] for of in OF]
         size = max(np.abs(x).max(initial=0.0) for x in parts)
         off = flat_gradient(p, name_of, getattr(pulled, name_of))[which] - sum(parts)
-        assert np.abs(off).max(initial=0.0) < bar * (size or 1.0), group
+        assert np.abs(off).max(initial=0.0) < bound * (size or 1.0), group
     flat = {name: np.zeros(size_of(p, name)) for name in by}
     wanted = dict.fromkeys(OF, 0.0)
     for group, (name_of, which) in lists.items():
@@ -80,7 +80,7 @@ def test_stored_answers_by_the_reference(name):
     pushed = reference.forward_dynamics_jvp(**given(p), along=along)
     found = {of: np.ravel(getattr(pushed, of))[:, None] for of in OF}
     off = dict(gaps(found, {of: x[:, None] for of, x in wanted.items()}))
-    assert max(off.values()) < 10 * bar, off
+    assert max(off.values()) < 10 * bound, off
 
 
 @pytest.mark.parametrize(
@@ -107,14 +107,14 @@ def require_stored(case: Stored, way: str, some: tuple[str, ...] | None = None) 
         way: how the matrix is found.
         some: the arguments; None for all.
     """
-    p, fast, bar = case.problem, compiled(case.problem), bar_of(case.problem)
+    p, fast, bound = case.problem, compiled(case.problem), bound_of(case.problem)
     lists = {group: columns(p.chain, group) for group in case.groups}
     lists = {group: (by, which) for group, (by, which) in lists.items() if some is None or by in some}
     found = WAYS[way](fast, p, OF, dict.fromkeys(by for by, _ in lists.values()))
     worst = 0.0
     for group, (by, which) in lists.items():
         off = dict(gaps({of: found[of, by][:, which] for of in OF}, {of: case.blocks[of, group] for of in OF}))
-        assert max(off.values()) < bar, (group, off)
+        assert max(off.values()) < bound, (group, off)
         worst = max(worst, *off.values())
     print(f"\n{way}: {worst:.1e}")
 
@@ -131,10 +131,10 @@ def test_reference_along_the_manifold(name):
     off = dict(gaps(found, case.along))
     print(f"\n{name}: {max(off.values()):.1e}")
     assert max(off.values()) < SHARP, off
-    bars = {of: np.random.default_rng(0).normal(size=shapes(p)[of]) for of in OF}
-    pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, **bars, by=ALONG)
+    cotangents = {of: np.random.default_rng(0).normal(size=shapes(p)[of]) for of in OF}
+    pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, **cotangents, by=ALONG)
     gradient = np.concatenate([flat_gradient(p, by, getattr(pulled, by)) for by in ALONG]) @ case.tangent
-    wanted = sum(np.ravel(bars[of]) @ case.along[of] for of in OF)
+    wanted = sum(np.ravel(cotangents[of]) @ case.along[of] for of in OF)
     assert relative_gap(gradient, wanted) < SHARP
 
 
@@ -143,10 +143,10 @@ def test_what_is_unique_beside_forces_that_are_not(name):
     """Machine code has accelerations' gradients along the manifold, and refuses a cotangent of the forces."""
     case = stored(name)
     p, fast = case.problem, compiled(case.problem)
-    bars = {of: np.random.default_rng(0).normal(size=shapes(p)[of]) for of in OF if of != "grasp_wrench"}
-    pulled = fast.forward_dynamics_vjp(**given(p), **bars, by=ALONG)
+    cotangents = {of: np.random.default_rng(0).normal(size=shapes(p)[of]) for of in OF if of != "grasp_wrench"}
+    pulled = fast.forward_dynamics_vjp(**given(p), **cotangents, by=ALONG)
     gradient = np.concatenate([flat_gradient(p, by, getattr(pulled, by)) for by in ALONG]) @ case.tangent
-    wanted = sum(np.ravel(bars[of]) @ case.along[of] for of in bars)
+    wanted = sum(np.ravel(cotangents[of]) @ case.along[of] for of in cotangents)
     assert relative_gap(gradient, wanted) < SHARP
     with pytest.raises(hf.HoldfastError, match="grasp_wrench"):
         fast.forward_dynamics_vjp(**given(p), grasp_wrench=np.ones(shapes(p)["grasp_wrench"]), by=("q",))
@@ -172,10 +172,10 @@ def test_trunks_by_the_reference(seed, trunk):
     assert worst_of_products(Reference(p), p, expected, random, by) < RANDOM
     of = "floating_acceleration" if trunk == "floating" else "trunk_base_wrench"
     options = {"inputs": p.inputs, "check": False}
-    bar, along = random.normal(size=6), random_directions(p, random, by)
-    pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, by=by, **options, **{of: bar})
+    cotangent, along = random.normal(size=6), random_directions(p, random, by)
+    pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, by=by, **options, **{of: cotangent})
     for name in by:
-        wanted = bar @ expected.block(of, name)
+        wanted = cotangent @ expected.block(of, name)
         size = np.abs(wanted).max(initial=0.0)
         assert np.abs(flat_gradient(p, name, pulled[name]) - wanted).max(initial=0.0) <= RANDOM * (size or 1.0), name
     pushed = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, along=along, **options)
@@ -303,7 +303,7 @@ def test_at_rest(where, trunk):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_straight_arms(seed):
-    """Joints within 1e-6 rad of stretched arms, three arms of seven: the oracle in forty digits, a looser bar."""
+    """Joints within 1e-6 rad of stretched arms, three arms of seven: the oracle in forty digits, a looser bound."""
     p = straight(seed)
     expected = chain_derivatives(p, NAMES, 40)
     condition = p.solved(check=False).condition
@@ -313,7 +313,7 @@ def test_straight_arms(seed):
             wanted = {of: expected.block(of, by) for of in OUTPUTS}
             worst = max(worst, *(x for _, x in gaps({of: found[of, by] for of in OUTPUTS}, wanted, ROUNDING)))
         print(f"\n{way}: {worst:.1e}, condition {condition:.1e}")
-        assert worst < BAR
+        assert worst < TOLERANCE
 
 
 def straight(seed: int) -> Problem:

@@ -7,7 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.dynamics import object_mobility
-from tests.derivatives.asked import (
+from tests.derivatives.blocks import (
     NAMES,
     as_direction,
     by_jacobian,
@@ -32,13 +32,13 @@ LAW = 1e-11
 @pytest.mark.parametrize("trunk", mostly_long(TRUNKS, (None, "fixed")))
 @pytest.mark.parametrize("seed", mostly_long(range(4), (0,)))
 def test_duality(seed, trunk):
-    """<bar, J d> = <J^T bar, d>."""
+    """<w, J d> = <J^T w, d> for cotangents w."""
     p, random = random_chain(100 + seed, trunk), np.random.default_rng(seed)
     fast, by = compiled(p), names_for(p)
-    bars, directions = random_cotangents(p, random), random_directions(p, random, by)
-    pulled = fast.forward_dynamics_vjp(**given(p), **bars, by=by)
+    cotangents, directions = random_cotangents(p, random), random_directions(p, random, by)
+    pulled = fast.forward_dynamics_vjp(**given(p), **cotangents, by=by)
     pushed = fast.forward_dynamics_jvp(**given(p), along=directions)
-    one_way = [bar * getattr(pushed, of) for of, bar in bars.items()]
+    one_way = [cotangent * getattr(pushed, of) for of, cotangent in cotangents.items()]
     other_way = [directions[name] * getattr(pulled, name) for name in by]
     size = max(np.abs(x).max(initial=0.0) for x in [*one_way, *other_way])
     off = abs(sum(x.sum() for x in one_way) - sum(x.sum() for x in other_way)) / size
@@ -122,10 +122,10 @@ def test_reference_and_machine_code(seed, trunk):
     """The reference forms trace the same texts: gradients, directions, the matrix, and the result beside."""
     p, random = random_chain(400 + seed, trunk), np.random.default_rng(seed)
     fast, by = compiled(p), ("q", "qd", "tau", "object_pose", "object_twist")
-    bars, directions = random_cotangents(p, random), random_directions(p, random, by)
+    cotangents, directions = random_cotangents(p, random), random_directions(p, random, by)
     arguments = (p.chain, p.state, p.tau)
-    pulled = fast.forward_dynamics_vjp(**given(p), **bars, by=by)
-    expected = hf.forward_dynamics_vjp(*arguments, inputs=p.inputs, **bars, by=by)
+    pulled = fast.forward_dynamics_vjp(**given(p), **cotangents, by=by)
+    expected = hf.forward_dynamics_vjp(*arguments, inputs=p.inputs, **cotangents, by=by)
     for name in by:
         assert relative_gap(getattr(pulled, name), getattr(expected, name)) < LAW
     pushed = fast.forward_dynamics_jvp(**given(p), along=directions)

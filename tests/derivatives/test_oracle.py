@@ -19,7 +19,7 @@ from tests.oracles.least_forces import least_force_derivatives
 from tests.systems.as_chain import Problem
 from tests.systems.problems import relative_gap
 
-BAR = 1e-11
+TOLERANCE = 1e-11
 TEXTS = 1e-11  # measured: 3e-13
 USUAL = 5e-12  # measured: 1e-12, once 2.7e-12 with a heavy object, where the oracle is at 4e-14
 ROUNDING = 1e-12  # of a group's largest entry: blocks that are zero
@@ -33,12 +33,12 @@ def worst_gap(name: str, digits: int | None) -> float:
     case, worst = stored(name), 0.0
     found = chain_derivatives(case.problem, digits=digits)
     for of in OF:
-        assert relative_gap(found.values[of], case.values[of]) < BAR
+        assert relative_gap(found.values[of], case.values[of]) < TOLERANCE
     for group in case.groups:
         by, which = columns(case.problem.chain, group)
         ours = {of: found.block(of, by)[:, which] for of in OF}
         off = dict(gaps(ours, {of: case.blocks[of, group] for of in OF}))
-        assert max(off.values()) < BAR, (group, off)
+        assert max(off.values()) < TOLERANCE, (group, off)
         worst = max(worst, *off.values())
     return worst
 
@@ -62,7 +62,7 @@ def test_along_the_manifold(name):
     found = chain_derivatives(case.problem, ("q", "object_pose", "qd", "object_twist"))
     ours = {of: found.matrices[of] @ case.tangent for of in OF}
     off = dict(gaps(ours, case.along))
-    assert max(off.values()) < BAR, off
+    assert max(off.values()) < TOLERANCE, off
 
 
 @pytest.mark.parametrize("name", NOT_UNIQUE)
@@ -71,10 +71,10 @@ def test_least_forces(name):
     case = stored(name)
     found = least_force_derivatives(case.problem, case.tangent)
     for of in OF:
-        assert relative_gap(found.values[of], case.values[of]) < BAR, of
+        assert relative_gap(found.values[of], case.values[of]) < TOLERANCE, of
     off = dict(gaps({of: found.matrices[of] for of in OF}, case.along))
     print(f"\n{name}: {max(off.values()):.1e}")
-    assert max(off.values()) < BAR, off
+    assert max(off.values()) < TOLERANCE, off
 
 
 def worst_of_texts(p: Problem) -> float:

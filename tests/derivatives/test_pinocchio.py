@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast.robots import PANDA_HOME, panda
-from tests.derivatives.asked import by_jacobian, compiled
+from tests.derivatives.blocks import by_jacobian, compiled
 from tests.derivatives.stored import names, stored
 from tests.derivatives.tangent import closed_rows, tangent
 from tests.longer import mostly_long

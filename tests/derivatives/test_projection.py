@@ -26,7 +26,7 @@ from holdfast.dynamics.projection_derivatives import (
     round_point,
 )
 from holdfast.simulation.rollout.varied_step import state_arrays
-from tests.derivatives.asked import shape_of, size_of
+from tests.derivatives.blocks import shape_of, size_of
 from tests.derivatives.chains import TRUNKS, random_chain
 from tests.derivatives.moved import moved_problem
 from tests.derivatives.products import flat_direction
@@ -35,7 +35,7 @@ from tests.oracles.chain_derivatives import INERTIAS, names_of
 from tests.systems.as_chain import Problem
 
 OFF = 1e-2  # m, rad: how far beside the grasps
-BAR = 1e-8
+TOLERANCE = 1e-8
 ROUNDS = {"position": round_point, "velocity": impulse_point}
 
 
@@ -79,11 +79,11 @@ def test_rounds(seed, trunk, level):
     velocities = level == "velocity"
     of_model = set(OF_MODEL) - {"armature"}  # of which a joint may have none
     known = [x for x in names_of(p.chain) if x in of_model or (x in of_state and (velocities or x in OF_POSITIONS))]
-    bars = {"qdd": random.normal(size=n)}
+    cotangents = {"qdd": random.normal(size=n)}
     if velocities:
-        bars |= {"object_acceleration": random.normal(size=6)}
-        bars |= {"floating_acceleration": random.normal(size=6)} if p.chain.floats else {}
-    gradient, bar = backward(at, bars, known), np.concatenate([*bars.values()])
+        cotangents |= {"object_acceleration": random.normal(size=6)}
+        cotangents |= {"floating_acceleration": random.normal(size=6)} if p.chain.floats else {}
+    gradient, cotangent = backward(at, cotangents, known), np.concatenate([*cotangents.values()])
     own = {"q": "qdd", "qd": "qdd", "object_twist": "object_acceleration", "floating_twist": "floating_acceleration"}
     for name in known:
         direction = random.normal(size=shape_of(p, name))
@@ -93,13 +93,13 @@ def test_rounds(seed, trunk, level):
             continue
         by = {name: direction / np.abs(direction).max()}
         far = 1e-4 if name in (*INERTIAS, "object_mass") else 1e-3
-        ends = [after(moved(p, by, k * far), level) @ bar for k in (1, -1, 2, -2)]
+        ends = [after(moved(p, by, k * far), level) @ cotangent for k in (1, -1, 2, -2)]
         expected = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * far)
         slope = float(np.sum(gradient[name] * by[name]))
         if name in own and (velocities or name == "q") and name in names:  # what is changed is itself varied
-            slope += float(np.sum(bars[own[name]] * by[name]))
+            slope += float(np.sum(cotangents[own[name]] * by[name]))
         size = max(abs(expected), 1e-3)
-        assert abs(slope - expected) < BAR * max(size, 1.0), name
+        assert abs(slope - expected) < TOLERANCE * max(size, 1.0), name
         pushed = forward(at, by)
-        other_way = sum(np.sum(pushed[k] * x) for k, x in bars.items())
+        other_way = sum(np.sum(pushed[k] * x) for k, x in cotangents.items())
         assert abs(other_way - np.sum(gradient[name] * by[name])) < 1e-11 * max(1.0, size), name

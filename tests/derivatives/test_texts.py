@@ -9,9 +9,9 @@ import pytest
 
 import holdfast as hf
 from holdfast import dynamics
-from tests.derivatives.asked import names_for
+from tests.derivatives.blocks import names_for
 from tests.derivatives.products import random_directions
-from tests.derivatives.texts import Asked, asked, open_grasp, problem
+from tests.derivatives.texts import FunctionCase, function_case, open_grasp, problem
 from tests.longer import mostly_slow
 from tests.systems.problems import relative_gap
 
@@ -28,7 +28,7 @@ CASES = [
 ALL = pytest.mark.parametrize(("name", "kind"), CASES)
 
 
-def size_of_terms(of: Asked, result: str) -> float:
+def size_of_terms(of: FunctionCase, result: str) -> float:
     """Return the largest finite entry of a result, which differences lose digits of."""
     values = of.values()[result]
     return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
@@ -38,7 +38,7 @@ def size_of_terms(of: Asked, result: str) -> float:
 @ALL
 def test_rates_are_five_point_differences(name, kind, each):
     """Along each argument; and along all of them at once, whose rate is the sum."""
-    of, random = asked(name, kind), np.random.default_rng(7)
+    of, random = function_case(name, kind), np.random.default_rng(7)
     directions = of.directions(random)
     for along in [{by: x} for by, x in directions.items()] if each else [directions]:
         expected, got = of.differences(along), of.called("_jvp", along=along)
@@ -49,22 +49,22 @@ def test_rates_are_five_point_differences(name, kind, each):
 
 @ALL
 def test_a_gradient_along_a_direction_is_a_cotangent_along_the_rates(name, kind):
-    of, random = asked(name, kind), np.random.default_rng(8)
+    of, random = function_case(name, kind), np.random.default_rng(8)
     along = of.directions(random)
-    bars = {result: random.normal(size=value.shape) for result, value in of.values().items()}
-    pulled, pushed = of.called("_vjp", by=of.by, **bars), of.called("_jvp", along=along)
+    cotangents = {result: random.normal(size=value.shape) for result, value in of.values().items()}
+    pulled, pushed = of.called("_vjp", by=of.by, **cotangents), of.called("_jvp", along=along)
     parts = [float(np.sum(pulled[by] * x)) for by, x in along.items()]
-    expected = sum(float(np.sum(bar * pushed[result])) for result, bar in bars.items())
+    expected = sum(float(np.sum(cotangent * pushed[result])) for result, cotangent in cotangents.items())
     assert sum(parts) == pytest.approx(expected, abs=1e-13 * np.abs(parts).sum())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_derivatives_come_with_what_the_function_returns(name, kind):
-    of = asked(name, kind)
-    bars = {result: np.zeros(value.shape) for result, value in of.values().items()}
+    of = function_case(name, kind)
+    cotangents = {result: np.zeros(value.shape) for result, value in of.values().items()}
     nothing = {by: 0.0 * x for by, x in of.directions(np.random.default_rng(0)).items()}
-    for found in (of.called("_vjp", by=of.by, **bars), of.called("_jvp", along=nothing)):
+    for found in (of.called("_vjp", by=of.by, **cotangents), of.called("_jvp", along=nothing)):
         if name == "closure":
             assert all(
                 np.array_equal(x, y) for g in of.called() for x, y in zip(found.result[g], of.called()[g], strict=True)
@@ -78,7 +78,7 @@ def test_derivatives_come_with_what_the_function_returns(name, kind):
     ("name", "kind"), mostly_slow([*((name, "floating") for name in (*SOLVED, "closure")), *OF_FORCES], OF_FORCES)
 )
 def test_the_jacobian_holds_the_rates_of_all_directions(name, kind):
-    of, random = asked(name, kind), np.random.default_rng(9)
+    of, random = function_case(name, kind), np.random.default_rng(9)
     along = of.directions(random)
     matrix = of.called("_jacobian", by=of.by)
     several = of.called("_jvp", along={by: np.stack([x, 0.5 * x, 0.0 * x]) for by, x in along.items()})
@@ -155,13 +155,13 @@ def test_closure_of_every_kind_of_grasp(kind):
 
 
 def test_what_torques_do_not_depend_on_has_a_gradient_of_nothing():
-    of = asked("inverse_dynamics", "plain")
+    of = function_case("inverse_dynamics", "plain")
     found = of.called("_vjp", by=["object_mass", "grasp_pose", "object_wrench"], tau=np.ones(of.p.chain.joint_count))
     assert not any(np.any(found[name]) for name in found.parts)
 
 
 def test_names_and_shapes_that_do_not_fit_are_refused():
-    of = asked("inverse_dynamics", "plain")
+    of = function_case("inverse_dynamics", "plain")
     n = of.p.chain.joint_count
     with pytest.raises(hf.StateError, match="inverse_dynamics_vjp: no 'tau'"):
         of.called("_vjp", by=["tau"], tau=np.ones(n))
@@ -176,4 +176,4 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
     with pytest.raises(hf.StateError, match="expected shape"):
         of.called("_jvp", along={"q": np.ones(n + 1)})
     with pytest.raises(hf.StateError, match="kinetic_energy_jacobian: no 'gravity'"):
-        asked("kinetic_energy", "plain").called("_jacobian", by=["gravity"])
+        function_case("kinetic_energy", "plain").called("_jacobian", by=["gravity"])

@@ -13,7 +13,7 @@ from holdfast import dynamics
 from holdfast.dynamics import Status
 from holdfast.dynamics.linearise import basis_at
 from holdfast.spatial import rotation
-from tests.derivatives.asked import as_direction, names_for, size_of
+from tests.derivatives.blocks import as_direction, names_for, size_of
 from tests.derivatives.products import flat_direction, random_directions
 from tests.derivatives.texts import FIVE_POINTS, STEP, displaced, problem
 from tests.longer import mostly_slow
@@ -26,7 +26,6 @@ from tests.systems.trunk_runs import with_first_joints_as_trunk
 
 TRUNCATED, SAME, DUAL = 1e-8, 1e-10, 1e-13
 OF = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
-IN_STATE = ("q", "qd", "object_pose", "object_twist", "floating_pose", "floating_twist")
 # What changes no grasp and no motion that grasps allow.
 OF_MODEL = (
     *("tau", "gravity", "object_mass", "object_com", "object_inertia", "object_wrench", "armature", "damping"),
@@ -59,11 +58,11 @@ def require_duality(p: Problem, random: np.random.Generator) -> None:
     """Compare a gradient along a direction with a cotangent along the rates."""
     by = names_for(p)
     along, value = random_directions(p, random, by), solved(p)
-    bars = {name: random.normal(size=x.shape) for name, x in value.items()}
+    cotangents = {name: random.normal(size=x.shape) for name, x in value.items()}
     pushed = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, inputs=p.inputs, along=along, check=False)
-    pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, by=by, check=False, **bars)
+    pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, by=by, check=False, **cotangents)
     parts = [float(np.sum(pulled[name] * x)) for name, x in along.items()]
-    parts += [-float(np.sum(bar * pushed[name])) for name, bar in bars.items()]
+    parts += [-float(np.sum(cotangent * pushed[name])) for name, cotangent in cotangents.items()]
     assert abs(sum(parts)) < DUAL * np.abs(parts).sum()
 
 
@@ -160,11 +159,13 @@ def test_the_first_joints_of_an_arm_as_a_trunk(made):
         assert relative_gap(other[x], one[x]) < SAME, x
     assert relative_gap(other["trunk_base_wrench"], one["base_wrench"][1]) < SAME
     assert relative_gap(other["base_wrench"][under], one["base_wrench"][under]) < SAME
-    bars = {x: random.normal(size=v.shape) for x, v in one.items()}
-    bars_there = bars | {"qdd": bars["qdd"][order], "trunk_base_wrench": bars["base_wrench"][1]}
-    bars_there["base_wrench"] = np.where(np.arange(len(p.chain.arms))[:, None] == 1, 0.0, bars["base_wrench"])
-    pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, by=tuple(along), **bars)
-    found = hf.forward_dynamics_vjp(on.chain, on.state, on.tau, inputs=on.inputs, by=tuple(there), **bars_there)
+    cotangents = {x: random.normal(size=v.shape) for x, v in one.items()}
+    cotangents_there = cotangents | {"qdd": cotangents["qdd"][order], "trunk_base_wrench": cotangents["base_wrench"][1]}
+    cotangents_there["base_wrench"] = np.where(
+        np.arange(len(p.chain.arms))[:, None] == 1, 0.0, cotangents["base_wrench"]
+    )
+    pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, by=tuple(along), **cotangents)
+    found = hf.forward_dynamics_vjp(on.chain, on.state, on.tau, inputs=on.inputs, by=tuple(there), **cotangents_there)
     for x in along:
         wanted = pulled[x][order] if x in joints else pulled[x][links] if x in of_links else pulled[x]
         assert relative_gap(found[x], wanted) < SAME, x

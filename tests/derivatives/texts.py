@@ -15,7 +15,7 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.model.grasp import WrenchLimits
 from holdfast.model.joint import Joint
-from tests.derivatives.asked import as_direction, names_for, size_of
+from tests.derivatives.blocks import as_direction, names_for, size_of
 from tests.derivatives.moved import moved_problem
 from tests.derivatives.products import flat_direction
 from tests.systems.as_chain import Problem
@@ -47,7 +47,7 @@ OWN = ("qdd", "grasp_wrench", "floating_acceleration")
 ROOMS = {"inverse_dynamics": hf, "grasp_margins": forces, "joint_margins": forces, "wrist_wrenches": forces}
 
 
-class Asked(NamedTuple):
+class FunctionCase(NamedTuple):
     """A function at a problem.
 
     Attributes:
@@ -102,7 +102,7 @@ class Asked(NamedTuple):
         found = {name: as_direction(self.p, name, random.normal(size=size_of(self.p, name))) for name in names}
         return found | {name: random.normal(size=x.shape) * (x != 0.0) for name, x in self.own.items()}
 
-    def moved(self, along: Mapping[str, np.ndarray], far: float) -> Asked:
+    def moved(self, along: Mapping[str, np.ndarray], far: float) -> FunctionCase:
         """Return the same with some arguments displaced."""
         own = {name: x + far * along[name] if name in along else x for name, x in self.own.items()}
         flat = {name: flat_direction(self.p, name, far * x) for name, x in along.items() if name not in OWN}
@@ -119,7 +119,7 @@ class Asked(NamedTuple):
         }
 
 
-def undriven(of: Asked) -> Asked:
+def undriven(of: FunctionCase) -> FunctionCase:
     """Return inverse dynamics with the external wrench on a floating base that lets it accelerate so.
 
     The drives do not feel that wrench.
@@ -185,26 +185,28 @@ def _limited(p: Problem) -> Problem:
     return replace(p, chain=replace(p.chain, arms=arms, grasps=grasps))
 
 
-def asked(name: str, kind: str) -> Asked:
+def function_case(name: str, kind: str) -> FunctionCase:
     """Return a function at one of the problems, accelerations and wrenches at random."""
     p, random = problem(kind), np.random.default_rng(5)
     if name == "joint_margins":
-        return Asked(name, p, {})
+        return FunctionCase(name, p, {})
     if name in ("grasp_margins", "wrist_wrenches"):
         result = hf.forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
-        return Asked(name, p, {"grasp_wrench": result.grasp_wrench}, result)
+        return FunctionCase(name, p, {"grasp_wrench": result.grasp_wrench}, result)
     if name != "inverse_dynamics":
-        return Asked(name, p, {})
+        return FunctionCase(name, p, {})
     free = [name not in p.chain.grasps or p.chain.grasps[name].kind == "bushing" for name in p.chain.arms]
     f = np.where(np.array(free)[:, None], 0.0, random.normal(size=(len(p.chain.arms), 6)))
     own = {"qdd": random.normal(size=p.chain.joint_count), "grasp_wrench": f}
-    return undriven(Asked(name, p, own | ({"floating_acceleration": random.normal(size=6)} if p.chain.floats else {})))
+    return undriven(
+        FunctionCase(name, p, own | ({"floating_acceleration": random.normal(size=6)} if p.chain.floats else {}))
+    )
 
 
-def open_grasp(kind: str) -> Asked:
+def open_grasp(kind: str) -> FunctionCase:
     """Return the closure of two arms, one of which holds by a kind of grasp, far from closed."""
     p, random = random_problem(5, joints=(6, 5), grasps=("ball", "rigid"), moving_base=True), np.random.default_rng(6)
     name = p.chain.names[1]
     chain = p.chain.without_grasp(name).with_grasp(name, grasp_of(kind, p.chain.grasps[name].frame))
     loose = replace(p, chain=chain, state=replace(p.state, q=p.state.q + 0.3 * random.normal(size=chain.joint_count)))
-    return Asked("closure", displaced(loose, {"qd": random.normal(size=chain.joint_count)}), {})
+    return FunctionCase("closure", displaced(loose, {"qd": random.normal(size=chain.joint_count)}), {})

@@ -14,7 +14,7 @@ from holdfast.dynamics.object_level import motion_basis
 from holdfast.dynamics.projection import moved, project_velocities
 from holdfast.spatial import rotation
 from tests.model.parts import BOX, arm
-from tests.systems.problems import STATE, random_problem, stored
+from tests.systems.problems import STATE, largest_gaps, random_problem, stored
 
 KINDS = {
     "rigid": {"grasps": "rigid", "joints": (7, 6, 8)},
@@ -22,12 +22,6 @@ KINDS = {
     "fingers": {"grasps": ("softfinger", "hinge"), "joints": (7, 7)},
 }
 systems = pytest.mark.parametrize(("kind", "seed"), [(kind, seed) for kind in KINDS for seed in range(3)])
-
-
-def largest_gap(chain: ClosedChain, state: State, inputs=None) -> tuple[float, float]:
-    """Return the largest position and velocity residuals."""
-    gaps = closure(chain, state, inputs).values()
-    return tuple(max(np.abs(getattr(gap, part)).max() for gap in gaps) for part in ("position", "velocity"))
 
 
 def perturbed(p, seed: int, size: float = 0.3) -> State:
@@ -41,10 +35,10 @@ def test_closes_from_nearby(kind, seed):
     """From 0.3 rad off the chains close to 1e-12, not far from the guess, velocities included."""
     p = random_problem(seed, moving_base=True, **KINDS[kind])
     guess = perturbed(p, seed)
-    before = largest_gap(p.chain, guess, p.inputs)
+    before = largest_gaps(closure(p.chain, guess, p.inputs))
     found = close(p.chain, guess, inputs=p.inputs)
     assert before[0] > 0.1
-    assert max(largest_gap(p.chain, found, p.inputs)) < 1e-12
+    assert max(largest_gaps(closure(p.chain, found, p.inputs))) < 1e-12
     assert np.linalg.norm(found.q - guess.q) < 3 * 0.3 * np.sqrt(p.chain.joint_count)
 
 
@@ -57,7 +51,7 @@ def test_object_is_held(kind, seed):
     found = close(p.chain, guess, hold_object=True, inputs=p.inputs)
     np.testing.assert_array_equal(found.object_pose, guess.object_pose)
     np.testing.assert_array_equal(found.object_twist, guess.object_twist)
-    assert max(largest_gap(p.chain, found, p.inputs)) < 1e-12
+    assert max(largest_gaps(closure(p.chain, found, p.inputs))) < 1e-12
 
 
 def test_a_closed_state_stays():
@@ -92,7 +86,7 @@ def test_narrow_limits(kind, seed, room):
     assert ((low <= found.q) & (found.q <= high)).all()
     assert ((free.q < low) | (free.q > high)).any()
     for state in (found, free):
-        assert max(largest_gap(chain, state, p.inputs)) < 1e-12
+        assert max(largest_gaps(closure(chain, state, p.inputs))) < 1e-12
 
 
 def test_limits_can_forbid():
@@ -135,7 +129,7 @@ def test_nearest_velocity(kind, seed):
     rng = np.random.default_rng(seed)
     rough = State(p.state.q, rng.normal(size=p.chain.joint_count), p.state.object_pose, rng.normal(size=6))
     found = project_velocity(p.chain, rough, inputs=p.inputs)
-    assert largest_gap(p.chain, found, p.inputs)[1] < 1e-12
+    assert largest_gaps(closure(p.chain, found, p.inputs))[1] < 1e-12
     # nearest with lengths in units of the arms' reach
     sizes = coordinate_sizes(chain_motion(p.chain, p.state, p.tau, p.inputs.shaped(p.chain)))
     change = np.r_[found.qd - rough.qd, found.object_twist - rough.object_twist]
@@ -143,7 +137,7 @@ def test_nearest_velocity(kind, seed):
     np.testing.assert_array_equal(found.q, rough.q)
     held = project_velocity(p.chain, rough, hold_object=True, inputs=p.inputs)
     np.testing.assert_array_equal(held.object_twist, rough.object_twist)
-    assert largest_gap(p.chain, held, p.inputs)[1] < 1e-12
+    assert largest_gaps(closure(p.chain, held, p.inputs))[1] < 1e-12
 
 
 MOVING = {"grasps": ("rigid", "hinge", "softfinger", "ball"), "joints": (7, 6, 7, 6), "moving_base": True}
@@ -171,7 +165,7 @@ def test_project_closes(seed, size):
     p = random_problem(seed, **MOVING)
     off = nudged(p, seed, size)
     found, motion = project(p.chain, off, p.inputs)
-    position, velocity = largest_gap(p.chain, found, p.inputs)
+    position, velocity = largest_gaps(closure(p.chain, found, p.inputs))
     assert position < 1e-13 and velocity < 1e-12
     for key in ("q",) if size else STATE:  # a closed state comes back to rounding
         assert np.abs(getattr(found, key) - getattr(off, key)).max() < max(100 * size, 1e-12)

@@ -31,7 +31,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.spatial_vector import shift_wrench, unrotate
 from tests.systems import planar_three_arms
 from tests.systems.as_chain import as_chain
-from tests.systems.problems import random_problem, relative_gap
+from tests.systems.problems import largest_gaps, random_problem, relative_gap
 
 KINDS = ("rigid", "hinge", "softfinger", "ball")
 OPTIONS = {"grasps": ("softfinger", None, "rigid", None, "ball"), "joints": (7, 7, 6, 8, 7)}
@@ -92,8 +92,7 @@ def test_momentum(kind, seed, moving_base):
 def test_velocities(kind, seed, moving_base):
     """Every grasp holds in position and velocity; nothing else has moved; a free arm goes on as it was."""
     p, done = gripped(kind, seed, moving_base)
-    for gap in closure(done.chain, done.state, p.inputs).values():
-        assert max(np.abs(gap.position).max(), np.abs(gap.velocity).max()) < 1e-12
+    assert largest_gaps(closure(done.chain, done.state, p.inputs)).max() < 1e-12
     np.testing.assert_array_equal(done.state.q, p.state.q)
     np.testing.assert_array_equal(done.state.object_pose, p.state.object_pose)
     free = p.chain.joints["arm4"]
@@ -155,8 +154,7 @@ def test_impulses_that_are_not_unique(seed):
     assert len(unfelt) == 6
     metric = np.tile(np.r_[np.full(3, length_scale([c.offset for c in motion.contacts]) ** -2), np.ones(3)], 3)
     assert np.abs(unfelt @ (metric * done.impulses.ravel())).max() < 1e-10 * np.abs(metric).max()
-    for gap in closure(done.chain, done.state).values():
-        assert np.abs(gap.velocity).max() < 1e-12
+    assert largest_gaps(closure(done.chain, done.state))[1] < 1e-12
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -16,7 +16,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 SCENES = {"torso": 1.5, "hand_on_arm": 0.6, "free_flyer": 2.0}  # and how long they last [s]
 
 
-def begun(name: str, duration: float) -> tuple[Scenario, hf.Trajectory]:
+def simulated(name: str, duration: float) -> tuple[Scenario, hf.Trajectory]:
     """Return an example and its run up to a time."""
     scene = load_scene(EXAMPLES / f"{name}.toml")
     run = hf.simulate(scene.chain, scene.state, scene.controller, duration, scene.step, **scene.options)
@@ -35,7 +35,7 @@ def test_all_are_listed():
 
 def test_torso():
     """Its springs drive waist and lean towards their set points; the floor bears all weights and what moves them."""
-    scene, run = begun("torso", 0.2)
+    scene, run = simulated("torso", 0.2)
     names = scene.chain.joint_names()
     waist, bend, lean = (run.q[-1, names.index(f"trunk/{name}")] for name in ("waist", "bend", "lean"))
     assert 0.2 < waist < 0.8 and 0.05 < lean < 0.15 and abs(bend) < 0.1
@@ -47,7 +47,7 @@ def test_torso():
 
 def test_hand_on_arm():
     """The torques turn the first joint at 4 rad/s^2 and hold all others; springs alone pinch the ball."""
-    scene, run = begun("hand_on_arm", 0.05)
+    scene, run = simulated("hand_on_arm", 0.05)
     assert run.q[-1, 0] == pytest.approx(0.5 * 4.0 * 0.05**2, rel=0.02)
     assert np.abs(run.q[-1, 1:7] - run.q[0, 1:7]).max() < 2e-3
     assert not run.tau[:, 7:].any()

@@ -10,7 +10,7 @@ import pytest
 
 import holdfast as hf
 from tests.derivatives.products import flat_direction, random_directions
-from tests.derivatives.texts import FIVE_POINTS, STEP, asked, displaced
+from tests.derivatives.texts import FIVE_POINTS, STEP, displaced, function_case
 from tests.systems.as_chain import Problem
 
 NAMES = ("grasp_margins", "wrist_wrenches")
@@ -19,7 +19,7 @@ NAMES = ("grasp_margins", "wrist_wrenches")
 @pytest.mark.parametrize("name", NAMES)
 def test_behind_forward_dynamics_gradients_are_those_of_torques_and_payload(name):
     """Gradients by the grasp wrenches are forward dynamics' cotangents: the whole against differences of the whole."""
-    of, random = asked(name, "limits"), np.random.default_rng(10)
+    of, random = function_case(name, "limits"), np.random.default_rng(10)
     p, bar = of.p, random.normal(size=of.called().shape)
     by_wrench = of.called("_vjp", by=["grasp_wrench"], **{name: bar}).grasp_wrench
     by = ("tau", "object_mass")
@@ -37,7 +37,7 @@ def test_behind_forward_dynamics_gradients_are_those_of_torques_and_payload(name
 
 
 def test_a_margin_that_nothing_limits_does_not_change():
-    of = asked("grasp_margins", "limits")
+    of = function_case("grasp_margins", "limits")
     found = of.called("_jacobian", by=of.by)
     assert list(np.isinf(found.result)) == [False, False, True]
     assert not any(found["grasp_margins", by][2].any() for by in of.by)
@@ -45,7 +45,7 @@ def test_a_margin_that_nothing_limits_does_not_change():
 
 def test_without_a_load_a_cone_opens_along_its_normal():
     """At f = 0 the length |B f| has the derivative 0, so what is left is what presses: 0 <= mu <= 1 normals."""
-    of = asked("grasp_margins", "limits")
+    of = function_case("grasp_margins", "limits")
     still = of._replace(own={"grasp_wrench": np.zeros_like(of.own["grasp_wrench"])})
     chain, (name, grasp) = of.p.chain, next(iter(of.p.chain.grasps.items()))
     found = still.called("_vjp", by=["grasp_wrench"], grasp_margins=[1.0, 0.0, 0.0]).grasp_wrench
@@ -57,7 +57,7 @@ def test_without_a_load_a_cone_opens_along_its_normal():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_does_not_fit_is_refused_in_words(name):
-    of = asked(name, "limits")
+    of = function_case(name, "limits")
     with pytest.raises(hf.StateError, match=f"{name}_vjp: no 'tau'"):
         of.called("_vjp", by=["tau"], **{name: np.zeros(of.called().shape)})
     with pytest.raises(hf.StateError, match=f"{name}: .*shape"):
@@ -71,7 +71,7 @@ def test_what_does_not_fit_is_refused_in_words(name):
 
 
 def test_joints_without_limits_and_beside_the_nearer_one():
-    of = asked("joint_margins", "limits")
+    of = function_case("joint_margins", "limits")
     chain, q = of.p.chain, of.p.state.q
     found = of.called("_jacobian")
     ends = np.array([joint.position_limits for joint in chain.all_joints])

@@ -12,7 +12,7 @@ import holdfast as hf
 from holdfast.identification import Recording
 from holdfast.identification.equations import Settings, equations
 from holdfast.identification.estimate import estimate
-from holdfast.identification.unknowns import unknowns
+from holdfast.identification.unknowns import unknowns_of
 from tests.identification.recorded import BOX, noisy, recorded, two_pandas
 
 TRUE = np.r_[BOX.mass, BOX.com, BOX.inertia[np.triu_indices(3)]]
@@ -66,15 +66,16 @@ def test_exact(model, short, by):
 @pytest.mark.parametrize("seeds", [25, pytest.param(400, marks=pytest.mark.long)])
 def test_noisy_recordings(model, swung, by, seeds):
     """Five per cent of noise: mass to half a per cent, mass centre to 2 mm; nine of ten errors are in their region."""
-    asked = Settings(by, False, False)
-    system = equations(model, [swung], asked)
-    look, kinds = unknowns(model, asked, np.ones(6)), np.tile([0] * 3 + [1] * 3, 2) if by == BY[0] else np.arange(14)
+    settings = Settings(by, False, False)
+    system = equations(model, [swung], settings)
+    unknowns = unknowns_of(model, settings, np.ones(6))
+    kinds = np.tile([0] * 3 + [1] * 3, 2) if by == BY[0] else np.arange(14)
     errors, distances = [], []
     for seed in range(seeds):
         measured = getattr(noisy(swung, seed), by).reshape(len(swung), -1)
         rows = system.rows.copy()
         rows[..., -1] -= np.einsum("src,sc->sr", system.maps, measured - system.measured)
-        found = estimate(replace(system, rows=rows, measured=measured), look, kinds, None, 0.3)
+        found = estimate(replace(system, rows=rows, measured=measured), unknowns, kinds, None, 0.3)
         assert not found.fixed.size
         error = found.plain - TRUE
         errors.append(error)

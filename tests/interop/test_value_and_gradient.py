@@ -115,9 +115,9 @@ def test_standing_still(rolled):
     value, gradient = fun(fun.x0 + np.array([0, 0, 0, 5.0, 0, 0]))
     assert value == np.inf and not gradient.any()
     far = given | {"object_pose": given["object_pose"] + np.array([0, 0, 0, 0, 5.0, 0, 0])}
-    begun = value_and_gradient(rollout, effort, of=("q",), by=("object_pose",), step=STEP, steps=STEPS, **far)
+    cost = value_and_gradient(rollout, effort, of=("q",), by=("object_pose",), step=STEP, steps=STEPS, **far)
     with pytest.raises(hf.StateError, match="that have an answer"):
-        begun(begun.x0)
+        cost(cost.x0)
 
 
 @pytest.fixture(scope="module")

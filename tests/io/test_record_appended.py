@@ -21,7 +21,7 @@ OPTIONS = {"every": 2, "record": RECORDED, "object_mass": np.array([1.0, 2.0, 3.
 
 
 @pytest.fixture
-def begun():
+def initial():
     """Return a rollout and four started systems, one of which stops at once."""
     chain, state = problem("one")
     starts = elsewhere(chain, state, 4)
@@ -37,10 +37,10 @@ def at_once(monkeypatch):
 
 
 @pytest.mark.parametrize("patience", [0.0, 60.0])
-def test_same_bits(begun, tmp_path, monkeypatch, patience):
+def test_same_bits(initial, tmp_path, monkeypatch, patience):
     """In how many pieces it was written makes no difference, nor does reading it or saving it elsewhere."""
     monkeypatch.setattr(record_writer, "PATIENCE", patience)
-    rollout, systems = begun
+    rollout, systems = initial
     kept = rollout.run(systems, 0.013, 0.001, **OPTIONS)
     record = rollout.run(systems, 0.013, 0.001, folder=tmp_path / "new" / "record", **OPTIONS)
     loaded = hf.io.load_record(tmp_path / "new" / "record", rollout)
@@ -56,9 +56,9 @@ def test_same_bits(begun, tmp_path, monkeypatch, patience):
 
 
 @pytest.mark.usefixtures("at_once")
-def test_readable_meanwhile(begun, tmp_path):
+def test_readable_meanwhile(initial, tmp_path):
     """After each step the folder has all records so far; of these a system becomes a run."""
-    rollout, systems = begun
+    rollout, systems = initial
     kept, seen = rollout.run(systems, 0.008, 0.001, **OPTIONS), []
 
     def look(t):
@@ -73,9 +73,9 @@ def test_readable_meanwhile(begun, tmp_path):
     assert hf.io.load_record(tmp_path).note == ""
 
 
-def test_interrupted(begun, tmp_path):
+def test_interrupted(initial, tmp_path):
     """Ctrl-C leaves every record so far; wrong arguments leave nothing, and an earlier record as it was."""
-    rollout, systems = begun
+    rollout, systems = initial
 
     def stop(t):
         if t > 0.0055:
@@ -97,9 +97,9 @@ def test_interrupted(begun, tmp_path):
 
 
 @pytest.mark.usefixtures("at_once")
-def test_another_writer(begun, tmp_path):
+def test_another_writer(initial, tmp_path):
     """Two rollouts in one folder are refused before their records mix."""
-    rollout, systems = begun
+    rollout, systems = initial
 
     def disturb(t):
         if 0.0015 < t < 0.0025:
@@ -110,9 +110,9 @@ def test_another_writer(begun, tmp_path):
     assert hf.io.load_record(tmp_path).note == ""
 
 
-def test_changed_while_read(begun, tmp_path):
+def test_changed_while_read(initial, tmp_path):
     """Arrays that are asked for when their folder has gone say so."""
-    rollout, systems = begun
+    rollout, systems = initial
     record = rollout.run(systems, 0.003, 0.001, folder=tmp_path, record=["q"])
     (tmp_path / "records_000000.npz").unlink()
     with pytest.raises(hf.ResultError, match="changed while it was read"):
@@ -122,10 +122,10 @@ def test_changed_while_read(begun, tmp_path):
 
 
 @pytest.mark.slow
-def test_memory_does_not_grow(begun, tmp_path, monkeypatch):
+def test_memory_does_not_grow(initial, tmp_path, monkeypatch):
     """Ten times the records take as much memory, less their times."""
     monkeypatch.setattr(record_writer, "LARGEST_PIECE", 2**16)
-    rollout, systems = begun
+    rollout, systems = initial
     peaks = []
     for k, duration in enumerate((0.01, 0.2, 2.0)):  # the first is not measured
         tracemalloc.start()
@@ -138,7 +138,7 @@ def test_memory_does_not_grow(begun, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_killed(begun, tmp_path):
+def test_killed(initial, tmp_path):
     """kill -9 at any moment leaves whole records, those of an undisturbed rollout."""
     program = """
         import holdfast as hf
@@ -168,9 +168,9 @@ def test_killed(begun, tmp_path):
         assert same_bits(record["q"], kept["q"][: len(record.t)])
 
 
-def test_options_first(begun, tmp_path):
+def test_options_first(initial, tmp_path):
     """A wrong option is refused before anything is written."""
-    rollout, systems = begun
+    rollout, systems = initial
     with pytest.raises(hf.ModelError, match="largest_drift: expected a number"):
         rollout.run(systems, 0.002, 0.001, largest_drift="1", folder=tmp_path / "record")
     assert not list(tmp_path.iterdir())

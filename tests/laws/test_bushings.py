@@ -15,7 +15,7 @@ from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from tests.laws.moving import moving
 from tests.longer import mostly_long
 from tests.oracles.differenced_positions import exact, rotation_about
-from tests.simulation.rollout.problems import arrays
+from tests.simulation.rollout.problems import arrays, assert_rollout_is_run, without_torques
 from tests.simulation.runs import limp
 from tests.spatial.dual import slopes_of
 from tests.systems.anchored import pinned_to_trunk
@@ -214,9 +214,7 @@ def test_damped_oscillator(steps):
         assert lost < -1e-2 and change == pytest.approx(lost, rel=1e-9)
         tolerance = 1e-11
     else:
-        rollout = hf.compile_rollout(p.chain)
-        systems = rollout.start(**{name: x[None] for name, x in arrays(p.state).items()}, tau=np.zeros((1, 0)))
-        after = rollout.run(systems, t, t / 2000, tau=np.zeros((1, 0))).systems
+        after = without_torques(p.chain, p.state, t, t / 2000)
         x, v, tolerance = after.object_pose[0, 4:], after.object_twist[0, 3:], 1e-9
     m, d = 2.0, c / 4.0
     w = np.sqrt(k / m - d**2)
@@ -267,14 +265,7 @@ def test_runs(damped):
     run = hf.simulate(p.chain, p.state, limp, 0.05, 0.01, scheme="dop853", rtol=1e-12, atol=1e-13)
     left = run.kinetic + run.potential - run.kinetic[0] - run.potential[0] - run.work.sum(axis=1)
     assert np.abs(left).max() <= 1e-11 * run.kinetic.max() and np.ptp(run.potential) > 0.1
-    none = np.zeros((1, p.chain.joint_count))
-    rollout = hf.compile_rollout(p.chain)
-    systems = rollout.start(**{name: x[None] for name, x in arrays(p.state).items()}, tau=none)
-    after = rollout.run(systems, 0.01, 1e-3, tau=none).systems
-    same = hf.simulate(p.chain, p.state, limp, 0.01, 1e-3)
-    for name in ("q", "qd", "object_pose"):
-        assert relative_gap(getattr(after, name)[0], getattr(same, name)[-1]) <= 1e-11
-    assert relative_gap(after.work[0], same.work[-1], np.abs(same.kinetic).max()) <= 1e-11
+    assert_rollout_is_run(p.chain, p.state, relative_to_energy=True)
 
 
 def test_gripped_by_a_bushing():

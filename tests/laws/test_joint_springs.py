@@ -8,8 +8,8 @@ import pytest
 import holdfast as hf
 from holdfast.dynamics import potential_energy, power
 from holdfast.simulation.balance import WORK_TERMS
-from tests.simulation.rollout.problems import arrays
-from tests.simulation.runs import limp
+from tests.simulation.rollout.problems import assert_rollout_is_run
+from tests.simulation.runs import assert_held_still, limp
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 from tests.systems.problems import random_problem, relative_gap
@@ -98,23 +98,14 @@ def test_energy():
 def test_rollout():
     """Rollouts have the springs in their steps."""
     chain, state = held()
-    rollout = hf.compile_rollout(chain)
-    none = np.zeros((1, chain.joint_count))
-    systems = rollout.start(**{name: x[None] for name, x in arrays(state).items()}, tau=none)
-    after = rollout.run(systems, 0.01, 1e-3, tau=none).systems
-    run = hf.simulate(chain, state, limp, 0.01, 1e-3)
-    assert relative_gap(after.q[0], run.q[-1]) <= 1e-11
-    assert relative_gap(after.qd[0], run.qd[-1]) <= 1e-11
+    assert_rollout_is_run(chain, state)
 
 
 @pytest.mark.parametrize("controlled", [False, True])
 def test_holding(controlled):
     """Torques that hold the chain still hold it against its springs too."""
     chain, state = held()
-    still = hf.State(state.q, np.zeros(len(state.q)), state.object_pose)
-    tau = hf.control.GravityCompensation(chain)(0.0, still, None)[0] if controlled else hf.holding_torques(chain, still)
-    found = hf.forward_dynamics(chain, still, tau)
-    assert np.abs(found.qdd).max() < 1e-9 * np.abs(tau).max()
+    assert_held_still(chain, state, controlled)
 
 
 def test_mujoco():

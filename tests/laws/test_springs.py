@@ -10,8 +10,8 @@ from holdfast.dynamics import link_poses, momentum_rate, potential_energy, power
 from holdfast.dynamics.closed.spring_wrenches import stretches
 from holdfast.simulation.balance import WORK_TERMS
 from tests.dynamics.problems import later
-from tests.simulation.rollout.problems import arrays
-from tests.simulation.runs import limp
+from tests.simulation.rollout.problems import arrays, assert_rollout_is_run
+from tests.simulation.runs import assert_held_still, limp
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import Problem, as_chain
 from tests.systems.problems import random_problem, relative_gap
@@ -155,14 +155,7 @@ def test_power_balance_of_a_run():
 def test_rollout():
     """Rollouts have the springs in their steps, and their work."""
     chain, state, _ = still_bases(4, damped=True)
-    none = np.zeros((1, chain.joint_count))
-    rollout = hf.compile_rollout(chain)
-    systems = rollout.start(**{name: x[None] for name, x in arrays(state).items()}, tau=none)
-    after = rollout.run(systems, 0.01, 1e-3, tau=none).systems
-    run = hf.simulate(chain, state, limp, 0.01, 1e-3)
-    assert relative_gap(after.q[0], run.q[-1]) <= 1e-11
-    assert relative_gap(after.qd[0], run.qd[-1]) <= 1e-11
-    assert relative_gap(after.work[0], run.work[-1]) <= 1e-11
+    assert_rollout_is_run(chain, state)
 
 
 @pytest.mark.parametrize("controlled", [False, True])
@@ -171,10 +164,7 @@ def test_holding(controlled):
     options = {"moving_base": False, "extras": False, "joint_speed": 0.0, "gravity": (0, 0, -9.81)}
     p = as_chain(well_conditioned_system(5, joints=[6, 7], grasps=["rigid", "rigid"], **options))
     chain = with_springs(p.chain, 5)
-    still = hf.State(p.state.q, np.zeros(len(p.state.q)), p.state.object_pose)
-    tau = hf.control.GravityCompensation(chain)(0.0, still, None)[0] if controlled else hf.holding_torques(chain, still)
-    found = hf.forward_dynamics(chain, still, tau)
-    assert np.abs(found.qdd).max() < 1e-9 * np.abs(tau).max()
+    assert_held_still(chain, p.state, controlled)
 
 
 def test_no_length():

@@ -47,6 +47,37 @@ def test_two_pandas():
     short(many, 2)
 
 
+def test_results_of_functions():
+    """Matrices are given by their sizes, runs and reports by what matters most."""
+    chain, state = two_pandas()
+    tau = hf.holding_torques(chain, state, internal=20.0)
+    found = hf.forward_dynamics(chain, state, tau)
+    assert short(found["left"]) == "<ArmResult: 7 joints, force (20, 0, 14.71) N, moment (0, 0, 0) N m on the object>"
+    jacobian = hf.forward_dynamics_jacobian(chain, state, tau, of=["qdd"], by=["q", "tau"])
+    assert short(jacobian) == "<Derivatives: qdd by q (14, 14), qdd by tau (14, 14)>"
+    assert short(hf.forward_dynamics_vjp(chain, state, tau, by=["q"], qdd=np.ones(14))) == "<Derivatives: q (14,)>"
+    still = "<State: 14 joints, object at (0, 0, 0.72) m, at rest>"
+    assert short(hf.linearise(chain, state, tau)) == f"<Linearisation: 16 coordinates, 14 torques, about {still}>"
+    step = short(hf.linearise(chain, state, tau, step=0.01))
+    assert step == f"<DiscreteLinearisation: 16 coordinates, 14 torques, a step of 0.01 s from {still}>"
+    assert short(hf.assembly.assembly_report(chain, state)) == "<AssemblyReport: 2 arms, mobility 8, rank 12 of 12>"
+    assert short(hf.assembly.Assembly(chain, state), 3).startswith("<Assembly of <ClosedChain: 2 arms, 14 joints")
+    bound = hf.compile(chain).bind(q=np.array(state.q), object_pose=np.array(state.object_pose))
+    assert short(bound) == "<BoundDynamics of left, right>"
+    law = hf.control.compile_law(hf.control.GravityCompensation(chain)).bind()
+    assert short(law).startswith("<BoundLaw of 14 joints: t, q, qd, ")
+    at = (state.q, state.qd, tau, state.object_pose, state.object_twist)
+    compiled = hf.compile(chain).forward_dynamics_jacobian(*at, of=["qdd"], by=["q", "tau"])
+    assert short(compiled) == "<Derivatives: jacobian of qdd by q, tau>"
+    legs = ", ".join(f"leg{k}" for k in range(1, 7))
+    assert short(hf.robots.stewart_platform()) == f"<Mechanism of {legs}: object 20 kg>"
+    run = hf.simulate(chain, state, lambda t, now, memory: (tau, memory), 0.004, 0.002, name="held")
+    assert short(run.playback()) == "<Playback 'held': 2 moments, to 0.004 s>"
+    assert short(run.summary()).startswith("<Summary: 3 samples, to 0.004 s, complete; closure error ")
+    assert short(run.summary()).endswith("; peak forces left 24.83 N, right 24.83 N>")
+    assert "<td>peak grasp wrench, left</td>" in run.summary()._repr_html_()
+
+
 @pytest.mark.parametrize("floating", [True, False])
 def test_trunks(floating):
     """Trunks and what stands on them."""

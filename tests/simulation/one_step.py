@@ -21,13 +21,13 @@ def one_step(
         step: h.
         tableau: the scheme.
     """
-    asked = runge_kutta_step(
+    requests = runge_kutta_step(
         derivative(t, y), step, tableau, lambda i, grown: (t + float(tableau.c[i]) * step, y + grown)
     )
     reply: Any = None
     while True:
         try:
-            there = asked.send(reply)
+            there = requests.send(reply)
         except StopIteration as end:
             grown, estimates = end.value
             return y + grown, estimates

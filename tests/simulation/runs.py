@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast import ClosedChain, State
+from holdfast import ClosedChain, State, forward_dynamics, holding_torques
+from holdfast.control import GravityCompensation
 from holdfast.dynamics import closure, kinetic_energy, potential_energy
 from holdfast.simulation.adaptive import Tolerance, first_proposal, next_step
 from holdfast.simulation.environment import Environment
@@ -20,6 +21,7 @@ from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.runge_kutta import RK4, Tableau
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.spatial import rotation
+from tests.systems.problems import largest_gaps
 
 # (environment, controller, generic rank, scheme, tolerance) -> stepper
 MakeStepper = Callable[..., Stepper]
@@ -28,6 +30,13 @@ MakeStepper = Callable[..., Stepper]
 def limp(t: float, state: State, memory: Any) -> tuple[np.ndarray, Any]:
     """No torques at all."""
     return np.zeros(len(state.q)), memory
+
+
+def assert_held_still(chain: ClosedChain, state: State, controlled: bool) -> None:
+    """Assert that a chain at rest stays there under `GravityCompensation`, or under `holding_torques`."""
+    still = State(state.q, np.zeros(len(state.q)), state.object_pose)
+    tau = GravityCompensation(chain)(0.0, still, None)[0] if controlled else holding_torques(chain, still)
+    assert np.abs(forward_dynamics(chain, still, tau).qdd).max() < 1e-9 * np.abs(tau).max()
 
 
 def stepper_of(
@@ -108,9 +117,8 @@ def kept(instants: Iterator[Instant]) -> Books:
     """Return the books of a run."""
     books, energy = Books(), None
     for at in instants:
-        for gap in closure(at.chain, at.state, at.inputs).values():
-            books.position = max(books.position, float(np.abs(gap.position).max()))
-            books.velocity = max(books.velocity, float(np.abs(gap.velocity).max()))
+        position, velocity = largest_gaps(closure(at.chain, at.state, at.inputs)).tolist()
+        books.position, books.velocity = max(books.position, position), max(books.velocity, velocity)
         T = kinetic_energy(at.chain, at.state, at.inputs)
         total = T + potential_energy(at.chain, at.state)
         energy = total if energy is None else energy

@@ -102,9 +102,9 @@ def test_moving_bases(sprung):
     p, t, random = held(GRASPS[0]), 0.2, np.random.default_rng(3)
     p = replace(p, chain=with_springs(p.chain)) if sprung else p
     name = p.chain.names[0]
-    base, begun = p.chain.arms[name].base, swaying(hf.Pose.identity())(t)[0]
-    R = begun.R.T @ base.R
-    moves = {name: swaying(hf.Pose(R, base.p - begun.p))}
+    base, start = p.chain.arms[name].base, swaying(hf.Pose.identity())(t)[0]
+    R = start.R.T @ base.R
+    moves = {name: swaying(hf.Pose(R, base.p - start.p))}
     here, inputs = Environment(p.chain, moves, p.inputs).at(t, p.state)
     state = hf.project(here, p.state, inputs.shaped(p.chain))[0]
     model = hf.linearise(p.chain, state, p.tau, inputs=p.inputs, step=STEP, base_motion=moves, t=t)

@@ -212,7 +212,7 @@ def test_error_survives_a_pickle():
     assert np.isnan(StepTooLongError("too long").step)
 
 
-def test_problems_without_damping_are_not_looked_at(monkeypatch):
+def test_problems_without_damping_are_not_checked(monkeypatch):
     """Nothing is computed for a chain without damping and friction."""
     monkeypatch.setattr("holdfast.simulation.stability.fastest_decay", None)
     chain, state = PROBLEMS["pandas"]()

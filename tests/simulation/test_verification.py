@@ -9,18 +9,18 @@ from holdfast import StateError
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.simulation.simulate import simulate
 from holdfast.simulation.stepper import NO_GAPS, Advance
-from holdfast.simulation.verification import MarginCurves, look_times, verify
+from holdfast.simulation.verification import MarginCurves, evaluation_times, verify
 from tests.simulation.dips import Dips, found_dips
 from tests.simulation.gantries import PUSHED, pressed
 
 H = 0.01
 
 
-def course_of(*margins, known=(0.0,), broken=np.inf):
-    """Return a curves whose margins are functions of time; no step leads beyond `broken`."""
+def curves_of(*margins, known=(0.0,), broken=np.inf):
+    """Return curves whose margins are functions of time; no step leads beyond `broken`."""
 
     def reach(times):
-        asked.extend(times)
+        evaluated.extend(times)
         failure = StateError("no further")
         return [
             Advance(t, SimpleNamespace(t=t) if t < broken else None, NO_GAPS, np.zeros(4), failure=failure)
@@ -30,71 +30,70 @@ def course_of(*margins, known=(0.0,), broken=np.inf):
     def of(instants):
         return np.array([[margin(at.t) for margin in margins] for at in instants])
 
-    asked = []
+    evaluated = []
     start = SimpleNamespace(t=0.0)
     here = Advance(0.0, start, NO_GAPS, np.zeros(4))
-    return MarginCurves(reach, of, {t: of([SimpleNamespace(t=t)])[0] for t in known}, {0.0: here}), asked
+    return MarginCurves(reach, of, {t: of([SimpleNamespace(t=t)])[0] for t in known}, {0.0: here}), evaluated
 
 
 def step(curves, acting=(), signals=1, lowest=np.inf, nodes=(0.0, 0.5, 0.5, 1.0)):
     """Return what is found in the step from 0 to H."""
     every = np.arange(signals)
-    return verify(
-        curves, 0.0, look_times(0.0, H, nodes), every, np.array(acting, dtype=int), np.full(signals, float(lowest))
-    )
+    times, acting = evaluation_times(0.0, H, nodes), np.array(acting, dtype=int)
+    return verify(curves, 0.0, times, every, acting, np.full(signals, float(lowest)))
 
 
-def test_looks():
+def test_evaluation_times():
     """Nine points at most an eighth apart, the scheme's stage times among them, all asked for at once."""
-    times = look_times(0.3, 0.3 + H, (0.0, 0.2, 0.5, 1.0))
+    times = evaluation_times(0.3, 0.3 + H, (0.0, 0.2, 0.5, 1.0))
     assert len(times) == 9
     assert times[-1] == 0.3 + H
     assert 0.3 + 0.2 * H in times
     assert np.diff([0.3, *times]).max() <= H / 8 * (1 + 1e-9)
-    curves, asked = course_of(lambda t: 1.0)
+    curves, evaluated = curves_of(lambda t: 1.0)
     step(curves)
-    assert asked == look_times(0.0, H, (0.0, 0.5, 1.0))
+    assert evaluated == evaluation_times(0.0, H, (0.0, 0.5, 1.0))
 
 
 def test_minimum_is_refined():
-    """The lowest margin is found to rounding, not to the spacing of the looks."""
+    """The lowest margin is found to rounding, not to the spacing of the evaluations."""
     for place in np.linspace(0.07, 0.93, 23) * H:
-        curves, _ = course_of(lambda t, place=place: 1.0 + ((t - place) / H) ** 2)
+        curves, _ = curves_of(lambda t, place=place: 1.0 + ((t - place) / H) ** 2)
         assert step(curves).margins.min() == pytest.approx(1.0, abs=1e-13)
 
 
 def test_minimum_at_a_step_boundary_is_refined():
     """A minimum between the last look of one step and the first of the next is found by the next."""
     place = -0.3 * H / 8
-    curves, asked = course_of(lambda t: 1.0 + ((t - place) / H) ** 2, known=(-H / 8, 0.0))
+    curves, evaluated = curves_of(lambda t: 1.0 + ((t - place) / H) ** 2, known=(-H / 8, 0.0))
     found = step(curves)
     assert found.times[0] == -H / 8
     assert found.start > 1
     assert found.margins.min() == pytest.approx(1.0, abs=1e-13)
-    assert any(t < 0 for t in asked)
+    assert any(t < 0 for t in evaluated)
 
 
 def test_what_was_lower_before_is_not_refined():
     """A minimum that is neither negative nor the lowest of the run costs nothing."""
-    curves, asked = course_of(lambda t: 1.0 + ((t - 0.4 * H) / H) ** 2)
+    curves, evaluated = curves_of(lambda t: 1.0 + ((t - 0.4 * H) / H) ** 2)
     step(curves, lowest=0.5)
-    assert len(asked) == 8
+    assert len(evaluated) == 8
 
 
 def test_rounding_is_not_refined():
     """A margin that is constant but for its last digits costs nothing."""
     rng = np.random.default_rng(0)
-    curves, asked = course_of(lambda t: 3.0 * (1 + 1e-15 * rng.normal()))
+    curves, evaluated = curves_of(lambda t: 3.0 * (1 + 1e-15 * rng.normal()))
     step(curves)
-    assert len(asked) == 8
+    assert len(evaluated) == 8
 
 
 @pytest.mark.parametrize("width", [1e-4, 1e-3, 1e-2, 0.1])
 def test_narrow_smooth_dips(width):
-    """A parabola that dips below zero between two looks, wherever that is, ends the step where it crosses."""
+    """A parabola that dips below zero between two evaluations, wherever that is, ends the step where it crosses."""
     for place in np.random.default_rng(3).uniform(width, 1 - width, 20) * H:
         half = 0.5 * width * H
-        curves, _ = course_of(lambda t, place=place, half=half: ((t - place) / half) ** 2 - 1.0)
+        curves, _ = curves_of(lambda t, place=place, half=half: ((t - place) / half) ** 2 - 1.0)
         found = step(curves, acting=[0])
         assert found.acting == 0
         assert found.end.t == pytest.approx(place - half, abs=1.1e-13)
@@ -104,20 +103,20 @@ def test_narrow_smooth_dips(width):
 
 def test_first_of_several():
     """The earliest zero ends the step; of two in one interval too."""
-    curves, _ = course_of(lambda t: 0.0060001 - t, lambda t: 0.006 - t, lambda t: 0.0059999 - t)
+    curves, _ = curves_of(lambda t: 0.0060001 - t, lambda t: 0.006 - t, lambda t: 0.0059999 - t)
     assert step(curves, acting=[0, 1, 2], signals=3).acting == 2
-    curves, _ = course_of(lambda t: 0.0060001 - t, lambda t: 0.006 - t, lambda t: 0.0059999 - t)
+    curves, _ = curves_of(lambda t: 0.0060001 - t, lambda t: 0.006 - t, lambda t: 0.0059999 - t)
     found = step(curves, acting=[0, 1], signals=3)
     assert (found.acting, found.end.t) == (1, pytest.approx(0.006, abs=1.1e-13))
 
 
 def test_refused_points():
     """A point that cannot be reached ends the step with its refusal, unless a margin was negative before."""
-    curves, _ = course_of(lambda t: 1.0, broken=0.6 * H)
+    curves, _ = curves_of(lambda t: 1.0, broken=0.6 * H)
     end = step(curves, acting=[0]).end
     assert end.instant is None
     assert "no further" in str(end.failure)
-    curves, _ = course_of(lambda t: 0.3 * H - t, broken=0.6 * H)
+    curves, _ = curves_of(lambda t: 0.3 * H - t, broken=0.6 * H)
     assert step(curves, acting=[0]).end.t == pytest.approx(0.3 * H, abs=1.1e-13)
 
 
@@ -159,7 +158,7 @@ def test_dips_of_a_polynomial_piece():
         assert begin < root < end
 
 
-def test_nothing_to_look_at_costs_nothing():
+def test_no_limits_cost_nothing():
     """Without contacts and limits a step asks its stepper for its end alone."""
     chain, state = pressed()
     free = chain.without_grasp("pusher")

@@ -146,15 +146,15 @@ class OfMatrix:
         self.asked += 1
         return (self.matrix @ x,)
 
-    def gradient(self, bar):
+    def gradient(self, cotangent):
         self.asked += 1
-        return (bar @ self.matrix,)
+        return (cotangent @ self.matrix,)
 
 
 def test_rules():
     """A function whose derivatives a rule tells, between operations; asked only where something depends on it."""
     random = np.random.default_rng(4)
-    A, x, d, bar = random.normal(size=(2, 3)), random.normal(size=3), random.normal(size=3), random.normal(size=2)
+    A, x, d, cotangent = random.normal(size=(2, 3)), random.normal(size=3), random.normal(size=3), random.normal(size=2)
     rule, unused = OfMatrix(A), OfMatrix(A)
 
     def told(x):
@@ -167,7 +167,7 @@ def test_rules():
 
     found, expected = linearised(told, x), linearised(plain, x)
     assert np.allclose(found.rates(d), expected.rates(d), rtol=1e-14)
-    assert np.allclose(found.gradient(bar), expected.gradient(bar), rtol=1e-14)
+    assert np.allclose(found.gradient(cotangent), expected.gradient(cotangent), rtol=1e-14)
     assert rule.asked == 2 and unused.asked == 0
     (y,) = by_rule([A @ x], unused, x)  # of what is not varied
     assert y.dtype == float

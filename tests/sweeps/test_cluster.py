@@ -86,19 +86,19 @@ class Cluster:
         scheduler = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), *own]
         worker = ["distributed.cli.dask_worker", self.address, "--nthreads", "1", "--no-nanny", "--death-timeout", "30"]
         self.commands = [scheduler, *[[*worker, "--local-directory", str(scratch), *own]] * 2]
-        self.processes = [self.begun(k) for k in range(3)]
+        self.processes = [self.started(k) for k in range(3)]
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self.tend)
         self.thread.start()
 
-    def begun(self, k):
+    def started(self, k):
         return subprocess.Popen([sys.executable, "-m", *self.commands[k]], stderr=subprocess.DEVNULL)
 
     def tend(self):
         while not self.ended.wait(0.1):
             for k, process in enumerate(self.processes):
                 if process.poll() is not None:
-                    self.processes[k] = self.begun(k)
+                    self.processes[k] = self.started(k)
 
     def kill(self, k):
         self.processes[k].send_signal(signal.SIGKILL)

@@ -245,13 +245,13 @@ def test_killed(tmp_path):
     for life in range(4):
         process = context.Process(target=_disturbed, args=(store,))
         process.start()
-        begun, until = len(data(store)), (7, 7, 6, 0)[life]
+        before, until = len(data(store)), (7, 7, 6, 0)[life]
         while until and process.is_alive():
             time.sleep(random.uniform(0.2, 0.6))
-            if len(data(store)) > begun and (workers := _working(process.pid)):
+            if len(data(store)) > before and (workers := _working(process.pid)):
                 os.kill(int(random.choice(workers)), signal.SIGKILL)
                 killed.append(life)
-                until, begun = until - 1, len(data(store))
+                until, before = until - 1, len(data(store))
         if life < 3:
             left += _working(process.pid)
             process.kill()

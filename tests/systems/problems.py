@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +27,11 @@ def relative_gap(got, expected, floor: float = 0.0) -> float:
     size = max(floor, np.abs(expected).max(initial=0.0))
     # an expected zero gives nothing to be relative to
     return float(np.abs(got - expected).max(initial=0.0) / (size if size > 1e-9 else 1.0))
+
+
+def largest_gaps(residuals: Mapping[str, Any]) -> np.ndarray:
+    """Return the largest position and velocity gap, (2,), of what `closure` has returned."""
+    return np.max([[np.abs(part).max(initial=0.0) for part in gap] for gap in residuals.values()], axis=0)
 
 
 @cache

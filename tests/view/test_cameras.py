@@ -1,11 +1,15 @@
 """From every view the whole chain is in the picture."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from holdfast import Pose, Spring
 from holdfast.view.cameras import arms_outline, cameras, object_outline, upward
 from holdfast.view.playback import playback_of_run
 from holdfast.view.scene_writer import FIELD_OF_VIEW
+from holdfast.view.spring_ends import spring_ends
 from tests.view.runs import lifted
 
 
@@ -34,3 +38,20 @@ def test_front_is_across_the_bases():
     _, front, *_ = cameras(playback_of_run(chain, run, "lifted"))
     bases = [arm.base.p for arm in chain.arms.values()]
     assert (front.position - front.target) @ (bases[1] - bases[0]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_springs_are_in_the_picture():
+    """An end in the world, far above the arms, is seen; its other end goes with the object."""
+    chain, run = lifted()
+    hung = replace(chain, springs=(Spring(("world", [0.0, 0.0, 2.5]), ("object", [0.0, 0.0, 0.1]), 60.0),))
+    playback = replace(playback_of_run(chain, run, "lifted"), chain=hung)
+    for k in (0, len(playback) - 1):
+        ((above, at_object),) = spring_ends(playback, k)
+        assert above == pytest.approx([0.0, 0.0, 2.5])
+        pose = Pose.from_wxyz_xyz(playback.object_pose[k])
+        assert at_object == pytest.approx(pose.p + pose.R @ [0.0, 0.0, 0.1], abs=1e-12)
+    for view in cameras(playback)[:-1]:
+        ahead = (view.target - view.position) / np.linalg.norm(view.target - view.position)
+        seen = np.array([0.0, 0.0, 2.5]) - view.position
+        away = np.linalg.norm(seen - (seen @ ahead) * ahead) / (seen @ ahead)
+        assert away < np.sqrt(2) * np.tan(FIELD_OF_VIEW / 2), view.name

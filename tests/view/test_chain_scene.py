@@ -54,7 +54,7 @@ class Notebook:
     def paint(self, name, colour):
         self.colours[name] = colour
 
-    def look_from(self, camera, up):
+    def set_camera(self, camera, up):
         self.camera = camera
 
     at_once = contextlib.nullcontext

@@ -30,17 +30,17 @@ def controls(playback):
 def test_clock(controls):
     """It stands until it is told to play, runs at the speed chosen, begins anew at the end, and obeys the slider."""
     now = controls._before
-    assert [controls.moment(now + t) for t in (0.0, 1.0)] == [0, 0]
+    assert [controls.frame(now + t) for t in (0.0, 1.0)] == [0, 0]
     controls._play(True)
-    assert [controls.moment(now + 1.0 + t) for t in (0.25, 0.45, 0.85)] == [1, 2, 4]
+    assert [controls.frame(now + 1.0 + t) for t in (0.25, 0.45, 0.85)] == [1, 2, 4]
     assert controls._slider.value == pytest.approx(0.85)
-    assert controls.moment(now + 2.1) == 0, "past the end: from the beginning"
+    assert controls.frame(now + 2.1) == 0, "past the end: from the beginning"
     controls._speed.value = "0.5x"
-    assert controls.moment(now + 3.1) == 2
+    assert controls.frame(now + 3.1) == 2
     controls._slider.value = 0.9
-    assert controls.moment(now + 3.2) == 4
+    assert controls.frame(now + 3.2) == 4
     controls._play(False)
-    assert controls.moment(now + 9.0) == 4
+    assert controls.frame(now + 9.0) == 4
 
 
 def test_arrow_length(controls):
@@ -84,8 +84,8 @@ def test_of_several_one_is_chosen(playback, monkeypatch):
     later, seen = replace(playback, title="later", wrench=3.0 * playback.wrench), []
 
     class Watched(Controls):
-        def moment(self, now):
-            found = super().moment(now)
+        def frame(self, now):
+            found = super().frame(now)
             seen.append((self.chosen, found, self.scale))
             if len(seen) == 1:
                 self._slider.value = 0.6

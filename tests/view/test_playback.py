@@ -1,4 +1,4 @@
-"""A playback holds the run's own numbers, at moments that are samples."""
+"""A playback contains the run's own numbers, in frames that are samples."""
 
 from dataclasses import replace
 
@@ -37,10 +37,9 @@ def test_playback_of_run():
     k = samples_at(run.t, 2.6)
     assert playback.t == pytest.approx(run.t[k])
     assert playback.internal == pytest.approx(run.internal_wrench[k])
-    for moment in range(len(playback)):
-        frame = Pose.from_wxyz_xyz(playback.object_pose[moment])
-        for i, grasp in enumerate(chain.grasps.values()):
-            assert playback.tip[moment, i] == pytest.approx((frame @ grasp.frame).p, abs=1e-9)
+    for pose, tips in zip(playback.object_pose, playback.tip, strict=True):
+        for tip, grasp in zip(tips, chain.grasps.values(), strict=True):
+            assert tip == pytest.approx((Pose.from_wxyz_xyz(pose) @ grasp.frame).p, abs=1e-9)
     limits = np.array([joint.effort_limit for joint in chain.arms["left"].joints])
     assert playback.torque_use("left") == pytest.approx(np.abs(run.tau[k][:, :7] / limits).max(axis=1))
     # mu f_n - |f_t| over mu f_n, in contact axes: the squeeze is along x, half of the weight is across
@@ -76,7 +75,7 @@ def test_moving_bases():
 
 
 def test_playback_of_instant():
-    """One moment, with margins of one-sided grasps only."""
+    """One frame, with margins of one-sided grasps only."""
     chain, state = two_pandas("hinge", "ball")
     playback = playback_of_instant(
         evaluate(Environment(chain), GravityCompensation(chain, 20.0), 0.0, state, None), "start"
@@ -91,6 +90,6 @@ def test_refused(monkeypatch):
     chain, run = lifted()
     with pytest.raises(ModelError, match="rate: expected > 0"):
         playback_of_run(chain, run, "none", 0.0)
-    monkeypatch.setattr(playback_module, "MOST_MOMENTS", 5)
-    with pytest.raises(ModelError, match="expected at most 5 moments, got 6; try a lower rate"):
+    monkeypatch.setattr(playback_module, "MOST_FRAMES", 5)
+    with pytest.raises(ModelError, match="expected at most 5 frames, got 6; try a lower rate"):
         playback_of_run(chain, run, "long", 1e3)

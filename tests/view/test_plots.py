@@ -79,10 +79,10 @@ def test_figures(which, samples, recwarn):
 
 def test_arms_look_different():
     """Twenty arms differ; the first five even without their lines; danger and squeeze are nobody's colours."""
-    visuals = [figure_style.arm_look(i) for i in range(20)]
-    assert len(set(visuals)) == 20
-    assert len({colour for colour, _ in visuals[:5]}) == 5
-    assert not {colour for colour, _ in visuals} & {figure_style.DANGER, figure_style.INTERNAL}
+    styles = [figure_style.arm_style(i) for i in range(20)]
+    assert len(set(styles)) == 20
+    assert len({colour for colour, _ in styles[:5]}) == 5
+    assert not {colour for colour, _ in styles} & {figure_style.DANGER, figure_style.INTERNAL}
 
 
 def test_wrenches_are_the_runs():

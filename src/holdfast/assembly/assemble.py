@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.assembly.limits import asked_reach, longest_reach, room_left, with_room
+from holdfast.assembly.limits import longest_reach, required_reach, room_left, with_room
 from holdfast.assembly.nearest_configuration import distance, nearest_configuration
 from holdfast.assembly.on_trunk import brought_on_trunk
 from holdfast.assembly.reaching_configurations import reaching_configurations
@@ -45,6 +45,14 @@ class Assembly(NamedTuple):
 
     chain: ClosedChain
     state: State
+
+    def __repr__(self) -> str:
+        """Return the chain and the state."""
+        return f"<Assembly of {self.chain!r}\n{self.state!r}>"
+
+    def _repr_html_(self) -> str:
+        """Return the chain as it shows itself in notebooks."""
+        return self.chain._repr_html_()
 
     @property
     def report(self) -> AssemblyReport:
@@ -185,11 +193,11 @@ def _require_reach(chain: ClosedChain, pose: Pose) -> None:
     """
     short = []
     for name in (name for name in chain.grasps if chain.arms[name].joints):  # anchors have no reach
-        asked, longest = asked_reach(chain, name, pose), longest_reach(chain.arms[name])
-        if asked > longest * (1 + 1e-9):
+        needed, longest = required_reach(chain, name, pose), longest_reach(chain.arms[name])
+        if needed > longest * (1 + 1e-9):
             short.append(
-                f"arm '{name}' is {asked - longest:.3g} m short (its contact is {asked:.3g} m from its first joint, its"
-                f" longest reach {longest:.3g} m)"
+                f"arm '{name}' is {needed - longest:.3g} m short (its contact is {needed:.3g} m from its first joint,"
+                f" its longest reach {longest:.3g} m)"
             )
     if short:
         raise ClosureError(

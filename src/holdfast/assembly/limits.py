@@ -27,7 +27,7 @@ def longest_reach(arm: Arm) -> float:
     return math.fsum([*lengths, *strokes, float(np.linalg.norm(arm.tip.p))])
 
 
-def asked_reach(chain: ClosedChain, name: str, object_pose: Pose) -> float:
+def required_reach(chain: ClosedChain, name: str, object_pose: Pose) -> float:
     """Return the distance from an arm's first joint to its contact point [m]."""
     contact = object_pose @ chain.grasps[name].frame
     return float(np.linalg.norm(contact.p - shoulder(chain.arms[name])))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.assembly.limits import asked_reach, longest_reach
+from holdfast.assembly.limits import longest_reach, required_reach
 from holdfast.assembly.on_trunk import on_own_bases
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
@@ -121,6 +121,10 @@ class AssemblyReport(Frozen):
         "friction at one-sided contacts",
     )
 
+    def __repr__(self) -> str:
+        """Return mobility and rank; `print` shows the arms, too."""
+        return f"<AssemblyReport: {len(self.arms)} arms, mobility {self.mobility}, rank {self.rank} of {self.rows}>"
+
     def __str__(self) -> str:
         lines = [*([] if self.trunk is None else [str(self.trunk)]), *map(str, self.arms)]
         lines += [f"  note: {arm.name}: {arm.tip_note}" for arm in self.arms if arm.tip_note]
@@ -179,7 +183,7 @@ def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) 
     return ArmReport(
         name=name,
         holds=gap is not None,
-        reach=np.nan if gap is None else asked_reach(chain, name, state.object_frame),
+        reach=np.nan if gap is None else required_reach(chain, name, state.object_frame),
         longest=longest_reach(arm),
         joint=joint,
         margin=margin,

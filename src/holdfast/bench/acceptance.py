@@ -1,4 +1,4 @@
-"""The acceptance checks of the benchmark: what it has to show, and whether it does."""
+"""The acceptance checks of the benchmark."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from holdfast.bench.entries import ACCURATE, BIND, BIND_COPYING, PUBLIC
 
 Document = dict[str, Any]
 Record = dict[str, Any]
-Finding = tuple[float | None, str]  # the value, and what it was compared with
+Finding = tuple[float | None, str]  # the value, and the basis of the comparison
 CHOLESKY = "constraintDynamics, free"
 NOT_MEASURED: Finding = (None, "not measured in this run")
 
@@ -20,10 +20,10 @@ class Check:
     """One acceptance check.
 
     Attributes:
-        what: what is measured.
+        what: name of the measured quantity.
         at_least: True if the value must reach the goal, False if it must stay below it.
-        goal: the number that the value is compared with.
-        value: reads the value from the document, with a note.
+        goal: the goal.
+        value: function that reads the value from the document, with a note.
     """
 
     what: str
@@ -33,7 +33,7 @@ class Check:
 
 
 def checked(document: Document) -> list[dict[str, Any]]:
-    """Return every check with its goal, value (None: not measured), whether it is met, and a note."""
+    """Return for every check its goal, its value (None if it was not measured), whether it is met, and a note."""
     found = []
     for check in CHECKS:
         value, note = check.value(document)
@@ -44,14 +44,15 @@ def checked(document: Document) -> list[dict[str, Any]]:
 
 
 def fastest(record: Record, library: str, method: str = "") -> Record | None:
-    """Return a library's fastest accurate entry; if none is accurate the fastest of all; None without any.
+    """Return a library's fastest accurate entry; if none is accurate, its fastest entry; None if it has no entry.
 
-    Fastest by the ratio to ours: it comes from the same rounds, so others on the machine move it less than the times.
+    Entries are compared by their ratio to ours from the same rounds, which other load on the machine affects less than
+    times.
 
     Args:
-        record: of a system.
-        library: whose entries.
-        method: what their names begin with.
+        record: record of a system.
+        library: name of the library.
+        method: beginning of the names of the entries.
     """
     ways = [e for e in record["entries"] if e["library"] == library and e["name"].startswith(method) and not e["floor"]]
     accurate = [entry for entry in ways if entry["accurate"]]
@@ -59,7 +60,7 @@ def fastest(record: Record, library: str, method: str = "") -> Record | None:
 
 
 def _ratio(system: str, library: str, method: str = "", ours: str = PUBLIC) -> Callable[[Document], Finding]:
-    """Return a reader of: a peer's time over ours, the fastest of its ways."""
+    """Return a function that reads the ratio of a peer's fastest time to ours."""
 
     def value(document: Document) -> Finding:
         record = _found(document["systems"], "name", system)
@@ -77,7 +78,7 @@ def _ratio(system: str, library: str, method: str = "", ours: str = PUBLIC) -> C
 
 
 def _batch(size: int) -> Callable[[Document], Finding]:
-    """Return a reader of: a peer's time in a loop over ours in one call, per state."""
+    """Return a function that reads the ratio of a peer's time in a loop to ours in one call, per state."""
 
     def value(document: Document) -> Finding:
         record = _found(document["systems"], "name", document["batches"]["system"])
@@ -111,7 +112,7 @@ def _fastest_rollout(document: Document) -> Record | None:
 
 
 def _number(rows: str, key: str, name: str, *path: str, note: str = "") -> Callable[[Document], Finding]:
-    """Return a reader of: the number at a path in the row of a name."""
+    """Return a function that reads the number at a path in the row with a given name."""
 
     def value(document: Document) -> Finding:
         found: Any = _found(document[rows], key, name)

@@ -1,4 +1,4 @@
-"""Timing on a machine that others use too: rounds in which every entry gets its turn, and medians over rounds."""
+"""Timing on a shared machine: every entry runs in every round, and medians are taken over rounds."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from holdfast.spatial.scalar import Array
 
 @dataclass(frozen=True)
 class Effort:
-    """How long to measure.
+    """The duration of a measurement.
 
     Attributes:
         turn: seconds that an entry runs in a round.
-        rounds: how many.
+        rounds: number of rounds.
     """
 
     turn: float
@@ -34,13 +34,13 @@ def timed(
 ) -> Array:
     """Return seconds per evaluation, (rounds, entries).
 
-    Rounds start at another entry each time, so that none always follows the same one.
+    Every round starts with another entry, so that no entry always follows the same one.
 
     Args:
-        entries: what to time.
-        effort: how long.
+        entries: the entries to time.
+        effort: duration of the measurement.
         each_round: called after every round.
-        now: the clock [s]; `time.process_time` leaves out when others had the processor.
+        now: the clock [s]; `time.process_time` excludes the time of other processes.
     """
     sweeps = [_calibrated(entry, effort.turn, now) for entry in entries]
     seconds = np.empty((effort.rounds, len(entries)))
@@ -53,7 +53,7 @@ def timed(
 
 
 def _calibrated(entry: Entry, turn: float, now: Callable[[], float]) -> int:
-    """Return how many sweeps fill a turn; warms the entry up on the way."""
+    """Return the number of sweeps in a turn; this also warms up the entry."""
     _seconds(entry, 1, now)
     count = 1
     while (spent := _seconds(entry, count, now)) < turn / 4:
@@ -63,7 +63,7 @@ def _calibrated(entry: Entry, turn: float, now: Callable[[], float]) -> int:
 
 def _seconds(entry: Entry, sweeps: int, now: Callable[[], float]) -> float:
     sweep, collecting = entry.sweep, gc.isenabled()
-    gc.disable()  # as timeit does
+    gc.disable()  # like timeit
     try:
         start = now()
         for _ in range(sweeps):

@@ -1,4 +1,4 @@
-"""How long compiling takes, in a process of its own: cold, and from the cache of an earlier one."""
+"""Compile times in a new process, without a cache and with the cache of an earlier process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import tempfile
 
 from holdfast.errors import HoldfastError
 
-# llvmlite is imported first: its loading is not compiling. The first answer counts, should anything wait for it.
+# llvmlite is imported first, since its loading is not compilation. The first result is included in case of lazy work.
 PROGRAM = """
 import json, sys, time
 import llvmlite.binding
@@ -29,14 +29,14 @@ print(json.dumps({"compile": made - start, "first_answer": time.perf_counter() -
 
 
 def compile_times(arm_count: int, joint_count: int, runs: int) -> dict[str, dict[str, float]]:
-    """Return seconds of {"cold", "cached"}: {"compile", "first_answer" (compiling included)}, best of the runs.
+    """Return the shortest times {"cold", "cached"}: {"compile", "first_answer" (with compilation)} of the runs [s].
 
-    The best, because a process either had the processor to itself or it had not.
+    The shortest time is that of a run with the least disturbance by other processes.
 
     Args:
-        arm_count: of the chain.
-        joint_count: per arm.
-        runs: fresh processes for each.
+        arm_count: number of arms.
+        joint_count: number of joints per arm.
+        runs: number of new processes for each time.
 
     Raises:
         HoldfastError: the process failed.
@@ -44,7 +44,7 @@ def compile_times(arm_count: int, joint_count: int, runs: int) -> dict[str, dict
     sizes = (str(arm_count), str(joint_count))
     cold = [_fresh(sizes, "off") for _ in range(runs)]
     with tempfile.TemporaryDirectory(prefix="holdfast-bench-") as folder:
-        _fresh(sizes, folder)  # fills the cache
+        _fresh(sizes, folder)  # this fills the cache
         cached = [_fresh(sizes, folder) for _ in range(runs)]
     return {"cold": _best(cold), "cached": _best(cached)}
 
@@ -54,7 +54,7 @@ def _best(runs: list[dict[str, float]]) -> dict[str, float]:
 
 
 def _fresh(sizes: tuple[str, str], cache: str) -> dict[str, float]:
-    """Return what a new process measures."""
+    """Return the measurement of a new process."""
     environment = os.environ | {"HOLDFAST_CACHE": cache, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     run = subprocess.run(
         [sys.executable, "-c", PROGRAM, *sizes], env=environment, capture_output=True, text=True, check=False

@@ -1,4 +1,4 @@
-"""Derivatives of forward dynamics: our products and matrices over our own forward dynamics, Pinocchio's over ours."""
+"""Times of derivatives of forward dynamics relative to forward dynamics, and of Pinocchio's relative to ours."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 BATCH = 1024  # states in one call
-FEWEST, MOST = 64, 1 << 21  # states, and numbers of a result: large Jacobians come in smaller batches
+FEWEST, MOST = (
+    64,
+    1 << 21,
+)  # least number of states, and most numbers in a result: batches of large Jacobians are smaller
 NAMES = ("q", "qd", "tau", "object_pose", "object_twist")
 OF = ("qdd", "grasp_wrench", "object_acceleration")
 MATRIX = {"of": ("qdd", "grasp_wrench"), "by": ("q", "qd", "tau")}
@@ -38,9 +41,9 @@ def compare(system: System, fast: Any, effort: Effort, *, matrix: bool, pinocchi
     Args:
         system: the system.
         fast: its machine code.
-        effort: how long to time.
-        matrix: whether the Jacobian is timed too.
-        pinocchio: whether it is here.
+        effort: duration of the measurement.
+        matrix: whether the Jacobian is timed, too.
+        pinocchio: whether Pinocchio is installed.
     """
     forward = [entries.public(system, fast), entries.bind(system, fast), entries.batch(system, fast, BATCH)]
     ways = [make(system, fast, what) for what in (VJP, JVP) for make in (bound, batch)]
@@ -70,14 +73,14 @@ def compare(system: System, fast: Any, effort: Effort, *, matrix: bool, pinocchi
 
 
 class Way:
-    """One way to one kind of derivatives.
+    """One entry for one kind of derivatives.
 
     Attributes:
         what: VJP, JVP or Jacobian.
         way: call, bound or batch.
-        entry: ready to be timed.
-        first: computes them at the first state, one flat array.
-        truth: the same without machine code.
+        entry: the entry to time.
+        first: function that returns the derivatives at the first state as a flat array.
+        truth: function that returns the same without machine code.
     """
 
     def __init__(
@@ -86,19 +89,19 @@ class Way:
         self.what, self.way, self.entry, self.first, self.truth = what, way, entry, first, truth
 
     def error(self) -> float:
-        """Return how far the derivatives at the first state are from the reference's, over the largest."""
+        """Return the error of the derivatives at the first state relative to the largest entry."""
         expected = self.truth()
         return float(np.abs(self.first() - expected).max() / np.abs(expected).max())
 
 
-class Asked:
-    """What is asked for at every state: random cotangents and directions, the same for all of them.
+class DerivativeRequest:
+    """The derivatives requested at every state: random cotangents and directions, the same for all of them.
 
     Attributes:
-        kind: of `bind_derivatives`.
-        names: keyword arguments that say which results and arguments.
-        parts: of what is returned.
-        numbers: cotangents or directions by name, of one system.
+        kind: argument of `bind_derivatives`.
+        names: keyword arguments that select results and arguments.
+        parts: keys of the returned derivatives.
+        numbers: cotangents or directions of one system, by name.
     """
 
     def __init__(self, system: System, what: str) -> None:
@@ -119,28 +122,28 @@ class Asked:
         }[what]
 
     def of_many(self, count: int) -> dict[str, Any]:
-        """Return the keyword arguments of one call for so many systems; of one system if 0."""
+        """Return the keyword arguments of one call for a number of systems; for a single system if it is 0."""
         numbers = {name: np.repeat(x[None], count, axis=0) if count else x for name, x in self.numbers.items()}
         return self.names | ({"along": numbers} if self.kind == "jvp" else numbers)
 
     def flat(self, found: Any, k: int | None = None) -> Array:
-        """Return what was found, of the k-th system in a batch."""
+        """Return derivatives as a flat array; those of the k-th system if they belong to a batch."""
         return np.concatenate([np.ravel(found[part] if k is None else found[part][k]) for part in self.parts])
 
     def reference(self, system: System) -> Array:
-        """Return the same at the first state by the reference forms."""
+        """Return the derivatives of the reference at the first state."""
         q, qd, tau, pose, twist = (x[0] for x in system.arrays)
         made = {"vjp": forward_dynamics_vjp, "jvp": forward_dynamics_jvp, "jacobian": forward_dynamics_jacobian}
-        asked = self.of_many(0)
+        request = self.of_many(0)
         if self.kind == "jvp":
-            del asked["of"]
-        return self.flat(made[self.kind](system.chain, State(q, qd, pose, twist), tau, **asked))
+            del request["of"]
+        return self.flat(made[self.kind](system.chain, State(q, qd, pose, twist), tau, **request))
 
 
 def call(system: System, fast: Any, what: str) -> Way:
-    """Return the checked call, result re-used."""
-    asked, states = Asked(system, what), entries.each_state(system)
-    solve, given = getattr(fast, f"forward_dynamics_{asked.kind}"), asked.of_many(0)
+    """Return the checked call with a reused result."""
+    request, states = DerivativeRequest(system, what), entries.each_state(system)
+    solve, given = getattr(fast, f"forward_dynamics_{request.kind}"), request.of_many(0)
     out = solve(*states[0], **given)
 
     def sweep() -> None:
@@ -151,17 +154,17 @@ def call(system: System, fast: Any, what: str) -> Way:
         return answers_of([solve(*state, **given).result for state in states])
 
     entry = Entry(f"{what}, call", LIBRARY, sweep, system.states, answers, "arrays in, result re-used")
-    return Way(what, "call", entry, lambda: asked.flat(solve(*states[0], **given)), lambda: asked.reference(system))
+    return Way(what, "call", entry, lambda: request.flat(solve(*states[0], **given)), lambda: request.reference(system))
 
 
 def bound(system: System, fast: Any, what: str) -> Way:
-    """Return the bound form, one for each state."""
-    asked = Asked(system, what)
-    options = {"of": OF, "by": NAMES} | asked.names
+    """Return the bound calls, one for each state."""
+    request = DerivativeRequest(system, what)
+    options = {"of": OF, "by": NAMES} | request.names
     made = []
     for state in entries.each_state(system):
-        one = fast.bind_derivatives(asked.kind, **options, **dict(zip(NAMES, state, strict=True)))
-        for name, x in asked.numbers.items():
+        one = fast.bind_derivatives(request.kind, **options, **dict(zip(NAMES, state, strict=True)))
+        for name, x in request.numbers.items():
             one.given[name][...] = x
         made.append(one)
 
@@ -175,16 +178,16 @@ def bound(system: System, fast: Any, what: str) -> Way:
 
     def first() -> Array:
         made[0]()
-        return asked.flat(made[0].found)
+        return request.flat(made[0].found)
 
     entry = Entry(f"{what}, bound", LIBRARY, sweep, system.states, answers, "bound, one for each state")
-    return Way(what, "bound", entry, first, lambda: asked.reference(system))
+    return Way(what, "bound", entry, first, lambda: request.reference(system))
 
 
 def batch(system: System, fast: Any, what: str) -> Way:
     """Return one call for many states, on one thread."""
-    asked, count = Asked(system, what), batch_size(system, what)
-    solve, given = getattr(fast, f"forward_dynamics_{asked.kind}"), asked.of_many(count)
+    request, count = DerivativeRequest(system, what), batch_size(system, what)
+    solve, given = getattr(fast, f"forward_dynamics_{request.kind}"), request.of_many(count)
     arrays = system.repeated(count).arrays
     out = solve(*arrays, **given)
 
@@ -199,13 +202,13 @@ def batch(system: System, fast: Any, what: str) -> Way:
     entry = Entry(f"{what}, batch", LIBRARY, sweep, count, answers, note)
 
     def first() -> Array:
-        return asked.flat(solve(*arrays, **given, out=out), 0)
+        return request.flat(solve(*arrays, **given, out=out), 0)
 
-    return Way(what, "batch", entry, first, lambda: asked.reference(system))
+    return Way(what, "batch", entry, first, lambda: request.reference(system))
 
 
 def batch_size(system: System, what: str) -> int:
-    """Return the number of states in one call, fewer where a state's result is large."""
+    """Return the number of states per call, which is smaller for large results."""
     if what != JACOBIAN:
         return BATCH
     numbers = (system.chain.joint_count + 6 * len(system.chain.arms)) * 3 * system.chain.joint_count
@@ -213,7 +216,7 @@ def batch_size(system: System, what: str) -> int:
 
 
 def peer(system: System) -> Way:
-    """Return Pinocchio's dynamics and derivatives, object free; those by torque are compared: they need no tangent."""
+    """Return Pinocchio's entry with a free object; derivatives by torques, which need no tangents, are compared."""
     pin: Any = import_module("pinocchio")
     posed = PinocchioModel(system, "free")
     model, welds, data, weld_data = posed.model, posed.welds, posed.model.createData(), posed.weld_data()

@@ -1,4 +1,4 @@
-"""Ways to compute forward dynamics of a system, ready to be timed; those of this library, as a user would call them."""
+"""Entries of the benchmark: ways to compute forward dynamics. Those of this library are called as a user would."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy as np
 from holdfast.bench.systems import System
 from holdfast.spatial.scalar import Array
 
-ACCURATE = 1e-9  # relative error of the joint accelerations up to which answers count as the same
+ACCURATE = 1e-9  # largest relative error of joint accelerations for which results count as equal
 
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What an entry computes at every state.
+    """The results of an entry at every state.
 
     Attributes:
         qdd: (states, n) joint accelerations.
-        wrenches: (states, arms, 6) [moment; force] of each arm on the object about the contact,
-            world axes; NaN for an arm whose wrench the entry does not give; None: none given.
+        wrenches: (states, arms, 6) wrench of each arm on the object about the contact, world axes; NaN for an arm whose
+            wrench the entry does not compute; None if it computes no wrenches.
     """
 
     qdd: Array
@@ -33,13 +33,13 @@ class Entry:
     """One way to compute forward dynamics, ready to be timed.
 
     Attributes:
-        name: short, unique within a system.
-        library: whose it is.
-        sweep: evaluates every state once, inputs handed over as a caller must.
-        evaluations: how many that is.
-        answers: computes every state and returns what came out.
-        note: states what was chosen for it and what it leaves out.
-        floor: True if it leaves the grasps out: a lower bound, no competitor.
+        name: short name, unique within a system.
+        library: name of the library.
+        sweep: evaluates every state once, and passes the inputs as a caller has to.
+        evaluations: number of evaluations in a sweep.
+        answers: computes every state and returns the results.
+        note: the settings, and what the entry leaves out.
+        floor: True if it leaves out the grasps, so that it is a lower bound and not a competitor.
     """
 
     name: str
@@ -56,11 +56,11 @@ class Candidate:
     """An entry that is not built yet, because building may take gigabytes.
 
     Attributes:
-        name: the entry's.
-        library: the entry's.
-        build: makes the entry, given the true answers (None for the exact candidate).
-        memory: what it holds while it lives, roughly [bytes].
-        exact: True if its answers are taken as the true ones.
+        name: name of the entry.
+        library: library of the entry.
+        build: builds the entry from the reference solution (None for the exact candidate).
+        memory: approximate memory of the entry [bytes].
+        exact: True if its results are the reference solution.
     """
 
     name: str
@@ -71,12 +71,12 @@ class Candidate:
 
 
 def answers_of(results: Sequence[Any]) -> Answers:
-    """Return the answers in forward dynamics' results, one a state."""
+    """Return the answers from results of forward dynamics, one per state."""
     return Answers(np.array([r.qdd for r in results]), np.array([r.grasp_wrench for r in results]))
 
 
 def relative_error(got: Array, truth: Array) -> float:
-    """Return the largest error of any state over that state's largest true entry; NaN where `got` lacks an arm."""
+    """Return the largest error of any state relative to its largest true entry; NaN if `got` lacks an arm."""
     given = ~np.isnan(got)
     if not given.any():
         return float("nan")
@@ -85,7 +85,7 @@ def relative_error(got: Array, truth: Array) -> float:
 
 
 def each_state(system: System) -> list[tuple[Array, ...]]:
-    """Return the arguments of every state as arrays of their own, as a caller would hold them."""
+    """Return the arguments of every state as separate arrays, as a caller would have them."""
     return [tuple(array[k].copy() for array in system.arrays) for k in range(system.states)]
 
 
@@ -94,7 +94,7 @@ PUBLIC, BIND, BIND_COPYING = "forward_dynamics", "bind", "bind, copying"
 
 
 def public(system: System, fast: Any) -> Entry:
-    """Return the checked call: five arrays in, a re-used result out."""
+    """Return the checked call with five arrays and a reused result."""
     states, solve = each_state(system), fast.forward_dynamics
     out = solve(*states[0])
 
@@ -109,7 +109,7 @@ def public(system: System, fast: Any) -> Entry:
 
 
 def bind(system: System, fast: Any) -> Entry:
-    """Return the bound call, tied to the caller's own five arrays; one for each state."""
+    """Return the bound calls, one for each state, bound to five arrays of the caller."""
     names = ("q", "qd", "tau", "object_pose", "object_twist")
     bound = [fast.bind(**dict(zip(names, state, strict=True))) for state in each_state(system)]
 
@@ -125,7 +125,7 @@ def bind(system: System, fast: Any) -> Entry:
 
 
 def bind_copying(system: System, fast: Any) -> Entry:
-    """Return one bound call, each state's five arrays copied into its own before."""
+    """Return one bound call, into whose arrays the five arrays of each state are copied first."""
     states, bound = each_state(system), fast.bind()
     into_q, into_qd, into_tau = bound.q, bound.qd, bound.tau
     into_pose, into_twist = bound.object_pose, bound.object_twist

@@ -1,4 +1,4 @@
-"""What the times were taken on."""
+"""Description of the machine on which times were measured."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PACKAGES = ("holdfast", "numpy", "llvmlite")
 
 
 def description() -> dict[str, Any]:
-    """Return processor, its lanes and features, cores, and versions."""
+    """Return processor, vector lanes, features, number of cores, and versions."""
     from holdfast.compiler.targets import cpu
 
     made_for = cpu.target()
@@ -29,7 +29,7 @@ def description() -> dict[str, Any]:
 
 
 def processor() -> tuple[str, set[str]]:
-    """Return the processor's name and its features, lower case; empty where unknown."""
+    """Return the processor's name and its features in lower case; empty if unknown."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():
         fields: dict[str, str] = {}
@@ -53,7 +53,7 @@ def _sysctl(name: str) -> str:
 
 
 def memory_available() -> float:
-    """Return the bytes that can be had without swapping; infinite where the system does not state it."""
+    """Return the memory available without swapping; infinite if the system does not report it [bytes]."""
     meminfo = Path("/proc/meminfo")
     if meminfo.exists():
         for line in meminfo.read_text().splitlines():

@@ -1,4 +1,4 @@
-"""One system: do all entries give the same answers, and how long does each take."""
+"""Measurement of one system: agreement of the results of all entries, and their times."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from holdfast.dynamics.forward import forward_dynamics
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-ALONE = 300e6  # bytes from which on an entry is built, timed against ours, and freed before the next
-MARGIN = 1.3  # memory that must be free, over what an entry needs
+ALONE = 300e6  # entries of at least so many bytes are built, timed beside ours, and freed before the next one
+MARGIN = 1.3  # ratio of the memory that must be free to that of an entry
 
 
 def measure_system(
     system: System, fast: Any, peers: Sequence[Candidate], effort: Effort, each_round: Callable[[], None] = lambda: None
 ) -> dict[str, Any]:
-    """Return the record of one system: agreement and times of ours and every peer.
+    """Return the record of one system: agreement and times of this library and every peer.
 
     Args:
         system: the system.
         fast: its chain as machine code.
-        peers: the other libraries' ways; the first, if exact, supplies the true answers.
-        effort: how long to time.
-        each_round: called now and then, for progress.
+        peers: the entries of other libraries; the first one, if exact, gives the reference solution.
+        effort: duration of the measurement.
+        each_round: function that is called after rounds, for progress.
     """
     own = [make(system, fast) for make in (entries.public, entries.bind, entries.bind_copying)]
     truth: Answers | None = None
@@ -54,7 +54,7 @@ def measure_system(
             records.append(_record(entry, truth, seconds[:, k], dict(zip(rows, seconds.T[: len(own)], strict=True))))
         del built
         gc.collect()
-    assert truth is not None  # there is a group, even without peers
+    assert truth is not None  # there is at least one group, even without peers
     ours = [_record(entry, truth, np.concatenate(rows[entry.name]), {}) for entry in own]
     chain = system.chain
     return {
@@ -69,7 +69,7 @@ def measure_system(
 
 
 def reference(system: System) -> Answers:
-    """Return the answers of this library's equations as they run on NumPy, without machine code."""
+    """Return the results of this library's reference implementation, without machine code."""
     found = []
     for q, qd, tau, pose, twist, *base in zip(*system.arrays, *system.base_arrays, strict=True):
         found.append(forward_dynamics(system.chain, State(q, qd, pose, twist, *base), tau))
@@ -77,28 +77,28 @@ def reference(system: System) -> Answers:
 
 
 def _groups(peers: Sequence[Candidate]) -> list[list[Candidate]]:
-    """Return the candidates that are timed together; the large ones have a group each, the exact one first."""
+    """Return the groups of candidates that are timed together, the exact one first; each large one is a group."""
     large = [[peer] for peer in peers if peer.memory > ALONE]
     small = [peer for peer in peers if peer.memory <= ALONE]
     return [*large, small] if small or not large else large
 
 
 def _built(candidate: Candidate, truth: Answers | None, skipped: list[dict[str, str]]) -> Entry | None:
-    """Return the entry, or None and the reason noted."""
+    """Return the entry; or note the reason for a failure and return None."""
     reason = ""
     if MARGIN * candidate.memory > memory_available():
         reason = f"needs {candidate.memory / 1e9:.1f} GB, {memory_available() / 1e9:.1f} GB are free"
     else:
         try:
             return candidate.build(truth)
-        except Exception as error:  # whatever another library raises: named, and the others go on
+        except Exception as error:  # any error of another library is noted, and the other entries go on
             reason = f"{type(error).__name__}: {error}"
     skipped.append({"name": candidate.name, "library": candidate.library, "reason": reason})
     return None
 
 
 def _record(entry: Entry, truth: Answers, seconds: Array, ours: dict[str, Array]) -> dict[str, Any]:
-    """Return an entry's record; its answers are computed again after the timing, because some keep state."""
+    """Return an entry's record; its results are computed again after the timing, because some entries have state."""
     got = entry.answers()
     error = relative_error(got.qdd, truth.qdd)
     wrench_error = None

@@ -1,6 +1,6 @@
-"""MuJoCo's `mj_forward` at its best: no geoms, islands off, every solver, the hardest weld that it accepts.
+"""MuJoCo's `mj_forward` in its fastest settings: no geoms, no islands, every solver, the stiffest weld it accepts.
 
-MuJoCo is imported where it is used: it is optional.
+MuJoCo is optional and is imported where it is used.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SOLVERS = (("Newton", "dense"), ("Newton", "sparse"), ("CG", "sparse"), ("PGS", 
 
 
 def candidates(system: System) -> list[Candidate]:
-    """Return `mj_forward` with every solver that is the fastest somewhere."""
+    """Return `mj_forward` with every solver that is the fastest for some system."""
     return [
         Candidate(_name(solver, jacobian), LIBRARY, functools.partial(mj_forward, system, solver, jacobian))
         for solver, jacobian in SOLVERS
@@ -32,10 +32,12 @@ def candidates(system: System) -> list[Candidate]:
 
 
 def mj_forward(system: System, solver: str, jacobian: str, truth: Answers | None) -> Entry:
-    """Return `mj_forward` with one solver, its accelerations those of a soft weld."""
+    """Return `mj_forward` with one solver; its accelerations are those of a soft weld."""
     mujoco: Any = import_module("mujoco")
     model = mujoco.MjModel.from_xml_string(mjcf(system.chain, solver, jacobian))
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND  # one island: looking for more costs 5 to 10 %
+    model.opt.disableflags |= (
+        mujoco.mjtDisableBit.mjDSBL_ISLAND
+    )  # there is one island; searching for more costs 5 to 10 %
     data = mujoco.MjData(model)
     qpos, qvel, applied, qacc = data.qpos, data.qvel, data.qfrc_applied, data.qacc
     forward, rows, n = mujoco.mj_forward, inputs(system), system.chain.joint_count

@@ -1,4 +1,4 @@
-"""Which other libraries are here; one that is not is named with what would bring it."""
+"""The other libraries of the benchmark, with advice on how to install those that are missing."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from holdfast.bench.systems import System
 
 @dataclass(frozen=True)
 class Peer:
-    """A library to compare with.
+    """A library for comparison.
 
     Attributes:
-        name: of the module.
-        package: what to install.
-        needs: a function that neither another package of that name nor too old a release has.
-        candidates: its ways to solve a system.
+        name: name of the module.
+        package: name of the package to install.
+        needs: a function that other packages of this name and old releases lack.
+        candidates: function that returns the candidates for a system.
     """
 
     name: str
@@ -29,17 +29,19 @@ class Peer:
 
 
 PEERS = (
-    Peer("pinocchio", "pin", "lcaba", pinocchio_peer.candidates),  # first: it supplies the true answers
+    Peer(
+        "pinocchio", "pin", "lcaba", pinocchio_peer.candidates
+    ),  # comes first, because it gives the reference solution
     Peer("mujoco", "mujoco-core", "mj_forward", mujoco_peer.candidates),
 )
 
 
 def found() -> dict[str, dict[str, str]]:
-    """Return {"version": ...} or {"absent": why, and what to try} of every peer."""
-    return {peer.name: _look_for(peer) for peer in PEERS}
+    """Return for every peer {"version": ...}, or {"absent": ...} with the reason and advice."""
+    return {peer.name: _find(peer) for peer in PEERS}
 
 
-def _look_for(peer: Peer) -> dict[str, str]:
+def _find(peer: Peer) -> dict[str, str]:
     try:
         module = import_module(peer.name)
     except ImportError as error:
@@ -50,5 +52,5 @@ def _look_for(peer: Peer) -> dict[str, str]:
 
 
 def candidates(system: System, present: dict[str, dict[str, str]]) -> list[Candidate]:
-    """Return every way of every peer that is here."""
+    """Return the candidates of every installed peer."""
     return [way for peer in PEERS if "version" in present[peer.name] for way in peer.candidates(system)]

@@ -1,9 +1,9 @@
-"""Pinocchio at its best: no list converted in a call, data made once, one thread, `lcaba` tuned per system.
+"""Pinocchio in its fastest settings: no conversion of lists in a call, preallocated data, one thread, tuned `lcaba`.
 
-Its C++ library has more (`pv`, `constrainedABA`); its Python package does not, so they are not here. Pinocchio is
-imported where it is used: it is optional. Its spatial vectors are [linear; angular], ours [angular; linear].
+Its C++ library has further algorithms (`pv`, `constrainedABA`), which its Python package lacks. Pinocchio is optional
+and is imported where it is used. Its spatial vectors are [linear; angular], ours are [angular; linear].
 
-The problem is posed to it in two ways:
+The problem is modelled in two ways:
     free: the object is a free body, one weld per arm (6 l rows);
     tree: the object is part of the first arm's hand, one weld for each other arm (6 (l - 1) rows).
 """
@@ -28,21 +28,21 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 LIBRARY = "pinocchio"
-LARGE = 300e6  # bytes of Data from which on making one takes seconds
+LARGE = 300e6  # bytes of Data above which its creation takes seconds
 MUS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 ITERATIONS = (2, 3, 4, 5, 6, 8, 10)
 MUS_IF_LARGE = (1e-5, 1e-6, 1e-7)
 ITERATIONS_IF_LARGE = (3, 4, 6, 10)
-UNREACHED = 1e-14  # accuracy asked for: the iteration count alone decides
+UNREACHED = 1e-14  # requested accuracy, so low that only the iteration count matters
 TRIAL = 0.05  # seconds of calls in which a setting must keep its accuracy, because errors build up in Data
-PROBATION = 0.5  # the same for the setting that is chosen
+PROBATION = 0.5  # the same for the chosen setting
 MISSING_WRENCH = "without the wrench of the arm whose hand the object is part of"
 
 Evaluate = Callable[[Any, Any, Any], Any]
 
 
 def candidates(system: System) -> list[Candidate]:
-    """Return every way to solve a system with Pinocchio; the first supplies the true answers."""
+    """Return every way to solve a system with Pinocchio; the first gives the reference solution."""
     memory = data_size(system)
     ways = [
         ("constraintDynamics, free", functools.partial(cholesky, system, "free")),
@@ -55,7 +55,7 @@ def candidates(system: System) -> list[Candidate]:
 
 
 def data_size(system: System) -> int:
-    """Return what one Data takes, roughly: a few tensors of nv^3 doubles."""
+    """Return the approximate size of one Data, a few tensors of nv^3 doubles [bytes]."""
     return int(4.3 * 8 * (system.chain.joint_count + 6) ** 3)
 
 
@@ -80,14 +80,14 @@ def cholesky(system: System, form: Form, truth: Answers | None) -> Entry:
 
 
 def lcaba(system: System, form: Form, truth: Answers | None) -> Entry:
-    """Return `lcaba` with the fewest iterations, and the best mu, that keep 1e-9 call after call.
+    """Return `lcaba` with the fewest iterations, and the best mu, whose error stays below 1e-9 call after call.
 
-    If no setting does, the most accurate one.
+    If there is no such setting, the most accurate one is returned.
 
     Args:
         system: the system.
         form: "free" or "tree".
-        truth: the true answers.
+        truth: the reference solution.
     """
     pin: Any = import_module("pinocchio")
     assert truth is not None
@@ -95,7 +95,7 @@ def lcaba(system: System, form: Form, truth: Answers | None) -> Entry:
     model, welds, inputs, solve = posed.model, posed.welds, posed.inputs, pin.lcaba
 
     def prepared(mu: float, iterations: int) -> tuple[Evaluate, Callable[[], None]]:
-        data, weld_data = model.createData(), posed.weld_data()  # a bad setting spoils them for every later call
+        data, weld_data = model.createData(), posed.weld_data()  # a bad setting spoils Data for every later call
         pin.computeJointMinimalOrdering(model, data, welds)
         settings = pin.ProximalSettings(UNREACHED, UNREACHED, mu, iterations)
 
@@ -127,12 +127,12 @@ def lcaba(system: System, form: Form, truth: Answers | None) -> Entry:
 def fewest_iterations(
     error: Callable[[float, int, float], float], mus: Iterable[float], counts: Iterable[int]
 ) -> tuple[float, int]:
-    """Return mu and the number of iterations: the fewest that reach 1e-9, else the most accurate pair.
+    """Return mu and the least number of iterations with an error below 1e-9; otherwise the most accurate pair.
 
     Args:
-        error: of (mu, iterations) after that many seconds of calls.
-        mus: to try.
-        counts: of iterations to try, ascending: each costs time.
+        error: function of mu, iterations and seconds that returns the error after so many seconds of calls.
+        mus: values of mu to try.
+        counts: numbers of iterations to try, in ascending order, because iterations cost time.
     """
     tried: dict[tuple[float, int], float] = {}
     for count in counts:
@@ -145,7 +145,7 @@ def fewest_iterations(
 
 
 def aba(system: System, truth: Answers | None) -> Entry:
-    """Return `aba` of arms and free object without any grasp: what no tree library goes below."""
+    """Return `aba` of the arms and the free object without grasps, a lower bound for every tree library."""
     pin: Any = import_module("pinocchio")
     posed = PinocchioModel(system, "free")
     model, data, inputs, solve = posed.model, posed.model.createData(), posed.inputs, pin.aba
@@ -166,9 +166,9 @@ class PinocchioModel:
 
     Attributes:
         form: "free" or "tree".
-        model: the tree.
+        model: the Pinocchio model.
         welds: a StdVec of rigid constraints; a list would be converted in every call.
-        inputs: (q, v, tau) of every state.
+        inputs: q, v and tau of every state.
     """
 
     def __init__(self, system: System, form: Form) -> None:
@@ -211,7 +211,7 @@ class PinocchioModel:
         return q, v, tau
 
     def weld_data(self) -> Any:
-        """Return fresh data of the welds."""
+        """Return new data of the welds."""
         pin: Any = import_module("pinocchio")
         data = pin.StdVec_RigidConstraintData()
         for weld in self.welds:
@@ -229,7 +229,7 @@ class PinocchioModel:
         return found
 
     def answers(self, evaluate: Any, weld_data: Any = None) -> Answers:
-        """Return what `evaluate(q, v, tau)` answers at every state."""
+        """Return the results of `evaluate(q, v, tau)` at every state."""
         chain, qdd, wrenches = self.system.chain, [], []
         first = 6 if chain.floats else 0
         for k, given in enumerate(self.inputs):
@@ -240,13 +240,13 @@ class PinocchioModel:
 
 
 def se3(pose: Any) -> Any:
-    """Return a pose as Pinocchio's."""
+    """Return a pose as a Pinocchio SE3."""
     pin: Any = import_module("pinocchio")
     return pin.SE3(np.array(pose.R), np.array(pose.p))
 
 
 def free_body(pose: Array, twist: Array) -> tuple[Array, Array, Array]:
-    """Return q, v and generalised forces of a free flyer, [linear; angular] in its own axes, that nothing drives."""
+    """Return q, v and generalised forces, [linear; angular] in body axes, of a free flyer without a drive."""
     (w, x, y, z), p, R = pose[:4], pose[4:], rotation.from_quaternion(pose[:4])
     return np.concatenate([p, [x, y, z, w]]), np.concatenate([R.T @ twist[3:], R.T @ twist[:3]]), np.zeros(6)
 
@@ -269,7 +269,7 @@ def add_trunk(model: Any, trunk: Trunk | None) -> list[int]:
 
 
 def add_arm(model: Any, arm: Arm, name: str, parent: int = 0) -> int:
-    """Append an arm at the world, or at the body that a joint moves, and return the number of its last joint."""
+    """Append an arm to the world, or to the body moved by a joint, and return the number of its last joint."""
     pin: Any = import_module("pinocchio")
     # joints about a coordinate axis have cheaper models of their own
     aligned = dict(zip("xyz", (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ), strict=True))

@@ -1,4 +1,4 @@
-"""Ways to step many systems in time: this library's rollouts, and MuJoCo's `mj_step`."""
+"""Entries that take time steps of many systems: rollouts of this library, and MuJoCo's `mj_step`."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from holdfast.bench.mujoco_peer import inputs, mjcf
 from holdfast.bench.systems import System
 
 STEP = 1e-3  # s
-STEPS = 20  # from each state, torques held; then from the states again
+STEPS = 20  # steps from each state under constant torques, before the states are reset
 SCHEMES = ("rk4", "midpoint")
-DEFAULT_IMPEDANCE = (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's own
+DEFAULT_IMPEDANCE = (0.9, 0.95, 0.001, 0.5, 2.0)  # the default of MuJoCo
 # Integrator and impedance of the welds; Newton's dense solver is the fastest at this size.
 MUJOCO = (("Euler", "hardest"), ("Euler", "default"), ("implicitfast", "hardest"), ("RK4", "hardest"))
 
 
 @dataclass(frozen=True, eq=False)
 class Stepping:
-    """A way to step.
+    """An entry that takes time steps.
 
     Attributes:
-        entry: ready to be timed; an evaluation is one step of one system.
-        gap: returns how far the worst grasp of any system is open at the end [m or rad].
+        entry: the entry to time; an evaluation is one step of one system.
+        gap: function that returns the largest gap of any grasp at the end [m or rad].
     """
 
     entry: Entry
@@ -37,13 +37,13 @@ class Stepping:
 
 
 def rollout(system: System, scheme: str, size: int) -> Stepping:
-    """Return a batch of a size, stepped by one call on one thread under held torques."""
+    """Return a batch that is stepped by one call on one thread under constant torques."""
     made = _compiled(system, scheme)
     q, qd, tau, pose, twist = system.repeated(size).arrays
-    begun = made.start(q, qd, pose, twist, tau=tau)
+    initial = made.start(q, qd, pose, twist, tau=tau)
 
     def stepped() -> Any:
-        return made.step(begun.copy(), STEP, steps=STEPS, tau=tau)
+        return made.step(initial.copy(), STEP, steps=STEPS, tau=tau)
 
     def answers() -> Answers:
         found = stepped()
@@ -66,7 +66,7 @@ def mj_step(system: System, integrator: str, welds: str) -> Stepping:
     Args:
         system: the system.
         integrator: "Euler", "implicitfast" or "RK4".
-        welds: "hardest", or "default": MuJoCo's own impedance.
+        welds: "hardest", or "default" for MuJoCo's default impedance.
     """
     mujoco: Any = import_module("mujoco")
     model = mujoco.MjModel.from_xml_string(mjcf(system.chain, "Newton", "dense"))

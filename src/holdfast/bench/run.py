@@ -1,4 +1,4 @@
-"""A run of the benchmark: what it measures, and one document with everything that was measured, ready for JSON."""
+"""A run of the benchmark: its plan, and the document with all measurements, ready for JSON."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from holdfast.bench.rollout_entries import MUJOCO, SCHEMES, STEP, STEPS, mj_step
 from holdfast.bench.systems import System, make_system
 from holdfast.bench.trunk_systems import FLOATING, TORSO
 
-Size = tuple[int, int]  # arms, joints of each
+Size = tuple[int, int]  # number of arms, joints per arm
 
 
 @dataclass(frozen=True)
@@ -27,18 +27,18 @@ class Plan:
     """The sizes and the effort of a run.
 
     Attributes:
-        mode: its name.
-        systems: sizes to compare at.
-        batch_sizes: states in one call.
-        batch_of: the system whose states those are.
-        growth: pairs (larger, smaller) whose times are compared in the same rounds.
-        compiled: sizes whose compile time is taken.
-        compile_runs: fresh processes for each.
-        effort: of every timing.
-        rollout_sizes: systems of `batch_of` that one call steps.
+        mode: name of the mode.
+        systems: sizes at which libraries are compared.
+        batch_sizes: numbers of states per call.
+        batch_of: size of the system for batches.
+        growth: pairs (larger, smaller) of sizes whose times are compared in the same rounds.
+        compiled: sizes whose compile time is measured.
+        compile_runs: number of new processes for each compile time.
+        effort: duration of every timing.
+        rollout_sizes: numbers of systems of size `batch_of` that one call steps.
         trunks: names of systems with a trunk.
         derivatives: sizes whose derivatives are timed.
-        jacobians: those among them whose Jacobian is timed too.
+        jacobians: those of them whose Jacobian is timed, too.
     """
 
     mode: str
@@ -90,21 +90,21 @@ def name_of(size: Size) -> str:
     return f"{size[0]} x {size[1]}"
 
 
-FORMAT = 1  # of the document
+FORMAT = 1  # version of the document
 Report = Callable[[str, float], None]
 
 
 def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, Any]:
-    """Measure what the plan says and return the document.
+    """Carry out the plan and return the document.
 
     Args:
         plan: `QUICK`, `FULL` or another.
-        report: is called with what is being done, and with the part of all that is done.
+        report: function that is called with the current activity and the completed fraction.
 
     Raises:
-        HoldfastError: a chain does not compile.
+        HoldfastError: a chain cannot be compiled.
     """
-    # read by the threading library when the first peer loads it: everyone gets one thread
+    # read by the threading library when the first peer loads it, so that all use one thread
     os.environ["OMP_NUM_THREADS"] = "1"
     work = Work(plan)
     steps = [
@@ -127,7 +127,7 @@ class Work:
     """The steps of a run; each adds to the document.
 
     Attributes:
-        document: what was measured so far.
+        document: the measurements so far.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -150,20 +150,20 @@ class Work:
         }
 
     def system(self, size: Size) -> tuple[System, Any]:
-        """Return a system and its machine code, made once."""
+        """Return a system and its machine code, which are created once."""
         if size not in self._systems:
             made = make_system(*size)
             self._systems[size] = made, holdfast.compile(made.chain)
         return self._systems[size]
 
     def compare(self, size: Size) -> None:
-        """Compare ours and every peer at one size."""
+        """Compare this library with every peer at one size."""
         made, fast = self.system(size)
         ways = peers.candidates(made, self.document["peers"])
         self.document["systems"].append(measure_system(made, fast, ways, self.plan.effort))
 
     def batches(self) -> None:
-        """Time batches, per state, against the peers' fastest ways in a loop over the same states."""
+        """Time batches, per state, beside the fastest entries of the peers in a loop over the same states."""
         made, fast = self.system(self.plan.batch_of)
         record = next(r for r in self.document["systems"] if r["name"] == made.name)
         best = [entry["name"] for peer in self.document["peers"] if (entry := acceptance.fastest(record, peer))]
@@ -185,7 +185,7 @@ class Work:
             self.document["batches"]["sizes"].append(row)
 
     def rollouts(self) -> None:
-        """Time steps in time, per system, of batches of every size and scheme and of MuJoCo."""
+        """Time integration steps, per system, for batches of every size and scheme and for MuJoCo."""
         if not self.plan.rollout_sizes:
             return
         made, _ = self.system(self.plan.batch_of)
@@ -207,24 +207,24 @@ class Work:
             self.document["rollouts"]["entries"].append(row)
 
     def trunk(self, name: str) -> None:
-        """Compare ours and Pinocchio on a trunk, beside ours without one."""
+        """Compare this library with Pinocchio on a trunk, and with itself without one."""
         here = "version" in self.document["peers"]["pinocchio"]
         plain = self.system(self.plan.batch_of)
         self.document["trunks"].append(trunk_entries.compare(name, plain, self.plan.effort, pinocchio=here))
 
     def derivatives(self, size: Size) -> None:
-        """Time derivatives over forward dynamics, and Pinocchio's over ours."""
+        """Time derivatives relative to forward dynamics, and Pinocchio's relative to ours."""
         here, matrix = "version" in self.document["peers"]["pinocchio"], size in self.plan.jacobians
         found = derivative_entries.compare(*self.system(size), self.plan.effort, matrix=matrix, pinocchio=here)
         self.document["derivatives"] += found
 
     def growth(self, larger: Size, smaller: Size) -> None:
-        """Time a larger system over a smaller one."""
+        """Time a larger system relative to a smaller one."""
         seconds = timed([entries.public(*self.system(size)) for size in (larger, smaller)], self.plan.effort)
         ratio = float(np.median(seconds[:, 0] / seconds[:, 1]))
         self.document["growth"].append({"larger": name_of(larger), "smaller": name_of(smaller), "ratio": ratio})
 
     def compiling(self, size: Size) -> None:
-        """Time compiling one size."""
+        """Time the compilation at one size."""
         times = compile_times(*size, self.plan.compile_runs)
         self.document["compile"].append({"system": name_of(size), **times})

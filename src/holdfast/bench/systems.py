@@ -1,4 +1,4 @@
-"""The systems of the benchmark: l arms of N revolute joints that hold one box rigidly, in many closed states."""
+"""The systems of the benchmark: l arms with N revolute joints that hold a box rigidly, in many closed states."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist
 
-STATES = 32  # per system, so that no caller lives on one warm set of numbers
+STATES = 32  # states per system, so that data do not stay in the fastest cache
 STATES_OF_MANY_ARMS = 8
 MANY_ARMS = 64
 PANDA_JOINTS = 7
-LIGHTEST = 0.2  # mass of an arm's last link over the first's, beyond what the Panda's rows give
-RADIUS = 0.25  # of the box, where the arms hold it [m]
+LIGHTEST = 0.2  # ratio of the masses of an arm's last and first link, in addition to the Panda's own
+RADIUS = 0.25  # radius of the box at the grasps [m]
 CLOSED = 1e-13  # rad and m
-LONGEST_STEP = 0.2  # of a joint in one iteration [rad]
+LONGEST_STEP = 0.2  # largest change of a joint in one iteration [rad]
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """A chain and the states it is timed at; every array has the states along its first axis.
+    """A chain and the states at which it is timed; the first axis of every array is the state.
 
     Attributes:
         name: "l x N".
@@ -44,8 +44,8 @@ class System:
         tau: (states, n) torques [N m].
         object_pose: (states, 7) wxyz_xyz.
         object_twist: (states, 6) [omega; v], world axes.
-        base_pose: (states, 7) of a floating base; None without one.
-        base_twist: (states, 6) of that base.
+        base_pose: (states, 7) poses of a floating base; None without one.
+        base_twist: (states, 6) twists of that base.
     """
 
     name: str
@@ -60,17 +60,17 @@ class System:
 
     @property
     def arrays(self) -> tuple[Array, Array, Array, Array, Array]:
-        """The arguments of forward dynamics, states along the first axis."""
+        """The arguments of forward dynamics; the first axis is the state."""
         return self.q, self.qd, self.tau, self.object_pose, self.object_twist
 
     @property
     def base_arrays(self) -> tuple[Array, ...]:
-        """Pose and twist of a floating base, states along the first axis; nothing without one."""
+        """Pose and twist of a floating base, whose first axis is the state; empty without one."""
         return tuple(x for x in (self.base_pose, self.base_twist) if x is not None)
 
     @property
     def states(self) -> int:
-        """How many states there are."""
+        """Number of states."""
         return len(self.q)
 
     def repeated(self, count: int) -> System:
@@ -82,17 +82,17 @@ class System:
 def make_system(arm_count: int, joint_count: int, states: int | None = None, seed: int = 0) -> System:
     """Return a system in random closed states with consistent velocities.
 
-    The first state is closed by putting the bases where they must be; in the others the box
-    is moved a little and every arm follows by inverse kinematics.
+    The first state is closed by the choice of the base poses. In the others, the box is displaced slightly, and every
+    arm follows by inverse kinematics.
 
     Args:
         arm_count: l >= 1.
         joint_count: N >= 6 per arm.
-        states: how many; default 32, or 8 from 64 arms on.
-        seed: of everything random.
+        states: number of states; by default 32, or 8 for 64 or more arms.
+        seed: seed of the random numbers.
 
     Raises:
-        ClosureError: an arm cannot follow the box (does not happen at the sizes used here).
+        ClosureError: an arm cannot follow the box, which does not happen at the sizes used here.
     """
     random = np.random.default_rng([seed, arm_count, joint_count])
     if states is None:
@@ -115,7 +115,7 @@ def make_system(arm_count: int, joint_count: int, states: int | None = None, see
 
 
 def serial_arm(joint_count: int) -> Arm:
-    """Return the Panda, or an arm of its joints in turn, as long in all and with lighter links outward."""
+    """Return the Panda, or an arm of the same length that repeats its joints and has lighter links outward."""
     whole = panda(armature=FR3_ARMATURE)
     if joint_count == PANDA_JOINTS:
         return whole
@@ -139,7 +139,7 @@ def serial_arm(joint_count: int) -> Arm:
 
 
 def _place_on_circle(angle: float) -> Pose:
-    """Return a contact frame on the box's rim, z into the box."""
+    """Return a contact frame on the rim of the box, with z into the box."""
     outward = rotation.exp(np.array([0.0, 0.0, angle]))
     inward_z = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     return Pose(outward @ inward_z, outward @ np.array([RADIUS, 0.0, 0.0]))
@@ -158,7 +158,7 @@ def _state(
         q = follow(arm, guess, contact) if moved else guess
         J = jacobian(arm, forward_kinematics(arm, q))
         own = random.uniform(-0.5, 0.5, len(q))
-        # the rates nearest to random ones that move the tip as the box moves: null-space motion included
+        # the rates nearest to random ones with which the tip follows the box, including null-space motion
         rates.append(own + np.linalg.lstsq(J, shift_twist(contact.p - frame.p, twist) - J @ own)[0])
         positions.append(q)
     return np.concatenate(positions), np.concatenate(rates), frame.wxyz_xyz, twist
@@ -168,7 +168,7 @@ def follow(arm: Arm, q: Array, target: Pose) -> Array:
     """Return joint positions near q that bring the tip frame to the target.
 
     Raises:
-        ClosureError: Newton's method does not get there.
+        ClosureError: Newton's method does not converge.
     """
     left = np.inf
     for _ in range(50):
@@ -179,6 +179,6 @@ def follow(arm: Arm, q: Array, target: Pose) -> Array:
             return q
         step = np.linalg.lstsq(jacobian(arm, at), gap)[0]
         q = q + step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
-    if left <= 1e3 * CLOSED:  # as closed as rounding allows
+    if left <= 1e3 * CLOSED:  # closed up to rounding
         return q
     raise ClosureError(f"arm '{arm.name}' cannot follow the box: {left:.3g} (rad or m) are left")

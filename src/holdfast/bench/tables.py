@@ -1,4 +1,4 @@
-"""The document of a run as tables of text: for the terminal, for Markdown."""
+"""The document of a run as text tables for the terminal and for Markdown."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from holdfast.bench.entries import LIBRARY, PUBLIC
 Document = dict[str, Any]
 INEXACT = "*"
 MISSING = "-"
-STEADY = 1.1  # upper over lower quartile up to which a time counts as undisturbed
+STEADY = 1.1  # largest ratio of upper to lower quartile of an undisturbed time
 
 
 @dataclass(frozen=True)
@@ -19,10 +19,10 @@ class Table:
     """A table of text.
 
     Attributes:
-        title: above it.
-        header: of its columns.
-        rows: of cells.
-        notes: below it.
+        title: title above the table.
+        header: titles of the columns.
+        rows: rows of cells.
+        notes: notes below the table.
     """
 
     title: str
@@ -31,7 +31,7 @@ class Table:
     notes: list[str] = field(default_factory=list)
 
     def cut(self, columns: int) -> list[Table]:
-        """Return the table as several of at most so many columns after the first; the notes are the last one's."""
+        """Return several tables with a limited number of columns after the first; the last one has the notes."""
         starts = list(range(1, len(self.header), columns))
         return [
             Table(
@@ -55,7 +55,7 @@ def number(x: float) -> str:
 
 
 def ratios(document: Document) -> Table:
-    """Return how many times as long every peer takes as our checked call, from the same rounds."""
+    """Return the times of all peers relative to our checked call, from the same rounds."""
     notes = [
         f"Over one checked call of `{PUBLIC}`. {INEXACT} answers further than {document['accuracy']:g} from the exact"
         " ones (MuJoCo's welds are soft by design; see the errors). The row without grasps is a floor, no competitor.",
@@ -89,7 +89,7 @@ def errors(document: Document) -> Table:
 
 
 def settings(document: Document) -> Table:
-    """Return the settings that `lcaba` was given at every size."""
+    """Return the settings of `lcaba` at every size."""
 
     def short(entry: dict[str, Any]) -> str:
         found = re.match(r"mu = (\S+), (\d+)", entry["note"])
@@ -101,7 +101,7 @@ def settings(document: Document) -> Table:
 
 
 def batches(document: Document) -> Table:
-    """Return microseconds per state of batches on one thread, and the peers' loops over ours."""
+    """Return microseconds per state of batches on one thread, and the times of the peers' loops relative to ours."""
     found = document["batches"]
     rivals = list(found["sizes"][0]["ratios"]) if found["sizes"] else []
     rows = [
@@ -114,7 +114,7 @@ def batches(document: Document) -> Table:
 
 
 def rollouts(document: Document) -> Table:
-    """Return microseconds of a step of one system, and how far its grasps open."""
+    """Return microseconds per step of one system, and the gap at its grasps."""
     found = document["rollouts"]
     ours = next((row["name"] for row in reversed(found["entries"]) if row["name"].startswith("rk4")), "")
     rows = [
@@ -137,7 +137,7 @@ def rollouts(document: Document) -> Table:
 
 
 def trunks(document: Document) -> Table:
-    """Return chains with a trunk: ours over ours without it, and Pinocchio over ours."""
+    """Return the times for chains with a trunk relative to those without it, and Pinocchio's relative to ours."""
     rows = []
     for record in document["trunks"]:
         own = (record["call"], record["bound"], record["batch"])
@@ -153,7 +153,7 @@ def trunks(document: Document) -> Table:
 
 
 def derivatives(document: Document) -> Table:
-    """Return derivatives over forward dynamics, and Pinocchio's Jacobian over ours."""
+    """Return the times of derivatives relative to forward dynamics, and of Pinocchio's Jacobian relative to ours."""
     theirs = {
         (row["system"], name): ratio
         for row in document["derivatives"]
@@ -179,7 +179,7 @@ def derivatives(document: Document) -> Table:
 
 
 def compiling(document: Document) -> Table:
-    """Return seconds from `compile` to the first answer in a new process, and operations."""
+    """Return seconds from `compile` to the first result in a new process, and numbers of operations."""
     operations = {record["name"]: record["operations"] for record in document["systems"]}
     rows = [
         [
@@ -209,13 +209,13 @@ def acceptance_checks(document: Document) -> Table:
 
 
 def growth(document: Document) -> Table:
-    """Return our time at a larger size over that at a smaller one."""
+    """Return our time at a larger size relative to that at a smaller one."""
     rows = [[f"{row['larger']} / {row['smaller']}", number(row["ratio"])] for row in document["growth"]]
     return Table("Growth of our time", ["systems", "ratio"], rows)
 
 
 def absences(document: Document) -> list[str]:
-    """Return what was not compared, and why, one line each."""
+    """Return a line for each comparison that is missing, with the reason."""
     lines = [f"{name}: not compared: {peer['absent']}" for name, peer in document["peers"].items() if "absent" in peer]
     for record in document["systems"]:
         lines += [

@@ -1,4 +1,4 @@
-"""Chains with a trunk: our calls and Pinocchio's on the same states, in the same rounds as ours without a trunk."""
+"""Chains with a trunk: entries of this library and Pinocchio, timed in the same rounds as ours without a trunk."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def compare(name: str, plain: tuple[System, Any], effort: Effort, *, pinocchio: 
     """Return the record of a system with a trunk.
 
     Args:
-        name: of the system.
+        name: name of the system.
         plain: two arms of seven joints without a trunk, and their machine code.
-        effort: how long to time.
-        pinocchio: whether it is here.
+        effort: duration of the measurement.
+        pinocchio: whether Pinocchio is installed.
     """
     system = make_trunk_system(name)
     fast = holdfast.compile(system.chain)
@@ -45,12 +45,12 @@ def compare(name: str, plain: tuple[System, Any], effort: Effort, *, pinocchio: 
 
 
 def call(system: System, fast: Any) -> Entry:
-    """Return the checked call: arrays in, a re-used result out."""
+    """Return the checked call with arrays and a reused result."""
     states, bases, solve = entries.each_state(system), _each_base(system), fast.forward_dynamics
     out, rows = solve(*states[0], **bases[0]), list(zip(states, bases, strict=True))
     floating = [(*state, *base.values()) for state, base in rows if base]
 
-    def sweep() -> None:  # written out, as in a loop of the caller's
+    def sweep() -> None:  # written out, like a loop of a caller
         if floating:
             for q, qd, tau, pose, twist, base_pose, base_twist in floating:
                 solve(q, qd, tau, pose, twist, floating_pose=base_pose, floating_twist=base_twist, out=out)
@@ -65,7 +65,7 @@ def call(system: System, fast: Any) -> Entry:
 
 
 def bound(system: System, fast: Any) -> Entry:
-    """Return the bound call, tied to the caller's own arrays; one for each state."""
+    """Return the bound calls, one for each state, bound to arrays of the caller."""
     names = ("q", "qd", "tau", "object_pose", "object_twist")
     pairs = zip(entries.each_state(system), _each_base(system), strict=True)
     tied = [fast.bind(**dict(zip(names, state, strict=True)), **base) for state, base in pairs]
@@ -98,7 +98,7 @@ def call_for_many(system: System, fast: Any, size: int) -> Entry:
 
 
 def _bases(system: System) -> dict[str, Any]:
-    """Return pose and twist of a floating base by the names of the arguments."""
+    """Return pose and twist of a floating base, with the names of the arguments."""
     return dict(zip(("floating_pose", "floating_twist"), system.base_arrays, strict=False))
 
 
@@ -107,7 +107,7 @@ def _each_base(system: System) -> list[dict[str, Any]]:
 
 
 def _timed(entry: Entry, seconds: Any, truth: Answers, over: dict[str, Any]) -> dict[str, Any]:
-    """Return an entry's record with its time over others', from the same rounds."""
+    """Return an entry's record with its time relative to others from the same rounds."""
     assert truth.wrenches is not None
     got = entry.answers()
     assert got.wrenches is not None

@@ -40,13 +40,13 @@ HANDS = {
 def make_trunk_system(name: str, states: int = STATES, seed: int = 0) -> System:
     """Return one of `TRUNKS` with two Pandas in random closed states with consistent velocities.
 
-    The arms' bases are put where the first state closes; in the others trunk and box are moved a little and the arms
-    follow by inverse kinematics.
+    The first state is closed by the choice of the arms' base poses. In the others, trunk and box are displaced
+    slightly, and the arms follow by inverse kinematics.
 
     Args:
-        name: of the trunk.
-        states: how many.
-        seed: of everything random.
+        name: name of the trunk.
+        states: number of states.
+        seed: seed of the random numbers.
     """
     random, trunk, arm = np.random.default_rng(seed), TRUNKS[name], serial_arm(7)
     home = {hand: np.array(PANDA_HOME) + random.uniform(-0.3, 0.3, 7) for hand in HANDS}
@@ -81,5 +81,5 @@ def _state(chain: ClosedChain, home: dict[str, Array], random: np.random.Generat
 
 
 def _near(random: np.random.Generator, shift: float) -> Pose:
-    """Return a pose turned by up to 0.15 rad about each axis and shifted by up to so much along it."""
+    """Return a pose rotated by up to 0.15 rad about each axis and displaced by up to a length along it."""
     return Pose(rotation.exp(random.uniform(-0.15, 0.15, 3)), random.uniform(-shift, shift, 3))

@@ -21,7 +21,7 @@ from holdfast.dynamics.diagnose import diagnose as diagnosis_of
 from holdfast.errors import SceneError, StateError
 from holdfast.io.case_file import Case
 
-BEGINS_JSON = re.compile(rb"\s*(\{|\[\s*[{\]])")  # TOML begins with neither, as `[` is followed by a table's name
+BEGINS_JSON = re.compile(rb"\s*(\{|\[\s*[{\]])")  # TOML never begins like this, because a table's name follows `[`
 
 
 def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool, changes: Sequence[str] = ()) -> int:
@@ -32,7 +32,7 @@ def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool, chang
         case: the name of the only case to diagnose.
         format: "table" or "json".
         trust_xacro: expand xacro files that the scene names.
-        changes: changes `key=value` of the scene.
+        changes: values for keys of the scene, as `key=value`.
 
     Returns:
         0 if anything was diagnosed, else 3.

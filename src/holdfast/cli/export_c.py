@@ -36,6 +36,8 @@ def export_code(
 ) -> int:
     """Write computations of a scene's chain, and its controller, as code that runs without Python; return 0.
 
+    What takes its time is said on stderr.
+
     Args:
         scene: the scene file; `-` for stdin.
         out: the folder; `code/<scene's name>` if None.
@@ -58,13 +60,13 @@ def export_code(
     folder = Path("code") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes)
     compiled = compile(scenario.chain)
-    asked = list(functions) or _those_there_are(scenario, compiled, scheme)
-    laws = {CONTROL: scenario.controller} if CONTROL in asked else {}
+    requested = list(functions) or _those_there_are(scenario, compiled, scheme)
+    laws = {CONTROL: scenario.controller} if CONTROL in requested else {}
     made = export_c(
         compiled,
         folder,
         name=_prefix(scene_name(scene)) if name is None else name,
-        functions=[one for one in asked if one != CONTROL],
+        functions=[one for one in requested if one != CONTROL],
         laws=laws,
         target=target,
         source=source,
@@ -74,6 +76,7 @@ def export_code(
         scheme=scheme,
         base_motion=scenario.options.get("base_motion"),
         overwrite=overwrite,
+        progress=True,
     )
     _report(made, as_json)
     return 0

@@ -1,4 +1,4 @@
-"""Several result folders in one command: what tells them apart, and refusals of what cannot be meant."""
+"""Several result folders in one command: labels that distinguish them, and checks of the arguments."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from holdfast.errors import ResultError
 
 
 def require_one_place(folders: Sequence[Path], out: Path | None) -> None:
-    """Refuse no run, and several runs for one place.
+    """Refuse a command without a run, or with several runs for one output.
 
     Raises:
-        ResultError: saying which.
+        ResultError: there is no run, or there are several.
     """
     if not folders:
         raise ResultError("Missing: RESULT; expected one result folder or more")
@@ -21,15 +21,15 @@ def require_one_place(folders: Sequence[Path], out: Path | None) -> None:
 
 
 def labels(places: Sequence[Path], most: int, what: str = "RESULT") -> list[str]:
-    """Return for each place as much of the end of its path as tells it from the others.
+    """Return for each place the shortest end of its path that distinguishes it from the others.
 
     Args:
         places: result folders or scenes.
-        most: how many can be shown together.
-        what: what the command takes, for messages.
+        most: largest number that can be shown together.
+        what: the kind of arguments that the command takes, for messages.
 
     Raises:
-        ResultError: none, more than that, or one of them twice.
+        ResultError: there are none, there are too many, or one is named twice.
     """
     if not places:
         raise ResultError(f"Missing: {what}; expected one or more")

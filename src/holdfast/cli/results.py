@@ -48,7 +48,7 @@ def opened_scene(path: Path, trust_xacro: bool, changes: Sequence[str] = (), giv
     Args:
         path: the file; `-` for stdin, for which robot files are relative to the current folder.
         trust_xacro: expand xacro files that the scene names.
-        changes: changes `key=value` of the scene.
+        changes: values for keys of the scene, as `key=value`.
         given: content of stdin, if it was read already.
 
     Raises:

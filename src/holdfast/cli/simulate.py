@@ -65,8 +65,8 @@ def simulate(
     refuse_standard(out, "--out")
     folder = Path("results") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes)
-    asked = {name: x for name, x in (("sample_time", sample_time), ("delay", delay)) if x is not None}
-    scenario = replace(scenario, options=scenario.options | asked)
+    requested = {name: x for name, x in (("sample_time", sample_time), ("delay", delay)) if x is not None}
+    scenario = replace(scenario, options=scenario.options | requested)
     if with_plots:
         _require_plots()
     robots = scenario.sources

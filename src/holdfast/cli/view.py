@@ -70,12 +70,12 @@ def view(
         return 0
     if page is not None:
         export_page(playbacks, page)
-        moments, runs = sum(map(len, playbacks)), f"{len(playbacks)} runs, " if len(playbacks) > 1 else ""
+        frames, runs = sum(map(len, playbacks)), f"{len(playbacks)} runs, " if len(playbacks) > 1 else ""
         if as_json:
-            print_document({"file": str(page), "bytes": page.stat().st_size, "moments": moments})
+            print_document({"file": str(page), "bytes": page.stat().st_size, "moments": frames})
             return 0
-        size, plural = page.stat().st_size / 2**20, "" if moments == 1 else "s"
-        stdout().print(f"{page}: {size:.1f} MiB, {runs}{moments} moment{plural}", soft_wrap=True)
+        size, plural = page.stat().st_size / 2**20, "" if frames == 1 else "s"
+        stdout().print(f"{page}: {size:.1f} MiB, {runs}{frames} frame{plural}", soft_wrap=True)
         return 0
     try:
         watch(playbacks, _announce_json if as_json else _announce, port)

@@ -1,4 +1,4 @@
-"""Code for the robot: a chain's computations as C, or as object files, that run without Python."""
+"""Export of a chain's computations as C source or object files, which run on a robot without Python."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What the arrays of exported functions are, for those who read the C header."""
+"""Descriptions of the arrays of exported functions for the C header."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from holdfast.compiled.arm_functions import CLOSED
 from holdfast.compiled.derivative_schedule import FOUND, WITH
 from holdfast.compiler.schedule import External
 
-LAST, CONTROL = "last.", "control."  # before what a step carries on, and before its torques
+LAST, CONTROL = "last.", "control."  # prefixes of the arrays that a step carries on, and of its torques
 
 _MEANINGS = {
     "q": "joint positions, arms in order, base to tip, a trunk's first [rad or m]",
@@ -98,7 +98,7 @@ _MEANINGS = {
 
 
 def fields_of(externals: Iterable[str], forbidden: Iterable[str] = ()) -> dict[str, str]:
-    """Return C names of arrays: plain where they can be."""
+    """Return the C names of arrays, without prefix where possible."""
     found: dict[str, str] = {}
     taken = {"workspace", *_KEYWORDS, *forbidden}
     for name in externals:
@@ -111,7 +111,7 @@ def fields_of(externals: Iterable[str], forbidden: Iterable[str] = ()) -> dict[s
 
 
 def meaning(name: str) -> str:
-    """Return what an array is, in words; "" of a law's own parameters."""
+    """Return the description of an array; "" for a parameter of a law."""
     for prefix, words in ((WITH, "what is multiplied, as"), (FOUND, "derivatives by or of"), (CLOSED, "closed:")):
         if name.startswith(prefix):
             rest = name.removeprefix(prefix)
@@ -120,7 +120,7 @@ def meaning(name: str) -> str:
 
 
 def extent(external: External) -> str:
-    """Return an array's shape as C writes it; of a number [1]."""
+    """Return an array's shape in C syntax; [1] for a number."""
     return "".join(f"[{n}]" for n in external.shape) if math.prod(external.shape) and external.shape else "[1]"
 
 

@@ -1,4 +1,4 @@
-"""`export_c`: a folder with C source or an object file, headers, and what build systems ask for."""
+"""`export_c`: a folder with C source or an object file, headers, and files for build systems."""
 
 from __future__ import annotations
 
@@ -16,29 +16,38 @@ from holdfast.codegen.functions import EXPORTED, ExportedFunction, exported_func
 from holdfast.codegen.header import CFunction, header
 from holdfast.codegen.wrapper import wrapper
 from holdfast.compiled.chain import CompiledChain, compile
-from holdfast.compiler.targets import OBJECT_TARGETS, ObjectTarget, cpu, object_file, single_module, single_source
+from holdfast.compiler.targets import (
+    DEFINITIONS,
+    OBJECT_TARGETS,
+    ObjectTarget,
+    cpu,
+    object_file,
+    single_module,
+    single_source,
+)
 from holdfast.control.controller import ControlLaw, Controller
 from holdfast.errors import ModelError, ResultError
 from holdfast.io.files import file_path, names_in
 from holdfast.io.replaced_folder import replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.progress import busy
 from holdfast.simulation.environment import BaseMotion
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.state import State
 
-# For GCC and Clang: no fma that the source has not. GCC 12 makes one of a product and a sum in neighbouring numbers
-# whatever -ffp-contract says, when it puts straight lines of operations into the lanes of registers.
+# For GCC and Clang: no fma that is not in the source. GCC 12 fuses a product and a sum in neighbouring numbers
+# in spite of -ffp-contract when it vectorises straight-line code.
 EXACT = "-ffp-contract=off -fno-tree-slp-vectorize -fno-math-errno"
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
 
 
 class ExportedSize(NamedTuple):
-    """What a call of an exported function needs.
+    """The memory that a call of an exported function needs.
 
     Attributes:
-        workspace: bytes of working memory, the caller's.
-        stack: bytes of stack; None of C source, where the compiler decides.
+        workspace: bytes of working memory, which the caller provides.
+        stack: bytes of stack; None for C source, for which the compiler decides.
     """
 
     workspace: int
@@ -46,12 +55,12 @@ class ExportedSize(NamedTuple):
 
 
 class ExportedCode(NamedTuple):
-    """What `export_c` wrote.
+    """The result of `export_c`.
 
     Attributes:
-        folder: where.
-        files: their names.
-        functions: the C functions, and what a call of each needs.
+        folder: the folder.
+        files: names of the files.
+        functions: the C functions, with the memory that a call of each needs.
         target: the processor.
     """
 
@@ -76,38 +85,40 @@ def export_c(
     scheme: str = "rk4",
     base_motion: Mapping[str, BaseMotion] | None = None,
     overwrite: bool = False,
+    progress: bool = False,
 ) -> ExportedCode:
-    """Write a chain's computations as code that runs without Python, and return what was written.
+    """Write a chain's computations as code that runs without Python, and return a list of the files and functions.
 
     The folder gets `name.o` (or `name.c`), a C header with sizes, layouts, units and one function per computation, a
-    C++17 wrapper, and files for CMake and pkg-config. Object files have no undefined symbol, ask for no memory and
-    keep no state; their results are those of this library's machine code to the bit, on every processor with fma. So
-    are those of the source under the options that the CMake file sets.
+    C++17 wrapper, and files for CMake and pkg-config. Object files have no undefined symbols, allocate no memory
+    and keep no state. On every processor with fma their results are identical, bit by bit, to those of this library's
+    machine code, and so are the results of the source with the compiler options in the CMake file.
 
     Args:
-        chain: the chain; compiled by `holdfast.compile` where link inertias or wrenches shall be arguments.
-        folder: where to.
+        chain: the chain, or the result of `holdfast.compile` to have link inertias or wrenches as arguments.
+        folder: the folder to write.
         name: prefix of all names in C: lower-case letters, digits, underscores.
         functions: any of forward_dynamics, inverse_dynamics, mass_matrix, jacobian, closure, kinetic_energy,
             potential_energy, momentum, centre_of_mass, object_mobility, tip_poses, link_poses, project,
             forward_dynamics_vjp, forward_dynamics_jvp, forward_dynamics_jacobian, step.
-        laws: control laws by the names that their functions shall have.
+        laws: control laws, by the names of their functions.
         target: the processor under Linux: x86-64-v2, x86-64-v3, x86-64-v4 or aarch64.
-        source: write C11 rather than an object file; `target` says whether products and sums are fused, and the
-            compiler's options.
-        state: what the memory holds at first; needed by a step, and for the generic rank of chains with fewer
-            independent constraint rows than rows.
-        of: results of derivatives.
-        by: arguments of derivatives.
-        scheme: of a step: rk4, midpoint, or imex for joints of stiff springs or dampers.
-        base_motion: of a step: t -> (pose, twist, acceleration) of moving bases, by arm name or "trunk", as for
-            `compile_rollout`; they become part of the code, t counting from `begin` by steps.
-        overwrite: replace what an earlier export wrote there.
+        source: write C11 source instead of an object file; `target` then determines the compiler options and whether
+            products and sums are fused.
+        state: initial state in memory; required for a step, and for the generic rank of chains with dependent
+            constraint rows.
+        of: names of the results of derivatives.
+        by: names of the arguments of derivatives.
+        scheme: scheme of a step: rk4, midpoint, or imex for joints with stiff springs or dampers.
+        base_motion: for a step, functions of t that return pose, twist and acceleration of moving bases, by arm name or
+            "trunk", as for `compile_rollout`; they become part of the code, in which steps count t from `begin`.
+        overwrite: replace an earlier export in this folder.
+        progress: whether to show, in a notebook or on a terminal, that code is made and how long it took.
 
     Raises:
-        ModelError: a name that is none, an unknown function or target, a step without a state.
+        ModelError: a name is invalid, a function or target is unknown, a step has no state, or `progress` is invalid.
         ResultError: the folder is in use or cannot be written.
-        MethodNotApplicable, CompileError: a law that cannot become machine code.
+        MethodNotApplicable, CompileError: a law cannot be compiled.
     """
     compiled = chain if isinstance(chain, CompiledChain) else None
     if compiled is None:
@@ -124,11 +135,12 @@ def export_c(
     place = file_path(folder, "export: folder")
     if names_in(place, "a folder of exported code") and not overwrite:
         raise ResultError(f"{place}: is in use; try another folder, or overwrite")
-    asked = _asked(functions, laws or {})
-    made = compiled or compile(chain)  # type: ignore[arg-type]
-    found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in asked]
-    found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
-    written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
+    requested = _requested(functions, laws or {})
+    with busy(progress, f"writing {', '.join([*requested, *(laws or {})])} as code", "this may take seconds"):
+        made = compiled or compile(chain)  # type: ignore[arg-type]
+        found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in requested]
+        found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
+        written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
     with replaced_folder(place, lambda path: path.name in written.files) as beside:
         for file, content in written.files.items():
             (beside / file).write_bytes(content)
@@ -141,19 +153,19 @@ class ExportedFiles:
     """An export before it is written.
 
     Attributes:
-        files: contents by name.
-        functions: of which they are.
+        files: contents of the files, by name.
+        functions: the functions in them.
     """
 
     files: dict[str, bytes]
     functions: list[CFunction]
 
 
-def _asked(functions: Sequence[str], laws: Mapping[str, object]) -> list[str]:
-    """Return the functions' names, each once.
+def _requested(functions: Sequence[str], laws: Mapping[str, object]) -> list[str]:
+    """Return the names of the functions without repetition.
 
     Raises:
-        ModelError: none at all, or a law of a name that is taken or is no identifier.
+        ModelError: there are none, or the name of a law is used already or is not an identifier.
     """
     checks.instance(functions, (list, tuple), "export: functions")
     checks.instance(laws, Mapping, "export: laws")
@@ -181,8 +193,8 @@ def files_of(
         name: prefix of all names.
         found: the functions.
         target: the processor.
-        source: whether as source.
-        about: what the header says of the chain, by name.
+        source: whether to write source.
+        about: properties of the chain for the header, by name.
     """
     with cpu.made_for(target.made_for):
         code, functions = (_source if source else _objects)(name, found, target)
@@ -208,7 +220,7 @@ def files_of(
 
 
 def _about(chain: ClosedChain) -> dict[str, str]:
-    """Return what the header says of a chain."""
+    """Return the properties of a chain that the header states."""
     joints = [f"{name} {part.start}..{part.stop - 1}" for name, part in zip(chain.arms, chain.arm_joints, strict=True)]
     return {
         "Chain": f"{chain.joint_count} joints, {len(chain.arms)} arms; holding: {', '.join(chain.grasps) or 'none'}",
@@ -217,7 +229,7 @@ def _about(chain: ClosedChain) -> dict[str, str]:
 
 
 def _objects(name: str, found: Sequence[ExportedFunction], target: ObjectTarget) -> tuple[bytes, list[CFunction]]:
-    """Return the object file, and its functions."""
+    """Return the object file and its functions."""
     modules, workspaces = [], []
     for one in found:
         public = f"{name}_{one.name}"
@@ -231,12 +243,12 @@ def _objects(name: str, found: Sequence[ExportedFunction], target: ObjectTarget)
 
 
 def _source(name: str, found: Sequence[ExportedFunction], target: ObjectTarget) -> tuple[bytes, list[CFunction]]:
-    """Return the C source, and its functions."""
+    """Return the C source and its functions."""
     lines = [
         f"/* Compile with: -std=c11 -O2 {target.flags} {EXACT} */",
         f'#include "{name}.h"',
         "",
-        "#define ONE_FUNCTION static __attribute__((noinline)) /* inlined, they would take compilers very long */",
+        DEFINITIONS,
     ]
     functions = []
     for one in found:

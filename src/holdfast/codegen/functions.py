@@ -78,15 +78,15 @@ _SUMMARIES = {
 
 @dataclass(frozen=True, eq=False)
 class ExportedFunction:
-    """A computation that becomes a function in C.
+    """A computation that is exported as a C function.
 
     Attributes:
-        name: of the function, without prefix.
-        summary: what it computes, a sentence.
-        externals: the arrays it takes and returns.
-        schedule: makes what is compiled.
-        values: what arrays hold at first; the others hold zeros.
-        statuses: what it returns: by name, the number and its meaning. Without them it returns 0.
+        name: name of the function, without prefix.
+        summary: a sentence that says what the function computes.
+        externals: the arrays that the function takes and returns.
+        schedule: function that returns the schedule to compile.
+        values: initial values of arrays, by name; the other arrays are initially zero.
+        statuses: the function's return codes by name, each with its meaning; without statuses it returns 0.
     """
 
     name: str
@@ -106,19 +106,19 @@ def exported_function(
     scheme: str = "rk4",
     base_motion: Mapping[str, BaseMotion] | None = None,
 ) -> ExportedFunction:
-    """Return one of the computations `EXPORTED`.
+    """Return one of the computations in `EXPORTED`.
 
     Args:
-        name: which.
-        compiled: the chain, and what was asked of its machine code.
-        state: where a step begins, and where the generic rank is found if it is not known.
-        of: results, of derivatives.
-        by: arguments, of derivatives.
-        scheme: of a step: rk4, midpoint, or imex for stiff joints.
-        base_motion: of a step: t -> (pose, twist, acceleration) of moving bases, that can be traced.
+        name: name of the computation.
+        compiled: the compiled chain, with its options.
+        state: initial state of a step, at which the generic rank is found if it is unknown.
+        of: names of the results of derivatives.
+        by: names of the arguments of derivatives.
+        scheme: scheme of a step: rk4, midpoint, or imex for stiff joints.
+        base_motion: for a step, traceable functions of t that return pose, twist and acceleration of moving bases.
 
     Raises:
-        ModelError: no such computation; a step without a state; a motion of no base.
+        ModelError: there is no such computation, a step has no state, or a motion belongs to no base.
     """
     if name == STEP:
         return _step(compiled, state, scheme, base_motion or {})
@@ -141,10 +141,10 @@ def exported_function(
 
 
 def exported_law(name: str, law: Controller | ControlLaw, compiled: CompiledChain) -> ExportedFunction:
-    """Return a control law: torques of a state; what it remembers comes in as `memory` and leaves as `kept`.
+    """Return a control law, which computes torques from a state; it reads `memory` and returns its new value as `kept`.
 
     Raises:
-        MethodNotApplicable: a function that cannot be traced.
+        MethodNotApplicable: the law cannot be traced.
     """
     chain = compiled.chain
     traced, given = law_and_values(law, chain)
@@ -154,7 +154,7 @@ def exported_law(name: str, law: Controller | ControlLaw, compiled: CompiledChai
 
 
 def generic_rank_of(compiled: CompiledChain, state: State | None) -> int | None:
-    """Return the generic rank where it is known or can be found from a state."""
+    """Return the generic rank if it is known or can be found from a state; otherwise None."""
     if compiled.generic_rank is not None or state is None:
         return compiled.generic_rank
     closed = closed_near(compiled.chain, state) or state
@@ -174,7 +174,7 @@ def _function(
 
 
 def _arrays(state: State) -> dict[str, Array]:
-    """Return a state as arrays by the machine code's names."""
+    """Return a state as arrays with the names of the machine code."""
     of_base = {} if state.base_pose is None else {"floating_pose": state.base_pose, "floating_twist": state.base_twist}
     own = {"q": state.q, "qd": state.qd, "object_pose": state.object_pose, "object_twist": state.object_twist}
     return {name: np.asarray(x) for name, x in (own | of_base).items()}
@@ -183,7 +183,7 @@ def _arrays(state: State) -> dict[str, Array]:
 def _step(
     compiled: CompiledChain, state: State | None, scheme: str, base_motion: Mapping[str, BaseMotion]
 ) -> ExportedFunction:
-    """Return a step, its arrays those of a rollout that was started at the state."""
+    """Return a step, with the arrays of a rollout that starts at the state."""
     chain, options = compiled.chain, compiled.options
     if state is None:
         raise ModelError("export: 'step' begins at a state that closes the grasps; expected state=..., got none")
@@ -201,14 +201,14 @@ def _step(
     given = {name: getattr(state, field) for name, field in names.items()}
     if chain.floats:
         given |= {"floating_pose": state.base_pose, "floating_twist": state.base_twist}
-    begun: Any = rollout.start(**given, tau=np.zeros(chain.joint_count))
-    if not begun.running.all():
-        raise StateError(f"export: state: expected one from which steps can begin; it {begun.status[0].value}")
+    systems: Any = rollout.start(**given, tau=np.zeros(chain.joint_count))
+    if not systems.running.all():
+        raise StateError(f"export: state: expected one from which steps can begin; it {systems.status[0].value}")
     kernel = StepKernel(chain, law, tableau, rollout.generic_rank or 0, motions=motions, options=options)
-    values = kernel.parameters | kernel.defaults | {f"last.{name}": x[0] for name, x in begun.arrays.items()}
+    values = kernel.parameters | kernel.defaults | {f"last.{name}": x[0] for name, x in systems.arrays.items()}
     values |= {"step": np.array(1e-3)}
 
     def schedule() -> Schedule:
-        return replace(kernel.schedule(tableau), status="last.code")  # returned, not only carried on
+        return replace(kernel.schedule(tableau), status="last.code")  # returned, and not only carried to the next step
 
     return _function(STEP, kernel.externals, schedule, values, _STEPS)

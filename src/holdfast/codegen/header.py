@@ -1,4 +1,4 @@
-"""The C header of exported functions: arrays with shapes and units, memory of the caller's, statuses."""
+"""The C header of exported functions, with shapes and units of arrays, sizes of the caller's memory, and statuses."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from holdfast.codegen.functions import STEP, ExportedFunction
 from holdfast.compiler.schedule import External
 from holdfast.spatial.scalar import Array
 
-_ALIGNMENT = 64  # bytes, of working memory: a cache line, which the widest registers need
+_ALIGNMENT = 64  # alignment of working memory: a cache line, which the widest registers need [bytes]
 
 
 @dataclass(frozen=True, eq=False)
 class CFunction:
-    """An exported function as C names it.
+    """An exported function with its C names.
 
     Attributes:
-        prefix: of all names.
-        of: what is exported.
-        workspace: doubles of working memory.
-        stack: bytes that a call needs of the stack; None where the compiler decides.
+        prefix: prefix of all names.
+        of: the exported function.
+        workspace: number of doubles of working memory.
+        stack: bytes of stack that a call needs; None if the compiler decides.
     """
 
     prefix: str
@@ -36,16 +36,16 @@ class CFunction:
 
     @property
     def name(self) -> str:
-        """The function."""
+        """Name of the function."""
         return f"{self.prefix}_{self.of.name}"
 
     @cached_property
     def fields(self) -> dict[str, str]:
-        """C names of its arrays."""
+        """C names of the function's arrays."""
         return fields_of(self.of.externals)
 
     def declarations(self) -> list[str]:
-        """Return the part of the header that is about this function."""
+        """Return the declarations of this function."""
         return [
             "",
             f"/* ---- {self.name}: {self.of.summary} ---- */",
@@ -80,7 +80,7 @@ class CFunction:
         return lines if self.stack is None else [*lines, f"#define {macro}_STACK {self.stack} /* bytes of a call */"]
 
     def _arrays(self) -> list[str]:
-        """Return the structure with the arrays' addresses, in the order in which machine code reads them."""
+        """Return the struct of the arrays' addresses, in the order in which the machine code reads them."""
         lines = [
             "",
             "/* Where the arrays are; each holds doubles, the last index running fastest. */",
@@ -106,7 +106,7 @@ class CFunction:
         return [*lines, f"}} {self.name}_memory;"]
 
     def _begin(self) -> list[str]:
-        """Return the function that ties arrays to memory and fills in what they hold at first."""
+        """Return the function that assigns memory to the arrays and sets their initial values."""
         lines = [
             "/* Tie `arrays` to `memory`, fill it with what was exported, zeros elsewhere, and prepare. */",
             f"static inline void {self.name}_begin({self.name}_memory *memory, {self.name}_arrays *arrays)",
@@ -132,7 +132,7 @@ class CFunction:
         return [*lines, f"    {self.name}_prepare(arrays);", "}"]
 
     def _start(self) -> list[str]:
-        """Return the function that begins a run at another state."""
+        """Return the function that starts a run at another state."""
         field = {name.removeprefix(LAST): self.fields[name] for name in self.of.externals if name.startswith(LAST)}
         sizes = {self.fields[name]: e.size for name, e in self.of.externals.items()}
         zero = [field[name] for name in ("work", "count", "code")]
@@ -157,7 +157,7 @@ class CFunction:
         ]
 
     def _present(self) -> Iterator[tuple[str, External]]:
-        """Yield the arrays that have numbers."""
+        """Yield the arrays that are not empty."""
         return ((name, e) for name, e in self.of.externals.items() if e.size)
 
 
@@ -165,9 +165,9 @@ def header(prefix: str, functions: Sequence[CFunction], about: Mapping[str, Any]
     """Return the header.
 
     Args:
-        prefix: of all names.
-        functions: what it declares.
-        about: lines for its first comment: what each says, by name.
+        prefix: prefix of all names.
+        functions: the functions to declare.
+        about: properties of the chain for the first comment, by name.
     """
     guard = f"HOLDFAST_{prefix.upper()}_H"
     lines = ["/*", *[f" * {name}: {x}" for name, x in about.items()], " *"]
@@ -200,7 +200,7 @@ def header(prefix: str, functions: Sequence[CFunction], about: Mapping[str, Any]
 
 
 def _constants(field: str, x: Array) -> list[str]:
-    """Return the lines that say what an array holds at first, exactly."""
+    """Return the lines with the exact initial values of an array."""
     numbers = [_number(float(value)) for value in x.flat]
     rows = [", ".join(numbers[k : k + 6]) for k in range(0, len(numbers), 6)]
     return [

@@ -31,6 +31,10 @@ class BoundCall:
         self._bound.use({name: self._written.array(name) for name in calls.layout.shapes})
         self.run = self._bound.run
 
+    def __repr__(self) -> str:
+        """Return the kind of call and the chain's arms."""
+        return f"<{type(self).__name__} of {', '.join(self._compiled.chain.names)}>"
+
     def __call__(self) -> Status:
         """Compute the results from the inputs."""
         code = self.run()

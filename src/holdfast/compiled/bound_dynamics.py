@@ -92,5 +92,7 @@ def _usable(name: str, x: Any, shape: tuple[int, ...]) -> Array:
         raise StateError(f"bind: {name}: expected a float64 array, got a masked array; try its method filled")
     if not isinstance(x, np.ndarray) or x.dtype != np.float64 or x.shape != shape or not x.flags.carray:
         got = f"{x.dtype} of shape {x.shape}" if isinstance(x, np.ndarray) else type(x).__name__
+        if isinstance(x, np.ndarray) and x.shape == shape and not x.flags.writeable:
+            got = f"one that cannot be written, such as an array of a State; try np.array({name})"
         raise StateError(f"bind: {name}: expected a float64 array of shape {shape} in C order, got {got}")
     return x

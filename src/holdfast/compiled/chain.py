@@ -20,7 +20,7 @@ from holdfast.compiled.force_derivatives import ForceDerivatives
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.function_derivatives import FunctionDerivatives
 from holdfast.compiled.functions import ChainFunctions
-from holdfast.compiled.kernels import compiling, kernel
+from holdfast.compiled.kernels import compile_batch, compiling, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.result import CompiledResult
 from holdfast.compiled.structure import Options, Structure, optional_parameters, require_rank
@@ -186,19 +186,20 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
 
         Args:
             folder: the folder to which the files are written.
-            **options: the keyword arguments of `holdfast.codegen.export_c`, such as name, functions and target.
+            **options: the keyword arguments of `holdfast.codegen.export_c`, such as name, functions and target;
+                progress is by default that of `holdfast.compile`.
 
         Raises:
             HoldfastError: `holdfast.codegen.export_c` raised it.
         """
         from holdfast.codegen.export import export_c
 
-        return export_c(self, folder, **options)
+        return export_c(self, folder, **{"progress": self.progress, **options})
 
     @cached_property
     def moving(self) -> CompiledChain:
         """The same chain compiled for moving bases; it is made when the motion of a base is first given."""
-        return CompiledChain(self.chain, replace(self.options, base_motion=True), self.generic_rank)
+        return CompiledChain(self.chain, replace(self.options, base_motion=True), self.generic_rank, self.progress)
 
     def __repr__(self) -> str:
         """Return a short description that names the chain."""
@@ -245,6 +246,8 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
             arrays.require_fit(out, self.chain, batch)
             if batch is None and len(found) == len(self._shapes):
                 self._builtin.expect(out, out.memory, self.calls.row(found, result)[len(found) :])
+        if batch is not None:
+            compile_batch(self.calls.kernel, self.chain, "the dynamics", self.progress)
         if not self.calls(found, result, threads):
             found = self.calls.own | found | _origins(parameters)
             statuses.resolve_undecided(self, found, result)

@@ -12,7 +12,7 @@ from holdfast.compiled import arrays, statuses
 from holdfast.compiled.calls import Calls
 from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes, given_names
 from holdfast.compiled.externals import FLOATING, LINKS, MOVING, TRUNK_LINKS
-from holdfast.compiled.kernels import kernel
+from holdfast.compiled.kernels import compile_batch, kernel
 from holdfast.compiled.parameters import WRENCHES, parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.result import INDETERMINATE, CompiledResult
 from holdfast.compiled.structure import Options, Structure
@@ -43,6 +43,11 @@ class Derivatives:
 
     def __init__(self, result: CompiledResult, request: Request) -> None:
         self.__dict__.update(result=result, request=request, _blocks={})
+
+    def __repr__(self) -> str:
+        """Return the kind of derivatives, of which results and by which arguments they are."""
+        request = self.request
+        return f"<Derivatives: {request.kind} of {', '.join(request.results)} by {', '.join(request.arguments)}>"
 
     def __getattr__(self, name: str) -> Array:
         """Return the derivatives of one name."""
@@ -144,6 +149,8 @@ class CompiledDerivatives:
             arrays.require_fit(out.result, chain, batch)
             if batch is None and not parameters:
                 self._builtin.expect(out, out.result.memory, self.calls.row(found, out.result)[len(found) :])
+        if batch is not None:
+            compile_batch(self.calls.kernel, chain, f"forward_dynamics_{self.request.kind}", self._compiled.progress)
         if not self.calls(found, out.result, threads):
             self._resolve_undecided(found, out.result)
             if self._rank != compiled.generic_rank:

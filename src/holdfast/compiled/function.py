@@ -12,7 +12,7 @@ import numpy as np
 from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import COMPUTATIONS, Computation
 from holdfast.compiled.faults import fault, faulty, largest_positions
-from holdfast.compiled.kernels import kernel
+from holdfast.compiled.kernels import compile_batch, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.structure import Options
 from holdfast.compiler.kernel import Bound
@@ -30,7 +30,14 @@ class CompiledFunction:
         parts: for every result with parts of arms, the slice of the last axis by arm name.
     """
 
-    def __init__(self, name: str, chain: ClosedChain, options: Options, computation: Computation | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        chain: ClosedChain,
+        options: Options,
+        computation: Computation | None = None,
+        shown_as: str = "",
+    ) -> None:
         """Compile the computation, or load its machine code.
 
         Args:
@@ -38,7 +45,9 @@ class CompiledFunction:
             chain: the chain.
             options: the options with which the chain was compiled.
             computation: the computation. It must be defined in this package, whose source is part of the cache key.
+            shown_as: what progress calls it while machine code for batches is made; without a name nothing is shown.
         """
+        self._shown_as = shown_as
         self._chain, computation = chain, computation or COMPUTATIONS[name]
         structure = computation.structure(chain, options)
         self.externals = computation.externals(structure)
@@ -116,6 +125,7 @@ class CompiledFunction:
         table = np.zeros((len(self.externals), 2), dtype=np.int64)
         for row, (name, e) in zip(table, self.externals.items(), strict=True):
             row[:] = found[name].ctypes.data, e.size if found[name].ndim > self._ranks[name] else 0
+        compile_batch(self._kernel, self._chain, self._shown_as, bool(self._shown_as))
         self._kernel.run_batch(table, batch, threads)
         bad = faulty(inputs, self._ranks, self._largest, batch)
         if bad is not None:

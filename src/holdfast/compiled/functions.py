@@ -363,7 +363,8 @@ class ChainFunctions:
         made: dict[str, CompiledFunction] = self.__dict__.setdefault("_functions", {})
         if name not in made:
             with compiling(self.chain, name, self.progress):
-                made[name] = CompiledFunction(name, self.chain, self.options)
+                shown_as = name if self.progress else ""
+                made[name] = CompiledFunction(name, self.chain, self.options, shown_as=shown_as)
         return made[name]
 
     def _matrices(self, name: str, q: Any, parameters: Mapping[str, Any], threads: int) -> dict[str, Array]:

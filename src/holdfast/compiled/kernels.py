@@ -8,7 +8,6 @@ import threading
 import weakref
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from importlib import metadata
 from pathlib import Path
 
 import holdfast.compiler
@@ -59,13 +58,21 @@ def compiling(chain: ClosedChain, what: str, progress: bool) -> AbstractContextM
     return busy(progress, f"compiling {what} of {', '.join(chain.names)}")
 
 
+def compile_batch(code: Kernel, chain: ClosedChain, what: str, progress: bool) -> None:
+    """Compile what a batch of a computation needs, if it is not compiled yet; show it if `progress` is true."""
+    if progress and not code.batch_is_compiled:
+        with compiling(chain, f"{what} for batches", progress):
+            code.compile_batch()
+
+
 @functools.cache
 def _sources(*further: str) -> str:
-    """Return a digest of the library's version and the sources on which machine code depends."""
+    """Return a digest of the sources on which machine code depends, templates of LLVM's language included."""
     root = Path(holdfast.compiler.__file__).parent.parent
-    digest = hashlib.sha256(metadata.version("holdfast").encode())
+    digest = hashlib.sha256()
     for room in (*_ROOMS, *further):
-        for path in sorted((root / room).rglob("*.py")) or [root / f"{room}.py"]:
+        files = [path for suffix in ("*.py", "*.ll") for path in (root / room).rglob(suffix)]
+        for path in sorted(files) or [root / f"{room}.py"]:
             digest.update(path.name.encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()

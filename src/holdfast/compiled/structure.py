@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import secrets
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.fingerprint import exact_fingerprint, fingerprint
+from holdfast.model.fingerprint import digest_of, exact_fingerprint, fingerprint
 from holdfast.model.grasp_kinds import GraspKind
 
 OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that exist only on request
@@ -111,7 +110,7 @@ class Structure:
         order = [names.index(self.type_of[name]) for name in self.chain.names]
         trunk = [] if self.chain.trunk is None else [*_of_trunk(self.chain, self.options.link_inertia)]
         springs = [fingerprint(self.chain.springs).encode()] if self.chain.springs else []
-        return _digest([repr((names, order, self.options)).encode(), *trunk, *springs])
+        return digest_of([repr((names, order, self.options)).encode(), *trunk, *springs])
 
     @cached_property
     def type_of(self) -> dict[str, str]:
@@ -122,7 +121,7 @@ class Structure:
         grasp = self.chain.grasps.get(name) if self.by_grasp else None
         kind = _key_of(grasp.of_kind) if grasp else "none"
         folded = _folded(self.chain.arms[name], self.options.link_inertia or not self.by_links)
-        return _digest([kind.encode(), *folded])
+        return digest_of([kind.encode(), *folded])
 
 
 @functools.cache
@@ -156,11 +155,3 @@ def _of_trunk(chain: ClosedChain, without_links: bool) -> Iterator[bytes]:
         yield b"floating" if without_links else np.array([link.mass, *link.com, *link.inertia.flat]).tobytes()
     else:
         yield from (trunk.base.R.tobytes(), trunk.base.p.tobytes())
-
-
-def _digest(parts: list[bytes]) -> str:
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(len(part).to_bytes(8, "little"))
-        digest.update(part)
-    return digest.hexdigest()

@@ -128,5 +128,6 @@ class TextDerivatives:
         if request not in made:
             options = options_of(self.options, request.arguments, True)
             with compiling(self.chain, what, self.progress):
-                made[request] = CompiledFunction(request.name, self.chain, options, request.computation(self.chain))
+                computation, shown_as = request.computation(self.chain), what if self.progress else ""
+                made[request] = CompiledFunction(request.name, self.chain, options, computation, shown_as)
         return request, made[request]

@@ -218,13 +218,12 @@ class Composition:
 
     def _signature(self, leaves: Sequence[Leaf], group: TracedGroup | None, item: int) -> tuple[tuple[int, ...], ...]:
         """Return, for every node of an item, the serial of the region's node that it is an image of, or -1."""
-        return tuple([tuple([self._own(node, group, item) for node in leaf]) for leaf in leaves])
-
-    def _own(self, node: Node, group: TracedGroup | None, item: int) -> int:
-        origin = self.origins.get(node)
-        if origin is None or origin.group is not group or origin.item != item:
-            return -1
-        return origin.node.serial
+        signature = []
+        for leaf in leaves:
+            origins = map(self.origins.get, leaf)
+            own = [o.node.serial if o is not None and o.group is group and o.item == item else -1 for o in origins]
+            signature.append(tuple(own))
+        return tuple(signature)
 
     def _region(self, key: Hashable) -> Region:
         return self._regions.setdefault(key, Region(Graph()))

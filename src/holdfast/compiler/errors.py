@@ -11,8 +11,12 @@ import numpy as np
 
 from holdfast.errors import HoldfastError
 
-# Stack frames of files in these folders belong to the compiler or to NumPy, not to the traced function.
-_MACHINERY = (str(Path(__file__).parent), str(Path(np.__file__).parent))
+# Stack frames of these files belong to the compiler, to NumPy or to its spelling, not to the traced function.
+_MACHINERY = (
+    str(Path(__file__).parent),
+    str(Path(np.__file__).parent),
+    str(Path(__file__).parents[1] / "spatial" / "traced_array.py"),
+)
 
 
 class CompileError(HoldfastError):

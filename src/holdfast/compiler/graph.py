@@ -52,21 +52,22 @@ class Graph:
     def make(self, kind: str, *args: Value) -> Node:
         """Return the node of an operation without simplifying it."""
         nodes = self._nodes(args)
-        key = (kind, *[node.serial for node in nodes])
+        key = (kind, *map(SERIAL, nodes))
         node = self._known.get(key)
         if node is None:
-            node = self._known[key] = self.new(kind, nodes, 0.0)
+            node = self._known[key] = Node(self, len(self.nodes), kind, nodes, 0.0)
+            self.nodes.append(node)
         return node
 
     def apply(self, kind: str, *args: Value) -> Value:
         """Return the simplified result of an operation: a node, or a number if all operands are known."""
         traced = False
-        for k, a in enumerate(args):
+        for a in args:
             if isinstance(a, Node):
                 traced = True
                 if a.graph is not self:
                     raise CompileError(f"{place_of_call()}: operands of two different traces meet")
-                if a.kind in TRUTHS and (k or kind != "select"):
+                if a.kind in TRUTHS and (kind != "select" or a is not args[0]):
                     raise CompileError(
                         f"{place_of_call()}: expected a number, got the truth of a comparison;"
                         " try where(condition, 1.0, 0.0)"
@@ -77,7 +78,10 @@ class Graph:
         return rule(self, *args) if rule else self.make(kind, *args)
 
     def _nodes(self, args: tuple[Value, ...]) -> tuple[Node, ...]:
-        return tuple([a if isinstance(a, Node) else self.constant(a) for a in args])
+        for a in args:
+            if not isinstance(a, Node):
+                return tuple([a if isinstance(a, Node) else self.constant(a) for a in args])
+        return args  # type: ignore[return-value]  # all are nodes
 
     def new(self, kind: str, args: tuple[Node, ...], value: float) -> Node:
         """Add a node to the graph and return it."""
@@ -86,7 +90,8 @@ class Graph:
         return node
 
 
-# The functions below simplify one kind of operation each; their operands are nodes or floats.
+# The functions below simplify one kind of operation each; their operands are nodes or floats, one of them a node.
+# They call each other directly, not through `apply`, because their operands have passed its checks.
 
 
 def add(graph: Graph, a: Any, b: Any) -> Any:
@@ -95,9 +100,9 @@ def add(graph: Graph, a: Any, b: Any) -> Any:
     if isinstance(b, float) and b == 0.0:
         return a
     if is_negated(b):
-        return graph.apply("subtract", a, b.args[0])
+        return subtract(graph, a, b.args[0])
     if is_negated(a):
-        return graph.apply("subtract", b, a.args[0])
+        return subtract(graph, b, a.args[0])
     return graph.make("add", a, b)
 
 
@@ -106,15 +111,15 @@ def subtract(graph: Graph, a: Any, b: Any) -> Any:
     if a is b:
         return 0.0
     if isinstance(b, float):
-        return graph.apply("add", a, -b)  # one node for x - 2 and x + -2
+        return add(graph, a, -b)  # one node for x - 2 and x + -2
     if is_negated(b):
-        return graph.apply("add", a, b.args[0])
+        return add(graph, a, b.args[0])
     if is_negated(a):
-        return graph.apply("negate", graph.apply("add", a.args[0], b))
+        return negate(graph, add(graph, a.args[0], b))
     if isinstance(a, float) and a == 0.0:
-        return graph.apply("negate", b)
+        return negate(graph, b)
     if graph.known("subtract", b, a) is not None:  # x - y and y - x share a node
-        return graph.apply("negate", graph.make("subtract", b, a))
+        return negate(graph, graph.make("subtract", b, a))
     return graph.make("subtract", a, b)
 
 
@@ -122,16 +127,16 @@ def multiply(graph: Graph, a: Any, b: Any) -> Any:
     """Return a * b."""
     a, b = ordered(a, b)
     if is_negated(a):
-        return graph.apply("negate", graph.apply("multiply", a.args[0], b))
+        return negate(graph, multiply(graph, a.args[0], b))
     if is_negated(b):
-        return graph.apply("negate", graph.apply("multiply", a, b.args[0]))
+        return negate(graph, multiply(graph, a, b.args[0]))
     if isinstance(b, float):
         if b == 0.0:
             return 0.0
         if b == 1.0:
             return a
         if b < 0.0:
-            return graph.apply("negate", graph.apply("multiply", a, -b))
+            return negate(graph, multiply(graph, a, -b))
     return graph.make("multiply", a, b)
 
 
@@ -141,21 +146,23 @@ def divide(graph: Graph, a: Any, b: Any) -> Any:
         if a == 0.0:
             return 0.0
         if a < 0.0:
-            return graph.apply("negate", graph.apply("divide", -a, b))
+            return negate(graph, divide(graph, -a, b))
     if isinstance(b, float):
         if b < 0.0:
-            return graph.apply("negate", graph.apply("divide", a, -b))
+            return negate(graph, divide(graph, a, -b))
         if math.frexp(b)[0] == 0.5 and math.isfinite(1.0 / b):
-            return graph.apply("multiply", a, 1.0 / b)
+            return multiply(graph, a, 1.0 / b)
     if is_negated(a):
-        return graph.apply("negate", graph.apply("divide", a.args[0], b))
+        return negate(graph, divide(graph, a.args[0], b))
     if is_negated(b):
-        return graph.apply("negate", graph.apply("divide", a, b.args[0]))
+        return negate(graph, divide(graph, a, b.args[0]))
     return graph.make("divide", a, b)
 
 
 def negate(graph: Graph, x: Any) -> Any:
     """Return -x; a following sum or difference absorbs the sign."""
+    if isinstance(x, float):
+        return -x
     return x.args[0] if is_negated(x) else graph.make("negate", x)
 
 
@@ -170,7 +177,7 @@ def fma(graph: Graph, a: Any, b: Any, c: Any) -> Any:
     if isinstance(b, float) and b in (0.0, 1.0, -1.0) and not isinstance(a, float):
         return c if b == 0.0 else graph.apply("add" if b == 1.0 else "subtract", c, a)
     if isinstance(c, float) and c == 0.0:
-        return graph.apply("multiply", a, b)
+        return multiply(graph, a, b)
     return graph.make("fma", a, b, c)
 
 

@@ -9,7 +9,6 @@ import ctypes
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any
 
@@ -93,8 +92,20 @@ class BatchKernel:
         if threads == 1:
             part(0)
             return
+        from concurrent.futures import ThreadPoolExecutor  # here, because it imports much that is rarely needed
+
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(part, range(threads)))
+
+    @property
+    def batch_is_compiled(self) -> bool:
+        """Whether there is machine code for batches."""
+        return "_batch_code" in vars(self)
+
+    def compile_batch(self) -> None:
+        """Compile the machine code for batches now, rather than at their first run."""
+        with self._compiling:
+            _ = self._batch_code
 
     @cached_property
     def _batch_code(self) -> cpu.Code:

@@ -8,6 +8,7 @@ Any other object is compared by identity.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import types
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
@@ -18,6 +19,8 @@ from holdfast.compiler.constant import NUMBERS, Constant
 from holdfast.compiler.node import Node
 
 _PLAIN = (str, bool, Constant, *NUMBERS)
+_WORDS = (str, bool)
+_SEQUENCES = (tuple, list)
 
 Leaf = tuple[Node, ...]  # the distinct nodes of one array, in order of appearance
 
@@ -47,7 +50,7 @@ class Values:
         if isinstance(value, self.kind):
             found.append((value,))
             return "node"
-        if value is None or isinstance(value, str | bool):
+        if value is None or isinstance(value, _WORDS):
             return value
         if isinstance(value, NUMBERS):
             return ("number", float(value).hex())
@@ -67,7 +70,7 @@ class Values:
     def _made_of(self, value: Any, found: list[Leaf]) -> Hashable:
         if isinstance(value, np.ndarray):
             return self._array(value, found)
-        if isinstance(value, tuple | list):
+        if isinstance(value, _SEQUENCES):
             return (type(value), *[self._key(x, found) for x in value])
         if isinstance(value, dict):
             return (dict, *[(name, self._key(x, found)) for name, x in value.items()])
@@ -75,9 +78,9 @@ class Values:
             return self._function(value, found)
         if isinstance(value, types.MethodType):
             return ("method", value.__func__, self._key(value.__self__, found))
-        if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            fields = [getattr(value, field.name) for field in dataclasses.fields(value)]
-            return (type(value), *[self._key(x, found) for x in fields])
+        names = _fields(type(value))
+        if names is not None:
+            return (type(value), *[self._key(getattr(value, name), found) for name in names])
         return ("object", id(value))
 
     def _array(self, value: np.ndarray, found: list[Leaf]) -> Hashable:
@@ -85,14 +88,23 @@ class Values:
             return (value.shape, value.dtype.str, value.tobytes())
         known = self._arrays.get(id(value))
         if known is None:
-            places: dict[Node, int] = {}
-            pattern: list[Hashable] = [value.shape]
-            for x in value.ravel().tolist():
-                pattern.append(places.setdefault(x, len(places)) if isinstance(x, self.kind) else self._key(x, found))
-            known = self._arrays[id(value)] = (value, tuple(places), tuple(pattern))
+            known = self._arrays[id(value)] = (value, *self._leaf(value, found))
         if known[1]:
             found.append(known[1])
         return known[2]
+
+    def _leaf(self, value: np.ndarray, found: list[Leaf]) -> tuple[Leaf, Hashable]:
+        """Return the distinct nodes of an array, and the key of the array."""
+        entries = value.ravel().tolist()
+        if {*map(type, entries)} == {self.kind}:
+            leaf = tuple(dict.fromkeys(entries))
+            if len(leaf) == len(entries):
+                return leaf, ("distinct", value.shape)
+        places: dict[Node, int] = {}
+        pattern: list[Hashable] = [value.shape]
+        for x in entries:
+            pattern.append(places.setdefault(x, len(places)) if isinstance(x, self.kind) else self._key(x, found))
+        return tuple(places), tuple(pattern)
 
     def _function(self, value: types.FunctionType, found: list[Leaf]) -> Hashable:
         if id(value) in self._open:
@@ -156,14 +168,20 @@ def _rebuilt(value: Any, again: Callable[[Any], Any]) -> Any:
     """Return a tuple, list, dict or dataclass in which every part x is replaced by `again(x)`."""
     if isinstance(value, tuple) and hasattr(value, "_make"):
         return type(value)._make([again(x) for x in value])  # type: ignore[attr-defined]
-    if isinstance(value, tuple | list):
+    if isinstance(value, _SEQUENCES):
         return type(value)([again(x) for x in value])
     if isinstance(value, dict):
         return {name: again(x) for name, x in value.items()}
     other = object.__new__(type(value))  # skips the checks of `__init__`, which the original has passed
-    for field in dataclasses.fields(value):
-        object.__setattr__(other, field.name, again(getattr(value, field.name)))
+    for name in _fields(type(value)) or ():
+        object.__setattr__(other, name, again(getattr(value, name)))
     return other
+
+
+@functools.cache
+def _fields(kind: type) -> tuple[str, ...] | None:
+    """Return the names of the fields of a dataclass, or None for another class."""
+    return tuple([field.name for field in dataclasses.fields(kind)]) if dataclasses.is_dataclass(kind) else None
 
 
 def _content(cell: Any) -> Any:
@@ -175,9 +193,6 @@ def _content(cell: Any) -> Any:
 
 def array_of(entries: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
     """Return a read-only array of objects, as a traced function receives its arguments."""
-    found = np.empty(len(entries), dtype=object)
-    for place, x in enumerate(entries):
-        found[place] = x
-    found = found.reshape(shape)
+    found = np.fromiter(entries, object, len(entries)).reshape(shape)
     found.flags.writeable = False
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from holdfast.dynamics.inverse import torques
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench
+from holdfast.spatial.vector import largest
 
 POSSIBLE = 1e-8  # largest accepted residual of a balance, relative to its terms
 Missed = tuple[Scalar, Scalar]  # largest component of a tip's acceleration error, and the size for comparison
@@ -102,11 +102,3 @@ def pushes(motion: ChainMotion, push: Scalar) -> Array:
         if not c.grasp.of_kind.compliant:  # the wrench of a bushing follows from the state
             wished[name] = rotate(c.R, array([0.0, 0.0, 0.0, 0.0, 0.0, push]))
     return array(list(wished.values()))
-
-
-def largest(x: Iterable[Scalar]) -> Scalar:
-    """Return the largest absolute value of some numbers; 0 if there are none."""
-    found: Scalar = 0.0
-    for entry in x:
-        found = maximum(found, abs(entry))
-    return found

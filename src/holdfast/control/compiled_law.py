@@ -12,7 +12,7 @@ import numpy as np
 from holdfast.compiled import arrays
 from holdfast.compiled.externals import externals, shapes, state_fields
 from holdfast.compiled.faults import fault, faulty, largest_positions
-from holdfast.compiled.kernels import key_of
+from holdfast.compiled.kernels import compile_batch, compiling, key_of
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced
 from holdfast.compiler.kernel import Bound, Kernel
@@ -32,6 +32,7 @@ ROOMS = (
     "control",
     "scenario",
 )  # modules with functions that laws use, in addition to forward dynamics
+WHAT = "the control law"  # is compiled
 LARGEST = 1e5  # rad: largest positions that machine code accepts
 
 
@@ -47,15 +48,18 @@ class LawTorques(NamedTuple):
     memory: Array
 
 
-def compile_law(controller: Controller | ControlLaw, chain: ClosedChain | None = None) -> CompiledLaw:
+def compile_law(
+    controller: Controller | ControlLaw, chain: ClosedChain | None = None, *, progress: bool = False
+) -> CompiledLaw:
     """Return a control law compiled to machine code for this computer.
 
     Args:
         controller: a `ControlLaw`, with or without values of its parameters, or a controller of the library.
         chain: the chain that it controls; not needed for controllers of the library, which contain it.
+        progress: whether to show, in a notebook or on a terminal, that machine code is made, also by the first batch.
 
     Raises:
-        ModelError: no chain is given.
+        ModelError: no chain is given, or `progress` is neither True nor False.
         MethodNotApplicable: the controller is a function that cannot be traced.
         CompileError: the law contains operations that cannot be compiled.
     """
@@ -64,7 +68,8 @@ def compile_law(controller: Controller | ControlLaw, chain: ClosedChain | None =
         got = "none" if known is None else type(known).__name__
         raise ModelError(f"compile_law: chain: expected the ClosedChain whose joints the law drives, got {got}")
     law, values = law_and_values(controller, known)
-    return CompiledLaw(law, known, values)
+    with compiling(known, WHAT, progress):
+        return CompiledLaw(law, known, values, progress)
 
 
 def law_and_values(controller: Controller | ControlLaw, chain: ClosedChain) -> tuple[ControlLaw, Mapping[str, Array]]:
@@ -89,10 +94,13 @@ class CompiledLaw:
         law: the law.
         chain: the chain that it controls.
         values: the given values of its parameters.
+        progress: whether to show that machine code is made.
     """
 
-    def __init__(self, law: ControlLaw, chain: ClosedChain, values: Mapping[str, Array]) -> None:
-        self.law, self.chain, self.values = law, chain, dict(values)
+    def __init__(
+        self, law: ControlLaw, chain: ClosedChain, values: Mapping[str, Array], progress: bool = False
+    ) -> None:
+        self.law, self.chain, self.values, self.progress = law, chain, dict(values), progress
         self._fields, self._lock = state_fields(chain), threading.Lock()
         self._externals = law_externals(law, chain)
         key = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}" if law.key else ""
@@ -104,12 +112,12 @@ class CompiledLaw:
 
     def __repr__(self) -> str:
         """Return the number of joints and the names of the parameters without values."""
-        asked = [name for name in self.law.parameters if name not in self.values]
-        return f"<CompiledLaw of {self.chain.joint_count} joints{', of ' + ', '.join(asked) if asked else ''}>"
+        missing = [name for name in self.law.parameters if name not in self.values]
+        return f"<CompiledLaw of {self.chain.joint_count} joints{', of ' + ', '.join(missing) if missing else ''}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the arguments that create the law again; its machine code is then compiled or loaded from disk."""
-        return CompiledLaw, (self.law, self.chain, self.values)
+        return CompiledLaw, (self.law, self.chain, self.values, self.progress)
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) and the memory, as for any controller.
@@ -182,6 +190,7 @@ class CompiledLaw:
         for row, (name, e) in zip(table, self._externals.items(), strict=True):
             x = out[name] if name in out else found[name]
             row[:] = x.ctypes.data, e.size if x.ndim > len(e.shape) else 0
+        compile_batch(self._kernel, self.chain, WHAT, self.progress)
         self._kernel.run_batch(table, batch or 1, threads)
         bad = None if batch is None else faulty(found, self._ranks, self._largest, batch)
         for x in out.values() if bad is not None else ():
@@ -286,6 +295,10 @@ class BoundLaw:
                 )
             raise FrozenError(f"bound law: no attribute '{name}'.{checks.did_you_mean(name, known)}")
         object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        """Return the number of joints and the names of the arrays."""
+        return f"<BoundLaw of {len(self.arrays['tau'])} joints: {', '.join(self.arrays)}>"
 
     def __call__(self) -> Array:
         """Compute and return `tau`, which is always the same array."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -92,6 +93,7 @@ class ControlLaw(Frozen):
                 "control law: torque: expected a function (t, state, memory, parameters) -> (torques, memory), got"
                 f" {type(self.torque).__name__}"
             )
+        _require_four(self.torque)
         if not isinstance(self.parameters, Mapping):
             raise ModelError(
                 "control law: parameters: expected a mapping from a name to a shape, e.g. {'gain': (14,)}, got"
@@ -187,6 +189,25 @@ def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> An
             " try ControlLaw(torque, parameters={name: shape}), or a function that contains their values"
         )
     return controller
+
+
+def _require_four(torque: Callable[..., Any]) -> None:
+    """Check that a law's function can be called with four arguments.
+
+    Raises:
+        ModelError: it cannot, such as a controller (t, state, memory).
+    """
+    try:
+        taken = inspect.signature(torque)
+    except (TypeError, ValueError):  # of a function that does not tell
+        return
+    try:
+        taken.bind(None, None, None, None)
+    except TypeError:
+        raise ModelError(
+            "control law: torque: expected a function (t, state, memory, parameters) -> (torques, memory), got one of"
+            f" {taken}; try a fourth argument, which a law without parameters need not use"
+        ) from None
 
 
 def _shape(name: str, shape: Sequence[int]) -> Shape:

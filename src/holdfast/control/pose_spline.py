@@ -22,7 +22,7 @@ from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, minimum
 
 HALF_TURN = np.pi - 1e-6  # [rad]: the direction of a larger rotation is ambiguous
 SAME = 1e-12  # [m, rad]: poses that differ by less are equal
-LOOKS = 50  # evaluations per piece in the search for the largest speed
+SAMPLES = 50  # evaluations per piece in the search for the largest speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +92,9 @@ class PoseSpline(Frozen):
                 " follows from the limits; leave one out, or give times to pause there"
             )
         unscaled = PoseSpline(given, np.r_[0.0, np.cumsum(spans)])
-        visuals = np.concatenate([np.linspace(a, b, LOOKS) for a, b in pairwise(unscaled.times)])
+        samples = np.concatenate([np.linspace(a, b, SAMPLES) for a, b in pairwise(unscaled.times)])
         fastest = max(
-            np.linalg.norm((unscaled.at(float(t)).twist / limits).reshape(2, 3), axis=1).max() for t in visuals
+            np.linalg.norm((unscaled.at(float(t)).twist / limits).reshape(2, 3), axis=1).max() for t in samples
         )
         return PoseSpline(given, begin + float(fastest) * unscaled.times)
 
@@ -146,7 +146,7 @@ class PoseSpline(Frozen):
                     f"path: poses: poses[{k + 1}] is turned against poses[{k}] by {np.degrees(angle):.6g} degrees, and"
                     " either way round is as short; try a pose between them"
                 )
-            swing = max(np.linalg.norm(polynomial(c, x)[0][:3]) for x in np.linspace(0.0, 1.0, LOOKS))
+            swing = max(np.linalg.norm(polynomial(c, x)[0][:3]) for x in np.linspace(0.0, 1.0, SAMPLES))
             if swing > 2 * np.pi:
                 raise ModelError(
                     f"path: times: between times[{k}] and times[{k + 1}] a smooth path would swing by"

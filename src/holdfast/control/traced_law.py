@@ -16,6 +16,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, array
+from holdfast.spatial.traced_array import as_traced
 from holdfast.state import State
 
 
@@ -70,7 +71,10 @@ def law_outputs(
     Raises:
         CompileError: the law does not return torques and memory of the right shapes.
     """
-    found = law.torque(t, state, memory, {name: given[f"control.{name}"] for name in law.parameters})
+    values = {name: as_traced(given[f"control.{name}"]) for name in law.parameters}
+    if not isinstance(law.torque, OwnTorque):
+        state, memory = comparable(state), as_traced(memory)
+    found = law.torque(t, state, memory, values)
     if not isinstance(found, tuple) or len(found) != 2:
         raise CompileError(f"control law: expected torques and memory, got {type(found).__name__}; try `tau, memory`")
     drive, kept = array(found[0]), array(found[1])
@@ -78,6 +82,14 @@ def law_outputs(
         if x.shape != (size,):
             raise CompileError(f"control law: {what}: expected shape ({size},), got {x.shape}")
     return drive, kept
+
+
+def comparable(state: State) -> State:
+    """Return a state; one of traced numbers has arrays on which NumPy's functions that compare entries work."""
+    if state.q.dtype != object:
+        return state
+    names = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")
+    return State(*(as_traced(getattr(state, name)) for name in names))
 
 
 def law_program(law: ControlLaw, chain: ClosedChain) -> Program:

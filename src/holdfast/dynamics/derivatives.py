@@ -43,6 +43,11 @@ class Derivatives(Frozen):
     result: Any
     parts: Mapping[Any, Array]
 
+    def __repr__(self) -> str:
+        """Return names and shapes of the derivatives."""
+        names = {key: key if isinstance(key, str) else f"{key[0]} by {key[1]}" for key in self.parts}
+        return f"<Derivatives: {', '.join(f'{names[key]} {np.shape(x)}' for key, x in self.parts.items())}>"
+
     def __getitem__(self, name: Any) -> Array:
         """Return the derivatives with the given name, or those of a result with respect to an argument."""
         if name not in self.parts:
@@ -106,15 +111,16 @@ def forward_dynamics_vjp(
     require_names(what, by, arguments_of(chain))
     require_names(what, cotangents, results_of(chain))
     at, result, least = _point(chain, state, tau, inputs, check, generic_rank)
-    bars = {
+    checked = {
         name: checks.numbers(x, np.shape(result_named(result, name)), name, StateError)
         for name, x in cotangents.items()
     }
     also: tuple[VirtualPower, ...] = ()
     if least is not None:
-        bars, also = least.backward(at, bars)
+        checked, also = least.backward(at, checked)
     springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), by)
-    found, shapes = with_pulled(springs, by, lambda names: backward(at, bars, names, also)), gradient_shapes(chain)
+    found = with_pulled(springs, by, lambda names: backward(at, checked, names, also))
+    shapes = gradient_shapes(chain)
     return _finite(result, {name: found[name].reshape(shapes[name]) for name in by})
 
 

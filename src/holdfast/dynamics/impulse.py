@@ -39,8 +39,6 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
-ALONG_NORMAL = 1e-3  # sine of the smallest allowed angle between the axis of a hinge and the normal
-
 
 @dataclass(frozen=True, eq=False)
 class Attachment(Frozen):

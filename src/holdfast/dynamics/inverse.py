@@ -85,9 +85,10 @@ def torques_and_deciding(motion: ChainMotion, qdd: Array, f: Array, base: Array 
 
 
 def torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None = None) -> Array:
-    """Return the drives' torques of trunk and arms, (n,), for grasp wrenches without those of bushings.
+    """Return the torques of the drives of trunk and arms, (n,), for grasp wrenches from which bushings are excluded.
 
-    A floating base has the acceleration `base`, (6,), or zero, whatever wrench this needs. See `inverse_dynamics`.
+    A floating base has the acceleration `base`, (6,), or zero; the wrench that this requires is ignored. See
+    `inverse_dynamics`.
     """
     if motion.trunk is not None:
         return trunk_torques(motion, qdd, f, np.zeros(6) if base is None and motion.trunk.floats else base).tau

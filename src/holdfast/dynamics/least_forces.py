@@ -39,15 +39,15 @@ class LeastForces(NamedTuple):
         W: (6 l,) the metric.
         mu: multipliers by arm; zero for arms without a grasp.
         of_trunk: multipliers of the trunk; None without one.
-        felt: by result, its derivative by the grasp wrenches (6 l,): (6 l, 6 l), or (6, 6 l) for the wrench of the base
-            on the trunk.
+        wrench_jacobians: by result, its derivative with respect to the grasp wrenches (6 l,): (6 l, 6 l), or (6, 6 l)
+            for the wrench of the base on the trunk.
     """
 
     N: Array
     W: Array
     mu: Mapping[str, Unknowns]
     of_trunk: TrunkUnknowns | None
-    felt: Mapping[str, Array]
+    wrench_jacobians: Mapping[str, Array]
 
     def forward(self, at: Point, found: dict[str, Array], tangents: Mapping[str, Array]) -> dict[str, Array]:
         """Return the rates of the results with those of the smallest forces.
@@ -66,19 +66,19 @@ class LeastForces(NamedTuple):
         B_mu = np.concatenate([turned[row].wrench - still[row].wrench for row in rows])
         more = self.N @ (self.N.T @ (B_mu - self.W * f))
         changed = {name: x.copy() for name, x in found.items()}
-        for name, matrix in self.felt.items():
+        for name, matrix in self.wrench_jacobians.items():
             changed[name][... if name == BASE_RESULT else rows] += (matrix @ more).reshape(-1, 6).squeeze()
         return changed
 
-    def backward(self, at: Point, bars: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[VirtualPower, ...]]:
-        """Return the cotangents for any choice of forces that are equivalent to `bars`, and the terms to add to L."""
+    def backward(self, at: Point, cotangents: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[VirtualPower, ...]]:
+        """Return the equivalent cotangents for any choice of forces, and the terms to add to L."""
         chain, rows = at.motion.chain, holding_rows(at.motion)
-        felt = np.zeros(len(self.W))
-        for name, matrix in self.felt.items():
-            if name in bars:
-                felt = felt + np.ravel(bars[name] if name == BASE_RESULT else bars[name][rows]) @ matrix
-        v = self.N @ (self.N.T @ felt)
-        of_f = np.array(bars.get("grasp_wrench", np.zeros((len(chain.arms), 6))))
+        f_bar = np.zeros(len(self.W))
+        for name, matrix in self.wrench_jacobians.items():
+            if name in cotangents:
+                f_bar = f_bar + np.ravel(cotangents[name] if name == BASE_RESULT else cotangents[name][rows]) @ matrix
+        v = self.N @ (self.N.T @ f_bar)
+        of_f = np.array(cotangents.get("grasp_wrench", np.zeros((len(chain.arms), 6))))
         of_f[rows] -= (self.W * v).reshape(-1, 6)
         z = dict(at.unknowns) | {
             name: at.unknowns[name]._replace(wrench=x) for name, x in zip(chain.grasps, v.reshape(-1, 6), strict=True)
@@ -90,7 +90,7 @@ class LeastForces(NamedTuple):
             carried = at.motion.trunk_case.carried(at.trunk, self.of_trunk)
             y |= {name: y[name]._replace(base=base.virtual) for name, base in carried.items()}
         also = (VirtualPower(1.0, z, y, self.of_trunk), VirtualPower(-1.0, without, y, self.of_trunk))
-        return {**bars, "grasp_wrench": of_f}, also
+        return {**cotangents, "grasp_wrench": of_f}, also
 
 
 def least_forces(at: Point) -> LeastForces:
@@ -117,11 +117,11 @@ def least_forces(at: Point) -> LeastForces:
     of_trunk = None
     if motion.trunk is not None:
         of_trunk = TrunkUnknowns(*np.split(below, [len(below) - 6])) if chain.floats else TrunkUnknowns(below, none)
-    return LeastForces(N, W, mu, of_trunk, felt_by(at))
+    return LeastForces(N, W, mu, of_trunk, wrench_jacobians(at))
 
 
-def felt_by(at: Point) -> dict[str, Array]:
-    """Return the derivatives of the results by the grasp wrenches, by name; see `LeastForces.felt`."""
+def wrench_jacobians(at: Point) -> dict[str, Array]:
+    """Return the derivatives of the results with respect to the grasp wrenches, by name; see `LeastForces`."""
     motion, width = at.motion, 6 * len(at.motion.contacts)
     of_bases = np.zeros((width, width))
     under = np.zeros((6, width))

@@ -103,8 +103,8 @@ class LinearText(NamedTuple):
 
     def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
         """Return the gradients of sum(cotangent . result) by argument; for poses with respect to [turn; shift]."""
-        bars = [cotangents.get(name, np.zeros(shape)) for name, shape in self.shapes.items()]
-        return self._by_arguments(self.linear.gradient(*bars))
+        given = [cotangents.get(name, np.zeros(shape)) for name, shape in self.shapes.items()]
+        return self._by_arguments(self.linear.gradient(*given))
 
     def rows(self, result: str, units: Array) -> dict[str, Array]:
         """Return the gradients of every entry of a result, flat: its Jacobian, (entries, *shape) by argument.

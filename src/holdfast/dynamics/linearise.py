@@ -52,6 +52,10 @@ class Linearisation(Frozen):
     rate: Array
     basis: Array
 
+    def __repr__(self) -> str:
+        """Return the numbers of coordinates and torques."""
+        return f"<Linearisation: {self.A.shape[1]} coordinates, {self.B.shape[1]} torques, about {self.state!r}>"
+
     def coordinates(self, state: State) -> Array:
         """Return z of a neighbouring state, (m,), the component of its difference along the basis."""
         here, there = self.state, state

@@ -28,6 +28,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum, scan
 from holdfast.spatial.spatial_vector import rotate, shift_twist
+from holdfast.spatial.vector import largest
 from holdfast.state import Inputs, State
 
 CLOSED = 1e-14  # m and rad: the iteration stops below this gap
@@ -179,14 +180,6 @@ def largest_gaps(chain: ClosedChain, state: State, inputs: Inputs) -> Gap:
     )
     gaps, _ = scan(lambda worst, gap: ((maximum(worst[0], gap[0]), maximum(worst[1], gap[1])), None), (0.0, 0.0), found)
     return Gap(*gaps)
-
-
-def largest(x: Array) -> Scalar:
-    """Return the largest absolute value of an array's entries."""
-    found: Scalar = 0.0
-    for entry in x:
-        found = maximum(found, abs(entry))
-    return found
 
 
 def position_mismatch(motion: ChainMotion, state: State) -> list[Array]:

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
+from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.virtual_power import ArmCase, Numbers, Unknowns
@@ -53,23 +53,26 @@ class VelocityCase(ArmCase):
         holds = self.grasp is not None and self.grasp.of_kind.bushing is None
         resting = replace(given, qd=np.zeros(len(given.q)), tau=np.zeros(len(given.q)), base_twist=none)
         still = RestCase(resting, self.grasp if holds else None, self.frame, none)
-        power = still.power(z, y, {name: x for name, x in varied.items() if name not in RATES})
-        return power + y.wrench @ self.gap(varied) if holds else power
+        arm, at = self.configuration(varied)
+        power = still.power_at(arm, at, z, y, {name: x for name, x in varied.items() if name not in RATES})
+        return power + y.wrench @ self.gap_at(arm, at, varied) if holds else power
 
     def gap(self, varied: Numbers) -> Array:
         """Return the gap of the grasp, tip side minus object side about the contact point, (6,) world axes."""
-        given, grasp, none = self.given, self.grasp, np.zeros(6)
+        return self.gap_at(*self.configuration(varied), varied)
+
+    def gap_at(self, arm: Arm, at: Kinematics, varied: Numbers) -> Array:
+        """Return `gap` for a given `configuration`."""
+        grasp, none = self.grasp, np.zeros(6)
         assert grasp is not None
-        base = Pose.unchecked(varied.get("base_R", given.arm.base.R), varied.get("base_p", given.arm.base.p))
-        arm, frame = given.arm.standing_at(base), grasp.frame
+        frame = grasp.frame
         held = grasp.standing_at(Pose.unchecked(varied.get("grasp_R", frame.R), varied.get("grasp_p", frame.p)))
         of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
-        at = forward_kinematics(arm, varied.get("q", given.q))
         c = contact(held, of_object, none, at.tip, none)
-        return self.gap_at(c, of_object, arm, at, varied)
+        return self.gap_of(c, of_object, arm, at, varied)
 
-    def gap_at(self, c: Contact, of_object: Pose, arm: Arm, at: Kinematics, varied: Numbers) -> Array:
-        """Return the gap V+ - A V(C) of a grasp at a configuration."""
+    def gap_of(self, c: Contact, of_object: Pose, arm: Arm, at: Kinematics, varied: Numbers) -> Array:
+        """Return the gap V+ - A V(C) of a contact."""
         qd, base, twist = (
             varied.get(name, own)
             for name, own in (
@@ -87,8 +90,8 @@ class PositionCase(VelocityCase):
 
     __slots__ = ()
 
-    def gap_at(self, c: Contact, of_object: Pose, arm: Arm, at: Kinematics, varied: Numbers) -> Array:
-        """Return the gap of a grasp at a configuration, the small displacement of the tip relative to the object."""
+    def gap_of(self, c: Contact, of_object: Pose, arm: Arm, at: Kinematics, varied: Numbers) -> Array:
+        """Return the gap of a contact, the small displacement of the tip relative to the object."""
         return small_displacement(c, of_object.p + c.origin, at.tip)
 
 

@@ -36,6 +36,13 @@ class ArmResult(Frozen):
     contact_acceleration: Array
     base_wrench: Array
 
+    def __repr__(self) -> str:
+        """Return the number of joints and the wrench, or the number of systems."""
+        if self.qdd.ndim > 1:
+            return f"<{type(self).__name__}: {len(self.qdd)} systems of {self.qdd.shape[1]} joints>"
+        force, moment = checks.place(self.grasp_wrench[3:]), checks.place(self.grasp_wrench[:3])
+        return f"<{type(self).__name__}: {len(self.qdd)} joints, force {force} N, moment {moment} N m on the object>"
+
 
 @dataclass(frozen=True, eq=False)
 class ForwardResult(Frozen):

@@ -34,8 +34,8 @@ def text_vjp(
     require_names(what, cotangents, text.results)
     with np.errstate(all="ignore"):
         at = _linear(text, case, by, what)
-        bars = {name: checks.numbers(x, at.shapes[name], name, StateError) for name, x in cotangents.items()}
-        return _found(text, what, result, at.gradient(bars))
+        checked = {name: checks.numbers(x, at.shapes[name], name, StateError) for name, x in cotangents.items()}
+        return _found(text, what, result, at.gradient(checked))
 
 
 def text_jvp(text: Text, case: VariedCase, result: Any, along: Mapping[str, ArrayLike]) -> Derivatives:

@@ -59,7 +59,7 @@ class AffineMargin(NamedTuple):
         return self._replace(c=self.c / size, b=self.b / size)
 
 
-def felt_directions(margins: list[AffineMargin]) -> Array:
+def sensitive_directions(margins: list[AffineMargin]) -> Array:
     """Return an orthonormal basis of the directions of z that change any of the margins, (k, directions)."""
     rows = np.vstack([np.vstack([m.a, m.B]) for m in margins])
     _, sizes, directions = np.linalg.svd(rows, full_matrices=False)
@@ -99,7 +99,7 @@ def largest_within(margins: list[AffineMargin], limits: list[AffineMargin]) -> L
             constant.
     """
     k = len(margins[0].a)
-    basis = felt_directions([*margins, *limits])
+    basis = sensitive_directions([*margins, *limits])
     margins, limits = ([m.along(basis) for m in some] for some in (margins, limits))
     still = np.zeros(basis.shape[1])
     start = still

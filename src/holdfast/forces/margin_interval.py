@@ -16,7 +16,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.indeterminate import free_wrenches
 from holdfast.dynamics.result import ForwardResult, Status, require_result_of
-from holdfast.forces.cone_program import AffineMargin, felt_directions, largest_least
+from holdfast.forces.cone_program import AffineMargin, largest_least, sensitive_directions
 from holdfast.forces.margins import conditions, grasp_margins
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -62,7 +62,7 @@ def margin_range(chain: ClosedChain, state: State, result: ForwardResult) -> Mar
     motion = chain_at_rest(chain, state)
     N = free_wrenches(motion, length_scale([c.offset for c in motion.contacts]), int(result.rank))
     affine = affine_margins(motion, result.grasp_wrench, N)
-    touched = np.array([bool(of_one) and felt_directions(of_one).shape[1] > 0 for of_one in affine])
+    touched = np.array([bool(of_one) and sensitive_directions(of_one).shape[1] > 0 for of_one in affine])
     best = [largest_least(of_one) if free else value for of_one, free, value in zip(affine, touched, now, strict=True)]
     every = [margin for of_one in affine for margin in of_one]
     return MarginRange(

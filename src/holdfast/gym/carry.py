@@ -234,8 +234,8 @@ class CarryTask(Frozen, Task):
 
     @cached_property
     def _phases(self) -> tuple[Phase, ...]:
-        look = BatchText(self.look, self.argument_shapes(self.chain), self.result_shapes())
-        return (Phase(compile_rollout(self.chain, self.law), look),)
+        evaluation = BatchText(self.evaluate, self.argument_shapes(self.chain), self.result_shapes())
+        return (Phase(compile_rollout(self.chain, self.law), evaluation),)
 
     @property
     def law(self) -> ControlLaw:
@@ -255,7 +255,7 @@ class CarryTask(Frozen, Task):
         pose = Pose.unchecked(rotation.exp(s * given["turn"]) @ home.R, home.p + s * given["displacement"])
         return Target(pose, rate / self.duration * way, bend / self.duration**2 * way)
 
-    def look(self, given: Given) -> dict[str, Any]:
+    def evaluate(self, given: Given) -> dict[str, Any]:
         """Return observation, reward and termination of one system.
 
         Args:

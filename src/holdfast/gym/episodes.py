@@ -35,7 +35,7 @@ class Episodes:
         phase: (count,) index of the current phase.
         actions: (count, size) last actions.
         systems: rollout systems of each phase, with a row for every episode.
-        seen: results of the last `look` of the task, (count, ...) each.
+        seen: results of the last `evaluation` of the task, (count, ...) each.
     """
 
     def __init__(self, task: Task, count: int, threads: int = 1) -> None:
@@ -72,7 +72,7 @@ class Episodes:
                 self.drawn[name][row] = given[name][row] if name in given else x
         self.steps[rows], self.phase[rows], self.actions[rows] = 0, 0, 0.0
         self.systems[0].reset(rows, self._started(0, rows))
-        self._look(rows)
+        self._evaluate(rows)
 
     def step(self, rows: Array, actions: Array) -> None:
         """Take a control step in some of the episodes.
@@ -88,7 +88,7 @@ class Episodes:
             if len(some):
                 self._advance(phase, self.systems[number], some)
         self.steps[rows] += 1
-        self._look(rows)
+        self._evaluate(rows)
 
     @property
     def terminated(self) -> Array:
@@ -102,7 +102,7 @@ class Episodes:
 
     @property
     def info(self) -> dict[str, Array]:
-        """Additional results of the last look, (count,) each; `status` is RUNNING, or why the rollout has stopped."""
+        """Additional results of the last evaluation, (count,) each; `status` is RUNNING, or why the rollout stopped."""
         info = {name: self.seen[name].copy() for name in self.task.info_names}
         codes = np.zeros(self.count, dtype=int)
         for number, systems in enumerate(self.systems):
@@ -180,7 +180,7 @@ class Episodes:
         if not every:
             systems.reset(rows, part)
 
-    def _look(self, rows: Array) -> None:
+    def _evaluate(self, rows: Array) -> None:
         """Evaluate observation, reward and termination of some episodes, each in its phase."""
         for number, phase in enumerate(self.task.phases):
             some = rows[self.phase[rows] == number]
@@ -192,7 +192,7 @@ class Episodes:
             given = {name: arrays[name][every] for name in names} | dict(self.task.frames)
             given |= {name: x[every] for name, x in self.drawn.items()}
             t = self.steps[every] * (self.task.step * self.task.steps_per_action)
-            found = phase.look(len(some), given | {"t": t, "action": self.actions[every]}, self.threads)
+            found = phase.evaluation(len(some), given | {"t": t, "action": self.actions[every]}, self.threads)
             for name, x in found.items():
                 self.seen[name][every] = x
 

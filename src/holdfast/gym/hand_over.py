@@ -254,16 +254,16 @@ class HandOverTask(Frozen, Task):
 
     @cached_property
     def _phases(self) -> tuple[Phase, ...]:
-        return tuple(Phase(self._rollout(chain), self._look_in(k)) for k, chain in enumerate(self.chains))
+        return tuple(Phase(self._rollout(chain), self._evaluation(k)) for k, chain in enumerate(self.chains))
 
     def _rollout(self, chain: ClosedChain) -> Rollout:
         assert self.joint_torque is not None
         squeeze = self.squeeze if len(chain.grasps) > 1 else 0.0
         return compile_rollout(chain, joint_law(chain, self.joint_torque, squeeze, self.joint_damping))
 
-    def _look_in(self, phase: int) -> BatchText:
+    def _evaluation(self, phase: int) -> BatchText:
         inputs = self.argument_shapes(self.chains[phase]) | {name: x.shape for name, x in self.frames.items()}
-        return BatchText(partial(self.look, phase), inputs, self.result_shapes())
+        return BatchText(partial(self.evaluate, phase), inputs, self.result_shapes())
 
     @property
     def frames(self) -> Mapping[str, Array]:
@@ -297,7 +297,7 @@ class HandOverTask(Frozen, Task):
             if len(some):
                 episodes.take_over(some, to)
 
-    def look(self, phase: int, given: Given) -> dict[str, Any]:
+    def evaluate(self, phase: int, given: Given) -> dict[str, Any]:
         """Return observation, reward and termination of one system in a phase.
 
         Args:

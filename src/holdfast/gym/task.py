@@ -28,11 +28,11 @@ class Phase(NamedTuple):
 
     Attributes:
         rollout: the compiled integration steps.
-        look: the compiled observation, reward and termination.
+        evaluation: the compiled observation, reward and termination.
     """
 
     rollout: Rollout
-    look: BatchText
+    evaluation: BatchText
 
 
 class Task(ABC):
@@ -129,18 +129,18 @@ class Task(ABC):
 
     @property
     def frames(self) -> Mapping[str, Array]:
-        """Arrays that all episodes share and that `look` takes."""
+        """Arrays that all episodes share and that `evaluation` takes."""
         return {}
 
     def argument_shapes(self, chain: ClosedChain) -> dict[str, Shape]:
-        """Return the shapes of the arguments of a phase's `look`, by name."""
+        """Return the shapes of the arguments of a phase's `evaluation`, by name."""
         every = shapes(self.chain)
         own = {name: every[name] for name in (*state_fields(chain), "grasp_wrench")}
         own |= {"margin": (len(chain.grasps),), "code": (), "t": (), "action": (self.action_size,)}
         return own | {**self.drawn, **self.kept}
 
     def result_shapes(self) -> dict[str, Shape]:
-        """Return the shapes of the results of `look`, by name."""
+        """Return the shapes of the results of `evaluation`, by name."""
         size = sum(len(bound) for bound in self.observed.values())
         return {"observation": (size,), "reward": (), "terminated": ()} | dict.fromkeys(self.info_names, ())
 

@@ -57,7 +57,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         self.episodes = Episodes(self.task, self.num_envs, whole_number("threads", threads))
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
-        self._begun, self._over = np.zeros(self.num_envs, dtype=bool), np.zeros(self.num_envs, dtype=bool)
+        self._started, self._over = np.zeros(self.num_envs, dtype=bool), np.zeros(self.num_envs, dtype=bool)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -91,7 +91,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
                 ended and is not reset automatically.
         """
         chosen = self.task.accepted(actions, self.num_envs)
-        if not self._begun.all():
+        if not self._started.all():
             raise StateError("step: expected episodes under way, got none; try reset()")
         over, every = self._over, np.arange(self.num_envs)
         if self.autoreset_mode is AutoresetMode.DISABLED and over.any():
@@ -176,7 +176,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
 
     def _begin(self, rows: Array, options: Mapping[str, Any] | None = None) -> None:
         self.episodes.begin(rows, [self._generators[row] for row in rows], options)
-        self._begun[rows], self._over[rows] = True, False
+        self._started[rows], self._over[rows] = True, False
 
     def _observations(self) -> Array:
         return self.episodes.seen["observation"].copy()

@@ -68,12 +68,12 @@ class Estimate:
     possible: bool
 
 
-def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | None, largest: float) -> Estimate:
+def estimate(system: Equations, unknowns: Unknowns, kinds: Array, given: Array | None, largest: float) -> Estimate:
     """Return the estimate.
 
     Args:
         system: the equations.
-        look: the unknowns.
+        unknowns: the unknowns.
         kinds: (channels,) labels; channels with the same label have the same noise.
         given: (channels,) standard deviations of the noise; None to estimate them.
         largest: standard deviation of a combination, relative to its size, above which it is not estimated.
@@ -81,15 +81,17 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
     for x in (system.rows, system.measured, system.maps):
         checks.finite(x, "identify: recordings")
     sizes = channel_sizes(system.measured, kinds)
-    noise, theta = HARDLY * sizes if given is None else given, look.start
+    noise, theta = HARDLY * sizes if given is None else given, unknowns.start
     fixed, rows = np.zeros((0, 0)), system.rows
     for _ in range(ROUNDS if given is None else 1):
         W = whitener(system.maps, noise)
         rows = W @ system.rows
         _, R = np.linalg.qr(rows.reshape(-1, rows.shape[2]))
-        fixed, identified = combinations(R @ look.features(look.linear(theta))[1] * look.linear_sizes, largest)
-        theta = solved(R, look, fixed, identified)
-        values = look.features(look.linear(theta))[0]
+        fixed, identified = combinations(
+            R @ unknowns.features(unknowns.linear(theta))[1] * unknowns.linear_sizes, largest
+        )
+        theta = solved(R, unknowns, fixed, identified)
+        values = unknowns.features(unknowns.linear(theta))[0]
         if given is None:
             noise = estimated(W @ system.maps, rows @ values, kinds, sizes)
     if fixed.shape[0] == fixed.shape[1]:
@@ -97,23 +99,23 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
             "identify: expected a recording that identifies some part of the payload, got one in which all its effects"
             " are below the noise; try larger and faster motions, above all rotations"
         )
-    values, slopes = look.features(look.linear(theta))
-    e, J = rows @ values, rows @ slopes * look.linear_sizes
+    values, slopes = unknowns.features(unknowns.linear(theta))
+    e, J = rows @ values, rows @ slopes * unknowns.linear_sizes
     correlation = float((e[1:] * e[:-1]).sum() / max((e * e).sum(), 1e-300))
     if correlation < max(CORRELATED, 3.0 / np.sqrt(e.size)):  # not significant
         correlation = 0.0
-    to_x, to_plain = look.slopes(theta)
-    change = (to_plain @ np.linalg.inv(to_x)) * look.linear_sizes / look.sizes[:, None]
+    to_x, to_plain = unknowns.slopes(theta)
+    change = (to_plain @ np.linalg.inv(to_x)) * unknowns.linear_sizes / unknowns.sizes[:, None]
     Z = null_space(fixed.T @ change)
     pull = np.einsum("srj,sr->j", J @ Z, e)  # zero unless the estimate is on the bound of possible bodies
     gain = float(pull @ np.linalg.solve(np.einsum("srj,srk->jk", J @ Z, J @ Z), pull))
     spread = change @ Z @ variance(J @ Z, e, correlation, given is not None) @ Z.T @ change.T
-    covariance = spread * np.outer(look.sizes, look.sizes)
+    covariance = spread * np.outer(unknowns.sizes, unknowns.sizes)
     freedoms = max(e.size - Z.shape[1], 1)
     misfit = float((e * e).sum()) / freedoms
     left = system.rows @ values
     checks.finite(np.append(covariance, left), "identify: the estimate")
-    return Estimate(look.plain(theta), covariance, fixed, left, noise, misfit, correlation, gain < BOUNDED)
+    return Estimate(unknowns.plain(theta), covariance, fixed, left, noise, misfit, correlation, gain < BOUNDED)
 
 
 def combinations(J: Array, largest: float) -> tuple[Array, Array]:
@@ -124,31 +126,31 @@ def combinations(J: Array, largest: float) -> tuple[Array, Array]:
     return Vt[count:].T, Vt[:count].T
 
 
-def solved(R: Array, look: Unknowns, fixed: Array, identified: Array) -> Array:
+def solved(R: Array, unknowns: Unknowns, fixed: Array, identified: Array) -> Array:
     """Return theta of the physically possible body with the least sum of squares.
 
     Args:
         R: (.., features) triangle of the whitened rows.
-        look: the unknowns.
+        unknowns: the unknowns.
         fixed: basis of the combinations that keep the model's values.
         identified: basis of the other combinations.
     """
-    firm = FIRM * float(np.linalg.norm(R[:, :10] * look.linear_sizes[:10], ord=2)) or 1.0
+    firm = FIRM * float(np.linalg.norm(R[:, :10] * unknowns.linear_sizes[:10], ord=2)) or 1.0
 
     def rows_at(theta: Array) -> Array:
-        off = (look.plain(theta) - look.model) / look.sizes
-        return np.concatenate([R @ look.features(look.linear(theta))[0], firm * (fixed.T @ off)])
+        off = (unknowns.plain(theta) - unknowns.model) / unknowns.sizes
+        return np.concatenate([R @ unknowns.features(unknowns.linear(theta))[0], firm * (fixed.T @ off)])
 
     def slopes_at(theta: Array) -> Array:
-        to_x, to_plain = look.slopes(theta)
-        of_rows = R @ look.features(look.linear(theta))[1] @ to_x
-        return np.vstack([of_rows, firm * fixed.T @ (to_plain / look.sizes[:, None])])
+        to_x, to_plain = unknowns.slopes(theta)
+        of_rows = R @ unknowns.features(unknowns.linear(theta))[1] @ to_x
+        return np.vstack([of_rows, firm * fixed.T @ (to_plain / unknowns.sizes[:, None])])
 
-    start = look.start
-    values, slopes = look.features(look.linear(start))
-    J = R @ slopes * look.linear_sizes
+    start = unknowns.start
+    values, slopes = unknowns.features(unknowns.linear(start))
+    J = R @ slopes * unknowns.linear_sizes
     step = -identified @ (np.linalg.pinv(J @ identified) @ (R @ values))
-    x = look.linear(start) + step * look.linear_sizes
+    x = unknowns.linear(start) + step * unknowns.linear_sizes
     begin = start
     with contextlib.suppress(ValueError):  # the step leads to an impossible body
         begin = np.concatenate([numbers_of(of_parameters(x[:10])), x[10:]])

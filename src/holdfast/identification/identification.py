@@ -60,6 +60,10 @@ class Identification(Frozen):
         """(3,) gravity, world axes [m/s^2]."""
         return self.chain.gravity
 
+    def __repr__(self) -> str:
+        """Return the number of values and the mass; `print` shows all of them."""
+        return f"<Identification of {len(self.names)} values: {self.held_object.mass:.4g} kg>"
+
     def __str__(self) -> str:
         """Return a table of the values, followed by undetermined combinations and notes."""
         width, said = max(map(len, self.names)), dict.fromkeys(self.kept, "the model's")

@@ -19,7 +19,7 @@ from holdfast.identification.identification import Identification
 from holdfast.identification.load_recording import recording_of
 from holdfast.identification.recording import Recording
 from holdfast.identification.undetermined import parts_kept, sentences
-from holdfast.identification.unknowns import Unknowns, unknowns
+from holdfast.identification.unknowns import Unknowns, unknowns_of
 from holdfast.io.result_reader import Result
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -30,7 +30,8 @@ from holdfast.spatial.log_cholesky import numbers_of
 from holdfast.spatial.scalar import Array
 
 SOURCES = ("wrist_wrench", "tau")
-FAR, LOOKS = 0.01, 10  # tip errors [m or rad] above this are reported; number of samples in which they are checked
+FAR = 0.01  # tip errors above this are reported [m or rad]
+CHECKED_SAMPLES = 10  # samples in which they are checked
 ROUNDING = 1e-3  # mean square of whitened residuals below which these are rounding rather than noise
 POORLY = 2.0  # mean square of residuals, in units of a given noise, above which a note is added
 Source = Recording | Trajectory | Result | str | PathLike[str]
@@ -95,15 +96,15 @@ def identify(
     system = equations(chain, whole, settings)
     wrists = np.tile([0, 0, 0, 1, 1, 1], len(chain.grasps))
     kinds = wrists if by == "wrist_wrench" else np.arange(chain.joint_count)
-    look = unknowns(chain, settings, _wrench_sizes(system, by))
-    rows, p = system.rows[..., 0].size, len(look.names)
+    unknowns = unknowns_of(chain, settings, _wrench_sizes(system, by))
+    rows, p = system.rows[..., 0].size, len(unknowns.names)
     if rows < 2 * p:
         raise StateError(
             f"identify: expected {2 * p} rows or more for {p} unknowns, got {rows} of {len(system.rows)} samples"
         )
-    found = estimate(system, look, kinds, _given_noise(noise, chain, by), largest)
+    found = estimate(system, unknowns, kinds, _given_noise(noise, chain, by), largest)
     notes = [*_notes(found, system, noise is not None), *_notes_on_grasps(chain, whole, frames)]
-    return _identification(chain, look, found, settings, frames, tuple(notes))
+    return _identification(chain, unknowns, found, settings, frames, tuple(notes))
 
 
 def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
@@ -173,7 +174,7 @@ def _wrench_sizes(system: Equations, by: str) -> Array:
 
 def _identification(
     chain: ClosedChain,
-    look: Unknowns,
+    unknowns: Unknowns,
     found: Estimate,
     settings: Settings,
     frames: dict[str, Array],
@@ -186,19 +187,19 @@ def _identification(
     bias = None
     if settings.sensor_bias:
         bias = np.zeros((len(chain.arms), 6))
-        bias[[chain.names.index(name) for name in chain.grasps]] = values[10 : 10 + look.biases].reshape(-1, 6)
-    g = look.tilted_gravity(values[-2:])[0] if settings.gravity else chain.gravity
+        bias[[chain.names.index(name) for name in chain.grasps]] = values[10 : 10 + unknowns.biases].reshape(-1, 6)
+    g = unknowns.tilted_gravity(values[-2:])[0] if settings.gravity else chain.gravity
     model, partly = parts_kept(found.fixed)
     sizes = np.where(model | partly, np.inf, np.sqrt(np.maximum(np.diag(found.covariance), 0.0)))
     return Identification(
         chain=replace(chain, held_object=payload, gravity=g),
-        names=look.names,
+        names=unknowns.names,
         values=values,
         covariance=found.covariance,
-        deviations=dict(zip(look.names, sizes.tolist(), strict=True)),
-        kept=tuple(name for name, one in zip(look.names, model, strict=True) if one),
-        partly=tuple(name for name, one in zip(look.names, partly, strict=True) if one),
-        undetermined=sentences(found.fixed, look),
+        deviations=dict(zip(unknowns.names, sizes.tolist(), strict=True)),
+        kept=tuple(name for name, one in zip(unknowns.names, model, strict=True) if one),
+        partly=tuple(name for name, one in zip(unknowns.names, partly, strict=True) if one),
+        undetermined=sentences(found.fixed, unknowns),
         notes=notes,
         sensor_bias=bias,
         grasp_deviations=frames,
@@ -233,7 +234,7 @@ def _notes_on_grasps(chain: ClosedChain, recordings: list[Recording], frames: di
         notes.append(f"the grasp frames of {', '.join(map(repr, others))} are the model's")
     apart = dict.fromkeys(chain.grasps, 0.0)
     for one in recordings:
-        for k in np.linspace(0, len(one) - 1, LOOKS).round().astype(int).tolist():
+        for k in np.linspace(0, len(one) - 1, CHECKED_SAMPLES).round().astype(int).tolist():
             for name, gap in closure(chain, one.state(k)).items():
                 apart[name] = max(apart[name], float(np.abs(gap.position).max(initial=0.0)))
     far = {name: gap for name, gap in apart.items() if gap > FAR}

@@ -18,12 +18,12 @@ def parts_kept(fixed: Array) -> tuple[Array, Array]:
     return part > WHOLLY, (part > PARTLY) & (part <= WHOLLY)
 
 
-def sentences(fixed: Array, look: Unknowns) -> tuple[str, ...]:
+def sentences(fixed: Array, unknowns: Unknowns) -> tuple[str, ...]:
     """Return a sentence for each combination that cannot be identified.
 
     Args:
         fixed: (p, d) an orthonormal basis of these combinations, with unknowns scaled by their sizes.
-        look: the unknowns.
+        unknowns: the unknowns.
     """
     d = fixed.shape[1]
     if not d:
@@ -34,10 +34,12 @@ def sentences(fixed: Array, look: Unknowns) -> tuple[str, ...]:
     for k, direction in zip(pivots.tolist(), directions.T, strict=True):
         others = [j for j in np.flatnonzero(np.abs(direction) > ALONE).tolist() if j != k]
         if not others:
-            alone.append(look.names[k])
+            alone.append(unknowns.names[k])
             continue
-        steps = direction * look.sizes / look.sizes[k]
-        with_it = ", ".join(f"{steps[j]:+.3g} {look.units[j]} of {look.names[j]}" for j in others)
-        together.append(f"+1 {look.units[k]} of {look.names[k]} together with {with_it} cannot be told from noise")
+        steps = direction * unknowns.sizes / unknowns.sizes[k]
+        with_it = ", ".join(f"{steps[j]:+.3g} {unknowns.units[j]} of {unknowns.names[j]}" for j in others)
+        together.append(
+            f"+1 {unknowns.units[k]} of {unknowns.names[k]} together with {with_it} cannot be told from noise"
+        )
     lead = (f"cannot be told from noise: {', '.join(alone)}",) if alone else ()
     return (*lead, *together)

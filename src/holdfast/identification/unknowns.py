@@ -100,7 +100,7 @@ class Unknowns:
         return values, np.vstack([np.eye(10, p), of_products, of_b, np.zeros((1, p)), of_g])
 
 
-def unknowns(chain: ClosedChain, settings: Settings, wrench_sizes: Array) -> Unknowns:
+def unknowns_of(chain: ClosedChain, settings: Settings, wrench_sizes: Array) -> Unknowns:
     """Return the unknowns of a chain.
 
     Args:

@@ -29,7 +29,7 @@ def available_route() -> Route:
         return "callback"
     try:
         jax.ffi.register_ffi_target(_TARGET, handler(), platform="cpu")
-    except RuntimeError:  # this JAX speaks another version of the interface for foreign functions
+    except RuntimeError:  # this version of JAX has another foreign function interface
         return "callback"
     return "ffi"
 
@@ -82,11 +82,11 @@ def _through_python(compiled: CompiledChain, code: ForeignCode, given: Sequence[
 
 
 def callback(host: Host, shapes: Sequence[tuple[int, ...]]) -> Run:
-    """Return calls of a function on NumPy's arrays, of one system or of a batch.
+    """Return a JAX function that calls a function of NumPy arrays, for one system or a batch.
 
     Args:
-        host: how many systems or None, the arrays -> results.
-        shapes: of its results for one system.
+        host: function of the number of systems (None for one) and the arrays that returns the results.
+        shapes: shapes of the results for one system.
     """
     jax = require_jax()
 
@@ -106,7 +106,7 @@ def _shapes(shapes: Sequence[tuple[int, ...]], batch: int | None) -> list[Any]:
 
 
 def batched(run: Run, ranks: Sequence[int]) -> Callable[..., tuple[Any, ...]]:
-    """Return the call for one system, whose vmaps, also within each other, are calls of one batch."""
+    """Return the call for one system; its vmap, also a nested one, is one call for a batch."""
     custom_vmap, jnp = require_jax().custom_batching.custom_vmap, jax_numpy()
 
     def has_systems(array: Any, rank: int) -> bool:

@@ -75,8 +75,7 @@ class JaxFunction:
         def backward(values: tuple[Any, ...], cotangents: dict[str, Any]) -> tuple[Any, ...]:
             given = self._arrays(values) | {f"{WITH}{name}": x for name, x in cotangents.items()}
             found = self._vjp(given)
-            bars = (pose_gradient(x, found[n]) if n in POSES else found[n] for n, x in self._named(values))
-            return tuple(bars)
+            return tuple(pose_gradient(x, found[n]) if n in POSES else found[n] for n, x in self._named(values))
 
         function.defvjp(forward, backward)
         return function

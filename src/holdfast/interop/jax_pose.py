@@ -51,15 +51,15 @@ def pose_tangent(pose: Any, rate: Any) -> Any:
     return jnp.concatenate([2.0 * turn / jnp.sum(q * q, -1, keepdims=True), rate[..., 4:]], -1)
 
 
-def pose_cotangent(pose: Any, bar: Any) -> Any:
+def pose_cotangent(pose: Any, cotangent: Any) -> Any:
     """Return the gradient by [turn; shift], (.., 6), of one by the seven numbers of a pose: dq = (0, turn) q / 2.
 
     Args:
         pose: (.., 7) wxyz_xyz.
-        bar: (.., 7) the gradient by them; none along q counts.
+        cotangent: (.., 7) the gradient by them; none along q counts.
     """
     jnp = jax_numpy()
-    moved = pose_tangent(pose, bar)
+    moved = pose_tangent(pose, cotangent)
     return jnp.concatenate([moved[..., :3] * jnp.sum(pose[..., :4] ** 2, -1, keepdims=True) / 4.0, moved[..., 3:]], -1)
 
 

@@ -1,4 +1,4 @@
-"""Steps of a rollout as a function of JAX, with gradients that come back through them."""
+"""Steps of a rollout as a JAX function with gradients."""
 
 from __future__ import annotations
 
@@ -24,19 +24,21 @@ from holdfast.simulation.rollout.tape import MEMORY, STEP, Tape, arguments_of
 from holdfast.simulation.rollout.varied_step import CONTROL
 from holdfast.spatial.scalar import Array
 
-Host = Callable[[Mapping[str, Array]], tuple[Array, ...]]  # from and to arrays of systems, (systems, ...) each
-RUNNING = "running"  # of systems at every step's end
+Host = Callable[
+    [Mapping[str, Array]], tuple[Array, ...]
+]  # function of arrays of systems, (systems, ...) each, that returns such arrays
+RUNNING = "running"  # arrays of systems that have values at the end of every step
 
 
 class JaxRollout:
-    """Steps of a rollout as a function of JAX; made by `to_jax`.
+    """Steps of a rollout as a JAX function; created by `to_jax`.
 
     Attributes:
-        rollout: what takes the steps.
-        of: the results, each (steps, ...) at the end of every step.
-        steps: how many.
-        step: their length [s].
-        route: "callback", through Python.
+        rollout: the rollout that takes the steps.
+        of: names of the results, which are (steps, ...) arrays of values at the end of every step.
+        steps: number of steps.
+        step: step h [s].
+        route: "callback", because the steps are called through Python.
     """
 
     route: Route = "callback"
@@ -65,25 +67,25 @@ class JaxRollout:
         by |= {name: (self.steps, *by[name]) for name in self._scheduled}
         sizes = shapes(chain) | {MEMORY: (len(rollout.law.memory),)}
         results = {name: (self.steps, *sizes[name]) for name in self.of}
-        bars = {f"{WITH}{name}": (*x[:-1], 6) if name in POSES else x for name, x in results.items()}
+        cotangents = {f"{WITH}{name}": (*x[:-1], 6) if name in POSES else x for name, x in results.items()}
         self._shapes = {name: (*x[:-1], 7) if name in POSES else x for name, x in by.items()}
         self._forward = self._operation(self._roll, self._shapes, results)
-        self._backward = self._operation(self._pull, self._shapes | bars, by)
+        self._backward = self._operation(self._pull, self._shapes | cotangents, by)
         self._function = self._with_vjp()
 
     def __call__(self, q: Any, qd: Any, object_pose: Any, object_twist: Any, **parameters: Any) -> dict[str, Any]:
         """Return the results by name, (steps, ...) each.
 
         Args:
-            q: (n,) joint positions at the beginning [rad or m]; they must nearly keep the grasps closed.
+            q: (n,) initial joint positions [rad or m]; they must nearly satisfy the grasps.
             qd: joint rates.
             object_pose: (7,) wxyz_xyz of the object frame.
             object_twist: (6,) [omega; v of C], world axes.
-            **parameters: all of the law, those named in `to_jax`, and of a floating base floating_pose and
-                floating_twist.
+            **parameters: all parameters of the law, those named in `to_jax`, and floating_pose and floating_twist of a
+                floating base.
 
         Raises:
-            StateError: a name that is missing or not there, a wrong shape, numbers that are not real.
+            StateError: a parameter is missing or unknown, a shape is wrong, or numbers are not real.
         """
         state = {"q": q, "qd": qd, "object_pose": object_pose, "object_twist": object_twist}
         return self._function(*checked(state | parameters, self._shapes, len(state)))
@@ -97,9 +99,9 @@ class JaxRollout:
 
         def backward(kept: tuple[Any, Any], cotangents: Mapping[str, Any]) -> tuple[Any, ...]:
             values, found = kept
-            bars = [pose_cotangent(found[n], cotangents[n]) if n in POSES else cotangents[n] for n in self.of]
-            gradients = zip(self._names, values, self._backward(*values, *bars), strict=True)
-            return tuple(pose_gradient(x, bar) if name in POSES else bar for name, x, bar in gradients)
+            given = [pose_cotangent(found[n], cotangents[n]) if n in POSES else cotangents[n] for n in self.of]
+            gradients = zip(self._names, values, self._backward(*values, *given), strict=True)
+            return tuple(pose_gradient(x, found) if name in POSES else found for name, x, found in gradients)
 
         function.defvjp(forward, backward)
         return function
@@ -110,7 +112,7 @@ class JaxRollout:
     def _operation(
         self, host: Host, given: Mapping[str, tuple[int, ...]], found: Mapping[str, tuple[int, ...]]
     ) -> Callable[..., tuple[Any, ...]]:
-        """Return a function of the host as an operation of JAX, a vmap of it as one batch."""
+        """Return a host function as a JAX operation, whose vmap is one call for a batch."""
 
         def run(batch: int | None, values: Sequence[Array]) -> tuple[Array, ...]:
             count = 1 if batch is None else batch
@@ -124,29 +126,29 @@ class JaxRollout:
         return batched(callback(run, [*found.values()]), [len(shape) for shape in given.values()])
 
     def _tape(self, given: Mapping[str, Array]) -> Tape:
-        """Return the steps, of systems along the first axis."""
+        """Return the tape of the steps; the first axis of the arguments is the system."""
         schedule = {name: np.moveaxis(given[name], 0, 1) for name in self._scheduled}
         first: dict[str, Any] = {name: schedule[name][0] if name in schedule else given[name] for name in self._names}
         systems, record = self.rollout.start(**first), (*self.of, RUNNING)
         return self.rollout.tape(systems, self.step, steps=self.steps, record=record, schedule=schedule)
 
     def _roll(self, given: Mapping[str, Array]) -> tuple[Array, ...]:
-        """Return results, (systems, steps, ...); not-a-number once a system stands still."""
+        """Return the results, (systems, steps, ...); NaN after a system has stopped."""
         records = self._tape(given).records
         for name in self.of:
             records[name][~records[RUNNING]] = np.nan
         return tuple(np.moveaxis(records[name], 0, 1) for name in self.of)
 
     def _pull(self, given: Mapping[str, Array]) -> tuple[Array, ...]:
-        """Return gradients, (systems, ...); not-a-number where those of steps that were not taken are asked for."""
+        """Return gradients, (systems, ...); NaN for systems with cotangents of steps that were not taken."""
         tape = self._tape(given)
         along, idle = {}, ~tape.records[RUNNING]
         lost = np.zeros(idle.shape[1], dtype=bool)
         for name in self.of:
-            bar = np.array(np.moveaxis(given[f"{WITH}{name}"], 1, 0))
-            lost |= (idle & (bar != 0).reshape(*idle.shape, -1).any(axis=2)).any(axis=0)
-            bar[idle] = 0.0
-            along[name] = bar
+            cotangent = np.array(np.moveaxis(given[f"{WITH}{name}"], 1, 0))
+            lost |= (idle & (cotangent != 0).reshape(*idle.shape, -1).any(axis=2)).any(axis=0)
+            cotangent[idle] = 0.0
+            along[name] = cotangent
         found = tape.vjp(along=along, by=self._names)
         rows = {name: np.array(found[name]) for name in self._names}
         rows |= {name: np.moveaxis(rows[name], 0, 1) for name in self._scheduled}
@@ -156,7 +158,7 @@ class JaxRollout:
 
 
 def _each_for_itself(host: Host, rows: Mapping[str, Array], found: Sequence[tuple[int, ...]]) -> tuple[Array, ...]:
-    """Return what the host returns; of systems that it refuses, found by halving, not-a-number."""
+    """Return the results of the host function; NaN for the systems that it refuses, which are found by bisection."""
     count = len(next(iter(rows.values())))
     try:
         return host(rows)

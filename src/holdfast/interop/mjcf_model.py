@@ -85,7 +85,7 @@ def _require_mjcf(given: Any, is_text: bool, source: str) -> None:
     try:
         root = _bounded_mjcf(text, source, Path() if is_text else Path(given).parent)
     except RecursionError as cause:
-        raise SceneError(f"{source}: expected an MJCF file: nested too deeply") from cause
+        raise SceneError(f"{source}: expected an MJCF file, got elements nested too deeply") from cause
     if root.tag != "mujoco":
         hint = "; try load_urdf" if root.tag == "robot" else ""
         raise SceneError(f"{source}: expected <mujoco> as the outermost element, got <{root.tag}>{hint}")
@@ -120,9 +120,9 @@ def _bounded_mjcf(text: bytes | str, source: str, folder: Path) -> Element:
         for element, copies in _with_copies(document):
             if copies > MOST_COPIES:
                 raise element.refuse(f"expected at most {MOST_COPIES:,} copies of it (replicate), got {copies:g}")
-            asked = max((_product(element, names) for names in COUNTS.get(element.tag, ())), default=0.0)
-            if asked > MOST:
-                raise element.refuse(f"expected counts up to {MOST:,}, got {asked:g}")
+            count = max((_product(element, names) for names in COUNTS.get(element.tag, ())), default=0.0)
+            if count > MOST:
+                raise element.refuse(f"expected counts up to {MOST:,}, got {count:g}")
             path = folder / element.attributes.get("file", "")
             if element.tag != "include" or not os.path.isfile(path):  # MuJoCo reports missing files
                 continue

@@ -150,8 +150,8 @@ def require_serial(source: str, model: Any, bodies: set[int], joints: set[int]) 
         if _binds(model, e, bodies, joints):
             name = model.equality(e).name or f"equality {e}"
             raise SceneError(
-                f"{source}: '{name}': expected an arm without loops and couplings, got an equality within it; try"
-                " holding what it couples (locked=)"
+                f"{source}: '{name}': expected an arm without loops or couplings, got an equality constraint"
+                " within it; try to lock the joints that it couples (locked=)"
             )
     for t in range(model.ntendon):
         if _wraps(model, t, bodies, joints) and _has_forces(model, t):

@@ -1,4 +1,4 @@
-"""Compiled forward dynamics, and steps of rollouts, as functions of JAX."""
+"""Compiled forward dynamics and steps of rollouts as JAX functions."""
 
 from __future__ import annotations
 
@@ -43,36 +43,36 @@ def to_jax(
     steps: int | None = None,
     schedule: Sequence[str] = (),
 ) -> JaxFunction | JaxRollout:
-    """Return forward dynamics, or a rollout, as a function of JAX: under jit, grad, vmap and scan, on the processor.
+    """Return forward dynamics or a rollout as a JAX function that works under jit, grad, vmap and scan, on the CPU.
 
-    f(q, qd, tau, object_pose, object_twist, **parameters) is a dictionary of the results of forward dynamics. A
-    gradient is one call of the machine code of `forward_dynamics_vjp`, a vmap one call of a batch.
+    f(q, qd, tau, object_pose, object_twist, **parameters) returns a dictionary of the results of forward dynamics. A
+    gradient is one call of the machine code of `forward_dynamics_vjp`; a vmap is one call for a batch.
 
-    Of a rollout, f(q, qd, object_pose, object_twist, **parameters) has the results at the end of every step, (steps,
-    ...) each. A gradient is one of `Rollout.tape`, which takes the steps again, a vmap one rollout of many systems.
-    Both go through Python.
+    For a rollout, f(q, qd, object_pose, object_twist, **parameters) returns the results at the end of every step,
+    (steps, ...) each. A gradient is that of `Rollout.tape`, which repeats the steps; a vmap is one rollout of many
+    systems. Both go through Python.
 
-    The gradient by a pose is by its seven numbers, 2 (0, turn_bar) q, with no part along the quaternion, whose length
-    must stay 1. Where there is no answer, after the step at which a system stands still, and in states that a single
-    call refuses, results and gradients are not-a-number. First derivatives only.
+    The gradient with respect to a pose has seven entries. Its quaternion part is 2 (0, turn_bar) q, which has no
+    component along the quaternion, because the length of that must stay 1. In states that a single call refuses, and
+    after a system has stopped, results and gradients are NaN. Only first derivatives are available.
 
     Args:
-        dynamics: what `holdfast.compile` or `holdfast.compile_rollout` returned. A compiled chain of constantly low
-            rank needs its `generic_rank`, given there or found by an earlier call; without it all of its results are
-            not-a-number.
-        of: the results. Of forward dynamics some of qdd (n,), grasp_wrench (arms, 6), object_acceleration (6,),
-            contact_acceleration (n_g,), base_wrench (arms, 6), with a trunk trunk_base_wrench (6,), with a floating
-            base floating_acceleration (6,); qdd and grasp_wrench by default. Of a rollout arrays of `RolloutSystems`
-            that have derivatives: the state, by default, memory, tau, qdd, grasp_wrench, accelerations.
-        parameters: which will be given by name at each call, the others being the chain's own: object_wrench,
-            gravity, object_mass, object_com, object_inertia, grasp_pose, base_pose, base_twist, base_acceleration,
-            those asked for in `compile` or `compile_rollout`, and of a rollout the law's memory; with an object_mass
-            goes an object_inertia. A floating base's pose and twist, and all parameters of a rollout's law, are always
-            given.
-        forward_mode: True for jvp and jacfwd of forward dynamics, which JAX cannot offer beside grad and jacrev for
-            one function.
-        step: of a rollout [s].
-        steps: of a rollout, how many.
+        dynamics: the result of `holdfast.compile` or `holdfast.compile_rollout`. A compiled chain of constantly low
+            rank needs its `generic_rank`, given there or found by an earlier call; otherwise all results are NaN.
+        of: names of the results. For forward dynamics, any of qdd (n,), grasp_wrench (arms, 6), object_acceleration
+            (6,), contact_acceleration (n_g,), base_wrench (arms, 6), with a trunk trunk_base_wrench (6,), with a
+            floating base floating_acceleration (6,); the default is qdd and grasp_wrench. For a rollout, arrays of
+            `RolloutSystems` that have derivatives: those of the state (the default), memory, tau, qdd, grasp_wrench and
+            accelerations.
+        parameters: names of the parameters that are passed to each call; the others are the chain's own. They are
+            object_wrench, gravity, object_mass, object_com, object_inertia, grasp_pose, base_pose, base_twist,
+            base_acceleration, those requested from `compile` or `compile_rollout`, and the memory of a rollout's law.
+            An object_mass requires an object_inertia. The pose and twist of a floating base, and all parameters of a
+            rollout's law, are always passed.
+        forward_mode: True for jvp and jacfwd of forward dynamics; JAX does not support these and grad and jacrev for
+            the same function.
+        step: step h of a rollout [s].
+        steps: number of steps of a rollout.
         schedule: parameters of a rollout's law that have a row for every step, (steps, ...).
 
     Returns:
@@ -80,8 +80,8 @@ def to_jax(
 
     Raises:
         MissingExtra: jax is not installed.
-        StateError: JAX's 64-bit numbers are off; names that are not there; a rollout without steps.
-        MethodNotApplicable: derivatives are not there yet for the chain.
+        StateError: JAX's 64-bit numbers are disabled, a name is unknown, or a rollout has no steps.
+        MethodNotApplicable: derivatives are not available for the chain.
     """
     require_jax()
     checks.instance(dynamics, (CompiledChain, Rollout), "to_jax: dynamics", StateError)
@@ -106,7 +106,7 @@ def to_jax(
 
 
 def _known(compiled: CompiledChain) -> tuple[str, ...]:
-    """Return which parameters may be given."""
+    """Return the names of the parameters that may be passed."""
     chain, options = compiled.chain, compiled.options
     known = [*_PARAMETERS, *BASE_MOTION, *(link_parameters(chain) if options.link_inertia else ())]
     if options.link_wrenches:

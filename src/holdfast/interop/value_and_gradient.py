@@ -101,7 +101,7 @@ def value_and_gradient(
         systems = rollout.start(**{name: values[name] for name in arguments} | first, threads=threads)
         tape = rollout.tape(systems, values["step"], steps=steps, record=of, schedule=taken, threads=threads)
         records = tape.records if tape.systems.running.all() else None
-        return Run(records, lambda bars: tape.vjp(along=bars, by=by, threads=threads))
+        return Run(records, lambda cotangents: tape.vjp(along=cotangents, by=by, threads=threads))
 
     def solve(fast: CompiledChain, values: Mapping[str, Any]) -> Run:
         try:
@@ -110,7 +110,9 @@ def value_and_gradient(
             return Run(None, dict)
         results = {name: np.asarray(getattr(found, name)) for name in of}
         sound = all(np.isfinite(x).all() for x in results.values())
-        return Run(results if sound else None, lambda bars: fast.forward_dynamics_vjp(**{**values, **bars}, by=by))
+        return Run(
+            results if sound else None, lambda cotangents: fast.forward_dynamics_vjp(**{**values, **cotangents}, by=by)
+        )
 
     run = partial(roll, dynamics) if isinstance(dynamics, Rollout) else partial(solve, dynamics)
     return ValueAndGradient(run, cost, given, tuple(by), tuple(rows))
@@ -167,16 +169,16 @@ class ValueAndGradient:
             return np.inf, np.zeros(len(self.x0))
         returned = self._cost(run.results)
         try:
-            number, bars = returned
-            value, bars = float(number), dict(bars)
+            number, cotangents = returned
+            value, cotangents = float(number), dict(cotangents)
         except (TypeError, ValueError) as cause:
             raise StateError(
                 "value_and_gradient: cost: expected a number and derivatives of it by name, (number, {name: array}),"
                 f" got {checks.short(returned)}"
             ) from cause
-        if not bars:
+        if not cotangents:
             return value, np.zeros(len(self.x0))
-        found = run.pullback(bars)
+        found = run.pullback(cotangents)
         return value, np.concatenate([self._own(name, found[name], part).ravel() for name, part in named.items()])
 
     def _named(self, x: Any) -> dict[str, Array]:
@@ -208,9 +210,9 @@ def _moved(pose: Array, moved: Array) -> Array:
 def _by_vectors(moved: Array, gradient: Array) -> Array:
     """Return gradients by [rotation vector; shift] of those by [turn; shift]: omega = J d(rotation vector)/dt, J^T."""
 
-    def one(by: Array, bar: Array) -> Array:
+    def one(by: Array, cotangent: Array) -> Array:
         turns = np.array([exp_curve(by[:3], unit, np.zeros(3))[1] for unit in np.eye(3)])  # J^T
-        return np.concatenate([turns @ bar[:3], bar[3:]])
+        return np.concatenate([turns @ cotangent[:3], cotangent[3:]])
 
     rows = zip(moved.reshape(-1, 6), gradient.reshape(-1, 6), strict=True)
-    return np.reshape([one(by, bar) for by, bar in rows], moved.shape)
+    return np.reshape([one(by, cotangent) for by, cotangent in rows], moved.shape)

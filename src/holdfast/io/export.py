@@ -26,37 +26,36 @@ TableWriter = Callable[[IO[bytes], list[Column], Iterable[Rows]], None]
 
 
 def export_csv(result: Result | Trajectory, path: str | PathLike[str]) -> list[Path]:
-    """Write a run as CSV, a header line and a row for each sample, and return the files written.
+    """Write a run as CSV with a header line and one row per sample, and return the files written.
 
-    Columns are named `array what-in-it [unit]`, such as `q left/joint1 [rad]` or `object_pose qw`.
-    Numbers have the digits that bring back the same float64. What happened at single instants goes
-    to a second file, `occurrences_path(path)`, if anything did. One chunk is in memory at a time.
+    Columns are named `array entry [unit]`, such as `q left/joint1 [rad]` or `object_pose qw`. Numbers have enough
+    digits to restore the same float64. Events of the run, if there are any, go to a second file,
+    `occurrences_path(path)`. One chunk is in memory at a time.
 
     Args:
-        result: what `simulate` or `load_result` returned.
-        path: of the file; what is there is replaced.
+        result: the result of `simulate` or `load_result`.
+        path: the file, which is replaced if it exists.
 
     Raises:
-        ResultError: a file cannot be written, or the result no longer be read.
-        StateError: a run that does not know its chain, or has no samples.
+        ResultError: a file cannot be written, or the result can no longer be read.
+        StateError: the run does not contain its chain, or has no samples.
     """
     return _export(_source(result), path, _write_csv)
 
 
 def export_parquet(result: Result | Trajectory, path: str | PathLike[str]) -> list[Path]:
-    """Write a run as Parquet, the tables of `export_csv`, and return the files written.
+    """Write a run as Parquet with the tables of `export_csv`, and return the files written.
 
-    The unit of a column stands in its title and, alone, in its metadata under `unit`; every chunk
-    is a row group.
+    The unit of a column is part of its title, and is also stored in its metadata as `unit`. Every chunk is a row group.
 
     Args:
-        result: what `simulate` or `load_result` returned.
-        path: of the file; what is there is replaced.
+        result: the result of `simulate` or `load_result`.
+        path: the file, which is replaced if it exists.
 
     Raises:
         MissingExtra: pyarrow is not installed.
-        ResultError: a file cannot be written, or the result no longer be read.
-        StateError: a run that does not know its chain, or has no samples.
+        ResultError: a file cannot be written, or the result can no longer be read.
+        StateError: the run does not contain its chain, or has no samples.
     """
     try:
         import pyarrow as arrow  # pyright: ignore[reportMissingImports]
@@ -85,11 +84,11 @@ def occurrences_path(path: Path) -> Path:
 
 
 class _Source(NamedTuple):
-    """What tables are made of.
+    """The run from which tables are made.
 
     Attributes:
-        meta: which run it is.
-        parts: yields it piece by piece.
+        meta: metadata of the run.
+        parts: function that yields the run piece by piece.
     """
 
     meta: ResultMeta
@@ -109,18 +108,18 @@ def _export(source: _Source, given: str | PathLike[str], write: TableWriter) -> 
     head = columns(meta, next(iter(source.parts())))
     write_atomically(path, lambda file: write(file, head, blocks()))
     if not happened:
-        remove(log)  # of an earlier export
+        remove(log)  # from an earlier export
         return [path]
     write_atomically(log, lambda file: write(file, occurrence_columns(meta), [happened]))
     return [path, log]
 
 
 def _source(run: Any) -> _Source:
-    """Return what the tables of a run are made of.
+    """Return the metadata and the pieces of a run.
 
     Raises:
-        ResultError: what is no run.
-        StateError: a run that does not know its chain, or has no samples.
+        ResultError: `result` is not a run.
+        StateError: the run does not contain its chain, or has no samples.
     """
     if isinstance(run, Result):
         return _Source(run.meta, run.parts)

@@ -22,7 +22,7 @@ from holdfast.io.stored_arrays import STATUSES, StoredArrays, piece_name, read_p
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
-from holdfast.simulation.rollout.record import Begun, RolloutRecord
+from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.spatial.scalar import Array
@@ -67,7 +67,7 @@ def load_record(folder: str | PathLike[str], rollout: Rollout | None = None) -> 
     t = _times(place, meta, len(systems))
     last = f"{t[-1]:.6g} s" if len(t) else "none"
     note = "" if meta.complete else f"incomplete, up to t = {last}: interrupted, or still running"
-    begun = None
+    arguments = None
     if rollout is not None and meta.step is not None:
         first = _systems(arrays, "first", chain, fault)
         if fingerprint(rollout.chain) != fingerprint(chain):
@@ -79,9 +79,9 @@ def load_record(folder: str | PathLike[str], rollout: Rollout | None = None) -> 
             raise ResultError(f"{place}: expected the rollout that made it: {cause}") from cause
         stops = {"least_margin": -np.inf}
         options = {name: stops.get(name) if x is None else x for name, x in meta.options.items()}
-        begun = Begun(rollout, first, meta.step, meta.every, options, meta.duration)
+        arguments = RolloutArguments(rollout, first, meta.step, meta.every, options, meta.duration)
     stored = StoredArrays(place, tuple(meta.pieces), tuple(meta.names))
-    return RolloutRecord(t, stored, systems, stopped, begun, note)
+    return RolloutRecord(t, stored, systems, stopped, arguments, note)
 
 
 def _times(place: Path, meta: RecordMeta, systems: int) -> Array:
@@ -110,7 +110,7 @@ def parts_of_record(record: RolloutRecord) -> Iterator[RolloutRecord]:
         yield record
         return
     for t, arrays in record.arrays.parts():
-        yield replace(record, t=t, arrays=arrays, begun=None)
+        yield replace(record, t=t, arrays=arrays, arguments=None)
 
 
 def _below(arrays: dict[str, Array], name: str) -> dict[str, Array]:

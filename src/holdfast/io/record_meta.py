@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from holdfast.simulation.rollout.record import Begun
+from holdfast.simulation.rollout.record import RolloutArguments
 
 RECORD = "record.npz"
 
@@ -39,12 +39,18 @@ class RecordMeta(msgspec.Struct, forbid_unknown_fields=True):
     complete: bool = True
 
 
-def meta_of_record(made: Begun | None) -> RecordMeta:
-    """Return the content of the record's metadata before its first record; of arrays alone without `made`."""
+def meta_of_record(arguments: RolloutArguments | None) -> RecordMeta:
+    """Return the content of the record's metadata before its first record; of arrays alone without `arguments`."""
     from holdfast import __version__
 
-    if made is None:
+    if arguments is None:
         return RecordMeta(holdfast=__version__)
-    options = {name: x if x is None or np.isfinite(x) else None for name, x in made.options.items()}
-    asked: dict[str, Any] = {"step": made.step, "every": made.every, "duration": made.duration, "options": options}
-    return RecordMeta(holdfast=__version__, complete=False, **asked)
+    options = {name: x if x is None or np.isfinite(x) else None for name, x in arguments.options.items()}
+    return RecordMeta(
+        holdfast=__version__,
+        step=arguments.step,
+        every=arguments.every,
+        duration=arguments.duration,
+        options=options,
+        complete=False,
+    )

@@ -29,7 +29,7 @@ from holdfast.io.result_chunk import write_arrays
 from holdfast.io.result_folder import PATIENCE
 from holdfast.io.result_meta import MODEL
 from holdfast.io.stored_arrays import StoredArrays, piece_name, plain
-from holdfast.simulation.rollout.record import Begun, RolloutRecord
+from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.spatial.scalar import Array
 
@@ -41,10 +41,10 @@ class RecordWriter:
 
     Attributes:
         folder: the folder.
-        begun: whether a piece is on disk.
+        started: whether a piece is on disk.
     """
 
-    def __init__(self, folder: str | PathLike[str], made: Begun, overwrite: bool = False) -> None:
+    def __init__(self, folder: str | PathLike[str], arguments: RolloutArguments, overwrite: bool = False) -> None:
         """Check that the folder can be used.
 
         Raises:
@@ -52,9 +52,9 @@ class RecordWriter:
         """
         self.folder = file_path(folder, "folder")
         _require_free(self.folder, overwrite)
-        self.begun = False
-        self._made, self._last, self._stopped = made, made.systems, np.zeros(0)
-        self._meta, self._times = meta_of_record(made), list[Array]()
+        self.started = False
+        self._arguments, self._last, self._stopped = arguments, arguments.systems, np.zeros(0)
+        self._meta, self._times = meta_of_record(arguments), list[Array]()
         self._flushed_at = -np.inf
         self._stamp: tuple[int, ...] = ()
 
@@ -78,10 +78,10 @@ class RecordWriter:
         Raises:
             ResultError: they cannot be written, or another process has written to the folder.
         """
-        if self.begun and self._stamp != _stamp(self.folder):
+        if self.started and self._stamp != _stamp(self.folder):
             raise ResultError(f"{self.folder}: another process has written to it; no more records are added")
         self._last, self._stopped = last, stopped
-        if not self.begun:
+        if not self.started:
             self._begin()
         pieces = self._meta.pieces
         write_piece(self.folder, len(pieces), t, arrays)
@@ -94,7 +94,7 @@ class RecordWriter:
         """Return the record, whose arrays are read from the folder when they are used."""
         t = np.concatenate(self._times)
         arrays = StoredArrays(self.folder, tuple(self._meta.pieces), tuple(self._meta.names))
-        return RolloutRecord(t, arrays, self._last, self._stopped, self._made)
+        return RolloutRecord(t, arrays, self._last, self._stopped, self._arguments)
 
     def _begin(self) -> None:
         """Make the folder that of this record, without records yet; an earlier record there goes."""
@@ -107,10 +107,10 @@ class RecordWriter:
         self._commit(self._meta)  # first, so that the folder is known as ours before anything else is in it
         remove(*self.folder.glob("records_*.npz"), *self.folder.glob("*.npz.part"))
         write_atomically(self.folder / MODEL, chain)
-        self.begun = True
+        self.started = True
 
     def _commit(self, meta: RecordMeta) -> None:
-        write_head(self.folder, meta, self._made, self._last, self._stopped)
+        write_head(self.folder, meta, self._arguments, self._last, self._stopped)
         self._meta, self._stamp = meta, _stamp(self.folder)
 
 
@@ -126,8 +126,8 @@ def save_record(record: RolloutRecord, folder: str | PathLike[str], overwrite: b
             write_piece(new, k, part.t, part.arrays)
             pieces.append(len(part.t))
         changes: dict[str, Any] = {"names": [*record.arrays], "pieces": pieces}
-        meta = msgspec.structs.replace(meta_of_record(record.begun), complete=not record.note, **changes)
-        write_head(new, meta, record.begun, record.systems, record.stopped)
+        meta = msgspec.structs.replace(meta_of_record(record.arguments), complete=not record.note, **changes)
+        write_head(new, meta, record.arguments, record.systems, record.stopped)
     return place
 
 
@@ -140,13 +140,15 @@ def write_piece(folder: Path, k: int, t: Array, arrays: Mapping[str, Array]) -> 
     write_arrays(folder / piece_name(k), {"t": t} | _under("record", arrays), "piece", k)
 
 
-def write_head(folder: Path, meta: RecordMeta, made: Begun | None, last: RolloutSystems, stopped: Array) -> None:
+def write_head(
+    folder: Path, meta: RecordMeta, arguments: RolloutArguments | None, last: RolloutSystems, stopped: Array
+) -> None:
     """Write record.npz, all or none.
 
     Raises:
         ResultError: it cannot be written.
     """
-    arrays = {"stopped": stopped} | _of(last, "last") | ({} if made is None else _of(made.systems, "first"))
+    arrays = {"stopped": stopped} | _of(last, "last") | ({} if arguments is None else _of(arguments.systems, "first"))
     write_arrays(folder / RECORD, arrays, "meta", msgspec.to_builtins(meta))
 
 

@@ -1,4 +1,4 @@
-"""The .npz files of a result folder, each whole or known not to be; its chunks: samples, and what happened at them."""
+"""The .npz files of a result folder, whose damage is always detected, and its chunks of samples and log entries."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, MemoryErro
 
 
 class Damage(Exception):
-    """A file is missing or torn, or does not hold what meta.json promises; the message names it."""
+    """A file is missing or damaged, or does not contain what meta.json says; the message names it."""
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Array], name: str, data: Any) -> None:
-    """Write arrays by name, and plain data under a name as a text array of JSON, all or none.
+    """Write arrays by name, and plain data as an array of JSON text, either completely or not at all.
 
     Raises:
         ResultError: they cannot be written.
@@ -38,18 +38,18 @@ def read_arrays(path: Path, data_name: str) -> tuple[dict[str, Array], Any]:
     """Return the arrays of a file by name, and the plain data of the given name.
 
     Raises:
-        Damage: there is no such file, not one byte of it may be believed, or it lacks the plain data.
+        Damage: the file is missing or damaged, or lacks the plain data.
     """
     if not path.is_file():
         raise Damage(f"{path.name} is {'not a file' if path.exists() else 'missing'}")
     try:
-        # opened here: np.load leaves a file open when it is damaged
+        # opened here, because np.load leaves a damaged file open
         with path.open("rb") as raw:
             with zipfile.ZipFile(raw) as archive:
-                # ours are stored as they are; what unpacks to more than the file holds was made to fill the memory
+                # our arrays are not compressed; a file that unpacks to more than its size was made to fill the memory
                 if sum(part.file_size for part in archive.infolist()) > path.stat().st_size:
                     raise Damage(f"{path.name} is damaged: it unpacks to more than the size of the file")
-                torn = archive.testzip()  # before any header is trusted
+                torn = archive.testzip()  # checked before any header is trusted
             if torn is not None:
                 raise Damage(f"{path.name} is damaged at '{torn}'")
             raw.seek(0)
@@ -67,13 +67,13 @@ def chunk_name(k: int) -> str:
 
 
 def stray_chunks(folder: Path, count: int) -> list[Path]:
-    """Return the chunks beyond the first `count`: their writer died before meta.json named them."""
+    """Return the chunks beyond the first `count`, whose writer died before meta.json named them."""
     found = [(path, re.fullmatch(r"chunk_(\d+)\.npz", path.name)) for path in sorted(folder.glob("chunk_*.npz"))]
     return [path for path, match in found if match and int(match[1]) >= count]
 
 
 def write_chunk(folder: Path, k: int, samples: Sequence[Trajectory]) -> None:
-    """Write single samples as chunk k, all or none.
+    """Write samples as chunk k, either completely or not at all.
 
     Raises:
         ResultError: they cannot be written.
@@ -88,11 +88,11 @@ def read_chunk(folder: Path, k: int, count: int) -> Trajectory:
 
     Args:
         folder: the result folder.
-        k: which chunk.
-        count: how many of its samples belong to the run.
+        k: number of the chunk.
+        count: number of its samples that belong to the run.
 
     Raises:
-        Damage: they are not all there.
+        Damage: samples are missing.
     """
     arrays, log = _read(folder, k, count)
     if lacking := [name for name in array_names() if name not in (*arrays, *OF_TRUNK)]:
@@ -106,10 +106,10 @@ def read_chunk(folder: Path, k: int, count: int) -> Trajectory:
 
 
 def cut_chunk(folder: Path, k: int, count: int) -> None:
-    """Leave nothing but the first samples of chunk k, whatever arrays it has.
+    """Remove all but the first samples of chunk k, from all of its arrays.
 
     Raises:
-        Damage: they are not all there.
+        Damage: samples are missing.
         ResultError: the chunk cannot be written.
     """
     arrays, log = _read(folder, k, count)
@@ -120,10 +120,10 @@ def cut_chunk(folder: Path, k: int, count: int) -> None:
 
 
 def _read(folder: Path, k: int, count: int) -> tuple[dict[str, Array], list[dict[str, Any]]]:
-    """Return the arrays of at least so many samples, and the log.
+    """Return the arrays of a chunk with at least the given number of samples, and its log.
 
     Raises:
-        Damage: they are not all there.
+        Damage: samples are missing.
     """
     arrays, log = read_arrays(folder / chunk_name(k), "occurrences")
     for name, array in arrays.items():

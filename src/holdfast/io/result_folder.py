@@ -113,7 +113,7 @@ class ResultWriter:
         self._waiting: list[Trajectory] = []
         self._reported = 0  # occurrences
         self._marked: tuple[int, Checkpoint] | None = None
-        self._begun = False
+        self._started = False
         self._texts: tuple[bytes, ...] = ()  # of meta.json, as this writer left it or was about to
         self._flushed_at = -np.inf  # so that the first sample goes to disk at once
 
@@ -138,7 +138,7 @@ class ResultWriter:
         writer = cls(folder, meta, scene_text, robots=robots, overwrite=True)
         if (found := _resumed(folder, writer._meta)) is not None:
             writer._meta, writer.start = found
-            writer._begun, writer._texts = True, (json_text(writer._meta),)
+            writer._started, writer._texts = True, (json_text(writer._meta),)
             writer._flushed_at = time.monotonic()
         return writer
 
@@ -176,7 +176,7 @@ class ResultWriter:
         """
         if not self._waiting:
             return
-        if self._begun:
+        if self._started:
             self._require_alone()
         else:
             self._begin()
@@ -227,7 +227,7 @@ class ResultWriter:
         remove(*(path for pattern in RESULT_FILES for path in self.folder.glob(pattern)))
         for name, content in {"scene.toml": self._scene, **self._files}.items():
             write_atomically(self.folder / name, content)
-        self._begun = True
+        self._started = True
 
     def _require_alone(self) -> None:
         """Refuse to write where someone else did: two runs would mix."""

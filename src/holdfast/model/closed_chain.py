@@ -97,11 +97,14 @@ class ClosedChain(Frozen):
         return f"<{chr(10).join(lines)}>"
 
     def _repr_html_(self) -> str:
-        """Return a table of the arms with their grasps and of the object, for notebooks."""
+        """Return a table of the arms with their grasps and of the object beside a drawing of these, for notebooks."""
+        from holdfast.view.chain_diagram import chain_diagram
+
         titles = ("", "", "stands", "grasp")
         head = "".join(f"<th>{title}</th>" for title in titles)
         body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self._table())
-        return f"<table><tr>{head}</tr>{body}</table>"
+        table = f"<table><tr>{head}</tr>{body}</table>"
+        return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:start">{table}{chain_diagram(self)}</div>'
 
     def _table(self) -> list[tuple[str, str, str, str]]:
         """Return the name, joints, base and grasp of trunk, arms and object."""
@@ -117,6 +120,8 @@ class ClosedChain(Frozen):
             rows.append((name, _count(arm.joint_count, "joint") if arm.joints else "anchor", where, held))
         mass = self.held_object.mass
         rows.append(("object", f"{mass:.4g} kg" if isinstance(mass, float) else "", "", ""))
+        if self.springs:
+            rows.append(("springs", str(len(self.springs)), "", ""))
         return rows
 
     @property

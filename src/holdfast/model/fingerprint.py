@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from types import FunctionType, MethodType
 from typing import Any
@@ -22,7 +22,7 @@ def fingerprint(model: Any) -> str:
         model: a dataclass of numbers, strings, arrays, and of dataclasses, mappings and sequences
             of these. Anything else in it, such as functions and visuals, is ignored.
     """
-    return _digest(_parts(model, exact=False))
+    return digest_of(_parts(model, exact=False))
 
 
 def exact_fingerprint(value: Any) -> str | None:
@@ -34,12 +34,13 @@ def exact_fingerprint(value: Any) -> str | None:
         value: an object of this library, or a method of one.
     """
     try:
-        return _digest(_parts(value, exact=True))
+        return digest_of(_parts(value, exact=True))
     except TypeError:
         return None
 
 
-def _digest(parts: Iterator[bytes]) -> str:
+def digest_of(parts: Iterable[bytes]) -> str:
+    """Return the SHA-256 digest of byte strings and their lengths, in hexadecimal digits."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(len(part).to_bytes(8, "little"))  # distinguishes ("ab", "c") from ("a", "bc")

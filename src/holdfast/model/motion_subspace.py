@@ -121,13 +121,13 @@ def motion_subspace(motion: Any) -> MotionSubspace:
         v = across @ (across.T @ (Q[3:] @ (Vt[0] / turns[0])))
         point, pitch = np.cross(n, v), float(n @ v)
         pitch = pitch if abs(pitch) > CLOSED else 0.0
-        forces = _begun_with(v, across).T
+        forces = _basis_starting_with(v, across).T
         moments = _complement(n[:, None]).T
         K = np.vstack([np.hstack([moments, np.zeros((2, 3))]), np.hstack([-np.outer(forces @ v, n), forces])])
     else:
         V = Q[3:] @ np.linalg.pinv(Q[:3])  # v = V omega, skew
         point = 0.5 * np.array([V[2, 1] - V[1, 2], V[0, 2] - V[2, 0], V[1, 0] - V[0, 1]])
-        forces = _begun_with(point, np.eye(3)).T
+        forces = _basis_starting_with(point, np.eye(3)).T
         K = np.hstack([np.cross(point, forces), forces])
     rows = _plain(np.vstack([Q.T, K / np.linalg.norm(K, axis=1)[:, None]]))
     axis, place = _rows(_plain(np.array([n, point])))
@@ -158,7 +158,7 @@ def _complement(vectors: Array) -> Array:
     return np.linalg.svd(vectors)[0][:, vectors.shape[1] :]
 
 
-def _begun_with(v: Array, basis: Array) -> Array:
+def _basis_starting_with(v: Array, basis: Array) -> Array:
     """Return an orthonormal basis of the same span with its first column along v, unless v is 0."""
     size = float(np.linalg.norm(v))
     if size <= CLOSED or basis.shape[1] < 2:

@@ -37,7 +37,7 @@ ROWS = (
 # fmt: on
 
 # visuals of the base and of each link
-LOOKS = (
+VISUALS = (
     (cylinder((0, 0, 0), (0, 0, 0.156), 0.046, "dark"),),
     (
         cylinder((0, 0, 0), (0, 0, -0.09), 0.045, "white"),
@@ -56,7 +56,7 @@ LOOKS = (
     (capsule((0, 0, 0), (0, -0.09, 0), 0.034, "white"),),
     (cylinder((0, 0, 0), (0, 0, -0.0615), 0.035, "dark"), box((0, 0.05, -0.045), (0.06, 0.03, 0.02), "dark")),
 )
-GEN3 = LinkTable("gen3", ROWS, FLANGE, GEN3_HOME, LOOKS)
+GEN3 = LinkTable("gen3", ROWS, FLANGE, GEN3_HOME, VISUALS)
 
 
 def gen3(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:

@@ -54,7 +54,7 @@ def _crosswise(length: float, radius: float) -> tuple[Primitive, ...]:
 
 
 # visuals of the base and of each link
-LOOKS = (
+VISUALS = (
     (cylinder((0, 0, 0), (0, 0, 0.14), 0.09),),
     _upright(0.2025, 0.075),
     _crosswise(0.2045, 0.08),
@@ -64,7 +64,7 @@ LOOKS = (
     (sphere((0, 0, 0), 0.07, "accent"), cylinder((0, 0, -0.07), (0, 0, 0.05), 0.055)),
     (cylinder((0, 0, -0.02), (0, 0, 0.045), 0.05, "dark"),),
 )
-IIWA14 = LinkTable("iiwa14", ROWS, FLANGE, IIWA14_HOME, LOOKS)
+IIWA14 = LinkTable("iiwa14", ROWS, FLANGE, IIWA14_HOME, VISUALS)
 
 
 def iiwa14(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:

@@ -57,6 +57,10 @@ class Mechanism(NamedTuple):
     held_object: HeldObject
     grasps: dict[str, Grasp]
 
+    def __repr__(self) -> str:
+        """Return the arms' names and the object's mass."""
+        return f"<Mechanism of {', '.join(self.arms)}: object {self.held_object.mass:.4g} kg>"
+
 
 def stewart_platform(payload: float = 20.0) -> Mechanism:
     """Return a Stewart platform with its base at the world's origin and its platform at a height of 0.45 m.

@@ -43,7 +43,7 @@ ROWS = (
 # fmt: on
 
 # visuals of the base and of each link, which follow the outline of the real ones
-LOOKS = (
+VISUALS = (
     (capsule((-0.08, 0, 0.06), (0, 0, 0.06), 0.06, "white"), cylinder((0, 0, 0), (0, 0, 0.14), 0.07)),
     (capsule((0, 0, -0.18), (0, 0, -0.02), 0.06, "white"),),
     (cylinder((0, 0, -0.07), (0, 0, 0.07), 0.06, "white"), capsule((0, 0, 0), (0, -0.12, 0), 0.06)),
@@ -57,7 +57,7 @@ LOOKS = (
     (cylinder((0, 0, -0.07), (0, 0, 0.06), 0.045, "white"), capsule((0, 0, 0), (0.088, 0, 0), 0.045, "white")),
     (cylinder((0, 0, 0), (0, 0, 0.107), 0.042),),
 )
-PANDA = LinkTable("panda", ROWS, FLANGE, PANDA_HOME, LOOKS)
+PANDA = LinkTable("panda", ROWS, FLANGE, PANDA_HOME, VISUALS)
 
 
 def panda(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:

@@ -35,7 +35,7 @@ ROWS = (
 # fmt: on
 
 # visuals of the base and of each link; the tubes are beside the frames, at the shoulder and elbow offsets
-LOOKS = (
+VISUALS = (
     (cylinder((0, 0, 0), (0, 0, 0.1), 0.075),),
     (cylinder((0, 0, -0.06), (0, 0, 0.06), 0.06), cylinder((0, 0, 0), (0, -0.1, 0), 0.06, "accent")),
     (
@@ -52,7 +52,7 @@ LOOKS = (
     (cylinder((0, 0, -0.045), (0, 0, 0.045), 0.04), cylinder((0, 0, 0), (0, 0.06, 0), 0.04, "accent")),
     (cylinder((0, 0, -0.04), (0, 0, 0), 0.038),),
 )
-UR5E = LinkTable("ur5e", ROWS, Pose.identity(), UR5E_HOME, LOOKS)
+UR5E = LinkTable("ur5e", ROWS, Pose.identity(), UR5E_HOME, VISUALS)
 
 
 def ur5e(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:

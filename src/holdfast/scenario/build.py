@@ -77,6 +77,10 @@ class Scenario:
     trunk: SceneTrunk | None = None
     sweep: SweepData | None = None
 
+    def __repr__(self) -> str:
+        """Return the name, the chain, and how long and in which steps it is simulated."""
+        return f"<Scenario '{self.name}': {self.duration:g} s in steps of {self.step:g} s\n{self.chain!r}>"
+
     @property
     def made(self) -> dict[str, Robot | SceneTrunk]:
         """The robots of the scene by name: the arms and, under "trunk", the trunk if there is one."""

@@ -26,14 +26,14 @@ def together(
         values_at: returns the values at several points, each given with the number of its search.
     """
     found: dict[int, tuple[float, float]] = {}
-    asked = {k: next(search) for k, search in enumerate(searches)}
-    while asked:
-        for k, value in zip(list(asked), values_at(asked), strict=True):
+    points = {k: next(search) for k, search in enumerate(searches)}
+    while points:
+        for k, value in zip(list(points), values_at(points), strict=True):
             try:
-                asked[k] = searches[k].send(value)
+                points[k] = searches[k].send(value)
             except StopIteration as end:
                 found[k] = end.value
-                del asked[k]
+                del points[k]
     return [found[k] for k in range(len(searches))]
 
 

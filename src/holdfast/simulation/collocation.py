@@ -18,7 +18,7 @@ from holdfast.errors import StateError
 from holdfast.simulation.increment import body_parts, displaced, no_turns, turns_between, work_of
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.step import Arrival, Closing, Stage, Step, StepCourse
+from holdfast.simulation.step import EndRequest, ProjectionRequest, StageRequest, StepGenerator, StepResult
 from holdfast.simulation.stepper import ReferenceStepper
 
 STAGES = 6
@@ -38,7 +38,7 @@ def gauss() -> Tableau:
     return Tableau("gauss", 2 * STAGES, c, a, b, np.zeros((0, STAGES)))
 
 
-def collocation_step(now: Instant, until: float) -> StepCourse:
+def collocation_step(now: Instant, until: float) -> StepGenerator:
     """Return the chain one step later, projected onto the grasps; a generator of requests like `take_step`.
 
     Args:
@@ -62,8 +62,8 @@ def collocation_step(now: Instant, until: float) -> StepCourse:
         for t, y in zip(times, increments, strict=True):
             state = displaced(start, y)
             if moving < NEAR:
-                state, _ = yield Closing(t, state)
-            later.append((yield Stage(t, state, turns_between(start, state))))
+                state, _ = yield ProjectionRequest(t, state)
+            later.append((yield StageRequest(t, state, turns_between(start, state))))
         found = np.array(later)
         before, moving = moving, float(h * np.abs(found - slopes)[:, : body_parts(start)[-1].stop].max())
         slopes = found
@@ -72,13 +72,13 @@ def collocation_step(now: Instant, until: float) -> StepCourse:
     if not moving < NEAR:
         raise StateError("the stages of a step through a singular configuration do not settle; try a smaller step")
     y = h * scheme.b @ slopes
-    closed, gaps = yield Closing(until, displaced(start, y))
-    return Step((yield Arrival(until, closed)), gaps, work_of(y), [])
+    closed, gaps = yield ProjectionRequest(until, displaced(start, y))
+    return StepResult((yield EndRequest(until, closed)), gaps, work_of(y), [])
 
 
 @dataclass(frozen=True, eq=False)
 class CollocationStepper(ReferenceStepper):
     """Takes steps by collocation, computed on floats; see `Stepper`."""
 
-    def _course(self, now: Instant, end: float) -> StepCourse:
+    def _generator(self, now: Instant, end: float) -> StepGenerator:
         return collocation_step(now, end)

@@ -50,6 +50,11 @@ class DiscreteLinearisation(Frozen):
     end_basis: Array
     step: float
 
+    def __repr__(self) -> str:
+        """Return the numbers of coordinates and torques, and the step."""
+        sizes = f"{self.A.shape[1]} coordinates, {self.B.shape[1]} torques"
+        return f"<DiscreteLinearisation: {sizes}, a step of {self.step:g} s from {self.state!r}>"
+
 
 @overload
 def linearise(

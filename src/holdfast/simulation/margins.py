@@ -223,9 +223,9 @@ class ViolationTracker:
         for k in np.flatnonzero(np.diff(m < 0.0)):
             ends = float(times[k]), float(m[k]), float(times[k + 1]), float(m[k + 1])
             crossing(curves.signal(i), *ends, CROSSING)
-        looked, margins = curves.table()
-        inside = (looked >= times[0]) & (looked <= times[-1])
-        return looked[inside], margins[inside]
+        evaluated, margins = curves.table()
+        inside = (evaluated >= times[0]) & (evaluated <= times[-1])
+        return evaluated[inside], margins[inside]
 
     def _followed(
         self, entries: list[tuple[int, Array, Array]], signals: Signals, describe: Callable[[float, int], str]

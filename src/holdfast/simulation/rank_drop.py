@@ -138,5 +138,5 @@ def _touched(
     if not (fb < min(fa, fc) and fb < DROPS * drop):
         return None
     search = search_lowest(a, b, c, PLACE * (c - a))
-    ((at, least),) = together([search], lambda asked: [path(t).weakest(rank) for t in asked.values()])
+    ((at, least),) = together([search], lambda points: [path(t).weakest(rank) for t in points.values()])
     return RankDrop(at, int((path(at).sizes[:rank] > LOST).sum()), through=False) if least <= LOST else None

@@ -21,7 +21,7 @@ from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.stops import just_after
 from holdfast.simulation.trajectory import Occurrence
-from holdfast.simulation.zero_order_hold import begun, require_same
+from holdfast.simulation.zero_order_hold import initial_hold, require_same
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
 
@@ -35,7 +35,7 @@ def start_of_run(settings: RunSettings, state: State) -> RunState:
     """
     segment, news = suited(first_segment(settings, Origin(0.0, state, None)), 0.0, state)
     now, gaps = segment.stepper.start(0.0, state, None)
-    held, memory = segment.sampled(0.0, now.state, begun(settings.hold), None)
+    held, memory = segment.sampled(0.0, now.state, initial_hold(settings.hold), None)
     origin = Origin(0.0, now.state, memory)
     now = now if held is None else segment.at(origin)
     blank = Checkpoint(
@@ -92,10 +92,10 @@ def next_state(at: RunState) -> RunState | str | None:
     if stop == len(times):
         return None
     at = at if stop == saved.stop else replace(at, checkpoint=replace(saved, stop=stop))
-    return _jumped(at) if jumps[stop] else stepped(_asked(at))
+    return _jumped(at) if jumps[stop] else stepped(_sampled(at))
 
 
-def _asked(at: RunState) -> RunState:
+def _sampled(at: RunState) -> RunState:
     """Return the run after sampling its controller, if a sample is due at a time without a jump."""
     saved, now = at.checkpoint, at.now
     held, _ = at.segment.sampled(now.t, now.state, saved.held, now.memory)
@@ -165,7 +165,7 @@ def _stretch_begins(
     """
     margins = segment.margins(now)
     tracker, further = saved.tracker.at(now.t, margins, segment.signals, now)
-    begun: dict[str, Any] = {
+    initial: dict[str, Any] = {
         "previous": None,
         "tail_time": now.t,
         "tail": margins[:0],
@@ -176,4 +176,4 @@ def _stretch_begins(
         "tracker": tracker,
         "occurrences": (*saved.occurrences, *news, *further),
     }
-    return RunState(segment, replace(saved, **begun), now, None, gaps, np.array([now.t]), margins[None])
+    return RunState(segment, replace(saved, **initial), now, None, gaps, np.array([now.t]), margins[None])

@@ -29,7 +29,7 @@ from holdfast.simulation.singular_configuration import (
 )
 from holdfast.simulation.stability import elsewhere
 from holdfast.simulation.stepper import Advance, Stepper
-from holdfast.simulation.verification import MarginCurves, StepMargins, look_times, verify
+from holdfast.simulation.verification import MarginCurves, StepMargins, evaluation_times, verify
 
 FASTEST = 1e30  # rad/s or m/s: the squares of faster rates soon overflow float64
 
@@ -183,7 +183,7 @@ def _step_to(
         curves.advances[reached.t] = reached
         curves.margins[reached.t] = segment.margins(reached.instant)
         until = reached.t
-    times = look_times(now.t, until, segment.scheme.c.tolist()) if len(signals.limited) else [until]
+    times = evaluation_times(now.t, until, segment.scheme.c.tolist()) if len(signals.limited) else [until]
     found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest)
     end = found.end
     _require_step(at, found, until)

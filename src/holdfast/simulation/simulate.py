@@ -36,7 +36,7 @@ from holdfast.simulation.segment import MakeStepper, RunSettings
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.stops import ALIKE, step_times, stops
 from holdfast.simulation.trajectory import Trajectory
-from holdfast.simulation.verification import LOOKS
+from holdfast.simulation.verification import EVALUATIONS
 from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
@@ -158,14 +158,14 @@ def simulate(
     acting = given_law(controller, parameters)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends)
 
-    calls = len(ends.times) * (1 if hold else len(named.c) * (LOOKS if joint_limits(chain).limited.any() else 1))
+    calls = len(ends.times) * (1 if hold else len(named.c) * (EVALUATIONS if joint_limits(chain).limited.any() else 1))
     recorder = Recorder(0 if environment.base_motion else len(ends.times))
-    asked = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
+    options = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
-    asked |= {"atol": atol, "largest_drift": limit, "controller": called}
-    asked |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}
-    asked |= {} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay}
-    setting = Setting(chain, environment.base_motion, name, float(duration), float(step), asked)
+    options |= {"atol": atol, "largest_drift": limit, "controller": called}
+    options |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}
+    options |= {} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay}
+    setting = Setting(chain, environment.base_motion, name, float(duration), float(step), options)
     doing, begin = f"simulating {name}", f"{duration:g} s in {len(grid) - 1} steps"
     with (
         laws_by_machine_code(chain, calls),

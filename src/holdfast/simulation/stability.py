@@ -145,7 +145,7 @@ def step_for(decay: Decay, scheme: Tableau) -> float:
 
 def too_fast(chain: ClosedChain, state: State, step: float, scheme: Tableau) -> str | None:
     """Return why steps of an explicit scheme are too long for the joints' dampers and springs; None if they are not."""
-    if scheme.adaptive or scheme.implicit or not may_be_too_fast(chain, state.qd, step, scheme):
+    if scheme.adaptive or scheme.implicit or step <= surely_stable_step(chain, state.qd, scheme):
         return None
     fastest, swings = fastest_passive(chain, state)
     if followed(fastest, step, scheme):
@@ -183,14 +183,13 @@ def fastest_passive(chain: ClosedChain, state: State) -> tuple[Decay, bool]:
     return max((decay, False), (swing, True), key=lambda found: found[0].rate)
 
 
-def may_be_too_fast(chain: ClosedChain, qd: Array, step: float, scheme: Tableau) -> bool:
-    """Return False if the armatures alone make every decay, in every configuration, slow enough for the step.
+def surely_stable_step(chain: ClosedChain, qd: Array, scheme: Tableau) -> float:
+    """Return a step length that is stable in every configuration, because of the armatures alone [s].
 
     Links and grasps only add inertia, so no rate exceeds the largest ratio of resistance to armature.
     """
     passive, most = passive_joints(chain), USED * scheme.stability_interval
     armature = np.array([joint.armature for joint in chain.all_joints])
-    with np.errstate(all="ignore"):  # of steps beyond all numbers
-        too_damped = step * passive.resistance(qd) > most * armature
-        fast = too_damped | (step * step * passive.stiffness > most**2 * armature)
-    return bool(fast.any())
+    with np.errstate(all="ignore"):  # infinite without resistance, which is 0 / 0 without armature, too
+        damped, sprung = armature / passive.resistance(qd), np.sqrt(armature / passive.stiffness)
+    return most * float(np.min(np.nan_to_num([damped, sprung], nan=np.inf, posinf=np.inf), initial=np.inf))

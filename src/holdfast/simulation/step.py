@@ -33,7 +33,7 @@ class Gaps:
     velocity: Array
 
 
-class Stage(NamedTuple):
+class StageRequest(NamedTuple):
     """Request for the slope at a stage of the scheme, which is the time derivative of an `increment`.
 
     Attributes:
@@ -49,7 +49,7 @@ class Stage(NamedTuple):
     implicit: Implicit | None = None
 
 
-class Closing(NamedTuple):
+class ProjectionRequest(NamedTuple):
     """Request for the projection of a state onto the grasps, and for the gaps before and after it.
 
     Attributes:
@@ -61,7 +61,7 @@ class Closing(NamedTuple):
     state: State
 
 
-class Arrival(NamedTuple):
+class EndRequest(NamedTuple):
     """Request for the full evaluation at the step's end.
 
     Attributes:
@@ -73,15 +73,15 @@ class Arrival(NamedTuple):
     state: State
 
 
-Question = Stage | Closing | Arrival
+EvaluationRequest = StageRequest | ProjectionRequest | EndRequest
 
 
-class Step(NamedTuple):
+class StepResult(NamedTuple):
     """The result of a step.
 
     Attributes:
-        later: the answer to the request `Arrival`.
-        gaps: the gaps in the answer to the request `Closing`.
+        later: the reply to `EndRequest`.
+        gaps: the gaps in the reply to `ProjectionRequest`.
         work: (4,) work done during the step, in the order of `balance.WORK_TERMS` [J].
         estimates: the scheme's estimates of the increment's error.
     """
@@ -92,16 +92,16 @@ class Step(NamedTuple):
     estimates: list[Array]
 
 
-StepCourse = Generator[Question, Any, Step]
+StepGenerator = Generator[EvaluationRequest, Any, StepResult]
 
 
 def take_step(
     start: State, first: Array, h: Scalar, times: Sequence[Scalar], scheme: Tableau, passive: Passive | None = None
-) -> StepCourse:
+) -> StepGenerator:
     """Return the chain one step later, projected onto the grasps.
 
-    This is a generator of requests for the evaluation of the chain. The caller answers them with floats (`stepper`),
-    with machine code for several end times at once (`rollout.compiled_steppers`), or with traced numbers
+    This generator yields requests for evaluations of the chain. The caller replies with floats (`stepper`), with
+    results of machine code for several end times at once (`rollout.compiled_steppers`), or with traced numbers
     (`rollout.traced_step`).
 
     Args:
@@ -117,21 +117,21 @@ def take_step(
     """
     until = times[-1]
 
-    def stage(i: int, y: Array | None, implicit: Implicit | None = None) -> Stage:
+    def stage(i: int, y: Array | None, implicit: Implicit | None = None) -> StageRequest:
         if y is None:
-            return Stage(times[i], start, no_turns(start), implicit)
-        return Stage(times[i], displaced(start, _finite(y)), turns_of(start, y), implicit)
+            return StageRequest(times[i], start, no_turns(start), implicit)
+        return StageRequest(times[i], displaced(start, _finite(y)), turns_of(start, y), implicit)
 
     if passive is None:
         y, estimates = yield from runge_kutta_step(first, h, scheme, stage)
     else:
         y, estimates = (yield from imex_step(start, passive, h, scheme, stage)), []
-    closed, gaps = yield Closing(until, displaced(start, _finite(y)))
-    later = yield Arrival(until, closed)
-    return Step(later, gaps, work_of(y), estimates)
+    closed, gaps = yield ProjectionRequest(until, displaced(start, _finite(y)))
+    later = yield EndRequest(until, closed)
+    return StepResult(later, gaps, work_of(y), estimates)
 
 
-def course_of(now: Instant, until: float, scheme: Tableau) -> StepCourse:
+def step_generator(now: Instant, until: float, scheme: Tableau) -> StepGenerator:
     """Return the generator of a step from an instant to a time [s]."""
     h = until - now.t
     times = [*(now.t + c * h for c in scheme.c.tolist()), until]
@@ -139,26 +139,28 @@ def course_of(now: Instant, until: float, scheme: Tableau) -> StepCourse:
     return take_step(now.state, now.rates(no_turns(now.state)), h, times, scheme, passive)
 
 
-def answered(course: StepCourse, answer: Callable[[Question], Any]) -> Step:
-    """Return the result of a step whose requests are answered one by one."""
-    (step,) = answered_together([course], lambda questions: [answer(questions[0])])
+def run_step(generator: StepGenerator, evaluate: Callable[[EvaluationRequest], Any]) -> StepResult:
+    """Return the result of a step whose requests are evaluated one by one."""
+    (step,) = run_steps_together([generator], lambda requests: [evaluate(requests[0])])
     return step
 
 
-def answered_together(courses: Sequence[StepCourse], answer: Callable[[list[Question]], Sequence[Any]]) -> list[Step]:
-    """Return the results of several steps of one scheme, whose requests are answered together, stage by stage."""
-    replies: Sequence[Any] = [None] * len(courses)
+def run_steps_together(
+    generators: Sequence[StepGenerator], evaluate: Callable[[list[EvaluationRequest]], Sequence[Any]]
+) -> list[StepResult]:
+    """Return the results of several steps of one scheme, whose requests are evaluated together, stage by stage."""
+    replies: Sequence[Any] = [None] * len(generators)
     while True:
-        questions: list[Question] = []
-        ends: list[Step] = []
-        for course, reply in zip(courses, replies, strict=True):
+        requests: list[EvaluationRequest] = []
+        ends: list[StepResult] = []
+        for generator, reply in zip(generators, replies, strict=True):
             try:
-                questions.append(course.send(reply))
+                requests.append(generator.send(reply))
             except StopIteration as end:
                 ends.append(end.value)
-        if not questions:
+        if not requests:
             return ends
-        replies = answer(questions)
+        replies = evaluate(requests)
 
 
 def back_on_constraint(

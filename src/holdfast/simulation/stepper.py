@@ -25,15 +25,15 @@ from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.runge_kutta import RK4, Tableau
 from holdfast.simulation.step import (
-    Closing,
+    EvaluationRequest,
     Gaps,
-    Question,
-    Stage,
-    StepCourse,
-    answered,
+    ProjectionRequest,
+    StageRequest,
+    StepGenerator,
     back_on_constraint,
-    course_of,
     rows_held_near,
+    run_step,
+    step_generator,
 )
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -127,7 +127,7 @@ class ReferenceStepper:
 
     def _to(self, now: Instant, end: float) -> Advance:
         try:
-            step = answered(self._course(now, end), lambda question: self._answer(question, now))
+            step = run_step(self._generator(now, end), lambda request: self._handle(request, now))
         except (SingularChainError, ClosureError, StateError) as cause:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
         except ModelError:  # the model is valid: the state from which the inertia is computed has overflowed
@@ -136,19 +136,22 @@ class ReferenceStepper:
         error = self.tolerance.ratio(step.estimates, now.state, step.later.state)
         return Advance(end, step.later, step.gaps, step.work, error)
 
-    def _course(self, now: Instant, end: float) -> StepCourse:
+    def _generator(self, now: Instant, end: float) -> StepGenerator:
         """Return the generator of the step."""
-        return course_of(now, end, self.scheme)
+        return step_generator(now, end, self.scheme)
 
-    def _answer(self, question: Question, now: Instant) -> Any:
-        """Answer a request of a step from `now`; the controller's memory is updated once per step, at its start."""
+    def _handle(self, request: EvaluationRequest, now: Instant) -> Any:
+        """Return the reply to a request of a step from `now`.
+
+        The controller's memory is updated once per step, at its start.
+        """
         held = now.result.held  # the same rows during the whole step
-        if isinstance(question, Closing):
-            return back_on_constraint(self.environment, question.t, question.state, held)
-        if isinstance(question, Stage):
-            at = self._evaluated(question.t, question.state, now.memory, held, question.implicit)
-            return at.rates(question.turns)
-        return self.evaluate(question.t, question.state, now.memory)
+        if isinstance(request, ProjectionRequest):
+            return back_on_constraint(self.environment, request.t, request.state, held)
+        if isinstance(request, StageRequest):
+            at = self._evaluated(request.t, request.state, now.memory, held, request.implicit)
+            return at.rates(request.turns)
+        return self.evaluate(request.t, request.state, now.memory)
 
     def _evaluated(
         self, t: float, state: State, memory: Any, held: Array | None, implicit: Implicit | None = None

@@ -67,6 +67,20 @@ class Summary:
     limit_excess: tuple[float, str] | None
     occurrences: tuple[Occurrence, ...]
 
+    def __repr__(self) -> str:
+        """Return how far the run got, the largest closure error and the peak forces."""
+        peaks = "".join(f", {name} {force:.4g} N" for name, force in self.peak_force.items())
+        end = "complete" if self.stopped is None else self.stopped
+        parts = f"closure error {self.worst_position_gap:.1e}; peak forces{peaks[1:] or ' none'}"
+        return f"<Summary: {self.samples} samples, to {self.last_time:g} s, {end}; {parts}>"
+
+    def _repr_html_(self) -> str:
+        """Return the table of `holdfast summary` for notebooks."""
+        from holdfast.view.inline import table
+        from holdfast.view.summary_table import rows
+
+        return table(rows(self))
+
 
 def summarise(chain: ClosedChain, run: Trajectory) -> Summary:
     """Return the summary of a run of the chain."""

@@ -36,7 +36,7 @@ from holdfast.simulation.instant import Instant
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
 
-LOOKS = 8  # evaluations per step, besides the stage times
+EVALUATIONS = 8  # evaluations per step, besides the stage times
 DROPS = 2.0
 FLAT = 1e-9  # relative, or absolute below 1: a smaller drop is rounding
 PLACE = 1e-7  # precision of the time of a minimum, as a fraction of the step
@@ -80,7 +80,7 @@ class MarginCurves:
     margins: dict[float, Array]
     advances: dict[float, Advance]
 
-    def look(self, times: Sequence[float]) -> HoldfastError | None:
+    def evaluate(self, times: Sequence[float]) -> HoldfastError | None:
         """Evaluate the margins at several times; return the error of the first time that cannot be reached, or None."""
         found = self.reach([t for t in times if t not in self.margins])
         failed = next((k for k, reached in enumerate(found) if reached.instant is None), len(found))
@@ -95,7 +95,7 @@ class MarginCurves:
         """Return one margin as a function of time, which raises the error of a step that fails."""
 
         def margin(t: float) -> float:
-            failure = self.look([t])
+            failure = self.evaluate([t])
             if failure is not None:
                 raise failure
             return float(self.margins[t][i])
@@ -108,7 +108,7 @@ class MarginCurves:
         return times, np.array([self.margins[t] for t in times])
 
 
-def look_times(begin: float, end: float, nodes: Sequence[float]) -> list[float]:
+def evaluation_times(begin: float, end: float, nodes: Sequence[float]) -> list[float]:
     """Return the times after `begin` at which the margins of a step are evaluated; the last is `end`.
 
     Args:
@@ -116,7 +116,7 @@ def look_times(begin: float, end: float, nodes: Sequence[float]) -> list[float]:
         end: end of the step [s].
         nodes: stage times of the scheme, as fractions of a step.
     """
-    parts = {k / LOOKS for k in range(1, LOOKS)} | {float(c) for c in nodes if 0.0 < c < 1.0}
+    parts = {k / EVALUATIONS for k in range(1, EVALUATIONS)} | {float(c) for c in nodes if 0.0 < c < 1.0}
     inside = {begin + part * (end - begin) for part in parts}
     return [*sorted(t for t in inside if begin < t < end), end]
 
@@ -130,15 +130,15 @@ def verify(
         curves: the margin curves, which contain the margins at the step's start and, if the margins are smooth there,
             those of the last evaluation before it.
         begin: the step's start [s].
-        times: times to evaluate, from `look_times`.
+        times: times to evaluate, from `evaluation_times`.
         watched: indices of the signals that have a limit.
         acting: indices of those that end the step when they become negative.
         lowest: (signals,) the lowest margins of the run so far.
     """
-    failure = curves.look(times)
+    failure = curves.evaluate(times)
     try:
         if failure is None:
-            _look_closer(curves, begin, watched)
+            _evaluate_ends(curves, begin, watched)
             _refine_minima(curves, watched, lowest, PLACE * (times[-1] - begin))
         zero = _first_zero(curves, begin, acting)
     except REFUSALS as cause:
@@ -153,7 +153,7 @@ def verify(
     return StepMargins(found[kept], margins[kept], int(np.searchsorted(found, begin)), curves.advances[end], signal)
 
 
-def _look_closer(curves: MarginCurves, begin: float, watched: Array) -> None:
+def _evaluate_ends(curves: MarginCurves, begin: float, watched: Array) -> None:
     """Evaluate the first or last eighth of a step in eighths if a margin may be negative within it."""
     times, margins = curves.table()
     first = int(np.searchsorted(times, begin))
@@ -165,8 +165,8 @@ def _look_closer(curves: MarginCurves, begin: float, watched: Array) -> None:
         drop = m[b] - m[a]
         steepest = np.maximum(drop, m[c] - m[b])
         if ((drop > 0.0) & (m[a] >= 0.0) & (m[a] < DROPS * steepest)).any():
-            more += [times[s] + k / LOOKS * (times[t] - times[s]) for k in range(1, LOOKS)]
-    failure = curves.look(sorted({float(t) for t in more} - {float(t) for t in times})) if more else None
+            more += [times[s] + k / EVALUATIONS * (times[t] - times[s]) for k in range(1, EVALUATIONS)]
+    failure = curves.evaluate(sorted({float(t) for t in more} - {float(t) for t in times})) if more else None
     if failure is not None:
         raise failure
 
@@ -184,11 +184,11 @@ def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precisio
     worthwhile |= (m[1:-1] >= 0.0) & (possible < 0.0)
     found = [(times[k : k + 3].tolist(), int(watched[i])) for k, i in np.argwhere(bracket & worthwhile)]
 
-    def margins_at(asked: Mapping[int, float]) -> list[float]:
-        failure = curves.look(sorted(set(asked.values())))
+    def margins_at(times_of: Mapping[int, float]) -> list[float]:
+        failure = curves.evaluate(sorted(set(times_of.values())))
         if failure is not None:
             raise failure
-        return [float(curves.margins[t][found[k][1]]) for k, t in asked.items()]
+        return [float(curves.margins[t][found[k][1]]) for k, t in times_of.items()]
 
     together([search_lowest(a, b, c, precision) for (a, b, c), _ in found], margins_at)
 

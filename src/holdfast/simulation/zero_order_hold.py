@@ -121,7 +121,7 @@ def _brought_to(at: Array, times: Array, apart: float) -> Array:
     return np.where(np.abs(nearest - times) <= apart, nearest, times)
 
 
-def begun(hold: ZeroOrderHold | None) -> HeldTorques | None:
+def initial_hold(hold: ZeroOrderHold | None) -> HeldTorques | None:
     """Return the state of a sampled controller that has not been called yet; None without a hold."""
     return None if hold is None else HeldTorques(0, None, (), hold.sample_time, hold.delay)
 

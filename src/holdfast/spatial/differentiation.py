@@ -1,10 +1,11 @@
-"""Derivatives of a text: it runs on numbers that know what they were made of.
+"""Automatic differentiation: a function runs on numbers that record the operations by which they were computed.
 
-A text made linear at a point is the list of its operations' slopes there. Rates are carried through it forward, and a
-gradient comes back through it. The scalars beneath may be of any kind, floats, traced numbers or recorded ones again,
-and slopes are made with the words of `scalar`: the gradient of a traced text is traced, and only what depends on what
-is varied is there at all. What a text closes over is held. Where it chooses, the derivative is that of the branch
-taken; those of a square root at 0 and of an angle at the origin are 0.
+The linearisation of a function at a point is the list of its operations with their partial derivatives. Forward mode
+propagates rates through the list; reverse mode propagates cotangents back through it. The underlying scalars may be
+floats, traced numbers, or recorded numbers again. Partial derivatives are computed with the functions of `scalar`, so
+the gradient of a traced function is traced, and it contains only operations that depend on the varied arrays. Variables
+in the closure of a function are constants. At a `where`, the derivative is that of the branch taken. The derivatives of
+a square root at 0 and of an angle at the origin are 0.
 """
 
 from __future__ import annotations
@@ -19,15 +20,15 @@ import numpy as np
 from holdfast.spatial.linear import Linear, Result, Rule, Ruled, Step, array_of
 from holdfast.spatial.scalar import Array, Scalar, arctan2, cos, exp, sin, sqrt, tanh, where
 
-_levels = count(1)  # of derivatives within derivatives: a later one lies outside
+_levels = count(1)  # nesting level of derivatives within derivatives
 
 
 class Operation(NamedTuple):
     """An operation and its partial derivatives.
 
     Attributes:
-        of: the operation.
-        slopes: per operand, its derivative as a function of the operands, then the result.
+        of: the operation itself.
+        slopes: per operand, the derivative as a function of the operands and, last, the result.
     """
 
     of: Callable[..., Scalar]
@@ -61,22 +62,22 @@ CHOOSE = Operation(
 
 
 class Recorded:
-    """A scalar whose making is on record.
+    """A scalar whose computation is recorded on a tape.
 
     Attributes:
-        tape: the record.
+        tape: the tape.
         value: the scalar.
-        place: its own on the record.
+        place: its index on the tape.
     """
 
     __slots__ = ("place", "tape", "value")
-    __array_priority__ = -1.0  # between NumPy's scalars and its arrays, which go entry by entry
+    __array_priority__ = -1.0  # above NumPy's scalars and below its arrays, whose operations go entry by entry
 
     def __init__(self, tape: Tape, value: Scalar, place: int) -> None:
         self.tape, self.value, self.place = tape, value, place
 
     def chosen(self, condition: Any, a: Scalar, b: Scalar) -> Scalar:
-        """Return what `where` does."""
+        """Return `where(condition, a, b)`, recorded."""
         return _applied(CHOOSE, condition, a, b)
 
     def __add__(self, other: Any) -> Any:
@@ -133,11 +134,11 @@ class Recorded:
         return _applied(COS, self)
 
     def arctan2(self, x: Any) -> Any:
-        """Return the angle of a point, of which this is y."""
+        """Return the angle of the point whose y coordinate is this number."""
         return _applied(ARCTAN2, self, x)
 
     def arctan2_of(self, y: Any) -> Any:
-        """Return the angle of a point, of which this is x."""
+        """Return the angle of the point whose x coordinate is this number."""
         return _applied(ARCTAN2, y, self)
 
     def __lt__(self, other: Any) -> Any:
@@ -157,23 +158,23 @@ class Recorded:
 
 
 class Tape:
-    """The record of a text's operations.
+    """The record of a function's operations.
 
     Attributes:
-        level: of the derivative: one within which another's numbers are varied comes later.
+        level: nesting level of the derivative; a derivative within another has a higher level.
     """
 
     def __init__(self) -> None:
         self.level = next(_levels)
-        self._made: list[_Made | _Ruled | None] = []  # None: a variable, or a later number of what a rule is for
+        self._made: list[_Made | _Ruled | None] = []  # None: a variable, or a further result of a rule
 
     def variable(self, value: Scalar) -> Recorded:
-        """Return a number that is varied."""
+        """Return a new number that is varied."""
         self._made.append(None)
         return Recorded(self, value, len(self._made) - 1)
 
     def write(self, operation: Operation, operands: tuple[Any, ...]) -> Recorded:
-        """Return an operation's result."""
+        """Record an operation and return its result."""
         own = [isinstance(x, Recorded) and x.tape is self for x in operands]
         values = [x.value if mine else x for x, mine in zip(operands, own, strict=True)]
         found = operation.of(*values)
@@ -182,7 +183,7 @@ class Tape:
         return Recorded(self, found, len(self._made) - 1)
 
     def write_ruled(self, found: Sequence[Any], rule: Rule, given: Sequence[Any]) -> list[Array]:
-        """Return results that a rule knows the derivatives of; see `by_rule`."""
+        """Record results whose derivatives a rule computes, and return them; see `by_rule`."""
         arrays, shapes = [np.asarray(x) for x in given], tuple([np.shape(x) for x in found])
         first, size = len(self._made), sum(math.prod(shape) for shape in shapes)
         self._made += [_Ruled(rule, [Result(x.shape, self.places(x)) for x in arrays], shapes), *([None] * (size - 1))]
@@ -191,12 +192,20 @@ class Tape:
         ends = np.cumsum([0, *(math.prod(shape) for shape in shapes)]).tolist()
         return [array_of(own[a:b], shape) for a, b, shape in zip(ends, ends[1:], shapes, strict=False)]
 
+    def values(self, x: Any) -> Array:
+        """Return an array whose entries on this record are replaced by their scalars."""
+        array = np.asarray(x)
+        if array.dtype != object:
+            return array
+        entries = [e.value if isinstance(e, Recorded) and e.tape is self else e for e in array.ravel().tolist()]
+        return array_of(entries, array.shape)
+
     def places(self, x: Array) -> tuple[int, ...]:
-        """Return the places of an array's entries; -1 for what is not on the record."""
+        """Return the indices of an array's entries on the tape; -1 for entries that are not recorded."""
         return tuple([e.place if isinstance(e, Recorded) and e.tape is self else -1 for e in x.ravel().tolist()])
 
     def linear(self, shapes: tuple[tuple[int, ...], ...], results: Sequence[Any]) -> Linear:
-        """Return the text with these results made linear: only what they depend on."""
+        """Return the linearised function with these results, reduced to the operations on which they depend."""
         arrays = [np.asarray(x) for x in results]
         own = [self.places(x) for x in arrays]
         needed = {place for places in own for place in places if place >= 0}
@@ -222,7 +231,7 @@ class Tape:
 
 
 class _Made(NamedTuple):
-    """An operation on record: what it is, its operands, which of them are on record where, and what it made."""
+    """A recorded operation: the operation, its operands, their indices on the tape, and its result."""
 
     operation: Operation
     values: list[Scalar]
@@ -243,7 +252,7 @@ class _Made(NamedTuple):
 
 
 class _Ruled(NamedTuple):
-    """A function with a rule on record, as `Ruled` has it."""
+    """A recorded function whose derivatives a rule computes; see `Ruled`."""
 
     rule: Rule
     given: list[Result]
@@ -263,12 +272,12 @@ class _Ruled(NamedTuple):
 
 
 def by_rule(found: Sequence[Any], rule: Rule, *given: Any) -> list[Array]:
-    """Return results of a function whose derivatives are known otherwise than by its operations.
+    """Return the results of a function whose derivatives a rule computes.
 
     Args:
-        found: the results, as `bare` values of what is given make them.
-        rule: the derivatives there.
-        given: what the function depends on.
+        found: the results for the `bare` values of the arguments.
+        rule: the rule for the derivatives at this point.
+        given: the arguments of the function.
     """
     entries = [entry for x in given for entry in np.asarray(x).flat if isinstance(entry, Recorded)]
     if not entries:
@@ -276,24 +285,37 @@ def by_rule(found: Sequence[Any], rule: Rule, *given: Any) -> list[Array]:
     return max((entry.tape for entry in entries), key=lambda tape: tape.level).write_ruled(found, rule, given)
 
 
+def by_rule_below(make: Callable[..., tuple[Sequence[Any], Rule]], *given: Any) -> list[Array]:
+    """Return results of a function that comes with a rule; numbers of derivatives further in keep theirs.
+
+    Args:
+        make: takes what is given without its outermost derivatives, and returns the results and the rule there.
+        given: what the function depends on.
+    """
+    entries = [entry for x in given for entry in np.asarray(x).flat if isinstance(entry, Recorded)]
+    tape = max((entry.tape for entry in entries), key=lambda tape: tape.level)
+    found, rule = make(*(tape.values(x) for x in given))
+    return tape.write_ruled(found, rule, given)
+
+
 def is_recorded(x: Any) -> bool:
-    """Return whether any entry of an array is on a record."""
+    """Return whether any entry of an array is recorded on a tape."""
     array = np.asarray(x)
     return array.dtype == object and any(isinstance(entry, Recorded) for entry in array.flat)
 
 
 def bare(x: Any) -> Array:
-    """Return an array's values, off every record."""
+    """Return an array's values without any recording."""
     array = np.asarray(x)
     return array if array.dtype != object else array_of([_bare(entry) for entry in array.flat], array.shape)
 
 
 def linearised(f: Callable[..., Sequence[Any]], *given: Any) -> Linear:
-    """Return a text made linear.
+    """Return the linearisation of a function at a point.
 
     Args:
-        f: takes arrays like those given and returns a sequence of arrays.
-        given: where.
+        f: function of arrays that returns a sequence of arrays.
+        given: the arrays at which the function is linearised.
     """
     tape, arrays = Tape(), [np.asarray(x) for x in given]
     varied = [array_of([tape.variable(entry) for entry in x.ravel().tolist()], x.shape) for x in arrays]
@@ -301,12 +323,12 @@ def linearised(f: Callable[..., Sequence[Any]], *given: Any) -> Linear:
 
 
 def gradient(f: Callable[..., Scalar], *given: Any) -> tuple[Array, ...]:
-    """Return the gradient of a scalar text by each of its arrays, in their shapes; a few times the text's cost."""
+    """Return the gradient of a scalar function with respect to each argument, at a few times the function's cost."""
     return linearised(lambda *x: (f(*x),), *given).gradient(1.0)
 
 
 def _applied(operation: Operation, *operands: Any) -> Any:
-    """Return an operation's result on the latest record among its operands'."""
+    """Return the result of an operation, recorded on the tape of the highest level among its operands."""
     latest: Tape | None = None
     for x in operands:
         if isinstance(x, Recorded):

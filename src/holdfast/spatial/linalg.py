@@ -14,14 +14,14 @@ RANK_TOLERANCE = 1e-12
 
 
 class MaskedLDL(NamedTuple):
-    """S = L diag(d) L^T with the pivots below a tolerance taken as absent.
+    """The factorisation S = L diag(d) L^T, in which pivots below a tolerance are dropped.
 
     Attributes:
         L: (n, n) unit lower triangular.
         pivots: (n,) d, and 0 where the pivot was dropped.
         inverse_pivots: (n,) 1/d, and 0 where the pivot was dropped.
-        kept: how many pivots were kept: the rank.
-        weakest: the smallest kept pivot, relative to a typical one (1 if none).
+        kept: number of kept pivots, which is the rank.
+        weakest: the smallest kept pivot, relative to a typical one; 1 if none is kept.
     """
 
     L: Array
@@ -34,17 +34,17 @@ class MaskedLDL(NamedTuple):
 def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE, typical: Array | None = None) -> MaskedLDL:
     """Factorise a positive semidefinite matrix in the given order, dropping null pivots.
 
-    A pivot d_j <= tolerance * size_j is a rounding residue of zero: 1/d_j := 0. The solution is
-    then one of the solutions whenever there is one (docs/theory/sequential_filter.md, "Rank"). The sizes are those of
-    what was summed: scale_j to begin with, and a row that took L_ij times row j takes over its
-    rounding, size_i + L_ij^2 size_j. So a row that is null but for a small pivot before it is null
-    (without this, its rounding divided by that pivot would be a number).
+    A pivot d_j <= tolerance * size_j is zero up to rounding, and 1/d_j is set to 0. If S x = b has solutions, the
+    result is one of them (docs/theory/sequential_filter.md, "Rank"). The size of a row bounds its rounding error. It
+    begins with scale_j; when L_ij times row j is subtracted from row i, the rounding error of row j is added to that of
+    row i: size_i + L_ij^2 size_j. Without this, a null row after a small pivot would seem to be regular, because its
+    rounding error is divided by that pivot.
 
     Args:
         S: (n, n) symmetric.
-        scale: (n,) size of what each diagonal entry was summed from.
+        scale: (n,) size of the terms of which each diagonal entry is the sum.
         tolerance: relative size of a pivot that counts as zero.
-        typical: (n,) what the smallest kept pivot is compared with; by default `scale`.
+        typical: (n,) typical pivots, to which the smallest kept one is compared; by default `scale`.
 
     Returns:
         The factors and the rank. Cost n^3/3 + O(n^2).
@@ -73,7 +73,7 @@ def ldl_solve(factors: MaskedLDL, b: Array) -> Array:
 
 
 def halfway(factors: MaskedLDL, b: Array) -> tuple[Array, Array]:
-    """Return v = L^-1 b and u = D^-1 v, of which S^-1 b = L^-T u and b^T S^-1 b = v^T u; b is (n,) or (n, m)."""
+    """Return v = L^-1 b and u = D^-1 v, with which S^-1 b = L^-T u and b^T S^-1 b = v^T u; b is (n,) or (n, m)."""
     v = forward_substitution(factors.L, b)
     return v, (v.T * factors.inverse_pivots).T
 
@@ -81,12 +81,12 @@ def halfway(factors: MaskedLDL, b: Array) -> tuple[Array, Array]:
 def largest_first(S: Array, size: Array, tolerance: float = RANK_TOLERANCE) -> tuple[list[Scalar], list[Array]]:
     """Factorise a positive semidefinite matrix into sum_k d_k w_k w_k^T, the largest pivot first.
 
-    d_k is the largest diagonal entry left, relative to its size, w_k its column over d_k; what is left
-    after it is S - d_k w_k w_k^T. So no entry of w_k is much above one, and what is null comes last.
+    d_k is the largest remaining diagonal entry, relative to its size, and w_k is its column divided by d_k; then
+    d_k w_k w_k^T is subtracted from S. Therefore no entry of w_k is much larger than one, and null pivots come last.
 
     Args:
         S: (n, n) symmetric.
-        size: (n,) size of what each diagonal entry was summed from.
+        size: (n,) size of the terms of which each diagonal entry is the sum.
         tolerance: relative size of a pivot that counts as zero.
 
     Returns:
@@ -107,9 +107,9 @@ def largest_first(S: Array, size: Array, tolerance: float = RANK_TOLERANCE) -> t
 
 
 def least_solution(A: Array, b: Array) -> Array:
-    """Return the least x that brings A x nearest to b: A^T (A A^T)^+ b.
+    """Return the least-squares solution of A x = b with the smallest norm, A^T (A A^T)^+ b.
 
-    With A A^T = W D W^T (`largest_first`), its pseudo-inverse is W G D^+ G W^T, G = (W^T W)^+.
+    With A A^T = W D W^T (`largest_first`), the pseudo-inverse of A A^T is W G D^+ G W^T, where G = (W^T W)^+.
 
     Args:
         A: (m, n), rows in one unit; singular values below 1e-6 of the largest count as zero.

@@ -1,6 +1,6 @@
-"""A text made linear at a point: the list of its operations' slopes there, in order.
+"""A function linearised at a point: the list of its operations with their partial derivatives there, in order.
 
-Rates are carried through it forward, and a gradient comes back through it.
+Forward mode propagates rates through the list; reverse mode propagates cotangents back through it.
 """
 
 from __future__ import annotations
@@ -17,31 +17,31 @@ from holdfast.spatial.scalar import Array, Scalar, each
 
 
 class Result(NamedTuple):
-    """An array of a linear text.
+    """A result of a linearised function.
 
     Attributes:
         shape: its shape.
-        places: of its entries; -1 for those that do not vary.
+        places: (shape) index of each entry among all numbers; -1 for entries that do not vary.
     """
 
     shape: tuple[int, ...]
     places: tuple[int, ...]
 
     def numbered(self, new: Mapping[int, int]) -> Result:
-        """Return it with other places."""
+        """Return the same with other indices."""
         return self._replace(places=tuple([new[place] for place in self.places]))
 
     def taken(self, numbers: Sequence[Scalar]) -> Array:
-        """Return what lies at its places, 0 for what does not vary."""
+        """Return the values at the result's indices, and 0 for entries that do not vary."""
         return array_of([0.0 if place < 0 else numbers[place] for place in self.places], self.shape)
 
 
 class Step(NamedTuple):
-    """An operation of a linear text.
+    """An operation of a linearised function.
 
     Attributes:
-        places: of the operands that vary.
-        slopes: its derivatives by them.
+        places: indices of the operands that vary.
+        slopes: its derivatives with respect to these operands.
     """
 
     places: tuple[int, ...]
@@ -49,22 +49,22 @@ class Step(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many numbers it makes."""
+        """Number of results."""
         return 1
 
     def part(self, needed: set[int], own: int) -> tuple[Step, range] | None:
-        """Return it, and where its number lies, from a place on, if that is needed; then so are its operands."""
+        """Return the operation with the index of its result, if that is needed, and mark its operands as needed."""
         if own not in needed:
             return None
         needed.update(self.places)
         return self, range(own, own + 1)
 
     def numbered(self, new: Mapping[int, int]) -> Step:
-        """Return it with other places."""
+        """Return the same with other indices."""
         return self._replace(places=tuple([new[place] for place in self.places]))
 
     def forward(self, found: list[Scalar]) -> None:
-        """Add its rate to those of all numbers before it."""
+        """Append the rate of the result to the rates of all numbers before it."""
         total: Scalar = 0.0
         for place, slope in zip(self.places, self.slopes, strict=True):
             if not is_zero(found[place]):
@@ -72,30 +72,30 @@ class Step(NamedTuple):
         found.append(total)
 
     def backward(self, found: list[Scalar], own: int) -> None:
-        """Carry its cotangent, which lies at a place, on to its operands."""
+        """Propagate the cotangent of the result, at a given index, to the operands."""
         for place, slope in zip(self.places, self.slopes, strict=True):
             found[place] = found[place] + found[own] * slope
 
 
 class Rule(Protocol):
-    """Derivatives of a function at a point, known otherwise than by its operations."""
+    """Derivatives of a function at a point that are computed without differentiating its operations."""
 
     def rates(self, *rates: Any) -> Sequence[Array]:
-        """Return how fast the results change while what is given does."""
+        """Return the rates of the results for rates of the arguments."""
         ...
 
     def gradient(self, *cotangents: Any) -> Sequence[Array]:
-        """Return the gradient of sum(cotangent . result) by each of the arrays that are given."""
+        """Return the gradient of sum(cotangent . result) with respect to each argument."""
         ...
 
 
 class Ruled(NamedTuple):
-    """A function of a linear text whose derivatives a rule knows.
+    """A function within a linearised function whose derivatives a rule computes.
 
     Attributes:
         rule: the rule.
-        given: what it depends on; -1 for entries that do not vary.
-        made: shapes of its results.
+        given: indices of the numbers on which it depends; -1 for entries that do not vary.
+        made: shapes of the results.
     """
 
     rule: Rule
@@ -104,11 +104,11 @@ class Ruled(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many numbers it makes."""
+        """Number of results."""
         return sum(math.prod(shape) for shape in self.made)
 
     def part(self, needed: set[int], own: int) -> tuple[Ruled, Sequence[int]] | None:
-        """Return what of it is needed, and where its numbers lie, from a place on; then so is what it depends on."""
+        """Return the needed part with its results' indices, and mark the numbers on which it depends as needed."""
         ends = np.cumsum([own, *(math.prod(shape) for shape in self.made)]).tolist()
         spans = [range(begin, end) for begin, end in pairwise(ends)]
         kept = [k for k, span in enumerate(spans) if not needed.isdisjoint(span)]
@@ -123,16 +123,16 @@ class Ruled(NamedTuple):
         return found, [place for span in spans for place in span]
 
     def numbered(self, new: Mapping[int, int]) -> Ruled:
-        """Return it with other places."""
+        """Return the same with other indices."""
         return self._replace(given=tuple([of.numbered(new) for of in self.given]))
 
     def forward(self, found: list[Scalar]) -> None:
-        """Add its rates to those of all numbers before it."""
+        """Append the rates of the results to the rates of all numbers before them."""
         for x in self.rule.rates(*(of.taken(found) for of in self.given)):
             found += np.asarray(x).ravel().tolist()
 
     def backward(self, found: list[Scalar], own: int) -> None:
-        """Carry its cotangents, which lie from a place on, on to what it depends on."""
+        """Propagate the cotangents of the results, from a given index on, to the numbers on which they depend."""
         cotangents = []
         for shape in self.made:
             cotangents.append(array_of(found[own : own + math.prod(shape)], shape))
@@ -144,31 +144,31 @@ class Ruled(NamedTuple):
 
 
 class EachItem(NamedTuple):
-    """The rule of a loop whose items are made linear each by itself: its derivatives are such loops.
+    """The rule of a loop whose items are linearised separately, so that its derivatives are loops too.
 
     Attributes:
-        items: per item, the loop's body with one array given and one result.
+        items: per item, the linearised loop body, which takes one array and returns one.
     """
 
     items: tuple[Linear, ...]
 
     def rates(self, *rates: Array) -> list[Array]:
-        """Return how fast the results change, item by item."""
+        """Return the rates of the results, item by item."""
         return each(lambda linear, x: linear.rates(x)[0], self.items, rates)
 
     def gradient(self, *cotangents: Array) -> list[Array]:
-        """Return the gradient of each item by its own array."""
+        """Return the gradient of each item with respect to its own array."""
         return each(lambda linear, x: linear.gradient(x)[0], self.items, cotangents)
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A text made linear at a point.
+    """A function linearised at a point.
 
     Attributes:
-        shapes: of the arrays that are varied; their entries have the first places.
-        steps: the operations that results depend on, in order.
-        results: what it returns.
+        shapes: shapes of the arrays that are varied; their entries have the first indices.
+        steps: the operations on which the results depend, in order.
+        results: the results of the function.
     """
 
     shapes: tuple[tuple[int, ...], ...]
@@ -176,11 +176,11 @@ class Linear:
     results: tuple[Result, ...]
 
     def of_entries(self, result: int, entries: slice) -> tuple[Linear, tuple[int, ...]]:
-        """Return what some entries of a result depend on: a text of one array, and which numbers are in it.
+        """Return the linearised function of some entries of a result, restricted to the numbers on which they depend.
 
         Args:
-            result: the place of the result among all.
-            entries: of the result, flat.
+            result: index of the result.
+            entries: indices of the entries in the flattened result.
         """
         chosen, first = self.results[result].places[entries], sum(math.prod(shape) for shape in self.shapes)
         needed, own, kept = {place for place in chosen if place >= 0}, first + sum(s.size for s in self.steps), []
@@ -197,17 +197,17 @@ class Linear:
         return Linear(((len(varied),),), steps, (Result((len(chosen),), chosen).numbered(new),)), varied
 
     def rates(self, *rates: Any) -> list[Array]:
-        """Return how fast the results change while the arrays do, at rates of their shapes."""
+        """Return the rates of the results for rates of the arrays, in their shapes."""
         found = [x for array in rates for x in np.asarray(array).ravel().tolist()]
         for step in self.steps:
             step.forward(found)
         return [of.taken(found) for of in self.results]
 
     def gradient(self, *cotangents: Any) -> tuple[Array, ...]:
-        """Return the gradient of sum(cotangent . result) by each of the arrays varied, in their shapes.
+        """Return the gradient of sum(cotangent . result) with respect to each varied array, in its shape.
 
         Args:
-            cotangents: of the results, in their shapes.
+            cotangents: cotangents of the results, in their shapes.
         """
         sizes = [int(np.prod(shape)) for shape in self.shapes]
         own = sum(sizes) + sum(step.size for step in self.steps)
@@ -230,7 +230,7 @@ def is_zero(x: Any) -> bool:
 
 
 def array_of(entries: Sequence[Any], shape: tuple[int, ...]) -> Array:
-    """Return an array of floats, if all entries are, else of objects."""
+    """Return an array of floats if all entries are floats, otherwise an array of objects."""
     if all(isinstance(x, float | int) for x in entries):
         return np.array(entries, dtype=float).reshape(shape)
     made = np.empty(len(entries), dtype=object)

@@ -12,6 +12,7 @@ from holdfast.errors import HoldfastError, ModelError
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.traced_array import TracedArray, as_traced
 
 ROTATION_TOLERANCE = 1e-6  # further from orthogonal or unit length is an error; nearer is normalised
 
@@ -23,7 +24,7 @@ def numbers(value: Any, shape: tuple[int, ...] | None, what: str, error: type[Ho
     else:
         a = real_array(value, what, _numbers_of(shape), error)
         with np.errstate(over="ignore"):  # a long double may be infinite as a float
-            a = np.array(a) if a.dtype == object else a.astype(float, order="C")
+            a = as_traced_as(value, np.array(a)) if a.dtype == object else a.astype(float, order="C")
     if shape is not None and a.shape != shape:
         raise error(f"{what}: expected shape {shape}, got shape {a.shape}")
     if a.dtype != object and not np.isfinite(a).all():
@@ -106,6 +107,11 @@ def is_masked(value: Any) -> bool:
     if isinstance(value, list | tuple):
         return any(is_masked(x) for x in value if not isinstance(x, float))
     return isinstance(value, np.ndarray) and type(value) is not np.ndarray and hasattr(value, "mask")
+
+
+def as_traced_as(value: Any, a: Array) -> Array:
+    """Return an array of traced scalars, a `TracedArray` if it was made of one."""
+    return as_traced(a) if isinstance(value, TracedArray) else a
 
 
 def _of_objects(a: Array) -> Array:

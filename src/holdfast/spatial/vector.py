@@ -1,10 +1,12 @@
-"""Products of small vectors and matrices.
+"""Products of small vectors and matrices, and their largest entries.
 
 `@` on floats is BLAS, whose last digits depend on the kernel that it picks for the processor. Where the numbers of a
 model are made, `dot` and `product` sum in one order instead, so that a model is the same on every processor.
 """
 
-from holdfast.spatial.scalar import Array, Scalar, array
+from collections.abc import Iterable
+
+from holdfast.spatial.scalar import Array, Scalar, array, maximum
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -35,6 +37,19 @@ def skew(a: Array) -> Array:
     return array([[0.0, -a2, a1], [a2, 0.0, -a0], [-a1, a0, 0.0]])
 
 
+def axial(A: Array) -> Array:
+    """Return (A32 - A23, A13 - A31, A21 - A12), the vector with axial(A) . a = sum of A_ij (a~)_ij, (3,)."""
+    return array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
+
+
 def outer(a: Array, b: Array) -> Array:
     """Return the matrix a b^T of two vectors."""
     return a[:, None] * b
+
+
+def largest(x: Iterable[Scalar]) -> Scalar:
+    """Return the largest absolute value of some numbers; 0 if there are none."""
+    found: Scalar = 0.0
+    for entry in x:
+        found = maximum(found, abs(entry))
+    return found

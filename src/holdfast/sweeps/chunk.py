@@ -1,4 +1,4 @@
-"""One chunk of a sweep: its runs taken side by side, and what came of them as the bytes of a Parquet file."""
+"""One chunk of a sweep: computation of its runs as a batch, and their results as the bytes of a Parquet file."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from holdfast.sweeps.plan import made_by
 
 
 class Task(NamedTuple):
-    """A chunk as it travels to whoever computes it.
+    """The data of a chunk for the process that computes it.
 
     Attributes:
-        number: of the chunk.
-        begin: its first run.
-        rollout: pickled.
+        number: number of the chunk.
+        begin: number of its first run.
+        rollout: the pickled rollout.
         rows: arguments of `Rollout.start`.
-        drawn: which of them differ from run to run, by name: shape of one run's.
-        duration, step, options: of `Rollout.run`.
-        outputs: what is kept of the end.
-        plan: the digest of the plan.
-        made_by: libraries and processor, as `made_by` says of the process that planned.
+        drawn: shapes, for one run, of the arguments that differ between runs, by name.
+        duration, step, options: arguments of `Rollout.run`.
+        outputs: names of the outputs to store.
+        plan: digest of the plan.
+        made_by: libraries and processor of the process that made the plan; see `made_by`.
     """
 
     number: int
@@ -50,14 +50,14 @@ class Task(NamedTuple):
 
 
 class Computed(NamedTuple):
-    """What came of a chunk.
+    """The results of a chunk.
 
     Attributes:
-        number: of the chunk.
-        data: of its file.
-        fates: how many runs ended with each status.
-        seconds: that it took.
-        process: that computed it.
+        number: number of the chunk.
+        data: content of its file.
+        fates: number of runs that ended with each status.
+        seconds: time of the computation [s].
+        process: id of the process that computed it.
     """
 
     number: int
@@ -67,16 +67,16 @@ class Computed(NamedTuple):
     process: int
 
 
-_UNPACKED: dict[bytes, Rollout] = {}  # of this process, the last one
+_UNPACKED: dict[bytes, Rollout] = {}  # the last rollout of this process
 
 
 def compute(task: Task) -> Computed:
-    """Return what comes of a chunk; the bytes are those of any process that computes it.
+    """Return the results of a chunk, which are the same bytes in every process.
 
     Raises:
-        ResultError: this process has other libraries than the one that planned.
+        ResultError: the libraries of this process differ from those of the process that made the plan.
     """
-    begun = time.perf_counter()
+    start = time.perf_counter()
     if task.made_by != made_by():
         raise ResultError(
             f"sweep: expected workers with {_listed(task.made_by)}, on which the last bits depend, got one with"
@@ -89,11 +89,11 @@ def compute(task: Task) -> Computed:
     )
     data = encoded(columns_of(record, task), task.plan)
     fates = Counter(status.name for status in record.systems.status)
-    return Computed(task.number, data, fates, time.perf_counter() - begun, os.getpid())
+    return Computed(task.number, data, fates, time.perf_counter() - start, os.getpid())
 
 
 def columns_of(record: RolloutRecord, task: Task) -> dict[str, Array]:
-    """Return the columns of a chunk's file by title: the run, how it ended, what was drawn for it, outputs."""
+    """Return the columns of a chunk's file by title: the run, its end, the drawn values, and the outputs."""
     count, meta = len(record.systems), meta_of(Setting(record.systems.chain))
     found = {"run": np.arange(task.begin, task.begin + count)}
     found["status"] = np.array([status.name for status in record.systems.status])
@@ -108,7 +108,7 @@ def columns_of(record: RolloutRecord, task: Task) -> dict[str, Array]:
 
 
 def encoded(columns: Mapping[str, Array], plan: str) -> bytes:
-    """Return columns as the bytes of a Parquet file that names its plan.
+    """Return columns as the bytes of a Parquet file whose metadata contain the digest of the plan.
 
     Raises:
         MissingExtra: pyarrow is not installed.
@@ -135,13 +135,13 @@ def pyarrow() -> tuple[Any, Any]:
 
 
 def _titled(name: str, rows: Array) -> dict[str, Array]:
-    """Return a column for each number of a parameter, places in brackets."""
+    """Return a column for each entry of a parameter, with indices in brackets in its title."""
     places = [f"[{','.join(map(str, at))}]" if at else "" for at in np.ndindex(rows.shape[1:])]
     return {f"{name}{place}": x for place, x in zip(places, rows.reshape(len(rows), -1).T, strict=True)}
 
 
 def _listed(made: Mapping[str, Any]) -> str:
-    """Return libraries and processor as words."""
+    """Return libraries and processor as text."""
     return ", ".join([*(f"{name} {number}" for name, number in made["versions"].items()), made["processor"]])
 
 
@@ -149,7 +149,7 @@ def _unpacked(rollout: bytes) -> Rollout:
     found = _UNPACKED.get(rollout)
     if found is None:
         found = pickle.loads(rollout)
-        _UNPACKED.clear()  # threads of other sweeps may be at it too
+        _UNPACKED.clear()  # threads of other sweeps may do the same
         _UNPACKED[rollout] = found
     return found
 

@@ -1,7 +1,7 @@
-"""Chunks computed by a cluster of Dask: of other computers, or of this one. Its workers and its scheduler may die.
+"""Computation of chunks by a Dask cluster, on other computers or on this one, whose workers and scheduler may die.
 
-Dask computes the chunks of dead workers again by itself. What a dead scheduler had is given to the one that comes after
-it at the same address; a local cluster is begun anew.
+Dask itself repeats the chunks of dead workers. The chunks of a dead scheduler are given to its successor at the same
+address; a local cluster is started again.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from holdfast.sweeps.chunk import Computed, Task, compute
 from holdfast.sweeps.workers import deaf_to_interrupts
 
 LOCAL = "local"  # a cluster of this computer's processes
-# of a local cluster: what Dask does beside the work, several per cent of a processor otherwise
+# settings of a local cluster: background work of Dask, which would take several per cent of a processor
 IDLE = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "5s",
 }
-MOST_LOSSES = 10  # of chunks or of the scheduler, without one chunk computed in between
-PATIENCE = 30.0  # for a scheduler to answer, and for its first worker [s]
+MOST_LOSSES = 10  # losses of chunks or of the scheduler without a computed chunk in between
+PATIENCE = 30.0  # time to wait for a scheduler and its first worker [s]
 
 
 def require_dask() -> Any:
@@ -44,16 +44,16 @@ def require_dask() -> Any:
 
 
 def computed_by_cluster(cluster: str, workers: int, tasks: Iterator[Task], ahead: int) -> Iterator[Computed]:
-    """Yield what comes of chunks, computed by a cluster, at most so many ahead.
+    """Yield the results of chunks that a cluster computes.
 
     Args:
-        cluster: address of its scheduler, or `LOCAL`.
-        workers: processes of a local one.
+        cluster: address of the scheduler, or `LOCAL`.
+        workers: number of processes of a local cluster.
         tasks: the chunks.
-        ahead: how many are in its hands at a time.
+        ahead: largest number of chunks that are submitted at a time.
 
     Raises:
-        ResultError: no scheduler or no worker answers, or chunks are lost again and again.
+        ResultError: no scheduler or no worker responds, or chunks are lost repeatedly.
     """
     left = _Left(tasks)
     with _quiet():
@@ -66,8 +66,8 @@ class _Left:
     """The chunks that are still to be computed.
 
     Attributes:
-        again: those that were lost.
-        done: whether none are left.
+        again: chunks that were lost.
+        done: whether no chunk is left.
     """
 
     def __init__(self, tasks: Iterator[Task]) -> None:
@@ -75,18 +75,18 @@ class _Left:
         self.done, self._tasks, self._losses = False, tasks, 0
 
     def next(self) -> Task | None:
-        """Return a chunk, None if all are computed or at work."""
+        """Return a chunk; None if all have been submitted or computed."""
         return self.again.pop() if self.again else next(self._tasks, None)
 
     def won(self) -> None:
-        """Forget losses: a chunk was computed."""
+        """Reset the count of losses, because a chunk was computed."""
         self._losses = 0
 
     def lost(self, tasks: list[Task], cause: BaseException) -> None:
-        """Take back what a cluster lost.
+        """Take back the chunks that a cluster lost.
 
         Raises:
-            ResultError: too many times.
+            ResultError: too many losses in succession.
         """
         self.again += tasks
         self._losses += 1
@@ -98,7 +98,7 @@ class _Left:
 
 
 def _until_lost(client: Any, left: _Left, ahead: int) -> Iterator[Computed]:
-    """Yield what comes of chunks until all are computed, `left.done`, or the scheduler is gone."""
+    """Yield the results of chunks until all are computed (`left.done`) or the scheduler is gone."""
     distributed = require_dask()
     at_work: dict[Any, Task] = {}  # Dask's executor forgets a future whose result is on its way when the scheduler dies
     while True:
@@ -125,10 +125,10 @@ def _until_lost(client: Any, left: _Left, ahead: int) -> Iterator[Computed]:
 
 
 def _result(future: Any) -> Computed | BaseException:
-    """Return what came of a chunk; the error if its workers died and died.
+    """Return the result of a chunk, or the error if its workers died repeatedly.
 
     Raises:
-        HoldfastError: the chunk's own refusal, or what its worker lacks.
+        HoldfastError: the chunk was refused, or its worker lacks a package.
         CancelledError, OSError: the scheduler is gone.
     """
     try:
@@ -146,10 +146,10 @@ def _result(future: Any) -> Computed | BaseException:
 
 @contextlib.contextmanager
 def _connected(cluster: str, workers: int) -> Iterator[Any]:
-    """Yield a client of a cluster that has a worker; a local cluster ends with it.
+    """Yield a client of a cluster that has a worker; a local cluster is closed with it.
 
     Raises:
-        ResultError: there is none.
+        ResultError: there is no such cluster.
     """
     distributed = require_dask()
     import dask.config
@@ -166,7 +166,7 @@ def _connected(cluster: str, workers: int) -> Iterator[Any]:
                     address = ends.enter_context(distributed.LocalCluster(silence_logs=logging.CRITICAL, **own))
             client = ends.enter_context(distributed.Client(address, timeout=PATIENCE, set_as_default=False))
             client.wait_for_workers(1, timeout=PATIENCE)
-        except Exception as cause:  # whatever its transports raise
+        except Exception as cause:  # any error of Dask's transports
             reason = one_line(str(cause), 200) or type(cause).__name__
             raise ResultError(
                 f"cluster {one_line(cluster, 100)!r}: no scheduler with a worker answers ({reason}); what is finished"
@@ -178,7 +178,7 @@ def _connected(cluster: str, workers: int) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Dask's log of deaths, and its advice on the size of chunks, from the user's terminal."""
+    """Hide Dask's log of dead workers, and its advice on the size of chunks, from the user's terminal."""
     names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
     loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]

@@ -1,4 +1,4 @@
-"""What parameters of runs are drawn from: a function of seed, parameter's name and run."""
+"""Distributions of the parameters of runs; a draw is a function of the seed, the parameter's name and the run."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.real_numbers import numbers
 from holdfast.spatial.scalar import Array
 
-PER_COUNT = 4  # 64-bit numbers that Philox makes of one count
+PER_COUNT = 4  # 64-bit numbers that Philox computes from one counter
 
 
 def uniforms(seed: int, name: str, begin: int, end: int, width: int) -> Array:
-    """Return the numbers in [0, 1) that belong to some runs, (end - begin, width).
+    """Return the uniform random numbers in [0, 1) of some runs, (end - begin, width).
 
-    Philox makes them of a key and a count, so that those of a run need no other run's.
+    They are computed by Philox from a key and a counter, so that those of a run do not depend on other runs.
 
     Args:
-        seed: of the sweep.
-        name: of the parameter.
-        begin: the first run.
-        end: the one after the last.
-        width: how many numbers a run takes.
+        seed: seed of the sweep.
+        name: name of the parameter.
+        begin: number of the first run.
+        end: number of the run after the last.
+        width: number of random numbers per run.
 
     Reference:
         Salmon, Moraes, Dror, Shaw 2011, Parallel random numbers: as easy as 1, 2, 3.
@@ -41,24 +41,24 @@ def uniforms(seed: int, name: str, begin: int, end: int, width: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Uniform(Frozen):
-    """Every entry uniform between two bounds, apart from the others.
+    """Independent uniform distributions of all entries.
 
     Attributes:
-        low, high: of the parameter's shape, or one number for all its entries.
+        low, high: bounds, in the shape of the parameter, or one number for all entries.
     """
 
     low: Any
     high: Any
 
     def width(self, shape: tuple[int, ...]) -> int:
-        """Return how many uniform numbers one draw takes."""
+        """Return the number of uniform random numbers per draw."""
         return int(np.prod(shape))
 
     def values(self, name: str, shape: tuple[int, ...], u: Array) -> Array:
         """Return draws, (runs, *shape), from uniform numbers (runs, width).
 
         Raises:
-            StateError: bounds of another shape, not finite, or in the wrong order.
+            StateError: the bounds have another shape, are not finite, or are in the wrong order.
         """
         low, high = fitted(f"{name}: low", self.low, shape), fitted(f"{name}: high", self.high, shape)
         if not (low <= high).all():
@@ -71,24 +71,24 @@ class Uniform(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Normal(Frozen):
-    """Every entry normal, apart from the others.
+    """Independent normal distributions of all entries.
 
     Attributes:
-        mean, deviation: of the parameter's shape, or one number for all its entries.
+        mean, deviation: mean and standard deviation, in the shape of the parameter, or one number for all entries.
     """
 
     mean: Any
     deviation: Any
 
     def width(self, shape: tuple[int, ...]) -> int:
-        """Return how many uniform numbers one draw takes."""
+        """Return the number of uniform random numbers per draw."""
         return int(np.prod(shape))
 
     def values(self, name: str, shape: tuple[int, ...], u: Array) -> Array:
         """Return draws, (runs, *shape), from uniform numbers (runs, width).
 
         Raises:
-            StateError: numbers of another shape, not finite, or a negative deviation.
+            StateError: the numbers have another shape or are not finite, or a deviation is negative.
         """
         from scipy.special import ndtri
 
@@ -102,10 +102,10 @@ class Normal(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class NearPose(Frozen):
-    """Poses near given ones: turned and shifted in their own axes, every coordinate uniform.
+    """Poses near given ones, rotated and displaced in their own axes by uniformly distributed coordinates.
 
     Attributes:
-        pose: wxyz_xyz, of the parameter's shape (..., 7).
+        pose: poses wxyz_xyz, in the shape of the parameter, (..., 7).
         turn: largest coordinate of the rotation vector [rad].
         shift: largest coordinate of the displacement [m].
     """
@@ -115,14 +115,14 @@ class NearPose(Frozen):
     shift: float = 0.0
 
     def width(self, shape: tuple[int, ...]) -> int:
-        """Return how many uniform numbers one draw takes: six a pose."""
+        """Return the number of uniform random numbers per draw, six per pose."""
         return int(np.prod(shape[:-1])) * 6
 
     def values(self, name: str, shape: tuple[int, ...], u: Array) -> Array:
         """Return draws, (runs, *shape), from uniform numbers (runs, width).
 
         Raises:
-            StateError: a parameter that is no pose, numbers of another shape, not finite or negative.
+            StateError: the parameter is not a pose, or the numbers have another shape, are not finite or are negative.
         """
         if shape[-1:] != (7,):
             raise StateError(
@@ -142,10 +142,10 @@ Distribution = Uniform | Normal | NearPose
 
 
 def _finite(name: str, draws: Array) -> Array:
-    """Return draws.
+    """Return draws after checking that they are finite.
 
     Raises:
-        StateError: some are beyond all numbers.
+        StateError: some are not finite.
     """
     if not np.isfinite(draws).all():
         raise StateError(
@@ -155,10 +155,10 @@ def _finite(name: str, draws: Array) -> Array:
 
 
 def _near(name: str, pose: Array, away: Array) -> Array:
-    """Return poses (..., 7) turned and shifted in their own axes by coordinates (runs, ..., 6).
+    """Return poses (..., 7) rotated and displaced in their own axes by coordinates (runs, ..., 6).
 
     Raises:
-        StateError: a quaternion of length zero.
+        StateError: a quaternion has length zero.
     """
     norm = np.linalg.norm(pose[..., :4], axis=-1, keepdims=True)
     if not (norm > 0.0).all():
@@ -180,10 +180,10 @@ def _product(a: Array, b: Array) -> Array:
 
 
 def fitted(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return finite numbers, spread over a shape.
+    """Return finite numbers, broadcast to a shape.
 
     Raises:
-        StateError: they are none, or do not fit.
+        StateError: the values are not finite numbers, or do not have this shape.
     """
     x = numbers(value, None, name, StateError)
     if x.shape not in ((), shape):

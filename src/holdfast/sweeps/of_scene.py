@@ -1,4 +1,4 @@
-"""Sweeps of scenes: the `[sweep]` table made a plan, and the folder that keeps the scene too."""
+"""Sweeps of scenes: the plan of a `[sweep]` table, and a folder that also contains the scene."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from holdfast.sweeps.store import stored_rank
 from holdfast.sweeps.sweep import carry_out
 
 SCENE, ROBOTS = "scene.toml", "robots.json"
-# what of `[simulation]` a rollout does, in its own words
+# keys of `[simulation]` that rollouts support, and the names of their arguments
 STEADY = {"sample_time": None, "on_singular": "stop"}
 LEAST_MARGIN = {"stop": 0.0, "record": -float("inf")}
 AT_LIMITS = {"stop": True, "record": False}
@@ -45,21 +45,21 @@ def sweep_scene(
     ahead: int = 16,
     progress: bool | Callable[[Progress], object] | None = None,
 ) -> Sweep:
-    """Compute what a folder has not of the sweep that a scene's `[sweep]` describes; the folder keeps the scene.
+    """Compute the missing runs of the sweep that a scene's `[sweep]` describes; the scene is stored in the folder.
 
     Args:
-        scenario: what `load_scene` returned.
-        store: the folder; made if need be.
+        scenario: the result of `load_scene`.
+        store: the folder, which is created if it does not exist.
         workers: as for `sweep`.
         cluster: as for `sweep`.
         ahead: as for `sweep`.
         progress: as for `sweep`.
 
     Returns:
-        The sweep: summaries, and any run again.
+        The sweep, with summaries of its runs.
 
     Raises:
-        SceneError: no `[sweep]`, one that does not fit, or a scene that rollouts do not do.
+        SceneError: there is no `[sweep]`, it is invalid, or rollouts do not support the scene.
         StateError, ResultError, MissingExtra: as for `sweep`.
     """
     checks.instance(scenario, Scenario, "sweep_scene: scenario", SceneError)
@@ -69,13 +69,13 @@ def sweep_scene(
 
 
 def load_sweep(folder: str | PathLike[str]) -> Sweep:
-    """Return the sweep of a scene from its folder, as far as it is computed; nothing is written.
+    """Return the sweep of a scene from its folder, as far as it has been computed, without writing anything.
 
     Args:
-        folder: what `sweep_scene` or `holdfast sweep` wrote.
+        folder: a folder written by `sweep_scene` or `holdfast sweep`.
 
     Raises:
-        ResultError: no sweep, one that was made in Python, or one whose scene has changed.
+        ResultError: there is no sweep, it was made in Python, or its scene has changed.
         SceneError, ClosureError: its scene cannot be read.
     """
     place = file_path(folder, "folder")
@@ -84,18 +84,18 @@ def load_sweep(folder: str | PathLike[str]) -> Sweep:
 
 
 def kept_scene(folder: Path) -> Scenario:
-    """Return the scenario of the scene that a sweep's folder keeps, of the robots there.
+    """Return the scenario of the scene in a sweep's folder, with the robots stored there.
 
     Raises:
-        ResultError: it keeps none, or a robot is not the one of the sweep.
+        ResultError: there is no scene, or a robot is not the one of the sweep.
         SceneError, ClosureError: the scene cannot be read.
     """
     there = names_in(folder, "the folder of a sweep")
     for name in (SCENE, ROBOTS):
         if name not in there:
             raise ResultError(
-                f"{folder}: has no {name}; expected the folder of a scene's sweep; one made in Python goes on by the"
-                " same call of `holdfast.sweep`"
+                f"{folder}: expected the folder of a scene's sweep, got one without {name}; a sweep started in Python"
+                " is continued by the same call of `holdfast.sweep`"
             )
     try:
         records = msgspec.json.decode(read_bytes(folder / ROBOTS), type=dict[str, RobotRecord])
@@ -111,7 +111,7 @@ def scene_plan(scenario: Scenario) -> Plan:
     """Return the plan that a scene's `[sweep]` describes.
 
     Raises:
-        SceneError: there is none, it does not fit, or the scene is one that rollouts do not do.
+        SceneError: there is none, it is invalid, or rollouts do not support the scene.
     """
     at, data = Location(scenario.name), scenario.sweep
     if data is None:
@@ -148,10 +148,10 @@ def scene_plan(scenario: Scenario) -> Plan:
 
 
 def _require_steady(scenario: Scenario, at: Location) -> None:
-    """Refuse what happens in the middle of a run, and what rollouts do not do.
+    """Refuse scenes with events during a run, and everything that rollouts do not support.
 
     Raises:
-        SceneError: with the place of the first.
+        SceneError: there is such an entry; the message gives the location of the first.
     """
     how = scenario.options
     if how["inputs"] is not None:
@@ -171,10 +171,10 @@ def _require_steady(scenario: Scenario, at: Location) -> None:
 
 
 def _law(scenario: Scenario, at: Location) -> tuple[ControlLaw | None, dict[str, Any]]:
-    """Return the law of a scene's controller and its parameters; None, and torques, where these are held.
+    """Return the law of a scene's controller and its parameters; None and the torques if these are constant.
 
     Raises:
-        SceneError: it becomes no machine code.
+        SceneError: the controller cannot be compiled.
     """
     drive = scenario.controller
     if isinstance(drive, TorqueSchedule):
@@ -195,7 +195,7 @@ def _law(scenario: Scenario, at: Location) -> tuple[ControlLaw | None, dict[str,
 
 
 def _sample(name: str, data: Any, scenario: Scenario, at: Location) -> Any:
-    """Return what a parameter is drawn from, or its numbers for all runs."""
+    """Return the distribution of a parameter, or its value for all runs."""
     if isinstance(data, UniformData):
         return Uniform(data.low, data.high)
     if isinstance(data, NormalData):
@@ -216,6 +216,6 @@ def _sample(name: str, data: Any, scenario: Scenario, at: Location) -> Any:
 
 
 def _kept(scenario: Scenario) -> dict[str, bytes]:
-    """Return the files by which a folder needs no other: the scene's text and its robots."""
+    """Return the files that make a folder self-contained: the text of the scene and its robots."""
     records, files = kept_files(scenario.sources)
     return {SCENE: scenario.text.encode(), ROBOTS: msgspec.json.encode(records) + b"\n", **files}

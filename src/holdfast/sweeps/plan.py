@@ -1,4 +1,4 @@
-"""The plan of a sweep: which run begins how, whoever computes it and in whatever order."""
+"""The plan of a sweep, which determines the initial state and parameters of every run."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ MOST_RUNS = 10**12
 LARGEST_CHUNK = 10**6
 LARGEST_SEED = 2**63
 OWN = ("status", "stopped")  # columns that every sweep has
-TRIED = 64  # runs among which one must begin on its grasps
+TRIED = 64  # number of first runs, one of which must start on its grasps
 
 
 @dataclass(frozen=True, eq=False)
 class Plan(Frozen):
-    """All that decides a byte of the results.
+    """The data that determine the results of a sweep, byte by byte.
 
     Attributes:
         rollout: the machine code of the steps.
-        state: that every run begins at, but for what `samples` has of it.
-        samples: by name, a distribution, numbers for all runs or a row for each; "scale" of `object_inertia`.
-        count: how many runs.
-        chunk: how many of them are one piece of work and one file.
-        seed: of the draws.
-        duration, step: [s].
-        outputs: attributes of `RolloutSystems`, at the end.
-        options: of `Rollout.run`.
+        state: initial state of every run, except for arrays in `samples`.
+        samples: by name, a distribution, an array for all runs, or a row for each; or "scale" for `object_inertia`.
+        count: number of runs.
+        chunk: number of runs that are computed together and stored in one file.
+        seed: seed of the random draws.
+        duration, step: duration and step h of the runs [s].
+        outputs: names of attributes of `RolloutSystems` to store at the end.
+        options: options of `Rollout.run`.
     """
 
     rollout: Rollout
@@ -66,20 +66,20 @@ class Plan(Frozen):
 
     @property
     def chunk_count(self) -> int:
-        """How many chunks there are; the last may be shorter."""
+        """Number of chunks; the last one may be shorter."""
         return -(-self.count // self.chunk)
 
     def bounds(self, k: int) -> tuple[int, int]:
-        """Return the first run of chunk k and the one after its last."""
+        """Return the numbers of the first run of chunk k and of the one after its last."""
         return k * self.chunk, min((k + 1) * self.chunk, self.count)
 
     def rows(self, begin: int, end: int) -> dict[str, Any]:
         """Return the arguments of `Rollout.start` for some runs.
 
-        A row each, (end - begin, ...), of what differs from run to run.
+        Arrays that differ between runs have one row per run, (end - begin, ...).
 
         Raises:
-            StateError: a distribution that does not fit its parameter.
+            StateError: a distribution does not fit its parameter.
         """
         shapes = sample_shapes(self.rollout)
         found: dict[str, Any] = {name: getattr(self.state, at) for name, at in state_fields(self.rollout.chain).items()}
@@ -90,17 +90,17 @@ class Plan(Frozen):
                 found[name] = sample.values(name, shape, u)
             else:
                 found[name] = sample[begin:end] if varies(sample, shape) else sample
-        if found["q"].ndim == 1:  # a state's rows say how many systems there are
+        if found["q"].ndim == 1:  # the rows of the state determine the number of systems
             found["q"] = np.tile(found["q"], (end - begin, 1))
         return found
 
     def drawn(self) -> tuple[str, ...]:
-        """Return the names of what differs from run to run."""
+        """Return the names of the arrays that differ between runs."""
         shapes = sample_shapes(self.rollout)
         return tuple(name for name, x in self.samples.items() if isinstance(x, Distribution) or varies(x, shapes[name]))
 
     def description(self) -> dict[str, Any]:
-        """Return what the manifest says of the plan; two plans with the same description give the same bytes."""
+        """Return the description of the plan in the manifest; plans with the same description give the same bytes."""
         rollout = self.rollout
         program = law_program(rollout.law, rollout.chain)
         law = (program.input_shapes, program.instructions, program.outputs, rollout.law.memory.tolist())
@@ -121,7 +121,7 @@ class Plan(Frozen):
         }
 
     def settled(self, generic_rank: int) -> Plan:
-        """Return the plan with the generic rank that all chunks take."""
+        """Return the plan with the generic rank for all chunks."""
         old = self.rollout
         parts = (old.base_motion, old.options, old.inputs)
         rollout = Rollout(old.chain, old.law, old.scheme, generic_rank, *parts)
@@ -148,7 +148,7 @@ def plan_of(
     """Return the plan of a sweep; the arguments are those of `sweep`.
 
     Raises:
-        StateError: arguments that do not fit.
+        StateError: an argument is invalid.
         ModelError, CompileError: as for `compile_rollout`.
     """
     rollout = compile_rollout(chain, law, scheme=scheme)
@@ -181,24 +181,24 @@ def plan_of(
         parsed_outputs(outputs),
         {name: x if name != "least_margin" else float(x) for name, x in options.items()},  # pyright: ignore[reportArgumentType]
     )
-    plan.rows(0, 1)  # distributions say now what does not fit
+    plan.rows(0, 1)  # this raises the errors of unsuitable distributions
     return plan
 
 
 @functools.cache
 def made_by() -> Mapping[str, Any]:
-    """Return this process's libraries that have a part in the last bit of results, and the kind of its processor."""
+    """Return the versions of libraries that affect the last bits of results, and the kind of the processor."""
     names = ("holdfast", "numpy", "scipy", "llvmlite", "pyarrow")
     return {"versions": {name: version(name) for name in names}, "processor": platform.machine()}
 
 
 def digest_of(description: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a plan's description."""
+    """Return the SHA-256 digest of a plan's description."""
     return _sha256(json.dumps(description, sort_keys=True))
 
 
 def sample_shapes(rollout: Rollout) -> dict[str, tuple[int, ...]]:
-    """Return what may differ from run to run: the law's parameters, the chain's, the state at the start."""
+    """Return the shapes of arrays that may differ between runs: parameters of law and chain, and the initial state."""
     chain, kernel = rollout.chain, rollout.kernel
     own = {"base_pose": (len(chain.arms), 7), "grasp_pose": (len(chain.grasps), 7)}
     shapes = {name: own[name] if name in own else kernel.externals[name].shape for name in CHAINS}
@@ -211,10 +211,11 @@ def varies(sample: Any, shape: tuple[int, ...]) -> bool:
 
 
 def parsed_samples(rollout: Rollout, given: Mapping[str, Any], count: int) -> dict[str, Any]:
-    """Return samples by name, numbers as arrays.
+    """Return samples by name, with numbers as arrays.
 
     Raises:
-        StateError: no such parameter, one of the law is missing, numbers of another shape or not finite.
+        StateError: a parameter is unknown, a parameter of the law is missing, or an array has a wrong shape or is not
+            finite.
     """
     shapes, found = sample_shapes(rollout), {}
     for name, x in given.items():
@@ -241,7 +242,7 @@ def parsed_outputs(outputs: Any) -> tuple[str, ...]:
     """Return the names of outputs.
 
     Raises:
-        StateError: no such attribute of `RolloutSystems`, or one named twice.
+        StateError: a name is not that of an attribute of `RolloutSystems`, or is given twice.
     """
     known = [n for n, x in vars(RolloutSystems).items() if isinstance(x, property) and n not in (*OWN, "running")]
     if not isinstance(outputs, str) and not checks.is_listed(outputs):
@@ -259,16 +260,16 @@ def bounded(name: str, value: Any, most: int = MOST_RUNS) -> int:
     """Return an integer from 1 to a bound.
 
     Raises:
-        StateError: it is none.
+        StateError: the value is not such an integer.
     """
     return whole_number(name, value, most)
 
 
 def find_generic_rank(plan: Plan) -> int:
-    """Return the rank of the grasp constraint in general, found once so that no chunk finds its own.
+    """Return the generic rank of the grasp constraint, which is found once for all chunks.
 
     Raises:
-        StateError: none of the first runs begins on its grasps, or their parameters are refused.
+        StateError: none of the first runs starts on its grasps, or their parameters are refused.
     """
     tried = min(TRIED, plan.count)
     plan.rollout.start(**plan.rows(0, tried))

@@ -1,4 +1,4 @@
-"""How far a sweep is."""
+"""The progress of a sweep."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from holdfast.spatial.frozen import Frozen
 
 @dataclass(frozen=True, eq=False)
 class Progress(Frozen):
-    """How far a sweep is; its text is one line.
+    """The progress of a sweep; as text it is one line.
 
     Attributes:
-        done: runs whose results are in the store, earlier ones too.
-        count: of the sweep.
-        fates: of those computed by this call, how many ended with each status.
-        rate: of this call [runs/s].
+        done: number of runs whose results are in the store, including earlier ones.
+        count: number of runs of the sweep.
+        fates: number of runs computed by this call that ended with each status.
+        rate: rate of this call [runs/s].
     """
 
     done: int
@@ -25,7 +25,7 @@ class Progress(Frozen):
     rate: float
 
     def __str__(self) -> str:
-        """Return how many of how many, how fast, how much longer, and what became of them."""
+        """Return the number of finished runs, the rate, the remaining time, and the number of runs with each status."""
         left = (
             f", {(self.count - self.done) / self.rate:.0f} s left" if self.rate > 0 and self.done < self.count else ""
         )

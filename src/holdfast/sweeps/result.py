@@ -1,4 +1,4 @@
-"""What came of a sweep: summaries that read a column at a time, and any run again."""
+"""The result of a sweep: summaries, which read one column at a time, and repetition of any run."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from holdfast.sweeps.plan import Plan
 from holdfast.sweeps.store import chunk_path
 
 OWN_COLUMNS = ("run", "status", "stopped [s]")
-LARGEST_TABLE = 2**23  # numbers in memory at a time
+LARGEST_TABLE = 2**23  # most numbers in memory at a time
 
 
 class Sweep:
-    """What came of a sweep; made by `sweep`.
+    """The result of a sweep; created by `sweep`.
 
-    Its files are read chunk by chunk, only the columns that are asked for.
+    Files are read chunk by chunk, and only the requested columns.
 
     Attributes:
-        plan: which run begins how.
-        folder: the store.
+        plan: initial values and parameters of the runs.
+        folder: the folder of the sweep.
     """
 
     def __init__(self, plan: Plan, folder: Path) -> None:
@@ -41,19 +41,19 @@ class Sweep:
         return self.plan.count
 
     def __repr__(self) -> str:
-        """Return how many runs there are, how long, and where, on one line."""
+        """Return the number and duration of the runs, and the folder, on one line."""
         plan = self.plan
         return f"<Sweep of {plan.count} runs of {plan.duration:g} s in {plan.chunk_count} files of '{self.folder}'>"
 
     @property
     def columns(self) -> list[str]:
-        """The titles of the columns: the run, its end, what was drawn for it, outputs with their units."""
+        """The titles of the columns: the run, its end, the drawn values, and the outputs with their units."""
         _, parquet = pyarrow()
         return self._read(0, lambda path: parquet.read_schema(path).names)
 
     @property
     def fates(self) -> dict[str, int]:
-        """How many runs ended with each status, by its name."""
+        """Number of runs that ended with each status, by the name of the status."""
         found: Counter[str] = Counter()
         for part in self.batches(["status"]):
             found.update(part["status"].tolist())
@@ -63,10 +63,10 @@ class Sweep:
         """Yield columns by title, chunk by chunk in the order of the runs.
 
         Args:
-            columns: titles.
+            columns: titles of the columns.
 
         Raises:
-            StateError: no such column.
+            StateError: there is no such column.
             ResultError: a file cannot be read.
         """
         _, parquet = pyarrow()
@@ -82,11 +82,11 @@ class Sweep:
         """Return one column of all runs, or of those that ended with a status; O(runs) memory.
 
         Args:
-            title: of the column.
+            title: title of the column.
             status: a name of `RolloutStatus`; None for all.
 
         Raises:
-            StateError: no such column.
+            StateError: there is no such column.
             ResultError: a file cannot be read.
         """
         wanted = [title] if status is None or title == "status" else [title, "status"]
@@ -99,12 +99,12 @@ class Sweep:
         """Return quantiles of a column, (levels,).
 
         Args:
-            title: of a column of numbers.
-            levels: from 0 to 1.
-            status: of which runs; None for all.
+            title: title of a column of numbers.
+            levels: levels from 0 to 1.
+            status: status of the runs to include; None for all.
 
         Raises:
-            StateError: no such column, one without numbers, other levels, or no such run.
+            StateError: there is no such column, it has no numbers, a level is invalid, or there are no such runs.
             ResultError: a file cannot be read.
         """
         at = _levels(levels)
@@ -114,14 +114,14 @@ class Sweep:
         return np.quantile(x, at, method="inverted_cdf")
 
     def table(self, levels: Any = (0.0, 0.05, 0.5, 0.95, 1.0), status: str | None = "RUNNING") -> dict[str, Array]:
-        """Return quantiles of every column of numbers that runs end with, (levels,) by title; none without such runs.
+        """Return the quantiles, (levels,), of every column of final values, by title; empty if there are no such runs.
 
         Args:
-            levels: from 0 to 1.
-            status: of which runs; None for all.
+            levels: levels from 0 to 1.
+            status: status of the runs to include; None for all.
 
         Raises:
-            StateError: other levels.
+            StateError: a level is invalid.
             ResultError: a file cannot be read.
         """
         at, found = _levels(levels), {}
@@ -140,15 +140,15 @@ class Sweep:
         return found
 
     def worst(self, title: str, count: int = 10, *, largest: bool = False) -> list[tuple[int, float]]:
-        """Return runs with the smallest entries of a column, smallest first: (run, entry) each.
+        """Return pairs (run, entry) of the runs with the smallest entries of a column, in ascending order.
 
         Args:
-            title: of a column of numbers.
-            count: how many.
-            largest: the largest instead, largest first.
+            title: title of a column of numbers.
+            count: number of runs.
+            largest: return the largest entries instead, in descending order.
 
         Raises:
-            StateError: no such column, or one without numbers.
+            StateError: there is no such column, or it has no numbers.
             ResultError: a file cannot be read.
         """
         most, sign = whole_number("count", count), -1.0 if largest else 1.0
@@ -161,35 +161,37 @@ class Sweep:
         return list(zip(runs.tolist(), entries.tolist(), strict=True))
 
     def run(self, number: int, every: int = 1) -> Trajectory:
-        """Return one run with all that `simulate` records: its steps are taken again, to the same bits.
+        """Return one run with everything that `simulate` records; its steps are repeated with identical bits.
 
         Args:
-            number: of the run, from 0.
-            every: steps from one sample to the next.
+            number: number of the run, from 0.
+            every: number of steps between two samples.
 
         Raises:
-            StateError: no such run, or one whose first state is faulty.
+            StateError: there is no such run, or its first state is invalid.
         """
         plan = self.plan
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < plan.count:
             raise StateError(f"run: expected a number from 0 to {plan.count - 1}, got {checks.short(number)}")
         begin, end = plan.bounds(int(number) // plan.chunk)
-        systems = plan.rollout.start(**plan.rows(begin, end))  # where several rows hold, they begin as their chunk does
+        systems = plan.rollout.start(
+            **plan.rows(begin, end)
+        )  # all runs of the chunk, because constraint rows are chosen for them together
         one = systems.copy([int(number) - begin])
         record = plan.rollout.run(one, plan.duration, plan.step, every=every, **plan.options)
         found = record.trajectory(0)
         return replace(found, setting=replace(found.require_setting(), name=f"run {number} of a sweep"))
 
     def plot(self, title: str, path: Any = None, status: str | None = "RUNNING") -> Any:
-        """Return a matplotlib Figure of how a column is distributed: the share of runs below each value.
+        """Return a matplotlib Figure of the cumulative distribution of a column: the share of runs below each value.
 
         Args:
-            title: of a column of numbers.
-            path: of a file to write it to.
-            status: of which runs; None for all.
+            title: title of a column of numbers.
+            path: file to write the figure to.
+            status: status of the runs to include; None for all.
 
         Raises:
-            StateError: no such column, one without numbers, or no such run.
+            StateError: there is no such column, it has no numbers, or there are no such runs.
             ResultError: a file cannot be read or written.
             MissingExtra: matplotlib is not installed.
         """
@@ -209,14 +211,16 @@ class Sweep:
         try:
             return read(path)
         except (OSError, arrow.ArrowException) as cause:
-            raise ResultError(f"{path}: cannot be read; the same call of `sweep` computes it again") from cause
+            raise ResultError(
+                f"{path}: cannot be read; call `sweep` again with the same arguments to recompute it"
+            ) from cause
 
 
 def _levels(levels: Any) -> Array:
-    """Return levels of quantiles.
+    """Return the levels of quantiles.
 
     Raises:
-        StateError: they are none.
+        StateError: the levels are invalid.
     """
     at = np.atleast_1d(numbers(levels, None, "levels", StateError))
     if not ((at >= 0.0) & (at <= 1.0)).all():

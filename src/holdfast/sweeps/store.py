@@ -1,14 +1,14 @@
 """The folder of a sweep.
 
     sweep.json             the manifest: the plan, its digest, versions
-    runs_000000.parquet    a chunk's runs, a row each
-    log.jsonl              when which process computed what, a line a chunk
-    lock                   held by the process that writes here
-    scene.toml             of a scene's sweep: its text
-    robot_*.urdf           the robots that it takes from files, xacro expanded
-    robots.json            which arm is out of which of them
+    runs_000000.parquet    the runs of a chunk, one per row
+    log.jsonl              one line per chunk: time, process and duration of its computation
+    lock                   locked by the process that writes to the folder
+    scene.toml             text of the scene, for the sweep of a scene
+    robot_*.urdf           robots that the scene takes from files, with xacro expanded
+    robots.json            the arms and the robot files to which they belong
 
-Every chunk's file is moved into its place whole, so that one that is there is right, and one that is not is computed.
+The file of a chunk is written under another name and then moved, so that a file that exists is complete.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from holdfast.sweeps.plan import Plan, digest_of
 
 MANIFEST, LOG, LOCK = "sweep.json", "log.jsonl", "lock"
 FORMAT, FORMAT_VERSION = "holdfast-sweep", 1
-LARGEST_MANIFEST = 16 * 2**20  # [bytes]
+LARGEST_MANIFEST = 16 * 2**20  # bytes
 
 
 class Store:
     """A sweep's folder, locked while it is open for writing.
 
     Attributes:
-        folder: its path.
-        digest: of the plan.
-        generic_rank: as the first call found it; None in a new folder.
+        folder: path of the folder.
+        digest: digest of the plan.
+        generic_rank: the generic rank that the first call found; None in a new folder.
     """
 
     def __init__(self, folder: Path, plan: Plan) -> None:
-        """Open or make the folder of a plan.
+        """Open or create the folder of a plan.
 
         Raises:
-            ResultError: it has another plan's results, something else, or is in use; or cannot be written.
+            ResultError: the folder contains results of another plan or other files, is in use, or cannot be written.
         """
         description = json.loads(json.dumps(plan.description()))
         self.folder, self.digest = folder, digest_of(description)
@@ -53,7 +53,7 @@ class Store:
         self._lock = _locked(folder)
         try:
             found = _manifest(folder)
-            own = (LOCK, f"{MANIFEST}.part")  # the second where one died at its first file
+            own = (LOCK, f"{MANIFEST}.part")  # the second if a process died while it wrote its first file
             if found is None and any(path.name not in own for path in folder.iterdir()):
                 raise ResultError(f"{folder}: expected a sweep's folder or an empty one, got other files; try another")
             if found is not None:
@@ -69,7 +69,7 @@ class Store:
         """Write the manifest of a new folder.
 
         Raises:
-            ResultError: it cannot be written.
+            ResultError: the file cannot be written.
         """
         self.generic_rank = generic_rank
         content = {
@@ -83,10 +83,10 @@ class Store:
         self._written.append(MANIFEST)
 
     def keep_beside(self, files: Mapping[str, bytes]) -> None:
-        """Write files that are not there yet; they are the same for every call of a plan.
+        """Write additional files that do not exist yet; they are the same for every call of a plan.
 
         Raises:
-            ResultError: they cannot be written.
+            ResultError: a file cannot be written.
         """
         for name, content in files.items():
             if not (self.folder / name).exists():
@@ -94,7 +94,7 @@ class Store:
                 self._written.append(name)
 
     def holds(self, k: int, rows: int) -> bool:
-        """Return whether chunk k is there and whole: a file that cannot be read, or is of another plan, is not."""
+        """Return whether there is a readable file of chunk k that belongs to this plan."""
         arrow, parquet = pyarrow()
         try:
             meta = parquet.read_metadata(chunk_path(self.folder, k))
@@ -103,10 +103,10 @@ class Store:
         return meta.num_rows == rows and (meta.metadata or {}).get(b"plan") == self.digest.encode()
 
     def keep(self, computed: Computed) -> None:
-        """Write a chunk's file, then a line of the log.
+        """Write the file of a chunk, then a line of the log.
 
         Raises:
-            ResultError: they cannot be written.
+            ResultError: a file cannot be written.
         """
         write_atomically(chunk_path(self.folder, computed.number), computed.data)
         line = {"chunk": computed.number, "seconds": computed.seconds, "process": computed.process, "at": time.time()}
@@ -117,7 +117,7 @@ class Store:
             raise ResultError(f"{self.folder / LOG}: cannot be written: {reason_of(cause)}") from cause
 
     def withdraw(self) -> None:
-        """Take away what a call wrote in a new folder, and that, if it was refused before any run was computed."""
+        """Remove a new folder and its files if the call was refused before any run was computed."""
         if LOCK not in self._written or any(self.folder.glob("runs_*")):
             return
         with suppress(OSError):
@@ -127,15 +127,15 @@ class Store:
                 self.folder.rmdir()
 
     def close(self) -> None:
-        """Let others write here."""
+        """Release the lock."""
         self._lock.close()
 
 
 def stored_rank(folder: Path, plan: Plan) -> int:
-    """Return the generic rank that a folder has for a plan; nothing is written.
+    """Return the generic rank that a folder stores for a plan, without writing anything.
 
     Raises:
-        ResultError: the folder has no sweep, or another plan's.
+        ResultError: the folder contains no sweep, or one of another plan.
     """
     found = _manifest(folder)
     if found is None:
@@ -150,15 +150,15 @@ def chunk_path(folder: Path, k: int) -> Path:
 
 
 def _locked(folder: Path) -> IO[bytes]:
-    """Make the folder if need be and return its lock, which the system lets go when this process ends, however it does.
+    """Create the folder if necessary and return its lock, which the system releases whenever this process ends.
 
     Raises:
-        ResultError: another process holds it, or the folder cannot be made.
+        ResultError: another process holds the lock, or the folder cannot be created.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / LOCK).open("ab")
-    except (OSError, ValueError) as cause:  # ValueError: a path that no file system takes
+    except (OSError, ValueError) as cause:  # ValueError: the path is invalid
         reason = reason_of(cause) if isinstance(cause, OSError) else str(cause)
         raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: cannot be written: {reason}") from cause
     try:
@@ -177,10 +177,10 @@ def _locked(folder: Path) -> IO[bytes]:
 
 
 def _manifest(folder: Path) -> dict[str, Any] | None:
-    """Return the manifest, None if there is none.
+    """Return the manifest; None if there is none.
 
     Raises:
-        ResultError: it is not one.
+        ResultError: the file is not a manifest.
     """
     path = folder / MANIFEST
     if not path.exists():
@@ -199,13 +199,13 @@ def _manifest(folder: Path) -> dict[str, Any] | None:
     return found
 
 
-def _require_same(folder: Path, there: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
-    """Refuse a folder of another plan.
+def _require_same(folder: Path, there: Mapping[str, Any], requested: Mapping[str, Any]) -> None:
+    """Refuse a folder that belongs to another plan.
 
     Raises:
-        ResultError: naming what differs.
+        ResultError: the plans differ; the message names the differences.
     """
-    differing = sorted(_differences(there, asked))
+    differing = sorted(_differences(there, requested))
     if differing:
         raise ResultError(
             f"{folder}: holds a sweep of another plan: {', '.join(differing)} differ; try another folder, or the"

@@ -1,4 +1,4 @@
-"""`holdfast.sweep`: many rollouts of one plan, by any processes, kept in a folder."""
+"""`holdfast.sweep`: many rollouts of one plan, computed by any processes and stored in a folder."""
 
 from __future__ import annotations
 
@@ -50,43 +50,43 @@ def sweep(
     stop_at_limits: bool = False,
     largest_drift: float | None = None,
 ) -> Sweep:
-    """Run many rollouts of one plan and keep what comes of them in a folder, or go on with those already there.
+    """Compute many rollouts of one plan and store their results in a folder, or complete a sweep that is there.
 
-    What belongs to run i is a function of the arguments and i alone: no byte of a data file depends on
-    `workers`, on the order of work, or on who died meanwhile. A call with the same arguments and store computes
-    what is missing there; times and processes are in `log.jsonl`. Memory is that of the chunks at work.
+    The results of run i depend only on the arguments and on i; no byte of a data file depends on `workers`, on the
+    order of computation, or on processes that died. A call with the same arguments and store computes the missing runs.
+    Times and processes are recorded in `log.jsonl`. Only the chunks being computed are in memory.
 
     Args:
         chain: arms, object and grasps.
-        law: torques; without one they are the parameter `tau`, held.
-        state: that runs begin at, brought onto the grasps of each.
-        parameters: what runs are given, by the names of `Rollout.start` (q, qd, object_pose, object_twist, the law's
-            parameters, object_wrench, gravity, object_mass, object_com, object_inertia, base_pose, grasp_pose): a
-            distribution, numbers for all runs, or a row for each.
-        count: how many runs.
-        duration: of each, a whole number of steps [s].
-        step: h [s].
-        store: the folder; made if need be.
-        outputs: names of attributes of `RolloutSystems`, taken at each run's end.
-        seed: of what is drawn, an integer >= 0.
-        chunk: runs that are one piece of work and one file.
-        workers: how many processes, 1 for this one; or an executor of `concurrent.futures`, or one that acts like it.
-        cluster: of Dask: the address of its scheduler, such as "tcp://10.0.0.1:8786", or "local" for one of `workers`
-            processes of this computer. A scheduler that died is waited for.
-        ahead: chunks that an executor or a cluster is given at a time.
-        progress: True: a bar, as for `simulate`. Or what is called after every chunk; `print` shows a line.
+        law: the control law; without one, the torques are constant and are the parameter `tau`.
+        state: initial state of the runs, which is projected onto the grasps of each.
+        parameters: parameters of the runs, with the names of `Rollout.start` (q, qd, object_pose, object_twist, the
+            law's parameters, object_wrench, gravity, object_mass, object_com, object_inertia, base_pose, grasp_pose).
+            Each is a distribution, an array for all runs, or an array with one row per run.
+        count: number of runs.
+        duration: duration of each run, a whole number of steps [s].
+        step: step h [s].
+        store: the folder, which is created if it does not exist.
+        outputs: names of attributes of `RolloutSystems`, which are stored at the end of each run.
+        seed: seed of the random draws, an integer >= 0.
+        chunk: number of runs that are computed together and stored in one file.
+        workers: number of processes, 1 for this one; or an executor with the interface of `concurrent.futures`.
+        cluster: a Dask cluster: the address of its scheduler, such as "tcp://10.0.0.1:8786", or "local" for `workers`
+            processes of this computer. If a scheduler dies, the sweep waits for its successor.
+        ahead: number of chunks that are submitted to an executor or a cluster at a time.
+        progress: True for a bar, as for `simulate`; or a function that is called after every chunk, such as `print`.
         scheme: `rk4` or `midpoint`.
         least_margin: as for `Rollout.step`; 0 stops slipping runs.
         stop_at_limits: as for `Rollout.step`.
         largest_drift: as for `Rollout.step`.
 
     Returns:
-        The sweep: summaries, and any run again.
+        The sweep, with summaries of its runs.
 
     Raises:
-        StateError: arguments that do not fit; no run that begins on its grasps.
+        StateError: an argument is invalid, or none of the first runs starts on its grasps.
         ModelError, CompileError: as for `compile_rollout`.
-        ResultError: the store is another sweep's, in use or cannot be written; processes died again and again.
+        ResultError: the store belongs to another sweep, is in use or cannot be written; or processes died repeatedly.
         MissingExtra: pyarrow is not installed.
     """
     plan = plan_of(
@@ -118,16 +118,16 @@ def carry_out(
     progress: bool | Callable[[Progress], object] | None = None,
     kept: Mapping[str, bytes] | None = None,
 ) -> Sweep:
-    """Compute what a folder has not of a plan; see `sweep`.
+    """Compute the runs of a plan that are missing in a folder; see `sweep`.
 
     Args:
-        plan: which run begins how.
+        plan: the plan.
         store: the folder.
         workers: as for `sweep`.
         cluster: as for `sweep`.
         ahead: as for `sweep`.
         progress: as for `sweep`.
-        kept: files that the folder keeps besides, by name.
+        kept: contents of additional files to store, by name.
 
     Raises:
         StateError, ResultError, MissingExtra: as for `sweep`.
@@ -152,11 +152,11 @@ def carry_out(
 
 
 def _require_workers(workers: Any, cluster: Any) -> None:
-    """Refuse what computes nothing, and two that would.
+    """Refuse invalid workers, and an executor together with a cluster.
 
     Raises:
-        StateError: naming it.
-        MissingExtra: a cluster without distributed.
+        StateError: there are such arguments; the message names them.
+        MissingExtra: a cluster is given, but distributed is not installed.
     """
     by_executor = isinstance(workers, Executor) or hasattr(workers, "submit")
     if not by_executor:
@@ -185,14 +185,14 @@ def _compute_missing(
 ) -> None:
     sizes = {k: end - begin for k in range(plan.chunk_count) for begin, end in [plan.bounds(k)]}
     missing = [k for k, rows in sizes.items() if not place.holds(k, rows)]
-    begun, fates = time.perf_counter(), Counter[str]()
+    start, fates = time.perf_counter(), Counter[str]()
     there = plan.count - sum(sizes[k] for k in missing)
     size = f"{plan.count - there} runs"
     with reporting(progress, "sweeping", size, lambda at: (at.done / at.count, str(at)), time_left=False) as tell:
         for computed in _computed(_tasks(plan, place.digest, missing), workers, cluster, ahead, len(missing)):
             place.keep(computed)
             fates += computed.fates
-            rate = fates.total() / (time.perf_counter() - begun)
+            rate = fates.total() / (time.perf_counter() - start)
             tell(Progress(there + fates.total(), plan.count, dict(fates), rate))
 
 
@@ -207,7 +207,7 @@ def _computed(tasks: Iterator[Task], workers: Any, cluster: str | None, ahead: i
 
 
 def _tasks(plan: Plan, digest: str, missing: Sequence[int]) -> Iterator[Task]:
-    """Yield chunks as they are asked for, so that few of them are in memory."""
+    """Yield chunks on demand, so that few of them are in memory."""
     rollout, drawn = pickle.dumps(plan.rollout), plan.drawn()
     for k in missing:
         begin, end = plan.bounds(k)

@@ -1,7 +1,8 @@
-"""Chunks computed elsewhere: in processes of this computer, which may die, or by any executor.
+"""Computation of chunks in this process, in other processes, which may die, or by any executor.
 
-A `ProcessPoolExecutor` stood still for ever in tests that kill processes, presumably one that was writing to the
-pipe that all share. Here each process has a pipe of its own, which ends with it, and ends it with the one that reads.
+A `ProcessPoolExecutor` hung in tests that kill processes, presumably because a process was killed while it wrote to the
+pipe that all of them share. Here each process has its own pipe, which closes with the process; and a process ends when
+the reader of its pipe does.
 """
 
 from __future__ import annotations
@@ -20,23 +21,23 @@ from typing import Any
 from holdfast.errors import ResultError
 from holdfast.sweeps.chunk import Computed, Task, compute
 
-MOST_DEATHS = 10  # of processes, without one chunk computed in between
+MOST_DEATHS = 10  # deaths of processes without a computed chunk in between
 
 
 def computed_here(tasks: Iterator[Task]) -> Iterator[Computed]:
-    """Yield what comes of chunks, one after the other, in this process."""
+    """Yield the results of chunks that are computed one after the other in this process."""
     return map(compute, tasks)
 
 
 def computed_by_processes(tasks: Iterator[Task], count: int, most_deaths: int = MOST_DEATHS) -> Iterator[Computed]:
-    """Yield what comes of chunks, in processes of this computer; those that die are replaced.
+    """Yield the results of chunks that processes of this computer compute; those that die are replaced.
 
     Raises:
-        ResultError: they die and die.
+        ResultError: processes die repeatedly.
     """
     again: list[Task] = []
     at_work: dict[Any, Task] = {}
-    processes: dict[Any, Any] = dict(_begun() for _ in range(count))
+    processes: dict[Any, Any] = dict(_new_process() for _ in range(count))
     deaths = 0
     try:
         while True:
@@ -45,7 +46,7 @@ def computed_by_processes(tasks: Iterator[Task], count: int, most_deaths: int = 
                 if task is None:
                     break
                 at_work[pipe] = task
-                with contextlib.suppress(OSError):  # it has died: reading says so
+                with contextlib.suppress(OSError):  # the process has died, which reading will show
                     pipe.send(task)
             if not at_work:
                 return
@@ -66,17 +67,17 @@ def computed_by_processes(tasks: Iterator[Task], count: int, most_deaths: int = 
                         " memory ran out, and `if __name__ == '__main__':` around the call in a script"
                     )
                 _end(pipe, processes.pop(pipe))
-                processes |= [_begun()]
+                processes |= [_new_process()]
     finally:
         for pipe, process in processes.items():
             _end(pipe, process)
 
 
 def computed_by(executor: Executor, tasks: Iterator[Task], ahead: int) -> Iterator[Computed]:
-    """Yield what comes of chunks, computed by an executor of the user's, at most so many ahead.
+    """Yield the results of chunks that an executor of the user computes; a limited number is submitted at a time.
 
     Raises:
-        ResultError: the executor broke.
+        ResultError: the executor is broken.
     """
     waiting: set[Future[Computed]] = set()
     try:
@@ -99,26 +100,26 @@ def computed_by(executor: Executor, tasks: Iterator[Task], ahead: int) -> Iterat
 
 @contextlib.contextmanager
 def deaf_to_interrupts() -> Iterator[None]:
-    """Let processes that begin meanwhile never hear of Ctrl-C, which terminals tell all; this one hears of it after."""
+    """Block Ctrl-C in processes that start within the context, since terminals send it to all; delay it in this one."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # as it begins, it unblocks what is blocked
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited by threads and processes
+    resource_tracker.ensure_running()  # a starting process unblocks blocked signals
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # threads and processes inherit this
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begun() -> tuple[Connection, Any]:
-    """Return the pipe to a new process, and the process."""
+def _new_process() -> tuple[Connection, Any]:
+    """Start a process, and return the pipe to it and the process."""
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     process = context.Process(target=_serve, args=(there,), daemon=True)
     with deaf_to_interrupts():
         process.start()
-    there.close()  # so that the pipe ends when the process does
+    there.close()  # so that the pipe closes with the process
     return here, process
 
 
@@ -129,7 +130,7 @@ def _end(pipe: Any, process: Any) -> None:
 
 
 def _received(pipe: Any) -> Computed | Exception | None:
-    """Return what a process sent, None if it died."""
+    """Return the object that a process sent; None if it died."""
     try:
         return pipe.recv()
     except (EOFError, OSError):
@@ -137,8 +138,8 @@ def _received(pipe: Any) -> Computed | Exception | None:
 
 
 def _serve(pipe: Connection) -> None:
-    """Compute chunks until the pipe ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that reads ends this one
+    """Compute chunks until the pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the reading process ends this one
     with contextlib.suppress(EOFError, OSError):
         while True:
             task = pipe.recv()

@@ -1,4 +1,4 @@
-"""How far a floating base has come."""
+"""The displacement of a floating base."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from holdfast.spatial.scalar import Array
 
 
 class BaseTravel(NamedTuple):
-    """The way of a base from where it was first.
+    """The displacement of a base from its initial pose.
 
     Attributes:
-        shift: (moments, 3) of its origin, world axes [m].
-        turn: (moments, 3) rotation vector from its first attitude, world axes [rad].
+        shift: (frames, 3) displacement of its origin, world axes [m].
+        turn: (frames, 3) rotation vector from its initial attitude, world axes [rad].
     """
 
     shift: Array
@@ -23,6 +23,6 @@ class BaseTravel(NamedTuple):
 
 
 def base_travel(poses: Array) -> BaseTravel:
-    """Return how far poses (moments, 7), wxyz_xyz, are from the first."""
+    """Return the displacements of poses (frames, 7), wxyz_xyz, from the first one."""
     attitudes = [rotation.from_quaternion(pose[:4]) for pose in poses]
     return BaseTravel(poses[:, 4:] - poses[0, 4:], np.array([rotation.log(R @ attitudes[0].T) for R in attitudes]))

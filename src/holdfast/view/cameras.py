@@ -1,4 +1,4 @@
-"""Places to look at a chain from."""
+"""Cameras for the view of a chain."""
 
 from __future__ import annotations
 
@@ -17,26 +17,28 @@ from holdfast.spatial.vector import cross
 from holdfast.view.markers import box_lines, equivalent_box
 from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
+from holdfast.view.spring_ends import spring_ends
 
-SEEN_OF = 5  # moments that are to fit into the picture
-MARGIN = 1.1  # picture over what is in it
-AROUND = 0.05  # how far links stand out beside the lines through their joints, in lengths of the longest
+SEEN_OF = 5  # number of frames that must fit into the picture
+MARGIN = 1.1  # size of the picture relative to its content
+AROUND = 0.05  # thickness of links around the lines through their joints, relative to the longest
 
 
 def upward(chain: ClosedChain) -> Array:
-    """Return the unit vector against gravity, (3,); world z where there is none."""
+    """Return the unit vector opposite to gravity, (3,); world z without gravity."""
     g = float(np.linalg.norm(chain.gravity))
     return -chain.gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
 
 
 def cameras(playback: Playback) -> list[Camera]:
-    """Return views from which the whole chain is in the picture, and one near the object; the first is the best."""
+    """Return views that show the whole chain, and one near the object; the first is the default."""
     up = upward(playback.chain)
     along = _spread(playback.base_pose[0, :, 4:], up)
-    front = cross(along, up)  # from the chain towards who looks at it
+    front = cross(along, up)  # from the chain towards the camera
     chosen = np.unique(np.linspace(0, len(playback) - 1, SEEN_OF).astype(int))
     near = np.concatenate([object_outline(playback, k) for k in chosen])
-    points = np.concatenate([near, *(arms_outline(playback, k) for k in chosen)])
+    springs = [np.reshape(spring_ends(playback, k), (-1, 3)) for k in chosen]
+    points = np.concatenate([near, *(arms_outline(playback, k) for k in chosen), *springs])
     trunk, lengths = playback.chain.trunk, [chain_length(playback.chain)]
     if trunk is not None:
         points = np.concatenate([points, *(trunk_outline(trunk, playback, k) for k in chosen)])
@@ -55,15 +57,15 @@ def cameras(playback: Playback) -> list[Camera]:
 
 
 def _fitted(name: str, direction: Array, up: Array, points: Array, target: Array, around: float) -> Camera:
-    """Return the view that is just far enough away for all points to be in a square picture.
+    """Return the nearest view that shows all points in a square picture.
 
     Args:
-        name: of the view.
-        direction: (3,) from what is seen to the eye.
-        up: (3,) upward.
-        points: (points, 3) [m].
-        target: (3,) what the eye looks at [m].
-        around: how far what is seen stands out beside the points [m].
+        name: name of the view.
+        direction: (3,) direction from the target to the camera.
+        up: (3,) upward direction.
+        points: (points, 3) points to show [m].
+        target: (3,) point at which the camera is aimed [m].
+        around: margin around the points [m].
     """
     back = direction / np.linalg.norm(direction)
     right = cross(up, back)
@@ -75,7 +77,7 @@ def _fitted(name: str, direction: Array, up: Array, points: Array, target: Array
 
 
 def arms_outline(playback: Playback, k: int) -> Array:
-    """Return bases, link origins and tips at a moment, (points, 3) world axes [m]."""
+    """Return bases, link origins and tips in a frame, (points, 3) world axes [m]."""
     points = []
     for i, (name, arm) in enumerate(playback.chain.arms.items()):
         base = Pose.from_wxyz_xyz(playback.base_pose[k, i])
@@ -84,7 +86,7 @@ def arms_outline(playback: Playback, k: int) -> Array:
 
 
 def trunk_outline(trunk: Trunk, playback: Playback, k: int) -> Array:
-    """Return base and link origins, and the corners of a body that floats, at a moment, (points, 3) world axes [m]."""
+    """Return base and link origins, and the corners of a floating body, in a frame, (points, 3) world axes [m]."""
     base = Pose.from_wxyz_xyz(playback.trunk_pose[k])
     points = [base.p]
     if trunk.floating is not None:
@@ -106,7 +108,7 @@ def _corners(body: HeldObject | Link) -> Array:
 
 
 def object_outline(playback: Playback, k: int) -> Array:
-    """Return the corners of the object's box, and the contacts, at a moment, (points, 3) world axes [m]."""
+    """Return the corners of the object's box, and the contacts, in a frame, (points, 3) world axes [m]."""
     corners = _corners(playback.chain.held_object)
     contacts = [grasp.frame.p for grasp in playback.chain.grasps.values()]
     frame = Pose.from_wxyz_xyz(playback.object_pose[k])
@@ -119,7 +121,7 @@ def _spread(bases: Array, up: Array) -> Array:
     level = level - np.outer(level @ up, up)
     sizes, directions = np.linalg.eigh(level.T @ level)
     along = directions[:, -1]
-    if sizes[-1] < 1e-6:  # one base, or all in one place
+    if sizes[-1] < 1e-6:  # there is one base, or all are in one place
         along = cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
     along = along - (along @ up) * up
     along = along / np.linalg.norm(along)

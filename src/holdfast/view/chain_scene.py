@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import joint_placement
-from holdfast.dynamics.closed.spring_wrenches import stretches
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -18,7 +16,6 @@ from holdfast.robots.visuals import arm_length, chain_length, visuals_of, visual
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
 from holdfast.view import figure_style, meshes
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.link_meshes import LinkMesh, meshes_of
@@ -36,12 +33,13 @@ from holdfast.view.meshes import Mesh
 from holdfast.view.object_drawing import drawn_object
 from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import Colour, SceneWriter
+from holdfast.view.spring_ends import spring_ends
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 UP = np.array([0.0, 0.0, 1.0])
 ROOT = f"/{TRUNK}"  # node of a trunk's base
 OBJECT_OPACITY = 0.28
-# in lengths of the longest arm
+# relative to the length of the longest arm
 SHAFT, BESIDE, AXES, CONE, LINE, COIL = 0.006, 0.03, 0.05, 0.09, 0.0025, 0.012
 FOOT_RADIUS, FOOT_HEIGHT, NAME_DEPTH, TOOL_RADIUS, PALM_RADIUS = 0.1, 0.008, 0.07, 0.012, 0.035
 
@@ -50,12 +48,12 @@ class ChainScene:
     """A playback's chain, drawn into a scene.
 
     Attributes:
-        playback: what is shown.
-        scale: of the arrows; may be changed between two moments.
+        playback: the playback.
+        scale: scale of the arrows, which may be changed between two frames.
     """
 
     def __init__(self, writer: SceneWriter, playback: Playback, scale: ArrowScale | None = None) -> None:
-        """Draw everything that does not change, at the playback's own scale of arrows or another; `show` the rest."""
+        """Draw everything that does not change; `show` draws the rest. By default the scale is the playback's own."""
         self.playback, self.scale = playback, scale or arrow_scale(playback)
         self._writer = writer
         chain = playback.chain
@@ -75,11 +73,11 @@ class ChainScene:
             writer.arrows(f"/squeeze/{node}", 1, figure_style.rgb(figure_style.INTERNAL), 0.8 * shaft)
         for i, segments in enumerate(self._coils(0)):
             writer.lines(f"/springs/{i}", segments, LINE_GREY, LINE * self._size)
-        writer.look_from(cameras(playback)[0], upward(chain))
+        writer.set_camera(cameras(playback)[0], upward(chain))
         self.show(0)
 
     def show(self, k: int) -> None:
-        """Move everything to where it is at moment k."""
+        """Move everything to its pose in frame k."""
         playback, chain = self.playback, self.playback.chain
         pose = playback.object_pose[k]
         with self._writer.at_once():
@@ -99,29 +97,13 @@ class ChainScene:
                 self._writer.paint(f"/object/cones/{_node(name)}", cone_colour(float(reserve[k])))
 
     def _coils(self, k: int) -> list[Array]:
-        """Return the lines of every spring, and of every bushing from tip to contact, at moment k, world axes."""
+        """Return the lines of every spring, and of every bushing from tip to contact, in frame k, world axes."""
         playback, chain, held = self.playback, self.playback.chain, Pose.from_wxyz_xyz(self.playback.object_pose[k])
         ends = [(playback.tip[k, chain.names.index(n)], (held @ chain.grasps[n].frame).p) for n in chain.bushings]
-        return self._springs(k) + [coil(a, b, COIL * self._size) for a, b in ends]
-
-    def _springs(self, k: int) -> list[Array]:
-        """Return the lines of every spring between bodies at moment k, world axes."""
-        playback, chain = self.playback, self.playback.chain
-        if not chain.springs:
-            return []
-        bases = dict(zip(chain.names, playback.base_pose[k], strict=True))
-        moved = chain.with_bases({name: pose for name, pose in bases.items() if name not in chain.mounts})
-        below = playback.trunk_pose[k]
-        if moved.trunk is not None and not chain.floats:
-            moved = replace(moved, trunk=replace(moved.trunk, base=below))
-        state = State(
-            playback.q[k], 0.0 * playback.q[k], playback.object_pose[k], base_pose=below if chain.floats else None
-        )
-        still = Inputs().shaped(moved)
-        return [coil(s.a.position, s.b.position, COIL * self._size) for s in stretches(moved, state, still)]
+        return [coil(a, b, COIL * self._size) for a, b in (*spring_ends(playback, k), *ends)]
 
     def _point(self, name: str, k: int) -> None:
-        """Let the arrows of one arm go out from its tip; the squeeze beside the force, not inside it."""
+        """Set the arrows of one arm, which start at its tip; the internal force is drawn beside the force."""
         playback, node, writer = self.playback, _node(name), self._writer
         i = playback.chain.names.index(name)
         tip, wrench, internal = playback.tip[k, i], playback.wrench[k, i], playback.internal[k, i, 3:]
@@ -139,7 +121,7 @@ class ChainScene:
         nodes = self._draw_links(root, base, name, arm.joints, meshes_of(visuals_of(arm)), colour)
         self._writer.mesh(f"{nodes[-1]}/(own)" if nodes else f"{root}/(hand)", self._hand(arm), colour)
         up = base.R.T @ upward(chain)
-        # the base of an arm on a trunk may be far away, and that of others too
+        # bases of arms on a trunk and of others may be far away
         beside = arm.joints[0].placement.p if name in chain.mounts and arm.joints else np.zeros(3)
         if name not in chain.mounts:
             self._writer.mesh(f"{root}/(own)", foot(self._size, up), colour)
@@ -151,7 +133,7 @@ class ChainScene:
         base, colour = Pose.from_wxyz_xyz(self.playback.trunk_pose[0]), figure_style.rgb(figure_style.TRUNK_COLOUR)
         visuals = meshes_of(visuals_of_trunk(self.playback.chain))
         nodes = self._draw_links(ROOT, base, TRUNK, trunk.joints, visuals, colour)
-        # out of the body that floats, which would hide them
+        # outside the floating body, which would hide them
         inside = 0.0 if trunk.floating is None else float(equivalent_box(trunk.floating)[0].max()) / 2
         self._writer.frame(f"{ROOT}/(axes)", Pose.identity(), inside + 3 * AXES * self._widest)
         if trunk.floating is None:
@@ -161,10 +143,10 @@ class ChainScene:
     def _draw_links(
         self, root: str, base: Pose, name: str, joints: Sequence[Joint], otherwise: list[list[LinkMesh]], colour: Colour
     ) -> list[str]:
-        """Draw base and links as the playback has them, or as given; return the names of the joints' nodes.
+        """Draw base and links with the playback's visuals or the given ones; return the names of the joints' nodes.
 
         Raises:
-            ModelError: visuals that are not as many.
+            ModelError: the number of visuals differs from that of the links.
         """
         nodes = [root]
         self._writer.frame(root, base)
@@ -173,7 +155,10 @@ class ChainScene:
             self._writer.frame(nodes[-1], Pose.identity())
         visuals = self.playback.visuals.get(name) or otherwise
         if len(visuals) != len(nodes):
-            raise ModelError(f"visuals of '{name}': expected {len(nodes)} lists, base and links, got {len(visuals)}")
+            raise ModelError(
+                f"visuals of '{name}': expected {len(nodes)} lists, one for the base and"
+                f" one for each link, got {len(visuals)}"
+            )
         for node, link_meshes in zip(nodes, visuals, strict=True):
             for j, shade in enumerate(dict.fromkeys(piece.colour for piece in link_meshes)):
                 whole = meshes.joined(piece.mesh for piece in link_meshes if piece.colour == shade)
@@ -183,7 +168,7 @@ class ChainScene:
     def _hand(self, arm: Arm) -> Mesh:
         """Return a thin tool from the last link's origin to a disc at the tip, in the last link's axes."""
         thin, length = TOOL_RADIUS * self._size, float(np.linalg.norm(arm.tip.p))
-        # a little beyond the tip, so that it does not flicker with what ends there
+        # slightly beyond the tip, to avoid flicker with surfaces that end there
         disc = Pose(arm.tip.R, arm.tip.p - 0.4 * thin * arm.tip.R[:, 2])
         parts = [meshes.cylinder(PALM_RADIUS * self._size, thin).at(disc)]
         if length > 3 * thin:
@@ -192,7 +177,7 @@ class ChainScene:
         return meshes.joined(parts)
 
     def _draw_object(self) -> list[str]:
-        """Draw object, contact frames and friction cones, which move with it; return whose cones there are."""
+        """Draw the object with its contact frames and friction cones; return the names of the arms with cones."""
         chain, writer = self.playback.chain, self._writer
         surface, outline, edges, box = drawn_object(chain.held_object)
         thin = LINE * self._size
@@ -209,7 +194,7 @@ class ChainScene:
         return [name for name, grasp in chain.grasps.items() if grasp.contact is not None]
 
     def _draw_ground(self) -> None:
-        """Draw a grid under the lowest base in the world; none where nothing stands in it, or falls."""
+        """Draw a grid below the lowest base in the world; none without such a base or without gravity."""
         playback, chain = self.playback, self.playback.chain
         up = upward(chain)
         placed = [
@@ -230,27 +215,27 @@ class ChainScene:
 
 def arm_colour(index: int) -> Colour:
     """Return the colour of the arm at an index of the chain's order, 0 to 255."""
-    return figure_style.rgb(figure_style.arm_look(index)[0])
+    return figure_style.rgb(figure_style.arm_style(index)[0])
 
 
 def part_colour(chain: ClosedChain, name: str) -> str:
     """Return the colour '#rrggbb' of an arm, or of "trunk"."""
-    return figure_style.arm_look(chain.names.index(name))[0] if name in chain.arms else figure_style.TRUNK_COLOUR
+    return figure_style.arm_style(chain.names.index(name))[0] if name in chain.arms else figure_style.TRUNK_COLOUR
 
 
 def foot(size: float, normal: Array) -> Mesh:
-    """Return a flat plate that a base stands on.
+    """Return a flat plate below a base.
 
     Args:
-        size: of the arm [m].
-        normal: (3,) unit vector square to the plate, base axes.
+        size: size of the arm [m].
+        normal: (3,) unit normal of the plate, base axes.
     """
     plate = Pose(rotation.exp(rotation.align(UP, normal)), np.zeros(3))
     return meshes.cylinder(FOOT_RADIUS * size, FOOT_HEIGHT * size).at(plate)
 
 
 def _across(vector: Array, wanted: Array) -> Array:
-    """Return the unit vector square to a vector that is nearest to a wanted one."""
+    """Return the unit vector perpendicular to a vector that is nearest to a given direction."""
     size = float(np.linalg.norm(vector))
     along = vector / size if size > 0 else np.zeros(3)
     for direction in (wanted, *np.eye(3)):
@@ -266,5 +251,5 @@ def _root(name: str) -> str:
 
 
 def _node(name: str) -> str:
-    """Return a name as one step of a path: with a division sign for a slash."""
+    """Return a name as one component of a path, with a division sign in place of each slash."""
     return name.replace("/", "\u2215")

@@ -1,4 +1,4 @@
-"""One HTML file of several playbacks, one of which is shown: a bar of their names above the page of each."""
+"""One HTML file of several playbacks, which shows one of them below a bar with the titles of all."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ HERE = Path(__file__).parent
 
 
 def different_playbacks(given: Any) -> list[Playback]:
-    """Return a playback, or several of them, as a list that a chooser can offer.
+    """Return one or several playbacks as a list for a chooser.
 
     Raises:
-        ModelError: what is no playback, none, too many, or two of one title.
+        ModelError: a value is not a playback, there are none or too many, or two have the same title.
     """
     playbacks = list(given) if isinstance(given, list | tuple) else [given]
     for one in playbacks:
@@ -40,11 +40,11 @@ def different_playbacks(given: Any) -> list[Playback]:
 
 
 def with_chooser(pages: Sequence[str], titles: Sequence[str]) -> str:
-    """Return the page that shows one of several, at the time and from the camera of the one shown before.
+    """Return a page that shows one of several pages; a change of page keeps time and camera.
 
     Args:
-        pages: what `page` returns for each.
-        titles: what they are called, each in its own way.
+        pages: the result of `page` for each playback.
+        titles: titles of the playbacks, all different.
     """
     data = json.dumps({"titles": list(titles), "pages": list(pages)}, separators=(",", ":")).replace("</", "<\\/")
     style, script = ((HERE / f"chooser.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))

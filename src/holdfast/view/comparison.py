@@ -1,4 +1,4 @@
-"""Figures of several runs over each other: forces at the hands, the object's path, energies and closure."""
+"""Figures that overlay several runs: forces at the hands, the object's path, energies and closure."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from holdfast.errors import StateError
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 from holdfast.view.base_travel import base_travel
-from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, COLUMN, DANGER, arm_look, new_figure
+from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, COLUMN, DANGER, arm_style, new_figure
 from holdfast.view.plots import columns_of_panels, worst_gaps
 
-MOST_RUNS = len(ARM_COLOURS) * len(ARM_LINES)  # that no two look alike
+MOST_RUNS = len(ARM_COLOURS) * len(ARM_LINES)  # runs with distinct styles
 
 HAND_ROWS = FORCE, MOMENT, INTERNAL, MARGIN, TORQUE = (
     "force [N]", "moment [N m]", "internal [N]", "margin [N]", "torque [%]",
@@ -26,24 +26,24 @@ Values = Callable[[Trajectory], Array]  # (samples,) of one run
 
 
 def compare_runs(runs: Runs) -> dict[str, Any]:
-    """Return figures that show several runs over each other, each with its name in the legend.
+    """Return figures that overlay several runs, which the legend names.
 
-    - `hands`: for every arm that holds in one of the runs the norms of its force and moment on the object about the
-      contact and of the force's internal part, the margin of its grasp, and the largest torque as a share of its limit.
-    - `object`: the object's position and how far it has turned from where the run begins, world axes.
-    - `balance`: kinetic energy, energy not accounted for by work, and the gap at the grasps in position.
+    - `hands`: for every arm that has a grasp in one of the runs, the norms of its force and moment on the object about
+      the contact and of the internal force, the margin of its grasp, and the largest torque relative to its limit.
+    - `object`: the position of the object and its rotation since the start of the run, world axes.
+    - `balance`: kinetic energy, energy not accounted for by work, and the position gap at the grasps.
 
-    The runs may be of different chains; arms of one name stand in one column.
+    The runs may belong to different chains; arms with the same name share a column.
 
     Args:
-        runs: at least two and at most 20 runs that know their chain, by the name that is shown.
+        runs: 2 to 20 runs that contain their chain, by the name to show.
 
     Returns:
-        Matplotlib figures by name; a notebook shows them all.
+        Matplotlib figures by name, which a notebook displays together.
 
     Raises:
         MissingExtra: matplotlib is not installed.
-        StateError: too few or too many runs, or what is no run with samples that knows its chain.
+        StateError: there are too few or too many runs, or a value is not a run with samples and a chain.
     """
     from holdfast.view.inline import Figures
 
@@ -63,7 +63,7 @@ def compare_runs(runs: Runs) -> dict[str, Any]:
 
 
 def _holding(runs: Runs) -> list[str]:
-    """Return the arms that hold in one of the runs at least, in the order in which runs name them."""
+    """Return the arms that have a grasp in at least one of the runs, in the order of the runs' names."""
     held = {
         name: None
         for run in runs.values()
@@ -74,7 +74,7 @@ def _holding(runs: Runs) -> list[str]:
 
 
 def _hands_figure(runs: Runs) -> Any:
-    """Return a column of panels for every arm that holds; a row that no run fills is left out."""
+    """Return a figure with a column of panels for every arm with a grasp, without rows that would be empty."""
     arms = _holding(runs)
     hands = {name: [_of_hand(run, name) for run in runs.values()] for name in arms}
     rows = [row for row in HAND_ROWS if any(of[row] is not None for of_runs in hands.values() for of in of_runs)]
@@ -85,7 +85,7 @@ def _hands_figure(runs: Runs) -> Any:
                 _draw(panel, runs, [of[row] for of in hands[name]])
                 if row in LIMITS:
                     panel.axhline(LIMITS[row], color=DANGER, linewidth=0.8)
-        for column in columns:  # once all are drawn: those of a row have one axis
+        for column in columns:  # after all curves are drawn, because the panels of a row share an axis
             for panel, row in zip(column, rows, strict=True):
                 panel.set_ylim(bottom=None if row == MARGIN else 0.0)
         _name_runs(figure, runs)
@@ -93,7 +93,7 @@ def _hands_figure(runs: Runs) -> Any:
 
 
 def _of_hand(run: Trajectory, name: str) -> dict[str, Array | None]:
-    """Return by row what is drawn of an arm; None of a run that has no such arm, and where nothing limits it."""
+    """Return the curves of an arm by row; None for a run without this arm, and for a quantity without a limit."""
     chain = _chain(run)
     if name not in chain.names:
         return dict.fromkeys(HAND_ROWS)
@@ -111,7 +111,7 @@ def _of_hand(run: Trajectory, name: str) -> dict[str, Array | None]:
 
 
 def _object_figure(runs: Runs) -> Any:
-    """Return where the object is, and how far it has turned."""
+    """Return the figure of the object's position and rotation."""
     labels = ("x [m]", "y [m]", "z [m]", "turn [rad]")
     parts: list[Values] = [lambda run, axis=axis: run.object_pose[:, 4 + axis] for axis in range(3)]
     parts.append(lambda run: np.linalg.norm(base_travel(run.object_pose).turn, axis=1))
@@ -119,18 +119,18 @@ def _object_figure(runs: Runs) -> Any:
 
 
 def _balance_figure(runs: Runs) -> Any:
-    """Return what shows that runs are mechanics: energies, and gaps after projection on a logarithmic axis."""
+    """Return the figure of the energies, and of the gaps after projection on a logarithmic axis."""
     parts: list[Values] = [lambda run: run.kinetic, lambda run: run.imbalance]
     figure = _over_each_other(runs, ("kinetic energy [J]", "imbalance [J]", "position gap\n[m or rad]"), parts, 4.6)
     gap = figure.axes[-1]
     for i, run in enumerate(runs.values()):
-        colour, line = arm_look(i)
+        colour, line = arm_style(i)
         gap.semilogy(*worst_gaps(run.t, run.position_gap[:, 1]), linestyle=line, color=colour)
     return figure
 
 
 def _over_each_other(runs: Runs, labels: tuple[str, ...], parts: list[Values], height: float) -> Any:
-    """Return panels below each other, a curve of every run in each of the first."""
+    """Return a figure with panels below each other, and draw a curve of every run in each of the first panels."""
     with new_figure(COLUMN, height) as figure:
         panels = figure.subplots(len(labels), 1, sharex=True)
         for panel, label in zip(panels, labels, strict=True):
@@ -144,17 +144,17 @@ def _over_each_other(runs: Runs, labels: tuple[str, ...], parts: list[Values], h
 
 
 def _draw(panel: Any, runs: Runs, curves: Sequence[Array | None]) -> None:
-    """Draw a curve of every run that has one, each narrower than those below, so that of equal ones all are seen."""
+    """Draw a curve of every run that has one, each narrower than those below, so that equal curves remain visible."""
     for i, ((name, run), found) in enumerate(zip(runs.items(), curves, strict=True)):
         if found is not None:
-            colour, line = arm_look(i)
+            colour, line = arm_style(i)
             panel.plot(
                 run.t, found, linestyle=line, color=colour, label=name, linewidth=2.0 - 0.9 * i / (len(runs) - 1)
             )
 
 
 def _name_runs(figure: Any, runs: Runs) -> None:
-    """Say once for all panels which curve is which run."""
+    """Add one legend of the runs for all panels."""
     found = {line.get_label(): line for panel in figure.axes for line in panel.lines}
     handles = [found[name] for name in runs if name in found]
     longest = max(len(name) for name in runs)

@@ -41,7 +41,7 @@ STYLE: dict[Any, Any] = {  # keys and values of matplotlib's rcParams
 }
 
 
-def arm_look(index: int) -> tuple[str, str]:
+def arm_style(index: int) -> tuple[str, str]:
     """Return colour and line style of the arm at an index of the chain's order; no two of twenty arms look alike."""
     turn, place = divmod(index, len(ARM_COLOURS))
     return ARM_COLOURS[place], ARM_LINES[(place + turn) % len(ARM_LINES)]

@@ -1,4 +1,4 @@
-"""Runs and figures where a notebook shows them, and pages that open in the browser."""
+"""Display of runs and figures in notebooks, and of pages in the browser."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from holdfast.simulation.trajectory import require_run_of, text_of
 from holdfast.view import summary_table
 from holdfast.view.plots import figures
 
-HEIGHT = 620  # of a page in a notebook [pixels]
+HEIGHT = 620  # height of a page in a notebook [pixels]
 INLINE_DPI = 110
 
 
 class Figures(dict[str, Any]):
-    """Matplotlib figures by name; a notebook shows each, and all of them."""
+    """Matplotlib figures by name, which a notebook displays one by one or together."""
 
     def __init__(self, figures: Mapping[str, Any]) -> None:
         super().__init__(figures)
-        for figure in self.values():  # matplotlib leaves it to pyplot, which need not be in use
+        for figure in self.values():  # matplotlib does this only if pyplot is in use
             figure._repr_png_ = partial(png, figure)
 
     def _repr_html_(self) -> str:
@@ -39,8 +39,8 @@ class InlinePage:
     """A page inside a notebook's cell.
 
     Attributes:
-        text: of the HTML file.
-        title: what it is called.
+        text: content of the HTML file.
+        title: title of the page.
     """
 
     def __init__(self, text: str, title: str) -> None:
@@ -56,10 +56,10 @@ class InlinePage:
 
 
 def shown(page: str, title: str) -> InlinePage | Path:
-    """Return a page for a notebook to show; elsewhere open it in the browser and return its file.
+    """Return a page that a notebook displays; outside a notebook, open the page in the browser and return its file.
 
     Raises:
-        ResultError: no browser opens.
+        ResultError: no browser can be opened.
     """
     if in_notebook():
         return InlinePage(page, title)
@@ -91,7 +91,7 @@ def table(rows: list[tuple[str, str]]) -> str:
 
 
 def html_of_run(run: Any) -> str | None:
-    """Return a run's summary beside its first figure; None, so that its text is shown, where it has neither."""
+    """Return a run's summary beside its first figure; None if it has neither, so that its text is shown."""
     try:
         whole = run.whole_run()
         chain = whole.require_setting().chain

@@ -1,4 +1,4 @@
-"""What arms are drawn with: a surface and a colour for each piece of a link."""
+"""The surfaces and colours with which arms are drawn, piece by piece."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ SHRINK = 0.003
 
 
 class LinkMesh(NamedTuple):
-    """Something rigid to draw.
+    """A rigid surface to draw.
 
     Attributes:
-        mesh: in the axes of what it is fixed to.
-        colour: red, green, blue, 0 to 255; None for the arm's own.
+        mesh: the surface, in the axes of the body to which it is fixed.
+        colour: red, green and blue, 0 to 255; None for the colour of the arm.
     """
 
     mesh: Mesh
@@ -38,11 +38,11 @@ class LinkMesh(NamedTuple):
 
 
 class UrdfMeshes(NamedTuple):
-    """What a URDF says its base and links look like.
+    """The visuals of the base and the links of a URDF.
 
     Attributes:
-        pieces: N + 1 lists, base to tip; None if a mesh is missing, or nothing is there to draw.
-        missing: what of the meshes, and why.
+        pieces: N + 1 lists of surfaces, base to tip; None if a mesh is missing, or there are no visuals.
+        missing: names of the meshes that cannot be read, and the reasons.
     """
 
     link_meshes: list[list[LinkMesh]] | None
@@ -50,21 +50,21 @@ class UrdfMeshes(NamedTuple):
 
 
 def meshes_of(visuals: Sequence[Sequence[Primitive]]) -> list[list[LinkMesh]]:
-    """Return what to draw on a base and on each link, as many lists as there are of solids."""
+    """Return the surfaces of a base and of each link, as one list for each list of solids."""
     return [
-        # solids of one and of neighbouring links share surfaces, which would flicker: no two of these are of one size
+        # coinciding surfaces of solids would flicker, so all sizes differ
         [_of_primitive(solid, 1.0 - SHRINK * ((2 * k + 3 * j) % 7)) for j, solid in enumerate(solids)]
         for k, solids in enumerate(visuals)
     ]
 
 
 def meshes_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path | None) -> UrdfMeshes:
-    """Return what a URDF says its base and links look like; nothing if a mesh file is not to be had.
+    """Return the visuals of the base and the links of a URDF; none if a mesh file cannot be read.
 
     Args:
-        visuals: of `urdf_visuals`.
-        folder: that relative file names start from; a `package://` name is looked for in it and above it; None: there
-            are none.
+        visuals: the result of `urdf_visuals`.
+        folder: the folder to which file names are relative; `package://` names are searched for in it and in the
+            folders above it. None if there is no such folder.
     """
 
     @cache
@@ -90,9 +90,9 @@ def meshes_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path | None) -> 
 
 
 def meshes_in_files(chain: ClosedChain) -> tuple[dict[str, list[list[LinkMesh]]], dict[str, tuple[str, ...]]]:
-    """Return what files say that arms, and "trunk", look like, and whose meshes are not to be had, and why; by name.
+    """Return the visuals in the files of arms and "trunk", and the reasons why meshes cannot be read; both by name.
 
-    Those that are in neither have no visuals: they are drawn with simple solids, as those whose meshes are missing.
+    An arm without visuals is in neither. It is drawn with simple solids, like an arm whose meshes are missing.
     """
     link_meshes, missing = {}, {}
     for name, of in {**({} if chain.trunk is None else {TRUNK: chain.trunk}), **chain.arms}.items():
@@ -107,7 +107,7 @@ def meshes_in_files(chain: ClosedChain) -> tuple[dict[str, list[list[LinkMesh]]]
 
 
 def surface_of_object(held: HeldObject) -> Mesh | MeshFault | None:
-    """Return the surface of an object, or why it cannot be read; None if the object has no shape."""
+    """Return the surface of an object, or the reason why it cannot be read; None if the object has no shape."""
     if held.shape is None:
         return None
     try:
@@ -120,7 +120,7 @@ def surface_of_object(held: HeldObject) -> Mesh | MeshFault | None:
 
 
 def notes_on(missing: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return a sentence for each arm, "trunk" or "object" whose meshes cannot be read; it names the first of them."""
+    """Return a sentence for each arm, "trunk" or "object" with unreadable meshes, which names the first of them."""
     found = []
     for name, (first, *others) in missing.items():
         what = name if name in (TRUNK, OBJECT) else f"arm '{name}'"

@@ -1,4 +1,4 @@
-"""The live viewer: a playback in the browser, with controls beside it and the numbers of the moment that is shown."""
+"""The live viewer: a playback in the browser, with controls beside it and the numbers of the frame that is shown."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.chooser import different_playbacks
-from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_look
+from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_style
 from holdfast.view.markers import ArrowScale, common_scale
 from holdfast.view.page import legend, meter, plots
 from holdfast.view.playback import Playback
@@ -23,18 +23,18 @@ TICK = 1 / 60  # s
 
 
 def watch(playbacks: Playback | Sequence[Playback], announce: Callable[[str], None], port: int = 0) -> None:
-    """Show playbacks in the browser, one at a time, until KeyboardInterrupt; only this machine can see them.
+    """Show playbacks in the browser of this machine, one at a time, until KeyboardInterrupt.
 
     Args:
-        playbacks: what to show, one or several, each with a title of its own.
-        announce: called with the address once it can be opened.
-        port: to listen at; 0 for any that is free.
+        playbacks: one or several playbacks, with different titles.
+        announce: function that is called with the address when it can be opened.
+        port: port of the server; 0 for any free port.
 
     Raises:
         MissingExtra: viser is not installed.
         ModelError: as for `export_page`.
         HoldfastError: the port is not free.
-        KeyboardInterrupt: the end; the server has been stopped.
+        KeyboardInterrupt: the user ended the viewer; the server has been stopped.
     """
     shown = different_playbacks(playbacks)
     titles, scale = [playback.title for playback in shown], common_scale(shown)
@@ -52,17 +52,17 @@ def watch(playbacks: Playback | Sequence[Playback], announce: Callable[[str], No
                 announced = True
             before = None
             while controls.chosen == playback.title:
-                now = controls.moment(time.monotonic()), controls.scale
+                now = controls.frame(time.monotonic()), controls.scale
                 if now != before:
                     before = now
-                    moment, scene.scale = now
-                    scene.show(moment)
-                    controls.show_numbers(moment)
+                    frame, scene.scale = now
+                    scene.show(frame)
+                    controls.show_numbers(frame)
                 time.sleep(TICK)
 
 
 class Controls:
-    """The controls beside the picture, and the clock that they govern."""
+    """The controls beside the picture, and the clock of the playback."""
 
     def __init__(
         self,
@@ -72,14 +72,14 @@ class Controls:
         titles: Sequence[str] = (),
         earlier: Controls | None = None,
     ) -> None:
-        """Put the controls up.
+        """Create the controls.
 
         Args:
-            server: of `viewer_server`.
-            playback: what is shown.
-            scale: of the arrows at their usual length.
-            titles: of all that can be shown, its own among them; none are offered where there is no other.
-            earlier: the controls of another playback, whose time goes on.
+            server: the result of `viewer_server`.
+            playback: the playback that is shown.
+            scale: default scale of the arrows.
+            titles: titles of all playbacks; there is no choice if there is only one.
+            earlier: controls of the previous playback, whose time is kept.
         """
         self._playback, self._usual, self._choice = playback, scale, None
         first, last = float(playback.t[0]), float(playback.t[-1])
@@ -100,7 +100,7 @@ class Controls:
         self._length = gui.add_slider("arrow length", 0.1, 5.0, 0.1, 1.0)
         views = {view.name: view for view in cameras(playback)}
         buttons = gui.add_button_group("look from", tuple(views))
-        buttons.on_click(lambda event: _look(event.client, views[buttons.value], upward(playback.chain)))
+        buttons.on_click(lambda event: _set_camera(event.client, views[buttons.value], upward(playback.chain)))
         self._legend = gui.add_html("")
         self._numbers = gui.add_html("")
         for plot in plots(playback) if len(playback) > 1 else []:
@@ -109,24 +109,24 @@ class Controls:
 
     @property
     def chosen(self) -> str:
-        """The title of the playback that is asked for."""
+        """The title of the selected playback."""
         return self._playback.title if self._choice is None else str(self._choice.value)
 
     @property
     def scale(self) -> ArrowScale:
-        """The scale of the arrows that is asked for."""
+        """The selected scale of the arrows."""
         return ArrowScale(*(self._length.value * usual for usual in self._usual))
 
-    def moment(self, now: float) -> int:
-        """Return which moment of the playback to show.
+    def frame(self, now: float) -> int:
+        """Return the index of the frame to show.
 
         Args:
-            now: time of a clock that never goes back [s].
+            now: time of a monotonic clock [s].
         """
         playback, passed, self._before = self._playback, now - self._before, now
         if len(playback) == 1:
             return 0
-        if abs(self._slider.value - self._time) > 1e-3:  # someone moved it
+        if abs(self._slider.value - self._time) > 1e-3:  # the user moved it
             self._time = float(self._slider.value)
         elif self._playing:
             later = self._time + float(self._speed.value[:-1]) * passed
@@ -134,17 +134,17 @@ class Controls:
             self._slider.value = round(self._time, 3)
         return int(np.searchsorted(playback.t, self._time + 1e-9, side="right").clip(1, len(playback))) - 1
 
-    def show_numbers(self, moment: int) -> None:
-        """Show the numbers of a moment."""
+    def show_numbers(self, frame: int) -> None:
+        """Show the numbers of a frame."""
         self._legend.content = f"<div style='padding:0 1em;opacity:.75'>{legend(self._playback, self.scale)}</div>"
-        self._numbers.content = readout(self._playback, moment)
+        self._numbers.content = readout(self._playback, frame)
 
     def _play(self, playing: bool) -> None:
         self._playing = playing
         self._button.label = "Pause" if playing else "Play"
 
 
-def _look(client: Any, view: Camera, up: Any) -> None:
+def _set_camera(client: Any, view: Camera, up: Any) -> None:
     """Move one viewer's camera."""
     if client is not None:
         with client.atomic():
@@ -157,7 +157,7 @@ def _add_curves(gui: Any, playback: Playback, plot: dict[str, Any]) -> None:
     from viser import uplot
 
     series = [uplot.Series(label="t [s]")]
-    widths = np.linspace(4.0, 2.0, len(plot["curves"]))  # so that of equal curves both are seen
+    widths = np.linspace(4.0, 2.0, len(plot["curves"]))  # so that both of two equal curves are visible
     for curve, width in zip(plot["curves"], widths, strict=True):
         dash = (6.0, 4.0) if curve["dashed"] else ()
         series.append(uplot.Series(label=curve["label"], stroke=curve["colour"], width=float(width), dash=dash))
@@ -166,41 +166,41 @@ def _add_curves(gui: Any, playback: Playback, plot: dict[str, Any]) -> None:
     gui.add_uplot((playback.t, *values), tuple(series), title=plot["title"], scales=scales, aspect=1.8)
 
 
-HEADINGS = ("", "force [N]", "internal [N]", "moment [N m]", "margin [N]", "torque [%]")
+HEADINGS = ("", "force [N]", "internal [N]", "moment [N\u00a0m]", "margin [N]", "torque [%]")
 ZONES = f"{GREEN} 28%,{ORANGE} 38%,{ORANGE} 62%,{DANGER} 72%"
 METER = f"height:8px;border-radius:4px;background:linear-gradient(90deg,{ZONES})"
 NEEDLE = "position:relative;top:-3px;width:3px;height:14px;background:#000"
 
 
-def readout(playback: Playback, moment: int) -> str:
-    """Return the wrenches of a moment, the margins, how near the torques are to their limits, and the condition."""
-    rows = "".join(_row(playback, moment, i, name) for i, name in enumerate(playback.chain.names))
+def readout(playback: Playback, frame: int) -> str:
+    """Return the wrenches in a frame, the margins, the torques relative to their limits, and the condition."""
+    rows = "".join(_row(playback, frame, i, name) for i, name in enumerate(playback.chain.names))
     head = "".join(f"<th style='text-align:right;font-weight:normal'>{heading}</th>" for heading in HEADINGS)
     shown = meter(playback)
-    share, nearest = shown["values"][moment] or 0.0, shown["names"][shown["nearest"][moment]]
+    share, nearest = shown["values"][frame] or 0.0, shown["names"][shown["nearest"][frame]]
     return (
-        f"<div style='padding:0 1em;font-size:.8em'><b>t = {playback.t[moment]:.3f} s</b>"
+        f"<div style='padding:0 1em;font-size:.8em'><b>t = {playback.t[frame]:.3f} s</b>"
         f"<table style='width:100%'><tr>{head}</tr>{rows}</table>"
-        f"condition of the grasps {playback.condition[moment]:.3g}; regular to singular, nearest:"
+        f"condition of the grasps {playback.condition[frame]:.3g}; regular to singular, nearest:"
         f" {html.escape(nearest)}"
         f"<div style='{METER}'><div style='{NEEDLE};left:{99 * share:.1f}%'></div></div></div>"
     )
 
 
 def chip(index: int, name: str) -> str:
-    """Return an arm's name beside a square of its colour, as HTML."""
-    return f"<span style='color:{arm_look(index)[0]}'>&#9632;</span> {html.escape(name)}"
+    """Return an arm's name after a square in its colour, as HTML."""
+    return f"<span style='color:{arm_style(index)[0]}'>&#9632;</span> {html.escape(name)}"
 
 
-def _row(playback: Playback, moment: int, i: int, name: str) -> str:
+def _row(playback: Playback, frame: int, i: int, name: str) -> str:
     use = playback.torque_use(name)
-    moments, forces = playback.wrench[moment, i, :3], playback.wrench[moment, i, 3:]
+    moments, forces = playback.wrench[frame, i, :3], playback.wrench[frame, i, 3:]
     values = (
         float(np.linalg.norm(forces)),
-        float(np.linalg.norm(playback.internal[moment, i, 3:])),
+        float(np.linalg.norm(playback.internal[frame, i, 3:])),
         float(np.linalg.norm(moments)),
-        float(playback.margin[moment, i]),
-        np.inf if use is None else 100 * float(use[moment]),
+        float(playback.margin[frame, i]),
+        np.inf if use is None else 100 * float(use[frame]),
     )
     cells = "".join(f"<td style='text-align:right'>{_short(value)}</td>" for value in values)
     return f"<tr><td style='white-space:nowrap'>{chip(i, name)}</td>{cells}</tr>"

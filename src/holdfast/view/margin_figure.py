@@ -9,7 +9,7 @@ import numpy as np
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
-from holdfast.view.figure_style import COLUMN, DANGER, arm_look, new_figure
+from holdfast.view.figure_style import COLUMN, DANGER, arm_style, new_figure
 
 MOST_NAMED = 4  # instants of slip with their times beside
 OPEN = 1e-6  # of the axis: wider ranges of margins are drawn
@@ -37,13 +37,13 @@ def friction_margin_figure(chain: ClosedChain, run: Trajectory) -> Any:
         panel.axhspan(-BEYOND, 0.0, color=DANGER, alpha=0.12, linewidth=0, zorder=0)
         panel.axhline(0.0, color=DANGER, linewidth=0.8)
         for i in limited:
-            colour, line = arm_look(i)
+            colour, line = arm_style(i)
             panel.plot(run.t, _finite(run.margin[:, i]), linestyle=line, color=colour, label=chain.names[i])
         low, high = _range(run.margin)
         for i in limited:
             worst, best = (np.clip(m[:, i], -BEYOND, BEYOND) for m in (run.worst_margin, run.best_margin))
             if (best - worst > OPEN * (high - low)).any():
-                panel.fill_between(run.t, worst, best, color=arm_look(i)[0], alpha=0.15, linewidth=0)
+                panel.fill_between(run.t, worst, best, color=arm_style(i)[0], alpha=0.15, linewidth=0)
         _mark_slips(panel, run, slips(chain, run), low, high)
         panel.set_ylabel("margin of the grasp [N]")
         panel.set_xlabel("time [s]")

@@ -1,4 +1,4 @@
-"""What is drawn beside the arms: the object as a box, friction cones, and arrows of a handy length."""
+"""Markers beside the arms: the object as a box, friction cones, and arrows of a suitable length."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ TURNS, PER_TURN = 8, 12
 
 
 def coil(a: Array, b: Array, radius: float) -> Array:
-    """Return a coil from one point to another as lines, (N, 2, 3), as many however far apart they are [m]."""
+    """Return a coil from one point to another as a fixed number of lines, (N, 2, 3) [m]."""
     turn = rotation.exp(rotation.align(np.array([0.0, 0.0, 1.0]), _direction(b - a)))
     angles = np.linspace(0.0, 2 * np.pi * TURNS, TURNS * PER_TURN + 1)
     around = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles]) @ turn.T
@@ -72,19 +72,19 @@ def _direction(vector: Array) -> Array:
 
 
 SPOKES, RIM = 12, 48
-# shares of mu f_n that are left, and the colours there
+# margins relative to mu f_n, and their colours
 RESERVES = (0.05, 0.25, 0.5)
 COLOURS = (rgb(DANGER), rgb(ORANGE), rgb(GREEN))
-SHADES = 32  # so that a recording need not change colours at every moment
+SHADES = 32  # so that colours do not change in every frame of a recording
 
 
 def cone_lines(mu: float, height: float, frame: Pose) -> Array:
-    """Return a cone's lines with its apex in a contact frame's origin, open along its z axis, (N, 2, 3) [m].
+    """Return the lines of a cone with its apex at the origin of a contact frame and its axis along z, (N, 2, 3) [m].
 
     Args:
-        mu: friction coefficient: mouth radius over height.
-        height: [m].
-        frame: the contact frame; lines are in the axes that it is given in.
+        mu: friction coefficient, the ratio of the cone's radius to its height.
+        height: height of the cone [m].
+        frame: the contact frame; the lines are in the axes in which it is given.
     """
     angles = np.linspace(0.0, 2 * np.pi, RIM, endpoint=False)
     rim = height * np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones(RIM)])
@@ -94,25 +94,25 @@ def cone_lines(mu: float, height: float, frame: Pose) -> Array:
 
 
 def cone_colour(reserve: float) -> tuple[int, int, int]:
-    """Return a cone's colour, vermillion at the edge of slipping, green far from it, 0 to 255.
+    """Return a cone's colour, 0 to 255, from vermillion at the onset of slip to green far from it.
 
     Args:
-        reserve: share of mu f_n that is left, 0 to 1.
+        reserve: margin relative to mu f_n, 0 to 1.
     """
     step = round(SHADES * reserve) / SHADES
     red, green, blue = (round(float(np.interp(step, RESERVES, channel))) for channel in zip(*COLOURS, strict=True))
     return red, green, blue
 
 
-LONGEST = 0.25  # arrow, over the longest arm
+LONGEST = 0.25  # length of the arrow relative to the longest arm
 
 
 class ArrowScale(NamedTuple):
-    """How long arrows are.
+    """The scale of arrows.
 
     Attributes:
-        force: [m per N].
-        moment: [m per N m].
+        force: length per force [m/N].
+        moment: length per moment [m/(N m)].
     """
 
     force: float
@@ -120,15 +120,15 @@ class ArrowScale(NamedTuple):
 
 
 def common_scale(playbacks: Sequence[Playback]) -> ArrowScale:
-    """Return the smallest of the scales of playbacks that are compared."""
+    """Return the smallest of the scales of several playbacks."""
     scales = [arrow_scale(playback) for playback in playbacks]
     return ArrowScale(min(scale.force for scale in scales), min(scale.moment for scale in scales))
 
 
 def arrow_scale(playback: Playback) -> ArrowScale:
-    """Return the scale that makes the playback's largest wrench a handy arrow, rounded to 1, 2 or 5.
+    """Return the scale at which the largest wrench of a playback is an arrow of suitable length, rounded to 1, 2 or 5.
 
-    A moment is as long as the force that makes it at the contacts' distance from their middle.
+    A moment is as long as a force that causes it at the distance of the contacts from their centre.
     """
     size = chain_length(playback.chain)
     lever = length_scale([grasp.frame.p for grasp in playback.chain.grasps.values()])

@@ -1,4 +1,4 @@
-"""One HTML file that plays a playback beside a panel of curves; it opens without network and without this program."""
+"""One HTML file that plays a playback beside a panel of curves, without network access or this program."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from holdfast.view.scene_writer import SceneWriter, viewer_server
 
 
 def export_page(playback: Playback | Sequence[Playback], path: str | PathLike[str]) -> None:
-    """Write a playback as one HTML file, whole or not at all; of several, one is chosen in the page.
+    """Write playbacks as one HTML file, either completely or not at all; the page offers a choice of several playbacks.
 
-    The player begins at once and repeats; space pauses it. A playback of one moment stands still. Whoever changes
-    from one playback to another sees the same time from the same camera, paused.
+    The player starts at once and repeats; the space bar pauses it. A playback of one frame stands still. A change to
+    another playback keeps time and camera, and pauses.
 
     Args:
-        playback: what to show; or at most 12, each with a title of its own.
+        playback: the playback, or at most 12 playbacks with different titles.
         path: the file.
 
     Raises:
         MissingExtra: viser is not installed.
-        ModelError: what is no playback, too many of them, or two of one title.
+        ModelError: a value is not a playback, there are too many, or two have the same title.
         ResultError: the file cannot be written.
     """
     several = different_playbacks(playback)
@@ -51,8 +51,8 @@ def page(playback: Playback, scale: ArrowScale | None = None) -> str:
     """Return the text of the HTML file of one playback; the same playback gives the same text.
 
     Args:
-        playback: what to show.
-        scale: of the arrows; None for the playback's own.
+        playback: the playback.
+        scale: scale of the arrows; None for the playback's own.
 
     Raises:
         MissingExtra: viser is not installed.
@@ -64,24 +64,24 @@ def page(playback: Playback, scale: ArrowScale | None = None) -> str:
             recording.insert_sleep(float(playback.t[k] - playback.t[k - 1]))
             scene.show(k)
         if len(playback) > 1:
-            recording.insert_sleep(1 / RATE)  # or the player, at its end, would be at the beginning
+            recording.insert_sleep(1 / RATE)  # otherwise the player would be at the beginning when it ends
         return with_panel(recording.as_html(), playback, scene.scale)
 
 
 HERE = Path(__file__).parent
 DIGITS = 4
-GAP = "\u00a0"  # a space at which no line ends
-GONE = 1e-3  # strength at the meter's end
+GAP = "\u00a0"  # a space without a line break
+GONE = 1e-3  # strength at the end of the meter
 NOISE = 1e-9  # N m per N: smaller moments are rounding
 
 
 def with_panel(page: str, playback: Playback, scale: ArrowScale) -> str:
-    """Return viser's page with the panel in it, and with the playback's title.
+    """Return viser's page with the panel and the playback's title.
 
     Args:
-        page: what viser's recording returns.
-        playback: what was recorded.
-        scale: of the arrows.
+        page: the page returned by viser's recording.
+        playback: the recorded playback.
+        scale: scale of the arrows.
     """
     data = json.dumps(panel_data(playback, scale), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
     style, script = ((HERE / f"page_panel.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
@@ -97,7 +97,7 @@ def with_panel(page: str, playback: Playback, scale: ArrowScale) -> str:
 
 
 def panel_data(playback: Playback, scale: ArrowScale) -> dict[str, Any]:
-    """Return what the panel shows, as plain data; times count from the first moment [s]."""
+    """Return the content of the panel as plain data; times count from the first frame [s]."""
     return {
         "title": playback.title,
         "start": float(playback.t[0]),
@@ -113,7 +113,7 @@ def panel_data(playback: Playback, scale: ArrowScale) -> dict[str, Any]:
 
 
 def legend(playback: Playback, scale: ArrowScale) -> str:
-    """Return a sentence or two that explain arrows and cones."""
+    """Return one or two sentences that explain arrows and cones."""
     sentences = [
         f"Arrows in an arm's colour are its force on the object (0.1{GAP}m is {0.1 / scale.force:.3g}{GAP}N), with two"
         f" heads its moment (0.1{GAP}m is {0.1 / scale.moment:.3g}{GAP}N{GAP}m). Purple arrows are the internal force."
@@ -155,7 +155,7 @@ def plots(playback: Playback) -> list[dict[str, Any]]:
 
 
 def meter(playback: Playback) -> dict[str, Any]:
-    """Return the singularity meter: green up to 1/3, orange to 2/3, then red, and who is nearest to a singularity.
+    """Return the singularity meter, green up to 1/3, orange up to 2/3, then red, and the part nearest to a singularity.
 
     It shows the weaker of the grasp constraint and the weakest arm, on the scale of `near_singular`.
     """
@@ -181,5 +181,5 @@ def _curve(label: str, colour: str, values: Array, dashed: bool = False) -> dict
 
 
 def _rounded(values: Array, digits: int = DIGITS) -> list[float | None]:
-    """Return values short enough to be read, None where there is no finite one."""
+    """Return values rounded for display; None for values that are not finite."""
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values]

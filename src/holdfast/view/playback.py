@@ -1,4 +1,4 @@
-"""What is shown of a run: a few moments a second, with everything that the pictures need at each."""
+"""The frames of a run that are shown, a few per second, with everything needed to draw them."""
 
 from __future__ import annotations
 
@@ -26,31 +26,33 @@ from holdfast.state import Inputs, State
 from holdfast.view.link_meshes import OBJECT, LinkMesh, meshes_in_files, notes_on, surface_of_object
 
 Visuals = Mapping[str, Sequence[Sequence[LinkMesh]]]
-RATE = 30.0  # moments a second
+RATE = 30.0  # frames per second
 SMALLEST_HOLD = 1e-9  # N
-MOST_MOMENTS = 20_000  # more take minutes to draw, and as long to load
+MOST_FRAMES = 20_000  # more take minutes to draw, and as long to load
 
 
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """The moments that are shown; the first axis of every array is the moment.
+    """The frames that are shown; the first axis of every array is the frame.
 
     Attributes:
         chain: the chain.
-        title: what it is called.
-        t: (moments,) [s].
-        q: (moments, n) [rad or m].
-        base_pose: (moments, arms, 7) wxyz_xyz of the arms' bases in the world, those on a trunk too.
-        trunk_pose: (moments, 7) wxyz_xyz of a trunk's base frame in the world; (moments, 0) without one.
-        object_pose: (moments, 7) wxyz_xyz.
-        tip: (moments, arms, 3) tip points, world axes: where an arm that holds touches the object [m].
-        wrench: (moments, arms, 6) of each arm on the object about its tip, world axes [N m, N].
-        internal: (moments, arms, 6) the part of it that moves nothing.
-        margin: (moments, arms) how far each grasp is from giving way [N]; infinite where nothing limits.
-        condition: (moments,) of the grasp constraint.
-        strength: (moments, arms) of each arm's weakest tip direction, 0 at a singular configuration; 1 without a grasp.
-        tau: (moments, n) [N m or N].
-        visuals: what an arm, or "trunk", is drawn with, if not with simple solids, by its name; see `link_meshes`.
+        title: title of the playback.
+        t: (frames,) times [s].
+        q: (frames, n) joint positions [rad or m].
+        base_pose: (frames, arms, 7) wxyz_xyz of the arms' bases in the world, those on a trunk too.
+        trunk_pose: (frames, 7) wxyz_xyz of a trunk's base frame in the world; (frames, 0) without one.
+        object_pose: (frames, 7) wxyz_xyz.
+        tip: (frames, arms, 3) tip points, world axes; for an arm with a grasp, the contact points [m].
+        wrench: (frames, arms, 6) wrench of each arm on the object about its tip, world axes [N m, N].
+        internal: (frames, arms, 6) internal part of these wrenches, which causes no motion.
+        margin: (frames, arms) margin of each grasp [N]; infinite without a limit.
+        condition: (frames,) condition of the grasp constraint.
+        strength: (frames, arms) strength of each arm's weakest tip direction; 0 at a singular configuration, 1 without
+            a grasp.
+        tau: (frames, n) joint torques [N m or N].
+        visuals: by name, the surfaces of each arm, and of "trunk", that is not drawn with simple solids; see
+            `link_meshes`.
         notes: sentences about meshes that cannot be read, which the page shows.
     """
 
@@ -71,16 +73,20 @@ class Playback:
     visuals: Visuals = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """Return the title, the number of moments and the time of the last one."""
+        return f"<Playback '{self.title}': {len(self)} moments, to {self.t[-1]:g} s>"
+
     def __len__(self) -> int:
         return len(self.t)
 
     @property
     def holding(self) -> list[str]:
-        """The arms that hold the object at some moment."""
+        """The arms that hold the object in some frame."""
         return [n for i, n in enumerate(self.chain.names) if n in self.chain.grasps or self.wrench[:, i].any()]
 
     def reserve(self, name: str) -> Array:
-        """Return the margin of an arm's friction cone as a share of mu f_n, 0 to 1, (moments,)."""
+        """Return the margin of an arm's friction cone as a share of mu f_n, 0 to 1, (frames,)."""
         i, grasp = self.chain.names.index(name), self.chain.grasps[name]
         if grasp.contact is None:
             return np.ones(len(self))
@@ -90,7 +96,7 @@ class Playback:
         return np.where(self.wrench[:, i].any(axis=1), reserve, 1.0)  # an arm that has let go cannot slip
 
     def torque_use(self, name: str) -> Array | None:
-        """Return the largest |tau| over its limit of the joints of an arm, or of "trunk", (moments,); None without."""
+        """Return the largest |tau| over its limit of the joints of an arm, or of "trunk", (frames,); None without."""
         limits = np.array([joint.effort_limit for joint in self.chain.joints_of[name]])
         return np.abs(self.tau[:, self.chain.joints[name]] / limits).max(axis=1) if np.isfinite(limits).any() else None
 
@@ -103,25 +109,25 @@ def playback_of_run(
     base_motion: Mapping[str, BaseMotion] | None = None,
     visuals: Visuals | None = None,
 ) -> Playback:
-    """Return the samples of a run nearest to `rate` moments a second; nothing is interpolated.
+    """Return the playback of a run: the samples nearest to `rate` frames per second, without interpolation.
 
     Args:
         chain: the chain that was simulated.
-        run: its run.
-        title: what it is called.
-        rate: moments a second of the run's time.
+        run: the run.
+        title: title of the playback.
+        rate: frames per second of the run's time.
         base_motion: as for `simulate`.
-        visuals: as for `Playback`; None: what the files of arms and trunk say, where their meshes can be read;
-            `Playback.notes` names those that cannot.
+        visuals: as for `Playback`; None for the visuals in the files of arms and trunk whose meshes can be read.
+            `Playback.notes` names the others.
 
     Raises:
-        StateError: what is no run, or not of this chain.
-        ModelError: a rate that is not positive or gives more than 20,000 moments, or a moving base of no arm.
+        StateError: `run` is not a run, or belongs to another chain.
+        ModelError: the rate is not positive or gives more than 20,000 frames, or a moving base belongs to no arm.
     """
     require_run_of(chain, run)
     k = samples_at(run.t, checks.number(rate, "rate", above=0.0))
-    if len(k) > MOST_MOMENTS:
-        raise ModelError(f"rate: expected at most {MOST_MOMENTS} moments, got {len(k)}; try a lower rate")
+    if len(k) > MOST_FRAMES:
+        raise ModelError(f"rate: expected at most {MOST_FRAMES} frames, got {len(k)}; try a lower rate")
     world = Environment(chain, base_motion or {})
     places = []
     for t, j in zip(run.t[k].tolist(), k.tolist(), strict=True):
@@ -138,22 +144,22 @@ def playback_of_run(
 
 
 def playback_of_instant(at: Instant, title: str, visuals: Visuals | None = None) -> Playback:
-    """Return a playback of one moment: a state, its torques, and what forward dynamics found."""
+    """Return a playback of one frame: a state, its torques, and the result of forward dynamics."""
     chain, state, found = at.chain, at.state, at.result
     margin = np.full(len(chain.arms), np.inf)
     margin[[chain.names.index(name) for name in chain.grasps]] = grasp_margins(chain, state, found.grasp_wrench)
     place = _placed(chain, at.inputs, state)
     internal = split(chain, state, found.grasp_wrench).internal
-    moment = (
+    parts = (
         at.t, state.q, place.bases, place.below, state.object_pose, place.tips, found.grasp_wrench, internal, margin,
         found.condition, place.strength, at.tau,
     )  # fmt: skip
     surfaces, notes = _surfaces(chain, visuals)
-    return Playback(chain, title, *(np.array([part]) for part in moment), visuals=surfaces, notes=notes)
+    return Playback(chain, title, *(np.array([part]) for part in parts), visuals=surfaces, notes=notes)
 
 
 def _surfaces(chain: ClosedChain, visuals: Visuals | None) -> tuple[Visuals, tuple[str, ...]]:
-    """Return what arms and trunk are drawn with, and sentences about meshes in files that cannot be read."""
+    """Return the surfaces of arms and trunk, and sentences about meshes that cannot be read."""
     found, missing = meshes_in_files(chain) if visuals is None else (visuals, {})
     surface = surface_of_object(chain.held_object)
     of_object = {OBJECT: (str(surface),)} if isinstance(surface, MeshFault) else {}
@@ -161,13 +167,13 @@ def _surfaces(chain: ClosedChain, visuals: Visuals | None) -> tuple[Visuals, tup
 
 
 class _Place(NamedTuple):
-    """Where a chain is at a moment.
+    """The poses of a chain in a frame.
 
     Attributes:
-        bases: (arms, 7) of the arms in the world.
-        below: (7,) of a trunk's base frame; (0,) without one.
-        tips: (arms, 3) [m].
-        strength: (arms,) of each arm's weakest tip direction.
+        bases: (arms, 7) poses of the arms' bases in the world.
+        below: (7,) pose of a trunk's base frame; (0,) without one.
+        tips: (arms, 3) tip points [m].
+        strength: (arms,) strength of each arm's weakest tip direction.
     """
 
     bases: list[Array]
@@ -177,7 +183,7 @@ class _Place(NamedTuple):
 
 
 def _placed(chain: ClosedChain, inputs: Inputs, state: State) -> _Place:
-    """Return where a chain, its bases where they are then, is in a state."""
+    """Return the poses of a chain in a state, with its bases at their poses at that time."""
     arms = standing(chain, state, inputs.shaped(chain)).arms
     configurations = [
         forward_kinematics(arm, state.q[chain.joints[name]]) for name, arm in zip(chain.names, arms, strict=True)

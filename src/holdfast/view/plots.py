@@ -28,14 +28,14 @@ from holdfast.view.figure_style import (
     PURPLE,
     SKY,
     VERMILLION,
-    arm_look,
+    arm_style,
     new_figure,
 )
 from holdfast.view.margin_figure import friction_margin_figure
 
 ARMS_ABREAST = 4
 # no vermillion: the limit has it
-JOINT_LOOKS = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, "-"), (PURPLE, "--"), (SKY, "-."), (BLUE, ":"))
+JOINT_STYLES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, "-"), (PURPLE, "--"), (SKY, "-."), (BLUE, ":"))
 POINTS = 300  # as many as a column can show
 SMALLEST_GAP = 1e-18  # where a logarithmic axis shows a gap of 0
 
@@ -203,10 +203,10 @@ def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: An
     limits = np.array([joint.effort_limit for joint in joints])
     limited = np.isfinite(limits)
     use = np.where(limited, 100 * np.abs(tau) / limits, 0.0)
-    first = np.argsort(-(use if limited.any() else np.abs(tau)).max(axis=0), kind="stable")[: len(JOINT_LOOKS)]
+    first = np.argsort(-(use if limited.any() else np.abs(tau)).max(axis=0), kind="stable")[: len(JOINT_STYLES)]
     for k, joint in enumerate(joints):
         place = sorted(first).index(k) if k in first else None
-        colour, line = ("#bbbbbb", "-") if place is None else JOINT_LOOKS[place]
+        colour, line = ("#bbbbbb", "-") if place is None else JOINT_STYLES[place]
         label = "_" if place is None else joint.name or f"joint{k + 1}"
         torque.plot(run.t, tau[:, k], linestyle=line, color=colour, label=label)
         if limited[k]:
@@ -275,7 +275,7 @@ def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:
         share, force = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1))
         for i, name in enumerate(chain.names):
             if run.holding[:, i].any():
-                colour, line = arm_look(i)
+                colour, line = arm_style(i)
                 share.plot(run.t, shares[:, i], linestyle=line, color=colour, label=name)
         share.set_ylabel("load share [%]")
         share.set_ylim(*_wide_enough(shares))

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from holdfast import ClosedChain, ControlLaw, Inputs, State, compile_rollout
+from holdfast import ClosedChain, ControlLaw, Inputs, State, compile_rollout, simulate
 from holdfast.simulation import Rollout, RolloutSystems
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
+from tests.simulation.runs import limp
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
+from tests.systems.problems import relative_gap
 
 # Joint count and grasp of each arm: every kind, legs, arms that hold nothing, one arm to five.
 CHAINS: dict[str, tuple[tuple[int, str | None], ...]] = {
@@ -66,6 +68,22 @@ def given_torques(name: str) -> Rollout:
 def started(rollout: Rollout, state: State, count: int, seed: int = 0, **given: Any) -> RolloutSystems:
     """Return systems near a state, each a little elsewhere; the first one at it."""
     return rollout.start(**elsewhere(rollout.chain, state, count, seed), **given)
+
+
+def without_torques(chain: ClosedChain, state: State, duration: float, step: float) -> RolloutSystems:
+    """Return the one system of a rollout after it has moved without torques."""
+    rollout, none = compile_rollout(chain), np.zeros((1, chain.joint_count))
+    systems = rollout.start(**{name: x[None] for name, x in arrays(state).items()}, tau=none)
+    return rollout.run(systems, duration, step, tau=none).systems
+
+
+def assert_rollout_is_run(chain: ClosedChain, state: State, duration: float = 0.01, relative_to_energy: bool = False):
+    """Assert that a rollout and `simulate` move a chain without torques to the same state, with the same work."""
+    after, run = without_torques(chain, state, duration, 1e-3), simulate(chain, state, limp, duration, 1e-3)
+    for name in ("q", "qd", "object_pose", "object_twist"):
+        assert relative_gap(getattr(after, name)[0], getattr(run, name)[-1]) <= 1e-11, name
+    floor = np.abs(run.kinetic).max() if relative_to_energy else 0.0
+    assert relative_gap(after.work[0], run.work[-1], floor) <= 1e-11
 
 
 def elsewhere(chain: ClosedChain, state: State, count: int, seed: int = 0) -> dict[str, np.ndarray]:

@@ -76,12 +76,12 @@ def test_parameters_by_system():
     given["base_pose"][:, 0, 4:] += 1e-3 * random.normal(size=(count, 3))
     given["grasp_pose"][:, 0, 4:] += 1e-3 * random.normal(size=(count, 3))
     systems = started(rollout, state, count, **given)
-    begun = systems.copy()
+    initial = systems.copy()
     rollout.step(systems, STEP, steps=4, **given)
     assert systems.running.all() and len(np.unique(systems.qdd[:, 0])) == count
     for row in range(count):
         own = {name: x[row] for name, x in given.items()}
-        alone = rollout.step(begun.copy([row]), STEP, steps=4, **own)
+        alone = rollout.step(initial.copy([row]), STEP, steps=4, **own)
         assert same(alone, systems.copy([row]))
 
 

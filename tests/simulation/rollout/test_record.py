@@ -110,4 +110,4 @@ def test_refusals():
         with pytest.raises(hf.StateError, match="every: expected an integer"):
             record.trajectory(0, every=every)
     with pytest.raises(hf.StateError, match="put together from arrays"):
-        replace(record, begun=None).trajectory(0)
+        replace(record, arguments=None).trajectory(0)

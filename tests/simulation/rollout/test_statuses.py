@@ -152,12 +152,12 @@ def test_too_long_a_step():
     """A step that leaves a grasp open by more than a centimetre is refused, for that system only."""
     rollout, (_, state) = swinging("legs"), problem("legs")
     systems = rollout.start(**elsewhere(rollout.chain, state, 3))
-    begun = systems.copy()
+    initial = systems.copy()
     rollout.step(systems, np.array([1e-3, 0.5, 1e-3]))
     assert list(systems.status) == [RolloutStatus.RUNNING, RolloutStatus.OPEN, RolloutStatus.RUNNING]
     assert np.allclose(systems.t, [1e-3, 0.0, 1e-3], atol=0.0)
-    assert same_bits(systems.q[1], begun.q[1]) and same_bits(systems.qdd[1], begun.qdd[1])
-    short = rollout.step(begun.copy(), 1e-3)
+    assert same_bits(systems.q[1], initial.q[1]) and same_bits(systems.qdd[1], initial.qdd[1])
+    short = rollout.step(initial.copy(), 1e-3)
     assert same_bits(systems.q[[0, 2]], short.q[[0, 2]])
     far = elsewhere(rollout.chain, state, 2)
     far["object_pose"][1, 4] += 0.5
@@ -201,10 +201,10 @@ def test_torques_that_are_no_numbers():
     """They break the step they are given to: the state stays."""
     rollout = parallelogram()
     systems = rollout.start(**cranks(0.3, 0.4), tau=np.zeros(4))
-    begun = systems.copy()
+    initial = systems.copy()
     rollout.step(systems, STEP, tau=np.array([[np.nan, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
     assert list(systems.status) == [RolloutStatus.BROKEN, RolloutStatus.RUNNING]
-    assert same_bits(systems.q[0], begun.q[0]) and systems.t[0] == 0.0
+    assert same_bits(systems.q[0], initial.q[0]) and systems.t[0] == 0.0
     rollout.step(systems, STEP, tau=np.zeros(4))  # too late
     assert list(systems.status) == [RolloutStatus.BROKEN, RolloutStatus.RUNNING]
 

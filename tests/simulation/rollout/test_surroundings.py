@@ -328,12 +328,12 @@ def test_long_steps_are_parted():
     where = {key: np.array([x] * len(speeds)) for key, x in arrays(state).items()}
     for name in ("qd", "object_twist"):
         where[name] *= np.array(speeds)[:, None]
-    begun = rollout.start(**where)
-    systems = rollout.step(begun.copy(), step, steps=5, largest_drift=limit)
-    whole = rollout.step(begun.copy(), step, steps=5)
+    initial = rollout.start(**where)
+    systems = rollout.step(initial.copy(), step, steps=5, largest_drift=limit)
+    whole = rollout.step(initial.copy(), step, steps=5)
     for row in range(len(speeds)):
         run = simulate(
-            chain, state_of(begun, row), law, 5 * step, step, largest_drift=limit, make_stepper=ReferenceStepper
+            chain, state_of(initial, row), law, 5 * step, step, largest_drift=limit, make_stepper=ReferenceStepper
         )
         agree(systems, row, run)
         assert systems.drift[row] == pytest.approx([run.position_gap[-1, 0], run.velocity_gap[-1, 0]], abs=1e-12)
@@ -341,7 +341,7 @@ def test_long_steps_are_parted():
     for name in ("q", "qd", "work"):  # the second needs no parts: the bits of whole steps
         same = [same_bits(a, b) for a, b in zip(getattr(systems, name), getattr(whole, name), strict=True)]
         assert same == [False, True]
-    record = rollout.run(begun, 5 * step, step, largest_drift=limit)
+    record = rollout.run(initial, 5 * step, step, largest_drift=limit)
     assert same_bits(record.systems.q, systems.q) and same_bits(record.systems.t, systems.t)
 
 

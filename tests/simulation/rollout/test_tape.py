@@ -21,7 +21,7 @@ from tests.systems.as_chain import Problem, as_chain
 from tests.systems.sprung import with_springs
 
 STEP, STEPS, SYSTEMS = 2e-3, 9, 3
-BAR = 1e-8
+TOLERANCE = 1e-8
 
 
 def damped(t: Any, state: hf.State, memory: Any, given: Any) -> Any:
@@ -43,7 +43,7 @@ class Rolled:
     Attributes:
         p: the chain, a state and torques.
         rollout: what steps.
-        bars: cotangents at the end, and along the steps.
+        cotangents: at the end, and along the steps.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ def rolled():
 
 def test_gradients(rolled):
     """Everything that a rollout is given, the state that `start` brings onto the grasps included."""
-    assert rolled.worst(NAMES) < BAR
+    assert rolled.worst(NAMES) < TOLERANCE
 
 
 def test_bits(rolled):
@@ -217,9 +217,9 @@ def test_margins_and_work():
     p = limited(replace(p, chain=with_springs(p.chain)))
     rolled = Rolled(p, along=("margin", "work", "qd"))
     assert np.isfinite(rolled.tape({}, 0.0).records["margin"]).all()
-    assert rolled.worst((*NAMES, "base_pose"), far=5e-5) < BAR
+    assert rolled.worst((*NAMES, "base_pose"), far=5e-5) < TOLERANCE
     alone = Rolled(p, along=("margin",))
-    assert alone.worst(("q", "object_pose", "grasp_pose", "tau")) < BAR
+    assert alone.worst(("q", "object_pose", "grasp_pose", "tau")) < TOLERANCE
     tape, every = rolled.tape({}, 0.0), rolled.tape({}, 0.0, every=4)
     found, again = (x.vjp(rolled.final, rolled.along, by=NAMES) for x in (tape, every))
     assert all(np.array_equal(again[name], found[name]) for name in NAMES)
@@ -236,7 +236,7 @@ def test_work_of_a_moving_base():
     name, arm = next(iter(p.chain.arms.items()))
     rolled = Rolled(p, along=("work",), base_motion={name: swaying(arm.base)})
     assert np.abs(rolled.tape({}, 0.0).records["work"][-1, :, 2]).min() > 1e-3
-    assert rolled.worst(("q", "qd", "gain", "tau", "object_mass", "object_wrench")) < BAR
+    assert rolled.worst(("q", "qd", "gain", "tau", "object_mass", "object_wrench")) < TOLERANCE
     with pytest.raises(hf.StateError, match="tape: by: no 'step'"):
         rolled.tape({}, 0.0).vjp(rolled.final, by=("step",))
 
@@ -246,7 +246,7 @@ def test_work_of_a_moving_base():
 def test_trunks(trunk):
     """Arms on a trunk, which may float."""
     names = ("q", "qd", "memory", "gain", "tau", "step", "object_mass", *OF_BODIES)
-    assert Rolled(random_chain(1, trunk), parameters=("link_inertia",)).worst(names) < BAR
+    assert Rolled(random_chain(1, trunk), parameters=("link_inertia",)).worst(names) < TOLERANCE
 
 
 def sprung(p: Problem) -> Rolled:
@@ -258,7 +258,7 @@ def sprung(p: Problem) -> Rolled:
 def test_springs_between_bodies():
     """Their wrenches follow the state, the object and the bases from stage to stage."""
     p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
-    assert sprung(p).worst((*NAMES, "base_pose"), far=5e-5) < BAR
+    assert sprung(p).worst((*NAMES, "base_pose"), far=5e-5) < TOLERANCE
 
 
 @pytest.mark.long
@@ -266,7 +266,7 @@ def test_springs_between_bodies():
 def test_springs_on_trunks(trunk):
     """Springs on arms that a trunk carries, which may float."""
     names = ("q", "qd", "memory", "gain", "tau", "step", "object_mass")
-    assert sprung(random_chain(1, trunk)).worst(names, far=5e-5) < BAR
+    assert sprung(random_chain(1, trunk)).worst(names, far=5e-5) < TOLERANCE
 
 
 @pytest.mark.long
@@ -276,7 +276,7 @@ def test_many_holds():
     state = hf.State([2.2] * 2, [0.3] * 2, [1, 0, 0, 0, 0.5 + np.cos(2.2), np.sin(2.2), 0])
     p = Problem(chain, hf.project(chain, state)[0], np.array([0.1, -0.2]), hf.Inputs())
     rolled = Rolled(p, along=("qdd",))
-    assert rolled.worst(("q", "qd", "memory", "gain", "tau", "step", "object_mass")) < BAR
+    assert rolled.worst(("q", "qd", "memory", "gain", "tau", "step", "object_mass")) < TOLERANCE
     with pytest.raises(hf.MethodNotApplicable, match="unique"):
         rolled.tape({}, 0.0).vjp(along={"grasp_wrench": np.zeros((STEPS, SYSTEMS, 2, 6))})
 
@@ -305,7 +305,7 @@ def test_events():
     free, last = list(chain.grasps)
     alone, both = (hf.compile_rollout(c, law(n)) for c in (replace(chain, grasps={free: chain.grasps[free]}), chain))
     random, given = np.random.default_rng(3), {"tau": hf.holding_torques(chain, p.state.at_rest())}
-    bar = {"q": random.normal(size=(1, n)), "object_twist": random.normal(size=(1, 6))}
+    cotangent = {"q": random.normal(size=(1, n)), "object_twist": random.normal(size=(1, 6))}
     turn = random.normal(size=n)
     row, h = list(chain.arms).index(last), 1e-4
 
@@ -330,13 +330,13 @@ def test_events():
         )
         third = both.tape(second.systems, length * h, steps=1, record=("grasp_wrench",))
         fourth = alone.tape(alone.take_over(third.systems, **given), h, steps=597)
-        value = sum((x * getattr(fourth.systems, name)).sum() for name, x in bar.items())
+        value = sum((x * getattr(fourth.systems, name)).sum() for name, x in cotangent.items())
         return value, bound, (first, second, third, fourth)
 
     _, bound, tapes = run(0.5, 0.0)
     by, states = ("q", "qd", "object_pose", "object_twist", "memory", "gain"), slice(0, 5)
     names, gains = by[states], 0.0
-    back = tapes[3].vjp(bar, by=by)
+    back = tapes[3].vjp(cotangent, by=by)
     gains += back.gain
     of_state = {name: back[name] for name in names}
     after = tapes[2].vjp(of_state, by=(*by, "step"))
@@ -356,4 +356,4 @@ def test_events():
     ):
         expected = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * far)
         print(f"\n{abs(slope - expected) / abs(expected):.1e}")
-        assert abs(slope - expected) < BAR * abs(expected)
+        assert abs(slope - expected) < TOLERANCE * abs(expected)

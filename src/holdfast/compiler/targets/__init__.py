@@ -14,9 +14,10 @@ a folder beside it that offers the same names:
 Two functions export code, for the processors named in `OBJECT_TARGETS`; such code is not run here:
 
     object_file       compiles modules into one object file
-    single_source     writes a schedule for one system in C (folder `c`)
+    single_source     writes a schedule for one system in C (folder `c`), after DEFINITIONS
 """
 
+from holdfast.compiler.targets.c.functions import DEFINITIONS
 from holdfast.compiler.targets.c.single import single_source
 from holdfast.compiler.targets.llvm import cpu, foreign_call
 from holdfast.compiler.targets.llvm.batch import batch_module
@@ -25,6 +26,7 @@ from holdfast.compiler.targets.llvm.object_file import OBJECT_TARGETS, ObjectTar
 from holdfast.compiler.targets.llvm.single import single_module
 
 __all__ = [
+    "DEFINITIONS",
     "OBJECT_TARGETS",
     "Builtin",
     "ObjectTarget",

@@ -84,8 +84,8 @@ def whiten(
     for k in reversed(range(N)):
         if wrenches is not None:
             z = z + wrenches[k]
-        felt = project(arm.joints[k], z)
-        eps[k] = -felt if torque is None else torque[k] - felt
+        along_joint = project(arm.joints[k], z)
+        eps[k] = -along_joint if torque is None else torque[k] - along_joint
         z = shift_wrench(at.l[k], rotate(at.E[k], z + filter.G[k] * eps[k]))
     return array(eps), z
 

@@ -34,12 +34,21 @@ class Kinematics(NamedTuple):
 
 def joint_placement(joint: Joint, q: Scalar) -> tuple[Array, Array]:
     """Return (E, l): rotation from link axes to parent axes, and O_k from the parent's origin."""
-    h, s = joint.motion_subspace
-    E, l = joint.placement.R, joint.placement.p
-    if h is not None:
-        fixed, cosine, sine = joint.rotation_parts
-        E = fixed + cos(q) * cosine + sin(q) * sine
-    return E, l if s is None else l + q * joint.parent_shift
+    return joint_rotation(joint, q), joint_translation(joint, q)
+
+
+def joint_rotation(joint: Joint, q: Scalar) -> Array:
+    """Return E, (3, 3) from link axes to parent axes."""
+    if joint.motion_subspace[0] is None:
+        return joint.placement.R
+    fixed, cosine, sine = joint.rotation_parts
+    return fixed + cos(q) * cosine + sin(q) * sine
+
+
+def joint_translation(joint: Joint, q: Scalar) -> Array:
+    """Return l, (3,) from the parent's origin to O_k, parent axes [m]."""
+    l = joint.placement.p
+    return l if joint.motion_subspace[1] is None else l + q * joint.parent_shift
 
 
 def forward_kinematics(arm: Arm, q: Array) -> Kinematics:

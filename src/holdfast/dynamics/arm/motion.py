@@ -72,10 +72,10 @@ class ArmMotion:
             f: wrench about the tip point, world axes.
         """
         arm, bias = self.arm, self.bias
-        felt = shift_wrench(arm.tip.p, unrotate(self.at.end, f))
+        reaction = shift_wrench(arm.tip.p, unrotate(self.at.end, f))
         if not arm.joints:
-            return replace(self, bias=bias._replace(of_base=felt), known=f)
-        wrenches = (*bias.wrenches[:-1], bias.wrenches[-1] + felt)
+            return replace(self, bias=bias._replace(of_base=reaction), known=f)
+        wrenches = (*bias.wrenches[:-1], bias.wrenches[-1] + reaction)
         return replace(self, bias=bias._replace(wrenches=wrenches), known=f)
 
     def unknown(self, f: Array) -> Array:

@@ -11,7 +11,7 @@ from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resting
 from holdfast.dynamics.closed.bushing_wrenches import stretched
 from holdfast.dynamics.closed.contact import Contact, contact
-from holdfast.dynamics.closed.object_filter import Again
+from holdfast.dynamics.closed.object_filter import FactoredSolve
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.closed.tip_response import TipResponse
@@ -90,7 +90,7 @@ class Solution:
         trunk: acceleration of the trunk; None without one.
         trunk_pivots: (n_t,) articulated inertias about the joints of the trunk.
         tips: per arm, its tip response, if the algorithm uses it.
-        again, second: as returned by the object's filter; see `ObjectSolution`.
+        solve_with_factors, second: as returned by the object's filter; see `ObjectSolution`.
     """
 
     qdd: list[Array]
@@ -105,7 +105,7 @@ class Solution:
     trunk: TrunkAcceleration | None = None
     trunk_pivots: Array | None = None
     tips: list[TipResponse] = field(default_factory=list)
-    again: Again | None = None
+    solve_with_factors: FactoredSolve | None = None
     second: tuple[list[Array], Array] | None = None
 
 

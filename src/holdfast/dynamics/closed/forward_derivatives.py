@@ -17,7 +17,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.pose_tangents import by_motion, rates_of
-from holdfast.dynamics.closed.second_solve import Load, Point, right_hand_side, solved_again
+from holdfast.dynamics.closed.second_solve import Load, Point, right_hand_side, second_solve
 from holdfast.dynamics.closed.sequential import Second
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
@@ -37,7 +37,7 @@ from holdfast.dynamics.trunk.trunk_derivatives import (
     trunk_residual_rates_along,
 )
 from holdfast.dynamics.trunk.trunk_power import MOTION, TrunkUnknowns
-from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, solved_through_trunk
+from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, array, concatenate, each, scan
@@ -104,7 +104,7 @@ def backward(
     alpha_bar = cotangents.get("object_acceleration", np.zeros(6))
     loads = {name: cotangents_of(chain, name, cotangents) for name in chain.arms}
     if at.trunk is None:
-        y, of_object = solved_again(at, loads, alpha_bar, together=together)
+        y, of_object = second_solve(at, loads, alpha_bar, together=together)
         y = {name: one._replace(base=loads[name].base) for name, one in y.items()}
         of_trunk = None
     else:
@@ -264,11 +264,11 @@ def solved_for_rates(
     below: list[Array] = []
     below_all: dict[str, Array] = {}
     if of_trunk is None:
-        found, alpha = solved_again(at, loads, wrench)
+        found, alpha = second_solve(at, loads, wrench)
     else:
         r_t = of_trunk(tangents, dict(zip(chain.arms, changed, strict=True)))
         floats = chain.floats
-        solved = solved_through_trunk(at, loads, wrench, TrunkLoad(-r_t.qdd, -r_t.base if floats else none, none))
+        solved = second_solve_through_trunk(at, loads, wrench, TrunkLoad(-r_t.qdd, -r_t.base if floats else none, none))
         found, alpha, below = solved.arms, solved.object_acceleration, [solved.trunk.qdd]
         below_all = {BASE_RESULT: none if floats else solved.base_wrench + r_t.base}
         below_all |= {FLOATING_RESULT: solved.trunk.base} if floats else {}

@@ -76,7 +76,7 @@ class ByWrench(NamedTuple):
     base: Array
 
 
-class Answers(NamedTuple):
+class UnitResponses(NamedTuple):
     """The response of the chain at rest to six unit gaps at one grasp and six unit wrenches on the object.
 
     Attributes:
@@ -111,7 +111,7 @@ def jacobian(
     whole = {name for name in by if name in OF_CHAIN or chain.trunk is not None or name in others}
     own = [name for name in by if name not in whole]
     rows = 6 * len(chain.grasps) + (6 if any(reaches_object(chain, name) for name in own) else 0)
-    answers = each(lambda e: unit_answer(at, e), units[:rows, : 6 * len(chain.grasps) + 6]) if own else []
+    unit_responses = each(lambda e: unit_response(at, e), units[:rows, : 6 * len(chain.grasps) + 6]) if own else []
     tips = [at.tips[name] for name in chain.grasps]
     by_wrench = each(unit_wrenches, tips, at.motion.holding) if own else []
     grasps = {name: k for k, name in enumerate(chain.grasps)}
@@ -123,7 +123,7 @@ def jacobian(
         if name in whole:
             columns = [chain_columns(at, name, of, units, others.get(name, rates))]
         else:
-            columns = arm_columns(at, name, tuple(of), units, answers, everyone, responses)
+            columns = arm_columns(at, name, tuple(of), units, unit_responses, everyone, responses)
         for of_one in columns:
             for k, result in enumerate(of):
                 found[result, name].append([column[k] for column in of_one])
@@ -176,17 +176,17 @@ def direction(unit: Array, name: str, shape: Shape) -> Array:
     return symmetric(x) if name.endswith("inertia") else x
 
 
-def unit_answer(at: Point, unit: Array) -> tuple[list[Array], Array]:
+def unit_response(at: Point, unit: Array) -> tuple[list[Array], Array]:
     """Return the response of the chain at rest to one unit gap, or one unit component of a wrench on the object."""
-    assert at.found.again is not None
+    assert at.found.solve_with_factors is not None
     count = len(at.motion.contacts)
-    return at.found.again([unit[6 * i : 6 * i + 6] for i in range(count)], unit[6 * count :])
+    return at.found.solve_with_factors([unit[6 * i : 6 * i + 6] for i in range(count)], unit[6 * count :])
 
 
 def unit_wrenches(tip: TipResponse, arm: ArmMotion) -> ByWrench:
     """Return the response of an arm at rest to the six unit wrenches at its tip."""
-    assert tip.again is not None
-    still = tip.again(driven(arm, np.zeros(arm.arm.joint_count), np.zeros(6)))
+    assert tip.for_load is not None
+    still = tip.for_load(driven(arm, np.zeros(arm.arm.joint_count), np.zeros(6)))
     columns = [still.back_substitute(unit) for unit in np.eye(6)]
     return ByWrench(array([qdd for qdd, _ in columns]).T, array([base for _, base in columns]).T)
 
@@ -232,12 +232,13 @@ class Own(NamedTuple):
     """The data of one arm that its columns use.
 
     Attributes:
-        answers: response of the chain at rest to unit gaps at this arm's grasp and to unit wrenches on the object; None
+        unit_responses: response of the chain at rest to unit gaps at this arm's grasp and to unit wrenches on the
+            object; None
             without a grasp.
         mask: per arm of the chain, 1 for this arm and 0 for the others; numbers, so that all columns run the same code.
     """
 
-    answers: Answers | None
+    unit_responses: UnitResponses | None
     mask: Array
 
 
@@ -246,7 +247,7 @@ def arm_columns(
     name: str,
     of: tuple[str, ...],
     units: Array,
-    answers: Sequence[tuple[list[Array], Array]],
+    unit_responses: Sequence[tuple[list[Array], Array]],
     everyone: Everyone,
     responses: Mapping[str, Mapping[str, list[OwnResponse]]],
 ) -> list[list[list[Array]]]:
@@ -257,7 +258,7 @@ def arm_columns(
         name: name of the argument.
         of: names of the results.
         units: as in `jacobian`.
-        answers: responses of the chain at rest to all unit gaps and, if needed, to unit wrenches on the object.
+        unit_responses: responses of the chain at rest to all unit gaps and, if needed, to unit wrenches on the object.
         everyone: the data that all columns use.
         responses: own responses that were computed for all joints of an arm at once, by arm and argument.
     """
@@ -275,9 +276,9 @@ def arm_columns(
         size, row, whole, c = int(np.prod(shape)), order.index(arm), None, None
         if arm in chain.grasps:
             g = grasps.index(arm)
-            shared = [*answers[6 * g : 6 * g + 6], *answers[6 * len(grasps) :]]
+            shared = [*unit_responses[6 * g : 6 * g + 6], *unit_responses[6 * len(grasps) :]]
             wrenches = [array([f[i] for f, _ in shared]).T for i in range(len(grasps))]
-            whole, c = Answers(wrenches, array([alpha for _, alpha in shared]).T), motion.contacts[g]
+            whole, c = UnitResponses(wrenches, array([alpha for _, alpha in shared]).T), motion.contacts[g]
         own = Own(whole, units[row, : len(order)])
         if arm in residuals:
             one = Column(motion.cases[arm], residuals[arm], at.tips[arm], motion.arms[arm], c)
@@ -331,10 +332,10 @@ def results(own: Own, everyone: Everyone, moved: OwnResponse, of: Sequence[str])
     """
     alpha = none = np.zeros(6)
     shares: list[Array] = [none] * len(everyone.contacts)
-    if own.answers is not None:
-        given = concatenate([moved.closing, moved.on_object])[: own.answers.object_acceleration.shape[1]]
-        alpha = own.answers.object_acceleration @ given
-        shares = [f @ given for f in own.answers.wrenches]
+    if own.unit_responses is not None:
+        given = concatenate([moved.closing, moved.on_object])[: own.unit_responses.object_acceleration.shape[1]]
+        alpha = own.unit_responses.object_acceleration @ given
+        shares = [f @ given for f in own.unit_responses.wrenches]
     wrench_besides = moved.known + moved.bushing if len(moved.bushing) else moved.known
     qdd, wrench, base = [], [], []
     rates: dict[int, Array] = {}
@@ -345,10 +346,10 @@ def results(own: Own, everyone: Everyone, moved: OwnResponse, of: Sequence[str])
             wrench.append(none)
             base.append(mine * moved.base)
             continue
-        c, f, answer = everyone.contacts[g], shares[g], everyone.by_wrench[g]
-        qdd.append(answer.qdd @ f + own_qdd)
+        c, f, response = everyone.contacts[g], shares[g], everyone.by_wrench[g]
+        qdd.append(response.qdd @ f + own_qdd)
         wrench.append(f + mine * wrench_besides)
-        base.append(answer.base @ f + mine * moved.base)
+        base.append(response.base @ f + mine * moved.base)
         gap = shift_twist(c.offset, alpha) + everyone.mobilities[g].apply(f) - mine * moved.closing
         rates[g] = rates_of(c, gap)
     found = {

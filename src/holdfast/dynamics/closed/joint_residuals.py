@@ -44,9 +44,9 @@ def joint_residuals(case: ArmCase, z: Unknowns) -> dict[str, list[Unknowns]]:
         if linear is None:
             return none._replace(qdd=torque, base=slope.base)
         rates = skew(slope.turn) @ tip.pose.R, slope.shift, slope.twist, slope.acceleration
-        felt, *of_grasp = linear.rates(*rates)
-        of_base = slope.base + shift_wrench(at.from_base, felt)
-        return Unknowns(*of_grasp)._replace(qdd=torque + J @ felt, base=of_base)
+        wrench, *of_grasp = linear.rates(*rates)
+        of_base = slope.base + shift_wrench(at.from_base, wrench)
+        return Unknowns(*of_grasp)._replace(qdd=torque + J @ wrench, base=of_base)
 
     return {
         "q": [found(arm.stiffness * unit, slope) for unit, slope in zip(units, by_q, strict=True)],

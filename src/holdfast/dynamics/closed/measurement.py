@@ -82,7 +82,7 @@ class Update(NamedTuple):
     Attributes:
         back_substitute: function of s (6,), the wrench at G of all arms after this one, and of beta (c,) for the
             trunk's columns, or None; it returns this arm's wrench, C^T lambda.
-        again: function of another x and r that returns x after the arm and its back-substitution, using the same
+        solve_rhs: function of another x and r that returns x after the arm and its back-substitution, using the same
             factors.
         kept: number of its rows that are independent of the rows before.
         weakest: the smallest pivot of these rows, relative to a typical one.
@@ -92,7 +92,7 @@ class Update(NamedTuple):
     """
 
     back_substitute: BackSubstitution
-    again: Callable[[Array, Array], tuple[Array, BackSubstitution]]
+    solve_rhs: Callable[[Array, Array], tuple[Array, BackSubstitution]]
     kept: Scalar
     weakest: Scalar
     independent: Array | None = None

@@ -42,7 +42,7 @@ from holdfast.spatial.symmetric import symmetric6
 LEAST_MOBILE = 1e-16  # relative to the object's own mobility
 
 
-Again = Callable[[list[Array], Array], tuple[list[Array], Array]]
+FactoredSolve = Callable[[list[Array], Array], tuple[list[Array], Array]]
 
 
 class ObjectSolution(NamedTuple):
@@ -55,10 +55,10 @@ class ObjectSolution(NamedTuple):
         rank: number of independent rows of the constraint, contact freedoms included.
         weakest_pivot: the smallest pivot of S for an independent row, relative to a typical one.
         independent: per grasp, (rows,) 1 for the independent rows, if the contacts have masks of rows.
-        again: function of r (6,) about the contact point of each grasp and of the wrench (6,) on the object about C,
-            world axes; it returns the wrenches and the object acceleration of the chain at rest, using the same
-            factors.
-        second: the result of `again` for the argument `second` of the filter.
+        solve_with_factors: function of r (6,) about the contact point of each grasp and of the wrench (6,) on the
+            object about C, world axes; it returns the wrenches and the object acceleration of the chain at rest, using
+            the same factors.
+        second: the result of `solve_with_factors` for the argument `second` of the filter.
     """
 
     wrenches: list[Array]
@@ -67,7 +67,7 @@ class ObjectSolution(NamedTuple):
     rank: Scalar
     weakest_pivot: Scalar
     independent: list[Array | None]
-    again: Again | None = None
+    solve_with_factors: FactoredSolve | None = None
     second: tuple[list[Array], Array] | None = None
 
 
@@ -142,7 +142,8 @@ def object_filter(
         tips: the tip responses of these arms.
         body: the object.
         tolerance: relative size of a pivot that counts as zero, if the contacts have masks of rows.
-        second: arguments of `again`, if they are known in advance; they are processed in the same two passes.
+        second: arguments of `solve_with_factors`, if they are known in advance; they are processed in the same two
+            passes.
     """
     about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
     seen = each(measurement, about, tips)
@@ -179,12 +180,12 @@ def object_filter(
         rank=now.rank,
         weakest_pivot=now.weakest,
         independent=[u.independent for u in factors.rows] if len(rows) == len(contacts) else [],
-        again=lambda gaps, wrench: solved_again(factors, gaps, wrench),
+        solve_with_factors=lambda gaps, wrench: solve_with_factors(factors, gaps, wrench),
         second=None if second is None else (wrenches[1], shift_twist(-body.centre, alpha[1])),
     )
 
 
-def solved_again(factors: Factors, gaps: list[Array], wrench: Array) -> tuple[list[Array], Array]:
+def solve_with_factors(factors: Factors, gaps: list[Array], wrench: Array) -> tuple[list[Array], Array]:
     """Return the wrenches and the object acceleration of the chain at rest for another right-hand side, O(l).
 
     Args:
@@ -195,12 +196,12 @@ def solved_again(factors: Factors, gaps: list[Array], wrench: Array) -> tuple[li
     order, end = factors.order, factors.end
     r = each(seen_along, factors.about, factors.seen, gaps)
     w = shift_wrench(-factors.centre, wrench)
-    x, sums = scan(lambda x, u, r: u.again(x, r), np.zeros(6), factors.sums, [r[i] for i in order.parallel])
+    x, sums = scan(lambda x, u, r: u.solve_rhs(x, r), np.zeros(6), factors.sums, [r[i] for i in order.parallel])
     if end:
-        ((alpha, own),) = each(lambda end, r: end.again(x, r, w), end, [r[i] for i in order.terminal])
+        ((alpha, own),) = each(lambda end, r: end.solve_rhs(x, r, w), end, [r[i] for i in order.terminal])
         s, last = w + own, [own]
     else:
-        x, rows = scan(lambda x, u, r: u.again(x, r), x, factors.rows, [r[i] for i in order.by_rows])
+        x, rows = scan(lambda x, u, r: u.solve_rhs(x, r), x, factors.rows, [r[i] for i in order.by_rows])
         alpha = x + factors.P.apply(w)
         s, last = scan(through, w, rows[::-1])
     _, first = scan(through, s, sums[::-1])
@@ -239,7 +240,7 @@ def arm_by_rows(now: Filter, m: Measurement, r: list[Array], size: Array, tolera
 
 def after(now: Filter, x: Array, P: Any, update: Update, r: list[Array]) -> tuple[Filter, Passed]:
     """Return the filter after an arm, and its back-substitutions; r (rows,) of the right-hand sides after the first."""
-    others = [update.again(x, one) for x, one in zip(now.x[1:], r, strict=True)]
+    others = [update.solve_rhs(x, one) for x, one in zip(now.x[1:], r, strict=True)]
     passed = Filter([x, *(x for x, _ in others)], P, now.rank + update.kept, minimum(now.weakest, update.weakest))
     return passed, (update, [update.back_substitute, *(back for _, back in others)])
 
@@ -250,13 +251,16 @@ Terminal = tuple[Filter, list[TerminalUpdate], list[Array], list[list[Array]]]
 def terminal_arm(now: Filter, m: Measurement, r: list[Array], size: Array, w: list[Array]) -> Terminal:
     """Return the filter after the terminal arm, its update, and for every right-hand side alpha(G) and its wrench."""
     end = each(lambda m: terminal_update(now.x[0], now.P, m, size, w[0]), [m])
-    (answers,) = each(
-        lambda end, r: [end.answer(), *(end.again(*of_side) for of_side in zip(now.x[1:], r, w[1:], strict=True))],
+    (solutions,) = each(
+        lambda end, r: [
+            end.solution(),
+            *(end.solve_rhs(*of_side) for of_side in zip(now.x[1:], r, w[1:], strict=True)),
+        ],
         end,
         [r],
     )
     passed = Filter([], end[0].mobility, now.rank + end[0].kept, minimum(now.weakest, end[0].weakest))
-    return passed, end, [alpha for alpha, _ in answers], [[own for _, own in answers]]
+    return passed, end, [alpha for alpha, _ in solutions], [[own for _, own in solutions]]
 
 
 def back_substituted(s: list[Array], ways: list[BackSubstitution]) -> tuple[list[Array], list[Array]]:

@@ -15,7 +15,7 @@ import numpy as np
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.joint_residuals import joint_residuals
-from holdfast.dynamics.closed.second_solve import Load, along_free, under
+from holdfast.dynamics.closed.second_solve import Load, along_free, loaded_response
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
 from holdfast.spatial.scalar import Array, array
@@ -54,7 +54,7 @@ def own_response(tip: TipResponse, motion: ArmMotion, c: Contact | None, r: Unkn
         r: rate of its dL/dy.
     """
     load = Load(-r.qdd, -r.wrench, -r.contact_acceleration, np.zeros(6))
-    loaded = under(tip, motion, load)
+    loaded = loaded_response(tip, motion, load)
     known, closing, on_object = np.zeros(6), np.zeros(6), np.zeros(6)
     if c is not None:
         known = along_free(c, load.free)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, array, concatenate
-from holdfast.spatial.vector import skew
+from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.vector import axial, skew
 
 
 def rates_of(tangents: Mapping[str, Array], what: str, R: Array, named: str = "") -> dict[str, Array]:
@@ -27,8 +27,7 @@ def rates_of(tangents: Mapping[str, Array], what: str, R: Array, named: str = ""
 
 def by_motion(of_R: Array, R: Array, of_p: Array) -> Array:
     """Return the gradient (6,) with respect to [turn; shift] of a pose from those by its matrix and its origin."""
-    A = of_R @ R.T
-    return concatenate([array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]]), of_p])
+    return concatenate([axial(of_R @ R.T), of_p])
 
 
 def by_motions(of_R: Array, R: Array, of_p: Array) -> Array:

@@ -25,11 +25,11 @@ def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array
     v, u = halfway(S, m.r - x)
     nu, on_trunk = back_substitution(S.L, u), None if u.ndim == 1 else v[:, 1:].T @ u
 
-    def again(x: Array, r: Array) -> tuple[Array, BackSubstitution]:
+    def solve_rhs(x: Array, r: Array) -> tuple[Array, BackSubstitution]:
         nu = ldl_solve(S, r - x)
         return x + P @ nu, lambda s, beta=None: of_beta(nu, beta) - gain @ s
 
-    update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, again, S.kept, S.weakest, None, on_trunk)
+    update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, solve_rhs, S.kept, S.weakest, None, on_trunk)
     return x + P @ nu, mirrored(gain.T @ m.R), update
 
 
@@ -37,23 +37,23 @@ class TerminalUpdate(NamedTuple):
     """The update by the last arm, if its grasp is rigid; only back-substitution follows.
 
     Attributes:
-        answer: function of beta (c,) for the trunk's columns, or None, that returns alpha(G) (6,), which includes the
+        solution: function of beta (c,) for the trunk's columns, or None, that returns alpha(G) (6,), which includes the
             effect of the external wrench on the object, and the wrench (6,) of the arm on the object, about G.
         mobility: (6, 6) P after the update.
         kept: number of its rows that are independent of the rows before.
         weakest: the smallest pivot of these rows, relative to a typical one.
         on_trunk: (c, 1 + c) [load | inertia] that the arm adds to the equations of the trunk's columns, including the
             load of the external wrench through all arms.
-        again: function of another x, r and w that returns acceleration and wrench, using the same factors; without a
-            trunk only.
+        solve_rhs: function of another x, r and w that returns acceleration and wrench, using the same factors; only
+            without a trunk.
     """
 
-    answer: Callable[..., tuple[Array, Array]]
+    solution: Callable[..., tuple[Array, Array]]
     mobility: Array
     kept: Scalar
     weakest: Scalar
     on_trunk: Array | None
-    again: Callable[[Array, Array, Array], tuple[Array, Array]]
+    solve_rhs: Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
 def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -> TerminalUpdate:
@@ -75,12 +75,12 @@ def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -
         load = v[:, 1:].T @ (u[:, 0] - under_w) - w @ x[:, 1:]
         on_trunk = np.column_stack([load, v[:, 1:].T @ u[:, 1:]])
 
-    def answer(beta: Array | None = None) -> tuple[Array, Array]:
+    def solution(beta: Array | None = None) -> tuple[Array, Array]:
         nu, z = back_substitution(S.L, np.column_stack([of_beta(u, beta), under_w])).T
         return of_beta(x, beta) + P @ nu + m.R @ z, nu - z
 
-    def again(x: Array, r: Array, w: Array) -> tuple[Array, Array]:
+    def solve_rhs(x: Array, r: Array, w: Array) -> tuple[Array, Array]:
         nu, z = ldl_solve(S, np.column_stack([r - x, P @ w])).T
         return x + P @ nu + m.R @ z, nu - z
 
-    return TerminalUpdate(answer, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest, on_trunk, again)
+    return TerminalUpdate(solution, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest, on_trunk, solve_rhs)

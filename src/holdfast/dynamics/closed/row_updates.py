@@ -58,7 +58,7 @@ def row_updates(
         if on_trunk is not None:
             on_trunk = on_trunk + outer(e[1:], nu)
 
-    def again(x: Array, r: Array) -> tuple[Array, BackSubstitution]:
+    def solve_rhs(x: Array, r: Array) -> tuple[Array, BackSubstitution]:
         others = []
         for (c, gain, _), inverse, one in zip(rows, inverses, made_independent(r), strict=True):
             e = one - c @ x
@@ -66,7 +66,7 @@ def row_updates(
             others.append((c, gain, e * inverse))
         return x, back_through(others)
 
-    return x, P, Update(back_through(rows), again, kept, weakest, independent, on_trunk)
+    return x, P, Update(back_through(rows), solve_rhs, kept, weakest, independent, on_trunk)
 
 
 def back_through(rows: Sequence[tuple[Array, Array, Any]]) -> BackSubstitution:

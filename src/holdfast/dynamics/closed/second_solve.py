@@ -118,7 +118,7 @@ class RightHandSide(NamedTuple):
 def right_hand_side(
     motion: ChainMotion, tips: list[TipResponse], loads: Mapping[str, Load], wrench: Array
 ) -> RightHandSide:
-    """Return the right-hand side of the filter; see `solved_again`.
+    """Return the right-hand side of the filter; see `second_solve`.
 
     Args:
         motion: the chain's motion.
@@ -127,7 +127,7 @@ def right_hand_side(
         wrench: (6,) r_a.
     """
     held = [loads[name] for name in motion.chain.grasps]
-    loaded = each(under, tips, motion.holding, held)
+    loaded = each(loaded_response, tips, motion.holding, held)
     known = each(lambda c, load: along_free(c, load.free), motion.contacts, held)
     gaps = each(lambda tip, f, load: tip.free_acceleration - tip.mobility.apply(f) - load.gap, loaded, known, held)
     if any(grasp.free for grasp in motion.chain.grasps.values()):
@@ -135,7 +135,7 @@ def right_hand_side(
     return RightHandSide(loaded, known, gaps, wrench)
 
 
-def solved_again(
+def second_solve(
     at: Point, loads: Mapping[str, Load], wrench: Array, *, together: bool = False
 ) -> tuple[dict[str, Unknowns], Array]:
     """Return z by arm, including the base's wrench, and z_a. O(n) + O(l).
@@ -154,13 +154,18 @@ def solved_again(
         assert at.found.second is not None
         wrenches, alpha = at.found.second
     else:
-        assert at.found.again is not None
-        wrenches, alpha = at.found.again(gaps, wrench)
+        assert at.found.solve_with_factors is not None
+        wrenches, alpha = at.found.solve_with_factors(gaps, wrench)
     found = each(
-        lambda c, tip, load, f, own: answer(c, tip, load, f + own, alpha), motion.contacts, tips, held, wrenches, known
+        lambda c, tip, load, f, own: arm_solution(c, tip, load, f + own, alpha),
+        motion.contacts,
+        tips,
+        held,
+        wrenches,
+        known,
     )
     alone = each(
-        lambda tip, arm, load: under(tip, arm, load).back_substitute(none),
+        lambda tip, arm, load: loaded_response(tip, arm, load).back_substitute(none),
         [at.tips[name] for name in lone],
         [motion.arms[name] for name in lone],
         [loads[name] for name in lone],
@@ -169,10 +174,10 @@ def solved_again(
     return dict(zip(chain.grasps, found, strict=True)) | others, alpha
 
 
-def under(tip: TipResponse, arm: ArmMotion, load: Load) -> TipResponse:
+def loaded_response(tip: TipResponse, arm: ArmMotion, load: Load) -> TipResponse:
     """Return the arm's tip response at rest with a load."""
-    assert tip.again is not None
-    return tip.again(driven(arm, load.torque, load.base))
+    assert tip.for_load is not None
+    return tip.for_load(driven(arm, load.torque, load.base))
 
 
 def along_free(c: Contact, free: Array) -> Array:
@@ -180,7 +185,9 @@ def along_free(c: Contact, free: Array) -> Array:
     return c.without_rates(free) if c.grasp.free else np.zeros(6)
 
 
-def answer(c: Contact, tip: TipResponse, load: Load, f: Array, alpha: Array, beta: Array | None = None) -> Unknowns:
+def arm_solution(
+    c: Contact, tip: TipResponse, load: Load, f: Array, alpha: Array, beta: Array | None = None
+) -> Unknowns:
     """Return one arm's part of z from its wrench f and the accelerations of the object and of the trunk's columns."""
     qdd, base = tip.back_substitute(f, beta)
     apart = load.gap + shift_twist(c.offset, alpha) - tip.free_acceleration + tip.mobility.apply(f)

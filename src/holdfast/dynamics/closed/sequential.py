@@ -35,17 +35,17 @@ def sequential(motion: ChainMotion, route: Route = "auto", second: Second | None
         found, held = object_filter(motion.contacts, tips, motion.body.free, second=more), None
     else:
         found, held = with_strongest_rows(motion, tips, motion.generic_rank)
-    answers = each(responded, tips, found.wrenches)
+    responses = each(responded, tips, found.wrenches)
     return Solution(
-        qdd=[qdd for qdd, _ in answers],
+        qdd=[qdd for qdd, _ in responses],
         wrenches=found.wrenches,
         object_acceleration=found.object_acceleration,
-        base_wrenches=[base for _, base in answers],
+        base_wrenches=[base for _, base in responses],
         pivots=[tip.pivots for tip in tips],
         rank=found.rank,
         weakest_pivot=found.weakest_pivot,
         held=held,
         tips=tips,
-        again=found.again,
+        solve_with_factors=found.solve_with_factors,
         second=found.second,
     )

@@ -68,7 +68,7 @@ class TipResponse(NamedTuple):
             the base origin, world axes.
         length: length of the fully extended arm, an upper bound of its levers [m].
         base: response at its base; None unless the arm is mounted on a trunk.
-        again: function of a motion with the same configuration and other torques and wrenches that returns its tip
+        for_load: function of a motion with the same configuration and other torques and wrenches that returns its tip
             response, using the same factors.
     """
 
@@ -78,7 +78,7 @@ class TipResponse(NamedTuple):
     back_substitute: Callable[..., tuple[Array, Array]]
     length: float
     base: BaseResponse | None = None
-    again: Callable[[ArmMotion], TipResponse] | None = None
+    for_load: Callable[[ArmMotion], TipResponse] | None = None
 
 
 def tip_response(motion: ArmMotion, route: Route) -> TipResponse:
@@ -114,13 +114,13 @@ def recursive(motion: ArmMotion) -> TipResponse:
     R, base_R = at.end, arm.base.R
     mobility = tip_mobility(arm, at, filter).rotated(R)
     S, X, Y = motion.base_columns, None, None
-    felt = None if S is None else filter.at_base.rotated(base_R)
-    if S is not None and felt is not None:
+    base_inertia = None if S is None else filter.at_base.rotated(base_R)
+    if S is not None and base_inertia is not None:
         still = np.zeros(arm.joint_count)
         X = array([rotate(R, smooth(arm, at, filter, still, unrotate(base_R, column))[1]) for column in S.T]).T
-        Y = array([felt.apply(column) for column in S.T]) @ S
+        Y = array([base_inertia.apply(column) for column in S.T]) @ S
 
-    def answer(motion: ArmMotion) -> TipResponse:
+    def response(motion: ArmMotion) -> TipResponse:
         eps, at_base = whiten(arm, at, filter, motion.torque, motion.bias.wrenches, None)
         _, tip = smooth(arm, at, filter, eps / filter.D)
         base = None
@@ -133,12 +133,12 @@ def recursive(motion: ArmMotion) -> TipResponse:
             moving = None if under is None else unrotate(base_R, under)
             qdd, _ = smooth(arm, at, filter, (eps + from_wrench) / filter.D, moving)
             wrench = rotate(base_R, at_base + base_from_wrench)
-            return qdd, wrench if felt is None or under is None else wrench + felt.apply(under)
+            return qdd, wrench if base_inertia is None or under is None else wrench + base_inertia.apply(under)
 
         free = rotate(R, tip) + motion.bias.tip_acceleration
         return TipResponse(mobility, free, filter.D, back_substitute, arm.length, base)
 
-    return answer(motion)._replace(again=answer)
+    return response(motion)._replace(for_load=response)
 
 
 def by_mass_matrix(motion: ArmMotion) -> TipResponse:
@@ -157,7 +157,7 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
     if S is not None:
         B = forward_substitution(L, per_joint.T @ first_columns(motion, S))
 
-    def answer(motion: ArmMotion) -> TipResponse:
+    def response(motion: ArmMotion) -> TipResponse:
         C, at_rest = bias_torque(arm, at, motion.bias.wrenches)
         x = forward_substitution(L, motion.torque - C)
         base = None
@@ -176,7 +176,7 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
         free = x @ X + motion.bias.tip_acceleration
         return TipResponse(mobility, free, pivots, back_substitute, arm.length, base)
 
-    return answer(motion)._replace(again=answer)
+    return response(motion)._replace(for_load=response)
 
 
 def first_columns(motion: ArmMotion, columns: Array) -> Array:

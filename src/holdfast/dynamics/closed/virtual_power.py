@@ -22,11 +22,13 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import acceleration_at_tip, bias_accelerations
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.motion import ArmInputs
+from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.bushing_wrenches import stretched
 from holdfast.dynamics.closed.contact import contact
+from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
 from holdfast.spatial.differentiation import gradient, linearised
@@ -138,16 +140,23 @@ class ArmCase(NamedTuple):
             y: the multipliers.
             varied: values that replace the case's own numbers, with the names of `numbers`.
         """
+        return self.power_at(*self.configuration(varied), z, y, varied)
+
+    def configuration(self, varied: Numbers) -> tuple[Arm, Kinematics]:
+        """Return the arm at its base, and the poses of its links."""
         given, arm = self.given, self.given.arm
         if "base_R" in varied or "base_p" in varied:
             base = Pose.unchecked(varied.get("base_R", arm.base.R), varied.get("base_p", arm.base.p))
             arm = arm.standing_at(base)
+        return arm, varied_kinematics(arm, varied.get("q", given.q))
+
+    def power_at(self, arm: Arm, at: Kinematics, z: Unknowns, y: Unknowns, varied: Numbers) -> Scalar:
+        """Return `power` for a given `configuration`."""
         q, qd, tau, base_twist, base_acceleration, external = (
-            varied.get(name, getattr(given, name))
+            varied.get(name, getattr(self.given, name))
             for name in ("q", "qd", "tau", "base_twist", "base_acceleration", "link_wrenches")
         )
         external = varied.get("link_wrench", external)
-        at = forward_kinematics(arm, q)
         V, U = link_twists(arm, at, qd, base_twist), link_twists(arm, at, y.qdd, y.base)
         found = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, z.qdd))
         drives = varied.get("armature", arm.armature) * z.qdd + self.passive(q, qd, varied)
@@ -206,7 +215,7 @@ class ArmCase(NamedTuple):
             twist, arm = varied.get("base_twist", given.base_twist), given.arm
             if "base_R" in varied:
                 arm = arm.standing_at(Pose.unchecked(varied["base_R"], varied["base_p"]))
-            at = forward_kinematics(arm, varied.get("q", given.q))
+            at = varied_kinematics(arm, varied.get("q", given.q))
             tip = tip_twist(arm, at, link_twists(arm, at, given.qd, twist), twist)
             of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
             return (-contact(grasp, of_object, self.twist, at.tip, tip).velocity_gap,)

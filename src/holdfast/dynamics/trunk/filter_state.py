@@ -16,18 +16,18 @@ from holdfast.spatial.scalar import Array, Scalar, array, minimum
 from holdfast.spatial.symmetric import mirrored
 
 
-class LastUpdate(NamedTuple):
-    """The update by the last arm with a grasp.
+class FinalUpdate(NamedTuple):
+    """The update by the last arm with a grasp, after which only back-substitution follows.
 
     Attributes:
-        answer: function of beta (c,) for the trunk's columns, or None, that returns alpha(G) (6,), which includes the
+        solution: function of beta (c,) for the trunk's columns, or None, that returns alpha(G) (6,), which includes the
             effect of the external wrench on the object, and the wrench (6,) of the arm on the object, about G.
         on_trunk: for a mounted arm, (c, 1 + c) [load | inertia] that it adds to the equations of the trunk's columns,
             including the load of the external wrench through all arms.
         independent: as in `Update`.
     """
 
-    answer: Callable[[Array | None], tuple[Array, Array]]
+    solution: Callable[[Array | None], tuple[Array, Array]]
     on_trunk: Array | None
     independent: Array | None
 
@@ -67,20 +67,20 @@ class FilterState(NamedTuple):
             size = self.size
         return FilterState(x, P, size, self.kept + update.kept, minimum(self.weakest, update.weakest)), update
 
-    def updated_by_last(self, m: Measurement, tolerance: float, w: Array) -> tuple[FilterState, LastUpdate]:
+    def updated_by_final(self, m: Measurement, tolerance: float, w: Array) -> tuple[FilterState, FinalUpdate]:
         """Return the state after the update by the last arm, and its update; w is the external wrench on the object."""
         if m.parallel and not isinstance(self.P, FactoredMobility):
             end = terminal_update(self.x, self.P, m, self.size, w)
-            return self.updated(m, tolerance)[0], LastUpdate(end.answer, end.on_trunk, None)
+            return self.updated(m, tolerance)[0], FinalUpdate(end.solution, end.on_trunk, None)
         after, update = self.updated(m, tolerance)
         by_w, on_trunk = after.factors().apply(w), update.on_trunk
         if on_trunk is not None:
             on_trunk = np.column_stack([on_trunk[:, 0] - w @ after.x[:, 1:], on_trunk[:, 1:]])
 
-        def answer(beta: Array | None) -> tuple[Array, Array]:
+        def solution(beta: Array | None) -> tuple[Array, Array]:
             return of_beta(after.x, beta) + by_w, update.back_substitute(w, beta)
 
-        return after, LastUpdate(answer, on_trunk, update.independent)
+        return after, FinalUpdate(solution, on_trunk, update.independent)
 
     def released(self, D: list[Scalar], w: list[Array]) -> FilterState:
         """Return the state with sum D w w^T added to P."""

@@ -10,7 +10,7 @@ from holdfast.dynamics.closed.pose_tangents import by_motion, by_motions, rates_
 from holdfast.dynamics.closed.second_solve import Load, Point
 from holdfast.dynamics.closed.virtual_power import Unknowns
 from holdfast.dynamics.trunk.trunk_power import MOTION, CarriedBase, TrunkCase, TrunkUnknowns
-from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, solved_through_trunk
+from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array, concatenate, each
 
@@ -91,7 +91,7 @@ def multipliers_through_trunk(
     """Return y by arm including the virtual twists of all bases, y_a, and the trunk's part of y."""
     case = at.motion.trunk_case
     assert case is not None and at.trunk is not None
-    solved = solved_through_trunk(at, loads, alpha_bar, load)
+    solved = second_solve_through_trunk(at, loads, alpha_bar, load)
     carried = case.carried(at.trunk, solved.trunk)
     bases = {name: load.base for name, load in loads.items()}
     bases |= {name: bases[name] + base.virtual for name, base in carried.items()}

@@ -35,12 +35,12 @@ def trunk_dynamics(motion: ChainMotion, route: Route = "auto") -> Solution:
         motion = holding(motion, held)
     whole = filtered(motion, tips, lone)
     betas = [trunk.of_columns(name, whole.trunk, whole.betas) for name in motion.chain.grasps]
-    answers = each(responded, tips, whole.found.wrenches, betas)
+    responses = each(responded, tips, whole.found.wrenches, betas)
     return Solution(
-        qdd=[qdd for qdd, _ in answers],
+        qdd=[qdd for qdd, _ in responses],
         wrenches=whole.found.wrenches,
         object_acceleration=whole.found.object_acceleration,
-        base_wrenches=[base for _, base in answers],
+        base_wrenches=[base for _, base in responses],
         pivots=[tip.pivots for tip in tips],
         rank=whole.found.rank,
         weakest_pivot=whole.found.weakest_pivot,

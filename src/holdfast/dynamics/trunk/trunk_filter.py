@@ -150,7 +150,7 @@ def inward(
             if on(trunk, name) == k:
                 carried = carried.plus(base.wrench, base.Y)
         for name in order[k]:
-            see = filter_state.updated if name != last else partial(filter_state.updated_by_last, w=body.wrench)
+            see = filter_state.updated if name != last else partial(filter_state.updated_by_final, w=body.wrench)
             filter_state, updates[name] = see(rows[name], tolerance)
             added = updates[name].on_trunk
             carried = carried if added is None else carried.plus(added[:, 0], added[:, 1:])
@@ -178,7 +178,7 @@ def outward(trunk: TrunkMotion, sweep: InwardSweep, w: Array) -> tuple[dict[str,
             accelerations.append(a)
         for name in reversed(sweep.order[k]):
             if name == last:
-                alpha, wrenches[name] = sweep.updates[name].answer(beta)
+                alpha, wrenches[name] = sweep.updates[name].solution(beta)
                 s = w + wrenches[name]
             else:
                 wrenches[name] = sweep.updates[name].back_substitute(s, beta)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import bias_accelerations
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.model.arm import Arm
 from holdfast.model.trunk import Trunk
@@ -120,7 +120,7 @@ class TrunkCase(NamedTuple):
             bodies.append((base, v, unrotate(R, y.base), a, acceleration_gradient(a[:3], v[:3])))
         if self.trunk.serial is not None:
             arm = self.trunk.serial.standing_at(base)
-            at = forward_kinematics(arm, q)
+            at = varied_kinematics(arm, q)
             V, U = link_twists(arm, at, qd, twist), link_twists(arm, at, y.qdd, y.base)
             found = bias_accelerations(arm, at, V, qd, twist, acceleration, z.qdd)
             frames = [Pose.unchecked(turn, at.tip.p - reach) for turn, reach in zip(at.R, at.reach, strict=True)]
@@ -168,8 +168,8 @@ class TrunkCase(NamedTuple):
         def less(*x: Array) -> Scalar:
             power, carried = self.outward(z, y, dict(zip(names, x, strict=True)))
             total: Scalar = -power
-            for base, bar in zip(carried, of_bases, strict=True):
-                for part, of_part in zip(base, bar, strict=True):
+            for base, of_base in zip(carried, of_bases, strict=True):
+                for part, of_part in zip(base, of_base, strict=True):
                     total = total + np.ravel(part) @ np.ravel(of_part)
             return total
 

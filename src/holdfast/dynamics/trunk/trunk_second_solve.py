@@ -15,7 +15,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_solution import base_wrench
 from holdfast.dynamics.closed.held_rows import holding
-from holdfast.dynamics.closed.second_solve import Load, Point, answer, right_hand_side, under
+from holdfast.dynamics.closed.second_solve import Load, Point, arm_solution, loaded_response, right_hand_side
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import Unknowns
 from holdfast.dynamics.trunk.trunk_filter import trunk_filter
@@ -39,7 +39,7 @@ class TrunkLoad(NamedTuple):
     base: Array
 
 
-class SolvedAgain(NamedTuple):
+class SecondSolution(NamedTuple):
     """The solution z of a chain with a trunk.
 
     Attributes:
@@ -55,7 +55,7 @@ class SolvedAgain(NamedTuple):
     base_wrench: Array
 
 
-def solved_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Array, load: TrunkLoad) -> SolvedAgain:
+def second_solve_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Array, load: TrunkLoad) -> SecondSolution:
     """Return z. O(n) + O(l).
 
     Args:
@@ -76,7 +76,10 @@ def solved_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Array, lo
     held = [loads[name] for name in chain.grasps]
     tips, known, gaps, wrench = right_hand_side(motion, [at.tips[name] for name in chain.grasps], loads, wrench)
     alone = each(
-        under, [at.tips[name] for name in lone], [motion.arms[n] for n in lone], [loads[name] for name in lone]
+        loaded_response,
+        [at.tips[name] for name in lone],
+        [motion.arms[n] for n in lone],
+        [loads[name] for name in lone],
     )
     loaded = each(reading, tips, known, gaps)
     at_rest = [replace(c, a=none, g=none) for c in contacts]
@@ -87,7 +90,7 @@ def solved_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Array, lo
     alpha = found.found.object_acceleration
     betas = {name: trunk.of_columns(name, found.trunk, found.betas) for name in chain.arms}
     holds = each(
-        lambda c, tip, load, f, own, beta: answer(c, tip, load, f + own, alpha, beta),
+        lambda c, tip, load, f, own, beta: arm_solution(c, tip, load, f + own, alpha, beta),
         contacts,
         tips,
         held,
@@ -100,7 +103,7 @@ def solved_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Array, lo
     solved |= dict(zip(chain.grasps, holds, strict=True))
     of_base = base_wrench(trunk, found.betas, {name: solved[name].base for name in trunk.mounts})
     moved = load.base if found.trunk.base is None else found.trunk.base
-    return SolvedAgain(solved, alpha, TrunkUnknowns(found.trunk.qdd, moved), of_base)
+    return SecondSolution(solved, alpha, TrunkUnknowns(found.trunk.qdd, moved), of_base)
 
 
 def driven_trunk(trunk: TrunkMotion, load: TrunkLoad) -> TrunkMotion:

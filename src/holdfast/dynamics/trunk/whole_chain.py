@@ -70,11 +70,11 @@ def whole_chain(motion: ChainMotion) -> WholeChain:
         if name in rows:
             J[rows[name], own] = jacobian(arm.arm, arm.at)
         if name in trunk.mounts:
-            felt, columns = _on_base(arm), S[name]
-            M[u, u] += columns.T @ felt.I @ columns
-            M[u, own] = columns.T @ felt.B
+            at_base, columns = _on_base(arm), S[name]
+            M[u, u] += columns.T @ at_base.I @ columns
+            M[u, own] = columns.T @ at_base.B
             M[own, u] = M[u, own].T
-            T[u] -= columns.T @ felt.w
+            T[u] -= columns.T @ at_base.w
             if name in rows:
                 J[rows[name], u] = twist_shift(arm.base_to_tip) @ columns
     return WholeChain(M, T, J)

@@ -44,11 +44,11 @@ def _of_bytes(content: bytes, count: int) -> Array:
 def _of_text(content: bytes) -> Array:
     """Return the corners (F, 3, 3) of a text file."""
     lower = content.lower()
-    begun, ended, named = (lower.count(word) for word in (b"outer loop", b"endloop", b"vertex"))
-    if begun > MOST_TRIANGLES or named > 3 * MOST_TRIANGLES:
-        require_triangles(max(begun, named // 3))
+    opened, closed, named = (lower.count(word) for word in (b"outer loop", b"endloop", b"vertex"))
+    if opened > MOST_TRIANGLES or named > 3 * MOST_TRIANGLES:
+        require_triangles(max(opened, named // 3))
     points = numbers(b" ".join(re.findall(rb"vertex[ \t]+([^\r\n]*)", lower)), float, "vertex")
-    require_triangles(begun)
-    if not 9 * begun == 9 * ended == 3 * named == len(points):
-        raise MeshFault(f"is damaged: expected {begun} triangles of three vertices, got {len(points) / 9:g}")
+    require_triangles(opened)
+    if not 9 * opened == 9 * closed == 3 * named == len(points):
+        raise MeshFault(f"is damaged: expected {opened} triangles of three vertices, got {len(points) / 9:g}")
     return points.reshape(-1, 3, 3)

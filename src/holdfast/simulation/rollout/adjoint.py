@@ -10,6 +10,7 @@ import numpy as np
 
 from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiled.traced_chain import Given, traced
+from holdfast.compiler.kernel import address_of
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
@@ -92,14 +93,14 @@ class AdjointKernel:
             count: number of systems.
             threads: number of threads.
         """
-        found = {name: np.zeros((count, *self._shapes[f"{FOUND}{name}"])) for name in self.by}
+        found = {name: np.empty((count, *self._shapes[f"{FOUND}{name}"])) for name in self.by}
         every = {**self._step.parameters, **given}
         every |= {f"{WITH}{name}": x for name, x in cotangents.items()}
         every |= {f"{FOUND}{name}": x for name, x in found.items()}
         arrays = [np.asarray(every[name], dtype=float, order="C") for name in self.externals]
         table = np.zeros((len(arrays), 2), dtype=np.int64)
         for row, x, external in zip(table, arrays, self.externals.values(), strict=True):
-            row[:] = x.ctypes.data, external.size if x.ndim > len(external.shape) else 0
+            row[:] = address_of(x), external.size if x.ndim > len(external.shape) else 0
         self._code.run_batch(table, count, threads)
         return found
 

@@ -31,13 +31,21 @@ from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hol
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, refuse, state_of, state_rows
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
-from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of, rows_held_near
+from holdfast.simulation.step import (
+    EvaluationRequest,
+    Gaps,
+    ProjectionRequest,
+    StageRequest,
+    rows_held_near,
+    run_steps_together,
+    step_generator,
+)
 from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Stepper
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 WORTH_COMPILING = 45  # steps: compiling takes as long as about this many steps without machine code
-LOOKED_AT = 16  # with limits, the evaluations inside a step cost about as much as this many steps
+COST_OF_VERIFICATION = 16  # with limits, the evaluations inside a step cost about as much as this many steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +88,8 @@ class StagewiseStepper:
         )
         kernel = StepKernel(environment.chain, ours, EULER, generic_rank, options=options, quick=True)
         values = controller.values if isinstance(controller, GivenLaw) else {}
-        asked = controller if law is None else None
-        return cls(environment, asked, kernel, generic_rank, scheme, tolerance, by_name(values))
+        in_python = controller if law is None else None
+        return cls(environment, in_python, kernel, generic_rank, scheme, tolerance, by_name(values))
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
@@ -91,14 +99,14 @@ class StagewiseStepper:
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state without projection."""
-        found, (moment,) = self._evaluated([t], [state], memory, None)
-        return instant_of(found, 0, moment)
+        found, (stage,) = self._evaluated([t], [state], memory, None)
+        return instant_of(found, 0, stage)
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads; see `Stepper`."""
-        courses = [course_of(now, end, self.scheme) for end in ends]
+        generators = [step_generator(now, end, self.scheme) for end in ends]
         try:
-            steps = answered_together(courses, partial(self._answers, now))
+            steps = run_steps_together(generators, partial(self._handle_all, now))
         except HoldfastError as cause:
             if len(ends) == 1:
                 return [Advance(ends[0], None, NO_GAPS, np.zeros(4), failure=cause)]
@@ -110,23 +118,23 @@ class StagewiseStepper:
             for end, step, error in zip(ends, steps, errors, strict=True)
         ]
 
-    def _answers(self, now: Instant, questions: Sequence[Question]) -> list[Any]:
-        """Answer the requests of several steps from `now`, which are all of the same kind."""
-        times, states, held = [one.t for one in questions], [one.state for one in questions], now.result.held
-        if isinstance(questions[0], Closing):
+    def _handle_all(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
+        """Return the replies to requests of several steps from `now`, which are all of the same kind."""
+        times, states, held = [one.t for one in requests], [one.state for one in requests], now.result.held
+        if isinstance(requests[0], ProjectionRequest):
             return self._closed(times, states, held)
-        implicit = [one.implicit for one in questions if isinstance(one, Stage) and one.implicit is not None]
-        rows = held if isinstance(questions[0], Stage) else None
-        found, moments = self._evaluated(times, states, now.memory, rows, implicit)
+        implicit = [one.implicit for one in requests if isinstance(one, StageRequest) and one.implicit is not None]
+        rows = held if isinstance(requests[0], StageRequest) else None
+        found, stages = self._evaluated(times, states, now.memory, rows, implicit)
         return [
-            _slope(found["slope"][row], one) if isinstance(one, Stage) else _late(found, row, moments[row])
-            for row, one in enumerate(questions)
+            _slope(found["slope"][row], one) if isinstance(one, StageRequest) else _late(found, row, stages[row])
+            for row, one in enumerate(requests)
         ]
 
     def _closed(self, times: list[float], states: list[State], rows: Array | None) -> list[tuple[State, Gaps]]:
         """Return the states projected onto the grasps, and the gaps before and after."""
-        moments = [self._stage_inputs(t, state) for t, state in zip(times, states, strict=True)]
-        systems = self._run(states, moments, None, rows, held=False)
+        stages = [self._stage_inputs(t, state) for t, state in zip(times, states, strict=True)]
+        systems = self._run(states, stages, None, rows, held=False)
         return [(state_of(systems, row), gaps_of(systems, row)) for row in range(len(states))]
 
     def _evaluated(
@@ -138,10 +146,10 @@ class StagewiseStepper:
         implicit: Sequence[Implicit] = (),
     ) -> tuple[Systems, list[StageInputs]]:
         """Return the evaluated systems at the given states, with the controller's torques, and their inputs."""
-        moments = [
+        stages = [
             self._driven(self._stage_inputs(t, state), state, memory) for t, state in zip(times, states, strict=True)
         ]
-        return self._run(states, moments, memory, rows, held=True, implicit=implicit), moments
+        return self._run(states, stages, memory, rows, held=True, implicit=implicit), stages
 
     def _stage_inputs(self, t: float, state: State) -> StageInputs:
         """Return the inputs of the machine code at a time and state, without torques.
@@ -193,7 +201,7 @@ class StagewiseStepper:
     def _run(
         self,
         states: list[State],
-        moments: list[StageInputs],
+        stages: list[StageInputs],
         memory: Any,
         rows: Array | None,
         held: bool,
@@ -203,7 +211,7 @@ class StagewiseStepper:
 
         Args:
             states: states of the systems.
-            moments: inputs of the systems.
+            stages: inputs of the systems.
             memory: memory of the law.
             rows: rows of the constraint to satisfy; None to choose them at the given states.
             held: evaluate the states without projection.
@@ -212,28 +220,28 @@ class StagewiseStepper:
         systems = self.kernel.systems(state_rows(states), memory)
         hold_rows(systems, rows)
         inputs = {
-            "begin": np.array([m.t for m in moments]),
+            "begin": np.array([m.t for m in stages]),
             "step": np.array(0.0),
             "held": np.array(float(held)),
-            "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
+            "object_wrench": np.array([m.inputs.object_wrench for m in stages]),
             "keep_rows": np.array(float(rows is not None)),
             **self.values,
         }
         if self.environment.of_state:
-            inputs |= _on_links(self.environment.chain, [m.inputs for m in moments])
+            inputs |= _on_links(self.environment.chain, [m.inputs for m in stages])
         if self.scheme.implicit:
             none = np.zeros(self.environment.chain.joint_count)
             inputs["added_armature"] = np.array([one.armature for one in implicit]) if implicit else none
             inputs["added_torque"] = np.array([one.torque for one in implicit]) if implicit else none
         if self.controller is not None:
-            inputs["control.tau"] = np.array([m.tau for m in moments])
+            inputs["control.tau"] = np.array([m.tau for m in stages])
         parameters = {}
         if bases_move(self.environment):
             parameters = {
-                "base_R": np.array([[arm.base.R for arm in m.chain.arms.values()] for m in moments]),
-                "base_p": np.array([[arm.base.p for arm in m.chain.arms.values()] for m in moments]),
-                "base_twist": np.array([m.inputs.base_twists for m in moments]),
-                "base_acceleration": np.array([m.inputs.base_accelerations for m in moments]),
+                "base_R": np.array([[arm.base.R for arm in m.chain.arms.values()] for m in stages]),
+                "base_p": np.array([[arm.base.p for arm in m.chain.arms.values()] for m in stages]),
+                "base_twist": np.array([m.inputs.base_twists for m in stages]),
+                "base_acceleration": np.array([m.inputs.base_accelerations for m in stages]),
             }
         self.kernel.run(systems, inputs, parameters)
         refuse(systems)
@@ -258,7 +266,7 @@ def _late(found: Systems, row: int, at: StageInputs) -> Instant:
     return late_instant(at.t, (found["q"][row], found["qd"][row], tau), lambda: instant_of(found, row, at))
 
 
-def _slope(found: Array, at: Stage) -> Array:
+def _slope(found: Array, at: StageRequest) -> Array:
     """Return the slope at a stage, with the rates of the rotation vectors relative to the start of the step.
 
     The machine code has treated the attitude at the stage as that of a step's start.
@@ -304,7 +312,7 @@ def stepper_for(
         StateError: the law has parameters, which cannot be given in a run.
         CompileError: the law cannot be traced.
     """
-    few = steps * (LOOKED_AT if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
+    few = steps * (COST_OF_VERIFICATION if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
     acting = _acting_at_first(environment)
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
     if (few and not scheme.adaptive) or on_links:

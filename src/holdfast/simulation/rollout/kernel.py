@@ -16,7 +16,7 @@ from holdfast.compiled.kernels import key_of
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced
-from holdfast.compiler.kernel import BatchKernel
+from holdfast.compiler.kernel import BatchKernel, address_of
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.control.controller import ControlLaw
@@ -143,7 +143,7 @@ class StepKernel:
         self.defaults: Systems = {"least_margin": none, "least_joint_margin": none}
         self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
         self._layout = {name: (row, e.size, len(e.shape)) for row, (name, e) in enumerate(externals.items())}
-        self._asked = self._layout.keys() - self.parameters.keys() - self.defaults.keys()
+        self._required = self._layout.keys() - self.parameters.keys() - self.defaults.keys()
         self._own, self._table = self._tabled(self.parameters | self.defaults, np.zeros((len(externals), 2), np.int64))
 
     def schedule(self, tableau: Tableau) -> Schedule:
@@ -215,7 +215,7 @@ class StepKernel:
             slopes_only: take no step, but evaluate the slopes at the current states again, with new inputs.
         """
         given = {**parameters, **inputs, **{f"last.{name}": x for name, x in systems.items()}}
-        assert self._asked <= given.keys(), "machine code would read where nothing is"
+        assert self._required <= given.keys(), "machine code would read where nothing is"
         kept, table = self._tabled(given, self._table.copy())
         (self._slopes if slopes_only else self._step).run_batch(table, len(systems["object_pose"]), threads, repeats)
         del kept  # the arrays must live until the machine code has read them
@@ -227,7 +227,7 @@ class StepKernel:
             if name in self._layout:
                 row, size, rank = self._layout[name]
                 kept.append(np.asarray(x, dtype=float, order="C"))
-                table[row] = kept[-1].ctypes.data, size if kept[-1].ndim > rank else 0
+                table[row] = address_of(kept[-1]), size if kept[-1].ndim > rank else 0
         return kept, table
 
     def require_own(self, systems: Systems) -> None:

@@ -16,7 +16,7 @@ from holdfast.spatial.scalar import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Begun(Frozen):
+class RolloutArguments(Frozen):
     """The arguments from which a record was made.
 
     Attributes:
@@ -47,7 +47,7 @@ class RolloutRecord(Frozen):
         systems: the systems at the end.
         stopped: (systems,) time at which each system stopped [s], infinite if it did not; the time of a slip is refined
             within its step.
-        begun: the arguments of the rollout; None for a record that was assembled from arrays.
+        arguments: the arguments of the rollout; None for a record that was assembled from arrays.
         note: what is missing, in words; empty for a complete record.
     """
 
@@ -55,7 +55,7 @@ class RolloutRecord(Frozen):
     arrays: Mapping[str, Array]
     systems: RolloutSystems
     stopped: Array
-    begun: Begun | None = None
+    arguments: RolloutArguments | None = None
     note: str = ""
 
     def __repr__(self) -> str:

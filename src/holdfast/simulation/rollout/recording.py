@@ -3,60 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from holdfast.progress import of_time, reporting
-from holdfast.simulation.rollout.arguments import (
-    common_time,
-    number,
-    step_lengths,
-    stop_margins,
-    whole_number,
-    whole_steps,
-)
+from holdfast.simulation.rollout.arguments import common_time, stop_margins, whole_steps
 from holdfast.simulation.rollout.parts import refined
-from holdfast.simulation.rollout.record import Begun, RolloutRecord
+from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.systems import RolloutSystems, require_recorded
 from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
 from holdfast.spatial.scalar import Array
 
-LOOKS = 100  # at most so many reports of how far a run is
+MOST_REPORTS = 100  # at most so many reports of how far a run is
+
+
+@dataclass(frozen=True, eq=False)
+class RecordOutput:
+    """What a rollout records, and where the records go.
+
+    Attributes:
+        names: names of the arrays to record, which are attributes of `RolloutSystems`.
+        folder: the folder to which records are appended; None keeps them in memory.
+        overwrite: whether an earlier record in this folder is replaced.
+        progress: as for `simulate`; a function is called with the time that has passed [s].
+    """
+
+    names: Sequence[str]
+    folder: str | PathLike[str] | None
+    overwrite: bool
+    progress: bool | Callable[[float], object] | None
 
 
 def recorded_rollout(
-    rollout: Any,
-    systems: RolloutSystems,
-    duration: float,
-    step: float,
-    every: int,
-    record: Sequence[str],
-    options: Mapping[str, Any],
-    folder: str | PathLike[str] | None,
-    overwrite: bool,
-    progress: bool | Callable[[float], object] | None,
-    threads: int,
-    given: Mapping[str, Any],
+    arguments: RolloutArguments, output: RecordOutput, given: Mapping[str, Any], threads: int
 ) -> RolloutRecord:
-    """Advance systems by a duration, and return their record; see `Rollout.run`.
+    """Advance systems by a duration, and return their record.
 
     Records wait in memory; those of a folder are written when they are many, or old, or when an error or Ctrl-C ends
     the run.
+
+    Args:
+        arguments: the rollout, the systems at the start, the duration and the steps.
+        output: the arrays to record, and where.
+        given: parameters of the law and the chain, as for `Rollout.step`.
+        threads: number of threads.
+
+    Raises:
+        StateError: a name is wrong, the duration is not a whole number of steps, or the systems have different times.
+        ResultError: the folder is in use or cannot be written.
     """
-    step = float(step_lengths(step, 1)[0])
-    steps = whole_steps(number("duration", duration), step)
-    every = whole_number("every", every)
+    rollout, systems, step = arguments.rollout, arguments.systems, arguments.step
+    steps = whole_steps(arguments.duration, step)
+    record, progress = output.names, output.progress
     require_recorded(record)
     at, begin = systems.copy(), common_time(systems)
-    done = np.minimum(np.arange(0, steps + every, every), steps)
-    begun = Begun(rollout, systems.copy(), step, every, options, float(duration))
+    done = np.minimum(np.arange(0, steps + arguments.every, arguments.every), steps)
     writer = None
-    if folder is not None:
+    if output.folder is not None:
         from holdfast.io.record_writer import RecordWriter
 
-        writer = RecordWriter(folder, begun, overwrite)
+        writer = RecordWriter(output.folder, arguments, output.overwrite)
     waiting: list[tuple[float, dict[str, Array]]] = []  # time, arrays
     last = at
 
@@ -71,28 +80,28 @@ def recorded_rollout(
             waiting.clear()
 
     keep(0)
-    looks = np.union1d(done, np.arange(0, steps, max(1, steps // LOOKS))) if progress else done
-    doing, size = f"running {len(at)} systems", f"{duration:g} s in {steps} steps"
+    reports = np.union1d(done, np.arange(0, steps, max(1, steps // MOST_REPORTS))) if progress else done
+    doing, size = f"running {len(at)} systems", f"{arguments.duration:g} s in {steps} steps"
     try:
-        with reporting(progress, doing, size, of_time(duration)) as tell:
-            for some_steps, now in zip(np.diff(looks), looks[1:], strict=True):
-                rollout.step(at, step, steps=some_steps, threads=threads, **options, **given)
+        with reporting(progress, doing, size, of_time(arguments.duration)) as tell:
+            for some_steps, now in zip(np.diff(reports), reports[1:], strict=True):
+                rollout.step(at, step, steps=some_steps, threads=threads, **arguments.options, **given)
                 if now in done:
                     keep(now)
                     if now < steps and writer is not None and writer.is_due(waiting):
                         flush(_ended(last), False)
                 tell(now * step)
     except BaseException:
-        if writer is not None and writer.begun:  # nothing is on disk before the arguments were accepted
+        if writer is not None and writer.started:  # nothing is on disk before the arguments were accepted
             flush(_ended(last), False)
         raise
     stopped = _ended(at)
     violated = systems.running & np.isin(at.arrays["code"], (SLIPPED, LIMITED))
     if violated.any():
-        least = stop_margins(options["least_margin"], options["stop_at_limits"])
+        least = stop_margins(arguments.options["least_margin"], arguments.options["stop_at_limits"])
         stopped[violated] = refined(at, violated, step, lambda some, h: rollout.advance_unconfirmed(some, h, 1, least))
     flush(stopped, True)
-    return RolloutRecord(*_joined(waiting, record), at, stopped, begun) if writer is None else writer.record()
+    return RolloutRecord(*_joined(waiting, record), at, stopped, arguments) if writer is None else writer.record()
 
 
 def _joined(rows: Sequence[tuple[float, Mapping[str, Array]]], names: Sequence[str]) -> tuple[Array, dict[str, Array]]:

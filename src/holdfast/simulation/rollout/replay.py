@@ -32,22 +32,22 @@ from holdfast.state import Inputs, State
 
 def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -> Trajectory:
     """Return one system of a record as a run; see `RolloutRecord.trajectory`."""
-    if record.begun is None:
+    if record.arguments is None:
         raise StateError(
             "record: expected one that `Rollout.run` returned, got one put together from arrays;"
             " of a saved one try io.load_record(folder, rollout=...)"
         )
-    begun, count = record.begun, len(record.systems)
+    arguments, count = record.arguments, len(record.systems)
     if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < count:
         raise StateError(f"system: expected a number from 0 to {count - 1}, got {checks.short(number)}")
-    stride = begun.every if every is None else whole_number("every", every)
-    rollout, at, last = begun.rollout, begun.systems.copy([number]), record.systems.copy([number])
+    stride = arguments.every if every is None else whole_number("every", every)
+    rollout, at, last = arguments.rollout, arguments.systems.copy([number]), record.systems.copy([number])
     at.call_inputs, at.under = last.call_inputs, ()  # the arguments of `run` act from the start
     world = _environment(rollout, last)
-    steps = round((float(record.t[-1]) - float(record.t[0])) / begun.step)
+    steps = round((float(record.t[-1]) - float(record.t[0])) / arguments.step)
     samples = [_sample(world, rollout, at)]
     for done in range(0, steps, stride):
-        rollout.step(at, begun.step, steps=min(stride, steps - done), **begun.options)
+        rollout.step(at, arguments.step, steps=min(stride, steps - done), **arguments.options)
         if float(at.t[0]) > samples[-1].t:
             samples.append(_sample(world, rollout, at))
     state = record.systems.status[number]
@@ -56,9 +56,9 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
         stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
     run = stacked(samples, stopped)
     moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
-    options = {"scheme": rollout.scheme, **begun.options}
+    options = {"scheme": rollout.scheme, **arguments.options}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])
-    return replace(run, setting=Setting(world.chain, moved, name, duration, begun.step, options))
+    return replace(run, setting=Setting(world.chain, moved, name, duration, arguments.step, options))
 
 
 def _environment(rollout: Any, systems: RolloutSystems) -> Environment:

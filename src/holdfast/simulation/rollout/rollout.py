@@ -34,8 +34,8 @@ from holdfast.simulation.rollout.arguments import (
 )
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, subdivided
-from holdfast.simulation.rollout.record import RolloutRecord
-from holdfast.simulation.rollout.recording import recorded_rollout
+from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
+from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
 from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import RolloutSystems
@@ -44,6 +44,7 @@ from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR, SLI
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
+from holdfast.simulation.stability import surely_stable_step
 from holdfast.spatial.scalar import Array
 
 NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
@@ -76,6 +77,7 @@ class Rollout:
         self.chain, self.law, self.scheme, self.generic_rank = chain, law, scheme, generic_rank
         self.base_motion, self.options, self.inputs = base_motion, options, inputs
         self._kernels = self._kernels_for(generic_rank)
+        self._stable_step = surely_stable_step(chain, np.zeros(chain.joint_count), scheme_of(scheme))
 
     @property
     def kernel(self) -> StepKernel:
@@ -168,24 +170,24 @@ class Rollout:
         if self.chain.floats != systems.chain.floats:
             base = "a floating base" if self.chain.floats else "no floating base"
             raise StateError(f"systems: expected those of a rollout with {base}, as this one's chain has")
-        begun = systems.copy()
+        before = systems.copy()
         stale = [] if list(systems.chain.grasps) == list(self.chain.grasps) else ["grasp_R", "grasp_p"]
         stale += ["base_R", "base_p"] if self.base_motion else []
         takes = {name: external.shape for name, external in self.kernel.externals.items() if name not in stale}
-        kept = {name: x for name, x in begun.call_inputs.items() if takes.get(name) == x.shape[1:]}
-        memory = begun.arrays.get("memory", np.zeros((len(systems), 0)))
+        kept = {name: x for name, x in before.call_inputs.items() if takes.get(name) == x.shape[1:]}
+        memory = before.arrays.get("memory", np.zeros((len(systems), 0)))
         remembered = memory if memory.shape[1] == len(self.law.memory) else None
-        found = self.kernel.systems({name: begun.arrays[name] for name in state_fields(self.chain)}, remembered)
-        for array, x in ((found[key], begun.arrays.get(key)) for key in found):
+        found = self.kernel.systems({name: before.arrays[name] for name in state_fields(self.chain)}, remembered)
+        for array, x in ((found[key], before.arrays.get(key)) for key in found):
             if x is not None and x.shape == array.shape:
-                array[~begun.running] = x[~begun.running]
-        made = RolloutSystems(self.chain, found, begun.t, np.zeros(len(systems)))
+                array[~before.running] = x[~before.running]
+        made = RolloutSystems(self.chain, found, before.t, np.zeros(len(systems)))
         made.keep_inputs(kept | call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
         made = self._started(made, whole_number("threads", threads))
-        made.arrays["work"][...] = begun.arrays["work"]
+        made.arrays["work"][...] = before.arrays["work"]
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
         for name in state_fields(self.chain):
-            made.arrays[name][apart] = begun.arrays[name][apart]
+            made.arrays[name][apart] = before.arrays[name][apart]
         made.arrays["code"][apart] = OPEN
         return made
 
@@ -256,7 +258,9 @@ class Rollout:
             order = scheme_of(self.scheme).order
             for _ in range(steps):
                 subdivided(systems, limit, order, lambda some, h: self.advance_unconfirmed(some, h, 1, least, threads))
-        stopped = going & np.isin(systems.arrays["code"], (SLIPPED, LIMITED, SINGULAR))
+        stopped = going & ~systems.running
+        if stopped.any():
+            stopped &= np.isin(systems.arrays["code"], (SLIPPED, LIMITED, SINGULAR))
         if stopped.any():
             wrong = contradicted(
                 systems.copy(stopped),
@@ -311,9 +315,9 @@ class Rollout:
             ResultError: the folder is in use or cannot be written.
         """
         options = step_options(least_margin, stop_at_limits, largest_drift)
-        return recorded_rollout(
-            self, systems, duration, step, every, record, options, folder, overwrite, progress, threads, given
-        )
+        h, duration = float(step_lengths(step, 1)[0]), number("duration", duration)
+        arguments = RolloutArguments(self, systems.copy(), h, whole_number("every", every), options, duration)
+        return recorded_rollout(arguments, RecordOutput(record, folder, overwrite, progress), given, threads)
 
     def tape(
         self,
@@ -367,15 +371,21 @@ class Rollout:
         systems.started_from = given
         return systems
 
+    def stiff(self, systems: RolloutSystems) -> Array:
+        """Return which systems take linearly implicit steps, because explicit ones would be unstable, (systems,)."""
+        return stiff_systems(systems, scheme_of(self.scheme), self._stable_step, partial(located, self))
+
     def advance_unconfirmed(
         self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int = 1
     ) -> None:
         """Take steps in place with the stored arguments, without confirming the systems that stop."""
         systems.set_step_length(step_length)
-        stiff = stiff_systems(systems, scheme_of(self.scheme), partial(located, self))
-        for implicit in np.unique(stiff).tolist():
+        stiff = self.stiff(systems)
+        for implicit, kernel in self._kernels.items():
             rows = np.flatnonzero(stiff == implicit)
-            kernel, part = self._kernels[implicit], systems if len(rows) == len(systems) else systems.copy(rows)
+            if not len(rows):
+                continue
+            part = systems if len(rows) == len(systems) else systems.copy(rows)
             inputs, parameters = kernel_arguments(kernel, part.call_inputs)
             kernel.run(part.arrays, inputs | step_inputs(part, least), parameters, steps, threads)
             if part is not systems:

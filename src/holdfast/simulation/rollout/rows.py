@@ -52,7 +52,7 @@ def state_rows(states: Sequence[State]) -> dict[str, Array]:
 
 
 def state_of(systems: Systems, row: int) -> State:
-    """Return the state of one system, identical in all bits."""
+    """Return the state of one system without changing any bits."""
     fields = STATE_FIELDS | FLOATING_FIELDS
     return found_state({field: systems[name][row].copy() for name, field in fields.items() if name in systems})
 

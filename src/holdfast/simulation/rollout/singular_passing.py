@@ -24,7 +24,7 @@ LEAPING = 1e-3  # drift relative to the motion of the joints
 
 
 def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: Gap) -> Scalar:
-    """Return whether a step seems to pass a singular configuration, 1 or 0.
+    """Return 1 if a step probably passes a singular configuration, otherwise 0.
 
     The strength s = condition^-1/2 of the constraint is the absolute value of a quantity that changes sign at a
     singular configuration. If a step passes one, the strengths at its start, middle and end therefore lie on a straight

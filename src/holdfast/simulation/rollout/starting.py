@@ -55,16 +55,16 @@ def hold_rows(rollout: Rollout, systems: RolloutSystems, close: Callable[[Rollou
         systems: systems of which only the states are set; changed in place.
         close: takes a step of length zero.
     """
-    rank, begun = rollout.generic_rank, systems.copy()
+    rank, trial = rollout.generic_rank, systems.copy()
     assert rank is not None
     near = closed_systems(rollout, systems)
     one = next((held for place in near if (held := held_near(*place, rank)) is not None), np.ones(6))
     systems.arrays["held_rows"] = np.ones((len(systems), *rollout.kernel.carried["held_rows"]))
-    begun.arrays["held_rows"] = one * systems.arrays["held_rows"]
-    close(begun)
-    there = begun.running
+    trial.arrays["held_rows"] = one * systems.arrays["held_rows"]
+    close(trial)
+    there = trial.running
     for name in (*state_fields(rollout.chain), "held_rows"):
-        systems.arrays[name][there] = begun.arrays[name][there]
+        systems.arrays[name][there] = trial.arrays[name][there]
 
 
 def closed_systems(rollout: Rollout, systems: RolloutSystems) -> Iterator[tuple[ClosedChain, State]]:

@@ -9,7 +9,7 @@ import numpy as np
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.stability import USED, cell, fastest_passive, may_be_too_fast
+from holdfast.simulation.stability import USED, cell, fastest_passive
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -19,18 +19,17 @@ RATE, CELL = "passive_rate", "passive_cell"  # among a system's arrays, `systems
 Located = Callable[[RolloutSystems, int], tuple[ClosedChain, State]]
 
 
-def stiff_systems(systems: RolloutSystems, scheme: Tableau, located: Located) -> Array:
+def stiff_systems(systems: RolloutSystems, scheme: Tableau, stable_step: float, located: Located) -> Array:
     """Return which systems have dampers or springs too stiff for explicit steps of their length, (systems,).
 
     Args:
         systems: the systems, with their step lengths set.
-        scheme: the explicit scheme.
+        scheme: the scheme of explicit steps.
+        stable_step: length of a step that is stable in every configuration at rest, where friction is steepest [s].
         located: returns the chain and the state of one system.
     """
-    longest, none = float(systems.step_length.max()), np.zeros(len(systems), dtype=bool)
-    at_rest = np.zeros(systems.chain.joint_count)  # the slope of friction is greatest at rest
-    if scheme.implicit or not may_be_too_fast(systems.chain, at_rest, longest, scheme):
-        return none
+    if scheme.implicit or systems.step_length.max() <= stable_step:
+        return np.zeros(len(systems), dtype=bool)
     return systems.step_length * _rates(systems, located) > USED * scheme.stability_interval
 
 

@@ -45,7 +45,10 @@ def _carried(key: str, meaning: str) -> Any:
     return property(read, doc=meaning)
 
 
-PASSIVE = {"passive_rate", "passive_cell"}  # found where steps may be too long: how fast joints settle, and where
+PASSIVE = {
+    "passive_rate",
+    "passive_cell",
+}  # evaluated where steps may be too long: decay rates of the joints, and the states
 
 
 class RolloutSystems:
@@ -233,14 +236,15 @@ class RolloutSystems:
     def reset(self, rows: Any, other: RolloutSystems) -> None:
         """Set some systems to others that `Rollout.start` returned, arguments of calls included. O(rows).
 
-        An argument that was the same for all gets a row for each system where it is another there.
+        An argument that was common to all systems, and differs for the new ones, gets a row for each system.
 
         Args:
-            rows: which, by number or truth value.
-            other: as many, of the same rollout.
+            rows: the systems to replace, as numbers or as a boolean mask.
+            other: as many systems of the same rollout.
 
         Raises:
-            StateError: no such systems, of another number or of another rollout, or given what these were not.
+            StateError: there are no such systems, the numbers of systems differ, or `other` belongs to another rollout
+                or has arguments that these systems do not have.
         """
         checks.instance(other, RolloutSystems, "reset: other", StateError)
         which = np.arange(len(self))[self._rows(rows)]
@@ -252,7 +256,7 @@ class RolloutSystems:
             raise StateError("reset: expected systems of the same rollout, got others; try its `start`")
         for name in sorted(self.call_inputs.keys() ^ other.call_inputs.keys()):
             raise StateError(f"reset: expected {name.removeprefix('control.')} given to both or to none")
-        self.put(which, other)  # arrays that only one of both has are PASSIVE, and found anew
+        self.put(which, other)  # an array that only one of them has is in PASSIVE, and is computed again
         for name, x in other.call_inputs.items():
             mine = self.call_inputs[name]
             if len(mine) == 1 and not (len(x) == 1 and np.array_equal(x, mine)):
@@ -271,10 +275,10 @@ class RolloutSystems:
 
 
 def require_recorded(names: Any) -> None:
-    """Refuse what are no names of arrays that systems have.
+    """Refuse names that are not those of arrays of systems.
 
     Raises:
-        StateError: naming the first.
+        StateError: there is such a name; the message gives the first.
     """
     if not checks.is_listed(names):
         raise StateError(f"record: expected names of arrays, got {checks.short(names)}")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -30,8 +29,6 @@ from holdfast.simulation.rollout.arguments import (
     stop_margins,
     whole_number,
 )
-from holdfast.simulation.rollout.starting import located
-from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import RolloutSystems, require_recorded
 from holdfast.simulation.rollout.varied_step import CONTROL, MARGIN, WORK
 from holdfast.simulation.runge_kutta import IMEX
@@ -41,12 +38,12 @@ from holdfast.spatial.scalar import Array
 if TYPE_CHECKING:
     from holdfast.simulation.rollout.rollout import Rollout
 
-MOST_KEPT = 2**30  # bytes: if the states need more memory, only some of them are stored
+MOST_STORED = 2**30  # bytes: if the states need more memory, only some of them are stored
 STEP, MEMORY = "step", "memory"
 FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench", MARGIN)  # these need not be unique
 
 
-class KeptStep(NamedTuple):
+class StoredStep(NamedTuple):
     """A stored step.
 
     Attributes:
@@ -91,19 +88,21 @@ class Tape:
         self._shapes = {n: carried[n] for n in (*state_fields(rollout.chain), "before", "held_rows") if n in carried}
         self._acting: tuple[dict[str, Array], dict[str, Array]] | None = None
         size = sum(math.prod(shape) for shape in self._shapes.values())
-        fits = self.steps * len(systems) * size * 8 <= MOST_KEPT
+        fits = self.steps * len(systems) * size * 8 <= MOST_STORED
         default = 1 if fits else math.isqrt(self.steps - 1) + 1
         self.every = default if every is None else whole_number("every", every)
         self._came_from = systems.copy().started_from
-        at, self._kept, self._starts = systems.copy(), list[KeptStep](), list[RolloutSystems]()
+        at, self._stored, self._starts = systems.copy(), list[StoredStep](), list[RolloutSystems]()
+        room = self._room(len(systems)) if self.every == 1 else {}
         require_recorded(record)
         rows: dict[str, list[Array]] = {name: [] for name in record}
         for k in range(self.steps):
             if self.every > 1 and k % self.every == 0:
                 self._starts.append(at.copy())
-            kept = self._taken(at, k)
             if self.every == 1:
-                self._kept.append(kept)
+                self._stored.append(self._store(at, k, room, k))
+            else:
+                self._take(at, k)
             for name in record:
                 rows[name].append(np.array(getattr(at, name)))
         self.systems, self.records = at, {name: np.array(x) for name, x in rows.items()}
@@ -176,11 +175,11 @@ class Tape:
         at_end = tuple(name for name in of if name != WORK)  # work is the sum over this step and all before it
         parameters = tuple(dict.fromkeys(name for name in by.values() if name not in carried))
         known = adjoint_shapes(kernel, (*carried, *parameters), of)
-        bars = {name: np.zeros((count, *known[f"with.{name}"])) for name in (*carried, *of)}
+        cotangents = {name: np.zeros((count, *known[f"with.{name}"])) for name in (*carried, *of)}
         for name, x in final.items():
-            bars[name] += checks.numbers(x, bars[name].shape, f"final: {name}", StateError)
+            cotangents[name] += checks.numbers(x, cotangents[name].shape, f"final: {name}", StateError)
         passed = {
-            name: checks.numbers(x, (self.steps, *bars[name].shape), f"along: {name}", StateError)
+            name: checks.numbers(x, (self.steps, *cotangents[name].shape), f"along: {name}", StateError)
             for name, x in along.items()
         }
         adjoints = {stiff: self._adjoint(stiff, (*carried, *parameters), of) for stiff in (False, True)}
@@ -188,56 +187,72 @@ class Tape:
         stepwise = {name: np.zeros((self.steps, *totals[name].shape)) for name in parameters if name in self._schedule}
         for k, step in self._backward():
             for name, x in passed.items():
-                bars[name] += x[k]
+                cotangents[name] += x[k]
             for stiff in (False, True):
                 rows = np.flatnonzero(step.went & (step.stiff == stiff))
                 if not len(rows):
                     continue
-                found = _of_rows(adjoints[stiff], step.given, bars, rows, count, threads)
+                found = _of_rows(adjoints[stiff], step.given, cotangents, rows, count, threads)
                 for name in carried:
-                    bars[name][rows] = found[name]
+                    cotangents[name] = _with_rows(cotangents[name], rows, found[name])
                 for name in at_end:
-                    bars[name][rows] = 0.0
+                    cotangents[name][rows] = 0.0
                 for name in parameters:
                     totals[name][rows] += found[name]
                     if name in stepwise:
                         stepwise[name][k, rows] = found[name]
-        idle = np.flatnonzero([any(bars[name][i].any() for name in at_end) for i in range(count)])
+        idle = np.flatnonzero([any(cotangents[name][i].any() for name in at_end) for i in range(count)])
         if len(idle):
             raise StateError(
                 f"tape: along: expected results of systems that took a step, got cotangents of {', '.join(at_end)} of"
                 f" system {idle[0]}, which took none; try zeros for it"
             )
-        self._through_start(bars, totals, parameters, threads)
-        whole = totals | stepwise | {name: bars[name] for name in carried}
+        self._through_start(cotangents, totals, parameters, threads)
+        whole = totals | stepwise | {name: cotangents[name] for name in carried}
         return Derivatives(self.systems, {name: whole[key] for name, key in by.items()})
 
     def _through_start(
-        self, bars: dict[str, Array], totals: dict[str, Array], parameters: Sequence[str], threads: int
+        self, cotangents: dict[str, Array], totals: dict[str, Array], parameters: Sequence[str], threads: int
     ) -> None:
         """Propagate gradients, in place, back through the projection onto the grasps at the start of the systems."""
-        first, came_from = next(self._forward(0)), self._came_from
+        came_from = self._came_from
+        if came_from is None:
+            return
+        first = self._first()
         rows = np.flatnonzero(first.went)
-        if came_from is None or not len(rows):
+        if not len(rows):
             return
         state, moving = tuple(came_from), tuple(name for name in parameters if name in OF_PROJECTION)
         closing = AdjointKernel.of_step(self.rollout.kernel, None, (*state, *moving), ())
         given = first.given | {f"last.{name}": x for name, x in came_from.items()}
-        found = _of_rows(closing, given, {name: bars[name] for name in state}, rows, len(self.systems), threads)
+        found = _of_rows(closing, given, {name: cotangents[name] for name in state}, rows, len(self.systems), threads)
         for name in state:
-            bars[name][rows] = found[name]
+            cotangents[name][rows] = found[name]
         for name in moving:
             totals[name][rows] += found[name]
 
     # ---- steps ----
 
-    def _taken(self, at: RolloutSystems, k: int) -> KeptStep:
-        """Take step k in place and return it."""
-        rollout, running = self.rollout, at.running
+    def _room(self, count: int) -> dict[str, Array]:
+        """Return memory for the states before the steps of one segment."""
+        length = self.steps if self.every == 1 else min(self.every, self.steps)
+        return {name: np.empty((length, count, *shape)) for name, shape in self._shapes.items()}
+
+    def _store(self, at: RolloutSystems, k: int, room: Mapping[str, Array], row: int) -> StoredStep:
+        """Take step k in place and return it, with the state before it stored in one row of the memory."""
+        running = at.running
         at.set_step_length(step_lengths(self._step, len(at)))
-        stiff = stiff_systems(at, scheme_of(rollout.scheme), partial(located, rollout))
+        stiff = self.rollout.stiff(at)
         counts = {"last.count": at.arrays["count"].copy(), "begin": at.begin, "step": at.step_length}
-        before = {f"last.{name}": at.arrays[name].copy() for name in self._shapes}
+        before = {f"last.{name}": x[row] for name, x in room.items()}
+        for name in room:
+            room[name][row] = at.arrays[name]
+        inputs, parameters = self._take(at, k)
+        return StoredStep(before | inputs | parameters | counts, stiff, running & at.running)
+
+    def _take(self, at: RolloutSystems, k: int) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Take step k in place, and return its inputs and parameters."""
+        rollout = self.rollout
         given = {name.removeprefix(CONTROL): x[k] for name, x in self._schedule.items()}
         if given or k == 0:
             rollout.step(at, self._step, steps=1, **self._options, **given, **(self._given if k == 0 else {}))
@@ -246,23 +261,24 @@ class Tape:
             rollout.advance(at, 1, least, threads=self._options["threads"])
         if given or k == 0 or self._acting is None:
             self._acting = kernel_arguments(rollout.kernel, at.call_inputs)
-        inputs, parameters = self._acting
-        return KeptStep(before | inputs | parameters | counts, stiff, running & at.running)
+        return self._acting
 
-    def _backward(self) -> Iterator[tuple[int, KeptStep]]:
+    def _backward(self) -> Iterator[tuple[int, StoredStep]]:
         """Yield the steps from the last to the first."""
-        for first in reversed(range(0, self.steps, self.every)):
-            until = min(first + self.every, self.steps)
-            yield from reversed(list(zip(range(first, until), self._forward(first), strict=False)))
-
-    def _forward(self, first: int) -> Iterator[KeptStep]:
-        """Yield the steps from one stored state to the next."""
         if self.every == 1:
-            yield from self._kept[first : first + 1]
+            yield from reversed(list(enumerate(self._stored)))
             return
-        at = self._starts[first // self.every].copy()
-        for k in range(first, min(first + self.every, self.steps)):
-            yield self._taken(at, k)
+        room = self._room(len(self.systems))
+        for first, start in reversed(list(zip(range(0, self.steps, self.every), self._starts, strict=True))):
+            at = start.copy()
+            until = min(first + self.every, self.steps)
+            yield from reversed([(k, self._store(at, k, room, k - first)) for k in range(first, until)])
+
+    def _first(self) -> StoredStep:
+        """Return the first step."""
+        if self.every == 1:
+            return self._stored[0]
+        return self._store(self._starts[0].copy(), 0, self._room(len(self.systems)), 0)
 
     def _adjoint(self, stiff: bool, by: Sequence[str], of: Sequence[str]) -> AdjointKernel:
         tableau = IMEX if stiff else scheme_of(self.rollout.scheme)
@@ -308,17 +324,25 @@ def arguments_of(rollout: Rollout) -> tuple[str, ...]:
     return (*state_fields(rollout.chain), *memory, *law.parameters, *of_bases, *chains, *links)
 
 
+def _with_rows(whole: Array, rows: Array, part: Array) -> Array:
+    """Return an array in which the rows with the given numbers are replaced, in place unless all of them are."""
+    if len(rows) == len(whole):
+        return part
+    whole[rows] = part
+    return whole
+
+
 def _of_rows(
     adjoint: AdjointKernel,
     given: Mapping[str, Array],
-    bars: Mapping[str, Array],
+    cotangents: Mapping[str, Array],
     rows: Array,
     count: int,
     threads: int,
 ) -> dict[str, Array]:
     """Return the gradients of the systems with the given numbers."""
     if len(rows) == count:
-        return adjoint.run(given, bars, count, threads)
+        return adjoint.run(given, cotangents, count, threads)
     shapes = {name: e.shape for name, e in adjoint.externals.items()}
     some = {name: x[rows] if name in shapes and x.ndim > len(shapes[name]) else x for name, x in given.items()}
-    return adjoint.run(some, {name: x[rows] for name, x in bars.items()}, len(rows), threads)
+    return adjoint.run(some, {name: x[rows] for name, x in cotangents.items()}, len(rows), threads)

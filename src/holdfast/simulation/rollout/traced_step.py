@@ -37,7 +37,7 @@ from holdfast.simulation.linearly_implicit import Implicit, passive_joints, with
 from holdfast.simulation.rollout.singular_passing import passes_singular
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
+from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, run_step, take_step
 from holdfast.spatial.scalar import (
     Array,
     Scalar,
@@ -202,20 +202,20 @@ class TracedSystem:
         powers = power_of(chain, state, drive, whole.base_wrench, inputs, whole.trunk_base_wrench)
         return work_rates(powers, lost, state.qd)
 
-    def answer(self, question: Question) -> Any:
-        """Answer a request of a step; if the input `held` is set, states are not projected."""
+    def handle(self, request: EvaluationRequest) -> Any:
+        """Return the reply to a request of a step; if the input `held` is set, states are not projected."""
         still = self.given["held"][()] > 0.5
-        t, at = question.t, question.state
-        if isinstance(question, Arrival):
+        t, at = request.t, request.state
+        if isinstance(request, EndRequest):
             return self.evaluate(t, at, self.last("memory"), True, self.added)
         fields = state_fields(self.real)
         poses = {field: name for name, field in fields.items() if name.endswith("pose")}
         # a rotation by zero could change the last bit
         kept = {field: select(still, self.last(name), getattr(at, field)) for field, name in poses.items()}
         at = replace(at, **kept)
-        if isinstance(question, Stage):
-            found = self.evaluate(t, at, self.last("memory"), False, question.implicit)
-            return found.slope(question.turns)
+        if isinstance(request, StageRequest):
+            found = self.evaluate(t, at, self.last("memory"), False, request.implicit)
+            return found.slope(request.turns)
         chain, inputs = self.environment.at(t, at)
         closed = after_step(chain, at, inputs, self.held)
         end = State(**{field: select(still, getattr(at, field), getattr(closed, field)) for field in fields.values()})
@@ -229,8 +229,8 @@ def step(
     system = TracedSystem(structure, law, motions, acting, given)
     times = [system.time(c) for c in (*tableau.c.tolist(), 1.0)]
     passive = passive_joints(structure.chain) if tableau.implicit else None
-    course = take_step(system.state, system.last("slope"), given["step"][()], times, tableau, passive)
-    now, (drift, gaps), work, _ = answered(course, system.answer)
+    generator = take_step(system.state, system.last("slope"), given["step"][()], times, tableau, passive)
+    now, (drift, gaps), work, _ = run_step(generator, system.handle)
     end, found = now.state, now.found
     whole = found.whole
     kept = (

@@ -20,7 +20,7 @@ from holdfast.compiler.node import Node
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw
-from holdfast.control.traced_law import law_program
+from holdfast.control.traced_law import comparable, law_program
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, motion_of
@@ -61,7 +61,7 @@ def with_wrenches(inputs: Inputs, acting: GivenInputs, chain: ClosedChain, t: Sc
     Raises:
         StateError: the additional inputs contain base motions, or have wrong shapes.
     """
-    found = inputs_at(acting, take_state(acting), t, state)
+    found = inputs_at(acting, take_state(acting), t, comparable(state))
     require_wrenches(found, "of a rollout")
     own = found.shaped(chain)
     return replace(inputs, **{name: _sum(getattr(inputs, name), getattr(own, name)) for name in WRENCHES})

@@ -39,7 +39,7 @@ from holdfast.simulation.linearly_implicit import Implicit, passive_joints
 from holdfast.simulation.rollout.traced_step import Evaluation, TracedSystem
 from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
+from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, run_step, take_step
 from holdfast.spatial.differentiation import bare, by_rule, is_recorded, linearised
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, Loops, Scalar, loops
@@ -138,12 +138,12 @@ class VariedSystem(TracedSystem):
         R = case.state.object_frame.R
         return limited_margins(case.chain, self.given[CONTACTS], R, at.found.whole.grasp_wrench)
 
-    def answer(self, question: Question) -> Any:
-        """Answer a request of a step; the answer at its end is the state."""
-        t, at = question.t, question.state
-        if isinstance(question, Stage):
-            return self.evaluate(t, at, self.memory, False, question.implicit).slope(question.turns)
-        return at if isinstance(question, Arrival) else (self.closed(t, at), None)
+    def handle(self, request: EvaluationRequest) -> Any:
+        """Return the reply to a request of a step; at the end it is the state."""
+        t, at = request.t, request.state
+        if isinstance(request, StageRequest):
+            return self.evaluate(t, at, self.memory, False, request.implicit).slope(request.turns)
+        return at if isinstance(request, EndRequest) else (self.closed(t, at), None)
 
     def closed(self, t: Scalar, state: State) -> State:
         """Return a state projected onto the grasps; see `projection.after_step`."""
@@ -275,8 +275,8 @@ class VariedStep(NamedTuple):
         system.memory = now.memory
         times = [system.time(c) for c in (*self.tableau.c.tolist(), 1.0)]
         passive = passive_joints(self.structure.chain) if self.tableau.implicit else None
-        course = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
-        end, _, work, _ = answered(course, system.answer)
+        generator = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
+        end, _, work, _ = run_step(generator, system.handle)
         found = state_arrays(system.real, end) | {"before": now.memory} | ({WORK: work} if WORK in of else {})
         of = [name for name in of if name != WORK]
         if not of:

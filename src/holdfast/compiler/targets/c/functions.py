@@ -12,7 +12,24 @@ from typing import NamedTuple
 
 from holdfast.compiler.arithmetic import TRUTHS
 from holdfast.compiler.program import Program
+from holdfast.compiler.targets.signs import signs_to_keep
 from holdfast.compiler.targets.split import Access, Number, Part, SplitProgram, split
+
+# What the functions need before them.
+DEFINITIONS = """\
+#define ONE_FUNCTION static __attribute__((noinline)) /* inlined, they would take compilers very long */
+
+/* Compilers move signs into fma, where they are wrong if the sum is zero; not beyond this. */
+static inline __attribute__((unused)) double kept(double x)
+{
+#if defined(__x86_64__) && !defined(__clang__)
+    __asm__("" : "+x"(x));
+#elif defined(__aarch64__)
+    __asm__("" : "+w"(x));
+#endif
+    return x;
+}
+"""
 
 _OPERATIONS: dict[str, Callable[..., str]] = {
     "add": lambda a, b: f"{a} + {b}",
@@ -78,7 +95,7 @@ def _used(part: Part) -> set[str]:
 
 def _body(part: Part) -> list[str]:
     """Return the lines of the operations; every result is stored as soon as it is computed."""
-    program, wanted = part.program, part.wanted
+    program, wanted, kept = part.program, part.wanted, signs_to_keep(part.program, of_operands=True)
     names: dict[int, str] = {}
     lines: list[str] = []
 
@@ -96,7 +113,8 @@ def _body(part: Part) -> list[str]:
     for place in range(program.input_size, len(program.instructions)):
         kind, args, _ = program.instructions[place]
         if kind != "constant":
-            text = _OPERATIONS[kind](*map(read, args))
+            operands = [read(a) for a in args]
+            text = f"-kept({operands[0]})" if place in kept else _OPERATIONS[kind](*operands)
             names[place] = f"v{place}"
             lines.append(f"const {'int' if kind in TRUTHS else 'double'} v{place} = {text};")
         if place in wanted:

@@ -11,11 +11,17 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from holdfast.compiler.program import Program
+from holdfast.compiler.targets.signs import signs_to_keep
 from holdfast.compiler.targets.split import LONGEST, Access, Number, Part, SplitProgram, split
 
 # A number in memory that has not been used for so many operations is loaded again. LLVM would keep it in a register, or
 # rather write it to the stack, a second time, because more numbers are in use than there are registers.
 _FAR = 64
+
+# In programs of more than _FEW parts, what earlier parts have written is read through pointers of its own, to which
+# nothing is written. LLVM need not order such loads and stores then, for which it takes time that grows with the square
+# of their number: a third of its time for arms of 96 joints. In programs of few parts there is nothing to gain.
+_BEFORE, _FEW = ".before", 4
 
 _BINARY = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 _FUNCTIONS = {"absolute": "fabs", "sqrt": "sqrt"}
@@ -27,13 +33,22 @@ class Function(NamedTuple):
 
     Attributes:
         lines: the source of one or more LLVM functions.
-        names: the names of the functions, which are called in this order with the same arguments.
+        parameters: the names of the functions, in the order in which they are called, and the pointers that each takes.
+            They are those of `split`; one to which an earlier part has written ends with `.before`.
         split: the program, split into one part for each function.
     """
 
     lines: list[str]
-    names: list[str]
+    parameters: dict[str, list[str]]
     split: SplitProgram
+
+    def calls(self, arguments: Sequence[str]) -> list[str]:
+        """Return the lines that call the functions with the pointers of `split`, in its order."""
+        given = dict(zip(self.split.parameters, arguments, strict=True))
+        return [
+            f"  call void @{name}({', '.join([given[p.removesuffix(_BEFORE)] for p in parameters])})"
+            for name, parameters in self.parameters.items()
+        ]
 
 
 def function(
@@ -41,19 +56,22 @@ def function(
 ) -> Function:
     """Return a program as one function, or several if it is long; for the arguments see `split`."""
     found = split(program, lanes, inputs, outputs, longest)
-    parameters = ", ".join(f"ptr noalias %{pointer}" for pointer in found.parameters)
-    names = [f"{name}.{k}" for k in range(len(found.parts))]
     lines: list[str] = []
-    for own, part in zip(names, found.parts, strict=True):
-        lines.append(f"define internal void @{own}({parameters}) noinline nounwind {{")
-        lines += [*_body(part, lanes), "  ret void", "}"]
-    return Function(lines, names, found)
+    parameters: dict[str, list[str]] = {}
+    known = [*found.parameters, *(pointer + _BEFORE for pointer in found.parameters)]
+    for k, part in enumerate(found.parts):
+        body, used = _body(part, lanes, _BEFORE if len(found.parts) > _FEW else "")
+        own = parameters[f"{name}.{k}"] = [pointer for pointer in known if pointer in used]
+        taken = ", ".join([f"ptr noalias %{pointer}" for pointer in own])
+        lines += [f"define internal void @{name}.{k}({taken}) noinline nounwind {{", *body, "  ret void", "}"]
+    return Function(lines, parameters, found)
 
 
 def declarations(lanes: int) -> list[str]:
     """Return the declarations of the intrinsics that functions on so many lanes call."""
     T = number_type(lanes)
     functions = [f"declare {T} @llvm.{name}.{_suffix(lanes)}({T})" for name in _FUNCTIONS.values()]
+    functions += ["declare double @llvm.arithmetic.fence.f64(double)"] if lanes == 1 else []
     return [*functions, f"declare {T} @llvm.fma.{_suffix(lanes)}({T}, {T}, {T})"]
 
 
@@ -85,15 +103,23 @@ def _suffix(lanes: int) -> str:
     return "f64" if lanes == 1 else f"v{lanes}f64"
 
 
-def _body(part: Part, lanes: int) -> list[str]:
-    """Return the lines of the operations; numbers are loaded when they are used, and stored when they are computed."""
+def _body(part: Part, lanes: int, before: str) -> tuple[list[str], set[str]]:
+    """Return the lines of the operations and the pointers that they use.
+
+    Numbers are loaded when they are used, and stored when they are computed. The names of pointers through which
+    numbers of earlier parts are read end with `before`.
+    """
     program, sources, wanted = part.program, part.sources, part.wanted
     T, truth, suffix = number_type(lanes), _truth_type(lanes), _suffix(lanes)
+    kept = (
+        signs_to_keep(program, False) if lanes == 1 else set[int]()
+    )  # vectors have no instruction that would be wrong
     lines: list[str] = []
     names: dict[int, str] = {}
     now = first_operation = program.input_size
     stored: dict[int, Number] = {}  # results and values for later parts that this part has computed
     used: dict[int, int] = {}  # when each number that is in memory was last used
+    pointers: set[str] = set()
 
     def read(place: int) -> str:
         if place in names and now - used.get(place, now) <= _FAR:
@@ -106,6 +132,9 @@ def _body(part: Part, lanes: int) -> list[str]:
             return names[place]
         own = f"{place}.{now}" if place in names else f"{place}"
         pointer, number, access = sources[place] if kind == "input" else stored[place]
+        if kind == "input" and not pointer.startswith("in"):
+            pointer += before
+        pointers.add(pointer)
         lines.append(f"  %i{own} = getelementptr double, ptr %{pointer}, i64 {number * access.step}")
         if access.splat and lanes > 1:
             lines.append(f"  %s{own} = load double, ptr %i{own}, align 8")
@@ -118,6 +147,7 @@ def _body(part: Part, lanes: int) -> list[str]:
     def store(place: int) -> None:
         for target, at in wanted[place].items():
             (pointer, number, access), result = target, read(place)
+            pointers.add(pointer)
             lines.append(f"  %{at} = getelementptr double, ptr %{pointer}, i64 {number * access.step}")
             lines.append(f"  store {T} {result}, ptr %{at}, align {8 * lanes}")
             stored[place], used[place] = target, now
@@ -142,8 +172,11 @@ def _body(part: Part, lanes: int) -> list[str]:
                 text = f"select {truth} {x[0]}, {T} {x[1]}, {T} {x[2]}"
             else:
                 assert kind == "negate", kind
+                if place in kept:
+                    lines.append(f"  {name}.kept = call double @llvm.arithmetic.fence.f64(double {x[0]})")
+                    x = [f"{name}.kept"]
                 text = f"fneg {T} {x[0]}"
             lines.append(f"  {name} = {text}")
         if place in wanted:
             store(place)
-    return lines
+    return lines, pointers

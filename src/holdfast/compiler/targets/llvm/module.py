@@ -51,7 +51,7 @@ class Module:
             for places in runs:
                 n = self.label()
                 pointers = [_pointer(lines, f"%p{n}.{j}", place, None) for j, place in enumerate(places)]
-                lines += [f"  call void @{name}({', '.join(pointers)})" for name in made.names]
+                lines += made.calls(pointers)
             return label
         return self._loop(made, runs, lines, label)
 
@@ -70,7 +70,7 @@ class Module:
                 lines.append(f"  %o{n}.{j} = load i64, ptr %a{n}.{j}")
                 moving = f"%o{n}.{j}"
             pointers.append(_pointer(lines, f"%p{n}.{j}", place, moving))
-        lines += [f"  call void @{name}({', '.join(pointers)})" for name in made.names]
+        lines += made.calls(pointers)
         lines += [
             f"  %t{n}.next = add i64 %t{n}, 1",
             f"  %more{n} = icmp slt i64 %t{n}.next, {count}",

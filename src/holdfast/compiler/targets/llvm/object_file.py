@@ -72,7 +72,7 @@ def object_file(modules: Sequence[str], target: ObjectTarget) -> ObjectFile:
         try:
             known = binding.Target.from_triple(target.triple)
         except RuntimeError as error:
-            raise CompileError(f"target: this LLVM makes no code for {target.name}: {error}") from error
+            raise CompileError(f"target: this build of LLVM cannot generate code for {target.name}: {error}") from error
         machine = known.create_target_machine(
             cpu=target.made_for.cpu, features=target.made_for.feature_text, opt=2, reloc="pic", codemodel="small"
         )

@@ -33,17 +33,17 @@ def single_module(schedule: Schedule, lanes: int, names: tuple[str, str] = ("sin
     module = Module(layout)
     roles = {name: external.role for name, external in schedule.externals.items()}
     single, prepare = (_head(what, name, layout) for what, name in zip(("i64", "void"), names, strict=True))
-    prepared = begun = "entry"
+    prepared = entered = "entry"
     moves: dict[tuple[str, int, int], list[str]] = {}
     for (group, port), area in layout.packed.items():
         stage, wire = schedule.groups[group].stage, schedule.groups[group].wires[port]
         if port in stage.input_ports and roles[wire.array] == "parameter":
             prepared = _move(prepare, module, wire, area, prepared, "to_lanes", moves)
         elif port in stage.input_ports:
-            begun = _move(single, module, wire, area, begun, "to_lanes", moves)
+            entered = _move(single, module, wire, area, entered, "to_lanes", moves)
     module.calls(schedule.prepare, prepare, prepared)
     prepare += ["  ret void", "}"]
-    end = begun
+    end = entered
     for call in schedule.calls:
         end = module.calls([call], single, end)
         for port in schedule.groups[call.group].stage.outputs[call.phase]:

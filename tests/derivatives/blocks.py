@@ -1,4 +1,4 @@
-"""What derivatives are asked for and returned as matrices: one row an output, one column a direction.
+"""Derivatives as matrices, in blocks: one row an output, one column a direction.
 
 Outputs and directions are flat, in the order of `tests.oracles.chain_derivatives`: an inertia has six.
 """
@@ -152,20 +152,20 @@ class Reference:
         self.at = (p.chain, p.state, p.tau)
         self.options: dict[str, Any] = {"inputs": p.inputs, "check": False}
 
-    def forward_dynamics_vjp(self, **asked: Any) -> Any:
+    def forward_dynamics_vjp(self, **options: Any) -> Any:
         """Return gradients."""
-        return hf.forward_dynamics_vjp(*self.at, **self._own(asked))
+        return hf.forward_dynamics_vjp(*self.at, **self._own(options))
 
-    def forward_dynamics_jvp(self, **asked: Any) -> Any:
+    def forward_dynamics_jvp(self, **options: Any) -> Any:
         """Return rates."""
-        return hf.forward_dynamics_jvp(*self.at, **self._own(asked))
+        return hf.forward_dynamics_jvp(*self.at, **self._own(options))
 
-    def forward_dynamics_jacobian(self, **asked: Any) -> Any:
+    def forward_dynamics_jacobian(self, **options: Any) -> Any:
         """Return the matrix."""
-        return hf.forward_dynamics_jacobian(*self.at, **self._own(asked))
+        return hf.forward_dynamics_jacobian(*self.at, **self._own(options))
 
-    def _own(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        return self.options | {name: x for name, x in asked.items() if name in ("along", "of", "by", *OUTPUTS)}
+    def _own(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        return self.options | {name: x for name, x in options.items() if name in ("along", "of", "by", *OUTPUTS)}
 
 
 WAYS = {"vjp": by_vjp, "jvp": by_jvp, "jacobian": by_jacobian}
