@@ -56,33 +56,31 @@ def area_of(size: int, lanes: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("lanes", LANES)
-@pytest.mark.parametrize("size", SIZES)
-def test_to_lanes(size, lanes):
+def test_to_lanes(lanes):
     """Lane j is row min(first + j, last), for every number of rows left and for rows apart."""
-    for stride in (size, size + 3):
+    for size, stride in [(size, size + more) for size in SIZES for more in (0, 3)]:
         for left in range(1, lanes + 2):
             rows = numbers(left + 2, stride)
             area = area_of(size, lanes)
             move("to_lanes", size, lanes, rows, stride, 2, left + 1, area)
             expected = rows[np.minimum(2 + np.arange(lanes), left + 1), :size].T
-            assert np.array_equal(area[:size], expected), (stride, left)
-            assert (area[-(-size // lanes) * lanes :] == UNTOUCHED).all()
+            assert np.array_equal(area[:size], expected), (size, stride, left)
+            assert (area[-(-size // lanes) * lanes :] == UNTOUCHED).all(), (size, stride, left)
 
 
 @pytest.mark.parametrize("lanes", LANES)
-@pytest.mark.parametrize("size", SIZES)
-def test_one_row_for_all(size, lanes):
+def test_one_row_for_all(lanes):
     """Stride 0: a parameter that all systems share."""
-    rows, area = numbers(1, size), area_of(size, lanes)
-    move("to_lanes", size, lanes, rows, 0, 3, 50, area)
-    assert np.array_equal(area[:size], np.repeat(rows.T, lanes, axis=1))
+    for size in SIZES:
+        rows, area = numbers(1, size), area_of(size, lanes)
+        move("to_lanes", size, lanes, rows, 0, 3, 50, area)
+        assert np.array_equal(area[:size], np.repeat(rows.T, lanes, axis=1)), size
 
 
 @pytest.mark.parametrize("lanes", LANES)
-@pytest.mark.parametrize("size", SIZES)
-def test_from_lanes(size, lanes):
+def test_from_lanes(lanes):
     """Back again, over these rows and nothing else; lanes beyond the last row hold its numbers once more."""
-    for stride in (size, size + 3):
+    for size, stride in [(size, size + more) for size in SIZES for more in (0, 3)]:
         for left in range(1, lanes + 2):
             rows = aligned((left + 3) * stride + 1)[1:].reshape(-1, stride)
             rows[:] = UNTOUCHED
@@ -92,29 +90,31 @@ def test_from_lanes(size, lanes):
             move("from_lanes", size, lanes, rows, stride, 2, left + 1, area)
             expected = np.full_like(rows, UNTOUCHED)
             expected[2 : 2 + used, :size] = values
-            assert np.array_equal(rows, expected), (stride, left)
+            assert np.array_equal(rows, expected), (size, stride, left)
 
 
 @pytest.mark.parametrize("lanes", LANES)
-@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("way", ["checked", "streamed"])
-def test_sums(way, size, lanes):
+def test_sums(way, lanes):
     """Rows are written as without sums, which are 0 where all numbers are finite; streams fill up the register."""
-    filled = -(-size // lanes) * lanes
-    rows, area = aligned((lanes + 2) * filled).reshape(-1, filled), area_of(size, lanes)
-    values = np.random.default_rng(size).normal(size=(lanes, size))
-    for bad, number in ((None, 0.0), (0, np.nan), (lanes - 1, np.inf), (1, -np.inf)):
-        for column in range(size):
-            rows[:], given = UNTOUCHED, values.copy()
-            if bad is not None:
-                given[bad, column] = number
-            area[:size] = given.T
-            with np.errstate(invalid="ignore"):
-                move(way, size, lanes, rows, filled, 1, lanes, area)
-            assert np.array_equal(rows[1:-1, :size], given, equal_nan=True)
-            assert (rows[[0, -1]] == UNTOUCHED).all()
-            assert (rows[1:-1, size:] == (0.0 if way == "streamed" else UNTOUCHED)).all()
-            assert np.array_equal(np.isnan(area[filled]), np.arange(lanes) == bad) and not np.nansum(area[filled])
+    for size in SIZES:
+        filled = -(-size // lanes) * lanes
+        rows, area = aligned((lanes + 2) * filled).reshape(-1, filled), area_of(size, lanes)
+        values = np.random.default_rng(size).normal(size=(lanes, size))
+        for bad, number in ((None, 0.0), (0, np.nan), (lanes - 1, np.inf), (1, -np.inf)):
+            for column in range(size):
+                rows[:], given = UNTOUCHED, values.copy()
+                if bad is not None:
+                    given[bad, column] = number
+                area[:size] = given.T
+                with np.errstate(invalid="ignore"):
+                    move(way, size, lanes, rows, filled, 1, lanes, area)
+                assert np.array_equal(rows[1:-1, :size], given, equal_nan=True), (size, bad, column)
+                assert (rows[[0, -1]] == UNTOUCHED).all(), (size, bad, column)
+                assert (rows[1:-1, size:] == (0.0 if way == "streamed" else UNTOUCHED)).all(), (size, bad, column)
+                odd = np.isnan(area[filled])
+                assert np.array_equal(odd, np.arange(lanes) == bad), (size, bad, column)
+                assert not area[filled][~odd].any(), (size, bad, column)
 
 
 @pytest.mark.parametrize("lanes", LANES)
