@@ -168,7 +168,7 @@ def test_exported_code(capsys, tmp_path):
     hf.compile(chain).export(tmp_path / "code", **wanted)
     assert capsys.readouterr().err == ""
     made = hf.compile(chain).export(tmp_path / "code", **wanted, progress=True)
-    assert capsys.readouterr().err == "writing kinetic_energy, hold as code: this may take seconds\n"
+    assert capsys.readouterr().err == "writing code of 2 functions: this may take seconds\n"
     assert list(made.functions) == ["chain_kinetic_energy", "chain_hold"]
     with pytest.raises(ModelError, match="progress: expected True or False, got int"):
         hf.compile(chain).export(tmp_path / "code", **wanted, progress=1)

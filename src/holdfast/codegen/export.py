@@ -136,12 +136,13 @@ def export_c(
     if names_in(place, "a folder of exported code") and not overwrite:
         raise ResultError(f"{place}: is in use; try another folder, or overwrite")
     requested = _requested(functions, laws or {})
-    with busy(progress, f"writing {', '.join([*requested, *(laws or {})])} as code", "this may take seconds"):
-        made = compiled or compile(chain)  # type: ignore[arg-type]
-        found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in requested]
-        found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
-        written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
-    with replaced_folder(place, lambda path: path.name in written.files) as beside:
+    made = compiled or compile(chain)  # type: ignore[arg-type]
+    found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in requested]
+    found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
+    doing = f"writing code of {len(found)} function{'s' * (len(found) > 1)}"
+    with replaced_folder(place, lambda path: path.name in written.files) as beside:  # refused before seconds of work
+        with busy(progress, doing, "this may take seconds"):
+            written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
         for file, content in written.files.items():
             (beside / file).write_bytes(content)
     sizes = {f.name: ExportedSize(8 * f.workspace, f.stack) for f in written.functions}
