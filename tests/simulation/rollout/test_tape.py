@@ -290,7 +290,7 @@ def test_implicit_steps():
         for name, arm in p.chain.arms.items()
     }
     rolled = Rolled(replace(p, chain=replace(p.chain, arms=arms)))
-    assert rolled.tape({}, 0.0)._kept[0].stiff.all()
+    assert rolled.tape({}, 0.0)._stored[0].stiff.all()
     assert rolled.worst(("q", "qd", "memory", "gain", "tau", "object_mass")) < 1e-7
 
 

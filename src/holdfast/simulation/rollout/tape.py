@@ -93,14 +93,14 @@ class Tape:
         self.every = default if every is None else whole_number("every", every)
         self._came_from = systems.copy().started_from
         at, self._stored, self._starts = systems.copy(), list[StoredStep](), list[RolloutSystems]()
-        room = self._room(len(systems)) if self.every == 1 else {}
+        buffers = self._buffers(len(systems)) if self.every == 1 else {}
         require_recorded(record)
         rows: dict[str, list[Array]] = {name: [] for name in record}
         for k in range(self.steps):
             if self.every > 1 and k % self.every == 0:
                 self._starts.append(at.copy())
             if self.every == 1:
-                self._stored.append(self._store(at, k, room, k))
+                self._stored.append(self._store(at, k, buffers, k))
             else:
                 self._take(at, k)
             for name in record:
@@ -233,20 +233,20 @@ class Tape:
 
     # ---- steps ----
 
-    def _room(self, count: int) -> dict[str, Array]:
+    def _buffers(self, count: int) -> dict[str, Array]:
         """Return memory for the states before the steps of one segment."""
         length = self.steps if self.every == 1 else min(self.every, self.steps)
         return {name: np.empty((length, count, *shape)) for name, shape in self._shapes.items()}
 
-    def _store(self, at: RolloutSystems, k: int, room: Mapping[str, Array], row: int) -> StoredStep:
+    def _store(self, at: RolloutSystems, k: int, buffers: Mapping[str, Array], row: int) -> StoredStep:
         """Take step k in place and return it, with the state before it stored in one row of the memory."""
         running = at.running
         at.set_step_length(step_lengths(self._step, len(at)))
         stiff = self.rollout.stiff(at)
         counts = {"last.count": at.arrays["count"].copy(), "begin": at.begin, "step": at.step_length}
-        before = {f"last.{name}": x[row] for name, x in room.items()}
-        for name in room:
-            room[name][row] = at.arrays[name]
+        before = {f"last.{name}": x[row] for name, x in buffers.items()}
+        for name in buffers:
+            buffers[name][row] = at.arrays[name]
         inputs, parameters = self._take(at, k)
         return StoredStep(before | inputs | parameters | counts, stiff, running & at.running)
 
@@ -268,17 +268,17 @@ class Tape:
         if self.every == 1:
             yield from reversed(list(enumerate(self._stored)))
             return
-        room = self._room(len(self.systems))
+        buffers = self._buffers(len(self.systems))
         for first, start in reversed(list(zip(range(0, self.steps, self.every), self._starts, strict=True))):
             at = start.copy()
             until = min(first + self.every, self.steps)
-            yield from reversed([(k, self._store(at, k, room, k - first)) for k in range(first, until)])
+            yield from reversed([(k, self._store(at, k, buffers, k - first)) for k in range(first, until)])
 
     def _first(self) -> StoredStep:
         """Return the first step."""
         if self.every == 1:
             return self._stored[0]
-        return self._store(self._starts[0].copy(), 0, self._room(len(self.systems)), 0)
+        return self._store(self._starts[0].copy(), 0, self._buffers(len(self.systems)), 0)
 
     def _adjoint(self, stiff: bool, by: Sequence[str], of: Sequence[str]) -> AdjointKernel:
         tableau = IMEX if stiff else scheme_of(self.rollout.scheme)
