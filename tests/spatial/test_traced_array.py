@@ -8,7 +8,7 @@ from holdfast.compiler.errors import CompileError
 from holdfast.control import compile_law
 from holdfast.control.traced_law import law_program
 from holdfast.spatial import scalar
-from holdfast.spatial.traced_array import WORDS, TracedArray
+from holdfast.spatial.traced_array import REPLACEMENTS, TracedArray
 from tests.control.two_pandas import two_pandas
 
 CHAIN, STATE = two_pandas()
@@ -75,7 +75,7 @@ def test_same_numbers(name):
 
 def test_words_of_numpy():
     """Every name is one of a function of NumPy."""
-    assert all(callable(getattr(np, name)) for name in WORDS)
+    assert all(callable(getattr(np, name)) for name in REPLACEMENTS)
 
 
 @pytest.mark.parametrize(

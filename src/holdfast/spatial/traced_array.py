@@ -1,7 +1,7 @@
 """Arrays of traced scalars on which NumPy's functions that compare entries work, too.
 
 On arrays of objects NumPy asks Python whether one entry is less than another, which no traced scalar can tell. So
-`np.clip` and others are taken here to be the words of `spatial.scalar` with the same meaning.
+`np.clip` and others are replaced here by the functions of `spatial.scalar` with the same meaning.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def _sign(x: Array) -> Array:
     return where(less(0.0, x), 1.0, where(less(x, 0.0), -1.0, 0.0))
 
 
-WORDS: dict[str, Callable[..., Any]] = {  # by the names of NumPy's functions
+REPLACEMENTS: dict[str, Callable[..., Any]] = {  # by the names of NumPy's functions
     "minimum": minimum,
     "maximum": maximum,
     "fmin": minimum,
@@ -44,21 +44,21 @@ class TracedArray(np.ndarray):
     """An array of traced scalars; what NumPy's functions make of it is one again."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
-        """Return what a function of NumPy says of the entries: by a word where there is one, else as NumPy does."""
-        given, word = [_plain(x) for x in inputs], WORDS.get(ufunc.__name__)
-        if word is not None and method == "__call__" and out is None:
-            return as_traced(word(*given))
+        """Return the result of a function of NumPy, by its replacement if there is one."""
+        given, own = [_plain(x) for x in inputs], REPLACEMENTS.get(ufunc.__name__)
+        if own is not None and method == "__call__" and out is None:
+            return as_traced(own(*given))
         usual = all(x is USUAL.get(name, x if name == "axis" else USUAL) for name, x in options.items())
-        if word is not None and method == "reduce" and usual and out in (None, (None,)):  # as in `np.max`
+        if own is not None and method == "reduce" and usual and out in (None, (None,)):  # as in `np.max`
             axis = options.get("axis", 0)
             rows = given[0].reshape(-1) if axis is None else np.moveaxis(given[0], axis, 0)
-            return as_traced(functools.reduce(word, list(rows)))
+            return as_traced(functools.reduce(own, list(rows)))
         if out is not None:
             options["out"] = tuple(_plain(x) for x in out)
         return as_traced(getattr(ufunc, method)(*given, **options))
 
     def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        """Return what other functions of NumPy make of arrays; `where` chooses entry by entry."""
+        """Return the result of other functions of NumPy; `where` chooses entry by entry."""
         if func is np.where and len(args) == 3 and not kwargs:
             return as_traced(where(*map(_plain, args)))
         return super().__array_function__(func, types, args, kwargs)
