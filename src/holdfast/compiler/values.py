@@ -163,10 +163,7 @@ class Values:
             make, end = _array_maker(value, self.kind, begin), begin + 1
         else:
             parts, end = self._makers_in(_parts(value) or (), begin)
-
-            def make(leaves: list[Any], remember: bool) -> Any:
-                return _with_parts(value, [again(leaves, remember) for again in parts])
-
+            make = _container_maker(value, parts)
         if not _lasting(value):
             return make, end
         key = self._known[id(value)].key
@@ -196,6 +193,11 @@ def _array_maker(value: np.ndarray, kind: type, begin: int) -> Maker:
         return lambda leaves, remember: array_of(leaves[begin], shape)
     known = [(places[x], None) if isinstance(x, kind) else (None, x) for x in entries]
     return lambda leaves, remember: array_of([x if k is None else leaves[begin][k] for k, x in known], shape)
+
+
+def _container_maker(value: Any, parts: list[Maker]) -> Maker:
+    """Return what makes a tuple, list, dict or dataclass of parts that are made again."""
+    return lambda leaves, remember: _with_parts(value, [make(leaves, remember) for make in parts])
 
 
 def numbers_of(value: Any) -> list[Any]:
