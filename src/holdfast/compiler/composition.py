@@ -27,7 +27,7 @@ from holdfast.compiler.region import (
     Traversal,
     Turns,
 )
-from holdfast.compiler.values import Leaf, Values, numbers_of, with_numbers
+from holdfast.compiler.values import ItemLeaf, Leaf, Values, numbers_of, with_numbers
 
 
 class Composition:
@@ -92,7 +92,7 @@ class Composition:
         group.region = done.after
         self._give(group, done.ports, [leaves for leaves, _ in flat])
         for i, j in enumerate(order):
-            found[j] = self._values.images(done.value, group.images[i].of)
+            found[j] = self._values.images(done.value, group.images[i])
 
     def scan(self, f: Callable[..., Any], carry: Any, items: list[tuple[Any, ...]]) -> tuple[Any, list[Any]]:
         """Trace a `scan` loop and return the last carry and the value of every item, made of images."""
@@ -104,9 +104,8 @@ class Composition:
             self._call_turns(turns)
         first = _once(numbers_of(carry), kept[0][0])
         self.settle([x for x in first if isinstance(x, Node)])
-        handed = tuple(
-            [_once(numbers_of(t.carry), classes) for t, (classes, _) in zip(traversals, kept[1:], strict=True)]
-        )
+        numbers = {id(t): numbers_of(t.carry) for t in dict(zip(map(id, traversals), traversals, strict=True)).values()}
+        handed = tuple([_once(numbers[id(t)], classes) for t, (classes, _) in zip(traversals, kept[1:], strict=True)])
         scan = Scan(first, tuple((g, i, t) for (g, i), t in zip(order, traversals, strict=True)), kept, handed)
         self.scans.append(scan)
         rows: dict[TracedGroup, list[tuple[int, int]]] = {}
@@ -121,7 +120,7 @@ class Composition:
         group, i = order[-1]
         images = group.images[i]
         last = with_numbers(traversals[-1].carry, lambda x: images[x] if isinstance(x, Node) else x)
-        found = [self._values.images(t.value, g.images[i].of) for (g, i), t in zip(order, traversals, strict=True)]
+        found = [self._values.images(t.value, g.images[i]) for (g, i), t in zip(order, traversals, strict=True)]
         return last, found
 
     def _traversals(
@@ -208,15 +207,26 @@ class Composition:
         """Return the items by the group, and the index in it, that the first node of each is an image of."""
         homes: dict[TracedGroup, dict[int, int]] = {}
         for j, (leaves, _) in enumerate(flat):
-            origin = self.origins.get(leaves[0][0]) if leaves else None
-            if origin is not None and (origin.group.turns is not None) == scanned:
-                homes.setdefault(origin.group, {})[origin.item] = j
+            home = self._home(leaves[0]) if leaves else None
+            if home is not None and (home[0].turns is not None) == scanned:
+                homes.setdefault(home[0], {})[home[1]] = j
         return homes
+
+    def _home(self, leaf: Leaf) -> tuple[TracedGroup, int] | None:
+        """Return the group, and the index in it, that the first node of a leaf is an image of."""
+        if isinstance(leaf, ItemLeaf):
+            return leaf.images.group, leaf.images.item
+        origin = self.origins.get(leaf[0])
+        return None if origin is None else (origin.group, origin.item)
 
     def _signature(self, leaves: Sequence[Leaf], group: TracedGroup | None, item: int) -> tuple[tuple[int, ...], ...]:
         """Return, for every node of an item, the serial of the region's node that it is an image of, or -1."""
         signature = []
         for leaf in leaves:
+            if isinstance(leaf, ItemLeaf):
+                same = leaf.images.group is group and leaf.images.item == item
+                signature.append(leaf.serials if same else (-1,) * len(leaf))
+                continue
             origins = map(self.origins.get, leaf)
             own = [o.node.serial if o is not None and o.group is group and o.item == item else -1 for o in origins]
             signature.append(tuple(own))

@@ -74,22 +74,24 @@ class Images(dict[Node, Node]):
         super().__init__()
         self.outside, self.group, self.item = outside, group, item
 
-    def of(self, nodes: list[Node]) -> Images:
-        """Make the images of several nodes and return all images.
+    def of(self, nodes: Leaf) -> tuple[Node, ...]:
+        """Return the images of several nodes.
 
         Raises:
             CompileError: one of them is the truth of a comparison.
         """
         new = [node for node in nodes if node not in self]
-        if any(node.is_truth for node in new):
-            raise CompileError("a loop returned the truth of a comparison; try where(condition, 1.0, 0.0)")
-        images, origins = self.outside.graph.inputs(len(new)), [Origin(self.group, self.item, node) for node in new]
-        self.update(zip(new, images, strict=True))
-        self.outside.origins.update(zip(images, origins, strict=True))
-        return self
+        if new:
+            if any(node.is_truth for node in new):
+                raise CompileError("a loop returned the truth of a comparison; try where(condition, 1.0, 0.0)")
+            images = self.outside.graph.inputs(len(new))
+            origins = [Origin(self.group, self.item, node) for node in new]
+            self.update(zip(new, images, strict=True))
+            self.outside.origins.update(zip(images, origins, strict=True))
+        return tuple([self[node] for node in nodes])
 
     def __missing__(self, node: Node) -> Node:
-        return self.of([node])[node]
+        return self.of((node,))[0]
 
 
 class Origin(NamedTuple):

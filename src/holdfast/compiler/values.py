@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import itertools
 import types
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,7 +22,54 @@ _PLAIN = (str, bool, Constant, *NUMBERS)
 _WORDS = (str, bool)
 _SEQUENCES = (tuple, list)
 
-Leaf = tuple[Node, ...]  # the distinct nodes of one array, in order of appearance
+Leaf = Sequence[Node]  # the distinct nodes of one array, in order of appearance
+
+
+class ImagesOf(Protocol):
+    """The images of what a loop's body has returned, for one item: nodes that are made when they are asked for.
+
+    Attributes:
+        group: the items that run the body.
+        item: the index of the item.
+    """
+
+    group: Any
+    item: int
+
+    def of(self, nodes: Leaf) -> tuple[Node, ...]:
+        """Return the images of nodes."""
+        ...
+
+
+class ItemLeaf(Sequence[Node]):
+    """A leaf of one item of a loop, whose nodes are made when they are first asked for.
+
+    Attributes:
+        images: the images of the item.
+        leaf: the leaf of what the loop's body has returned.
+        serials: the serial numbers of its nodes.
+    """
+
+    __slots__ = ("_nodes", "images", "leaf", "serials")
+
+    def __init__(self, images: ImagesOf, leaf: Leaf, serials: tuple[int, ...]) -> None:
+        self.images, self.leaf, self.serials = images, leaf, serials
+        self._nodes: tuple[Node, ...] | None = None
+
+    def nodes(self) -> tuple[Node, ...]:
+        """Return the nodes."""
+        if self._nodes is None:
+            self._nodes = self.images.of(self.leaf)
+        return self._nodes
+
+    def __len__(self) -> int:
+        return len(self.leaf)
+
+    def __getitem__(self, k: Any) -> Any:
+        return self.nodes()[k]
+
+    def __iter__(self) -> Iterator[Node]:
+        return iter(self.nodes())
 
 
 class Known(NamedTuple):
@@ -36,7 +82,7 @@ class Known(NamedTuple):
     end: int
 
 
-Maker = Callable[[list[Any], bool], Any]  # makes a value again with other numbers per leaf; whether to remember it
+Maker = Callable[[list[Any], bool], Any]  # makes a value again with other numbers per leaf, at once or late
 
 
 class Values:
@@ -52,7 +98,7 @@ class Values:
         self._static: dict[int, tuple[Any, int]] = {}  # objects without nodes, and the number of their key
         self._numbers: dict[Hashable, int] = {}
         self._known: dict[int, Known] = {}  # arrays, tuples and dataclasses with nodes
-        self._makers: dict[int, tuple[Any, list[Leaf], Maker, list[Node]]] = {}
+        self._makers: dict[int, tuple[Any, list[Leaf], Maker, list[tuple[int, ...]]]] = {}
         self._open: set[int] = set()  # functions being visited, which may close over themselves
 
     def leaves(self, value: Any) -> tuple[list[Leaf], Hashable]:
@@ -97,7 +143,7 @@ class Values:
         parts = _parts(value)
         if parts is None:
             return ("object", id(value))
-        kind = (dict, *value) if isinstance(value, dict) else (type(value),)
+        kind = (dict, *value) if isinstance(value, dict) else (_kind(value),)
         return (*kind, *[self._key(x, found) for x in parts])
 
     def _array(self, value: np.ndarray, found: list[Leaf]) -> Hashable:
@@ -126,51 +172,48 @@ class Values:
         leaves, make, _ = self._maker_of(value)
         return make([[new[x] for x in leaf] for leaf, new in zip(leaves, numbers, strict=True)], False)
 
-    def images(self, value: Any, made: Callable[[list[Node]], Mapping[Node, Node]]) -> Any:
-        """Return the value with distinct nodes in place of its own; their leaves and keys are known from the value's.
+    def images(self, value: Any, images: ImagesOf) -> Any:
+        """Return the value of one item of a loop, with images in place of the nodes of what the loop's body returned.
 
-        Args:
-            value: the value.
-            made: returns the nodes that take the place of the value's.
+        Its leaves and keys are known from that, and the fields of its dataclasses are made when they are first used.
         """
-        leaves, make, nodes = self._maker_of(value)
-        image = made(nodes).__getitem__
-        return make([tuple(map(image, leaf)) for leaf in leaves], True)
+        leaves, make, serials = self._maker_of(value)
+        return make([ItemLeaf(images, leaf, own) for leaf, own in zip(leaves, serials, strict=True)], True)
 
-    def _maker_of(self, value: Any) -> tuple[list[Leaf], Maker, list[Node]]:
-        """Return the leaves of a value, what makes it again, and its distinct nodes."""
+    def _maker_of(self, value: Any) -> tuple[list[Leaf], Maker, list[tuple[int, ...]]]:
+        """Return the leaves of a value, what makes it again, and the serial numbers of its nodes."""
         if id(value) not in self._makers:
             leaves, _ = self.leaves(value)  # remembers the parts without nodes, which are not made again
-            nodes = list(dict.fromkeys(itertools.chain.from_iterable(leaves)))
-            self._makers[id(value)] = value, leaves, self._maker(value, 0)[0], nodes
+            serials = [tuple([getattr(node, "serial", -1) for node in leaf]) for leaf in leaves]
+            self._makers[id(value)] = value, leaves, self._maker(value, 0)[0], serials
         return self._makers[id(value)][1:]
 
     def _maker(self, value: Any, begin: int) -> tuple[Maker, int]:
         """Return what makes a value with the leaves `begin` to `end` again, and `end`."""
         if value is None or isinstance(value, _PLAIN) or id(value) in self._static or id(value) in self._open:
-            return (lambda leaves, remember: value), begin
+            return (lambda leaves, late: value), begin
         if isinstance(value, self.kind):
-            return (lambda leaves, remember: leaves[begin][0]), begin + 1
+            return (lambda leaves, late: leaves[begin][0]), begin + 1
         if isinstance(value, types.FunctionType):
             self._open.add(id(value))
             parts, end = self._makers_in(_closed_over(value), begin)
             self._open.remove(id(value))
-            return (lambda leaves, remember: _closure(value, [make(leaves, remember) for make in parts])), end
+            return (lambda leaves, late: _closure(value, [make(leaves, late) for make in parts])), end
         if isinstance(value, types.MethodType):
             bound, end = self._maker(value.__self__, begin)
-            return (lambda leaves, remember: types.MethodType(value.__func__, bound(leaves, remember))), end
+            return (lambda leaves, late: types.MethodType(value.__func__, bound(leaves, late))), end
         if isinstance(value, np.ndarray):
             make, end = _array_maker(value, self.kind, begin), begin + 1
         else:
             parts, end = self._makers_in(_parts(value) or (), begin)
-            make = _container_maker(value, parts)
+            make = _dataclass_maker(value, parts) if _fields(type(value)) else _container_maker(value, parts)
         if not _lasting(value):
             return make, end
         key = self._known[id(value)].key
 
-        def remembered(leaves: list[Any], remember: bool) -> Any:
-            other = make(leaves, remember)
-            if remember:
+        def remembered(leaves: list[Any], late: bool) -> Any:
+            other = make(leaves, late)
+            if late:
                 self._known[id(other)] = Known(other, key, leaves, begin, end)
             return other
 
@@ -190,14 +233,44 @@ def _array_maker(value: np.ndarray, kind: type, begin: int) -> Maker:
     entries, shape = value.ravel().tolist(), value.shape
     places = {x: k for k, x in enumerate(dict.fromkeys([x for x in entries if isinstance(x, kind)]))}
     if len(places) == len(entries):
-        return lambda leaves, remember: array_of(leaves[begin], shape)
+        return lambda leaves, late: array_of(leaves[begin], shape)
     known = [(places[x], None) if isinstance(x, kind) else (None, x) for x in entries]
-    return lambda leaves, remember: array_of([x if k is None else leaves[begin][k] for k, x in known], shape)
+    return lambda leaves, late: array_of([x if k is None else leaves[begin][k] for k, x in known], shape)
 
 
 def _container_maker(value: Any, parts: list[Maker]) -> Maker:
-    """Return what makes a tuple, list, dict or dataclass of parts that are made again."""
-    return lambda leaves, remember: _with_parts(value, [make(leaves, remember) for make in parts])
+    """Return what makes a tuple, list or dict of parts that are made again."""
+    return lambda leaves, late: _with_parts(value, [make(leaves, late) for make in parts])
+
+
+def _dataclass_maker(value: Any, parts: list[Maker]) -> Maker:
+    """Return what makes a dataclass of parts that are made again: at once, or late, when each is first used."""
+    kind = _late(_kind(value))
+    makers = dict(zip(_fields(kind) or (), parts, strict=True))
+
+    def make(leaves: list[Any], late: bool) -> Any:
+        if not late:
+            return _with_parts(value, [make(leaves, late) for make in parts])
+        other = object.__new__(kind)
+        other.__dict__["_makers"], other.__dict__["_leaves"] = makers, leaves
+        return other
+
+    return make
+
+
+@functools.cache
+def _late(kind: type) -> type:
+    """Return a subclass of a dataclass in which a field is made when it is first used."""
+
+    def made(name: str) -> functools.cached_property[Any]:
+        return functools.cached_property(lambda late: late._makers[name](late._leaves, True))
+
+    return type(kind.__name__, (kind,), {"_late_kind": kind, **{name: made(name) for name in _fields(kind) or ()}})
+
+
+def _kind(value: Any) -> type:
+    """Return the class of a value; that of a late one is what its fields make it."""
+    return getattr(type(value), "_late_kind", type(value))
 
 
 def numbers_of(value: Any) -> list[Any]:
@@ -240,7 +313,7 @@ def _with_parts(value: Any, parts: list[Any]) -> Any:
         return type(value)(parts)
     if isinstance(value, dict):
         return dict(zip(value, parts, strict=True))
-    other = object.__new__(type(value))  # skips the checks of `__init__`, which the original has passed
+    other = object.__new__(_kind(value))  # skips the checks of `__init__`, which the original has passed
     for name, x in zip(_fields(type(value)) or (), parts, strict=True):
         object.__setattr__(other, name, x)
     return other

@@ -103,7 +103,7 @@ def trunk_impulses(motion: ChainMotion, tips: list[TipResponse]) -> tuple[Change
 
 def gap_response(arm: ArmMotion, gap: Array) -> TipResponse:
     """Return the tip response of an arm at rest, with the mismatch in place of the free acceleration."""
-    return tip_response(at_rest(arm), "auto")._replace(free_acceleration=gap)
+    return replace(tip_response(at_rest(arm), "auto"), free_acceleration=gap)
 
 
 def project_velocities(motion: ChainMotion, state: State) -> State:

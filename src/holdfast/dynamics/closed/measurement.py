@@ -8,7 +8,7 @@ linear block, so the decision depends neither on the axes nor on the units.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from holdfast.spatial.symmetric import Symmetric6
 from holdfast.spatial.vector import outer
 
 
-class Measurement(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Measurement:
     """The rows of one arm, along contact axes; for a rigid grasp along world axes and about G, with C = 1.
 
     Attributes:
@@ -76,7 +77,8 @@ class Measurement(NamedTuple):
 BackSubstitution = Callable[..., Array]  # function of s (6,) and beta (6,) or None; returns an arm's wrench at G, (6,)
 
 
-class Update(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Update:
     """The result of including one arm in the filter, for the back-substitution.
 
     Attributes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,7 +33,8 @@ def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array
     return x + P @ nu, mirrored(gain.T @ m.R), update
 
 
-class TerminalUpdate(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class TerminalUpdate:
     """The update by the last arm, if its grasp is rigid; only back-substitution follows.
 
     Attributes:

@@ -10,6 +10,7 @@ short arms.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -57,7 +58,8 @@ class BaseResponse(NamedTuple):
     at_rest: Array
 
 
-class TipResponse(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class TipResponse:
     """The response of one arm at its tip, in world axes about the tip point.
 
     Attributes:
@@ -138,7 +140,7 @@ def recursive(motion: ArmMotion) -> TipResponse:
         free = rotate(R, tip) + motion.bias.tip_acceleration
         return TipResponse(mobility, free, filter.D, back_substitute, arm.length, base)
 
-    return response(motion)._replace(for_load=response)
+    return replace(response(motion), for_load=response)
 
 
 def by_mass_matrix(motion: ArmMotion) -> TipResponse:
@@ -176,7 +178,7 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
         free = x @ X + motion.bias.tip_acceleration
         return TipResponse(mobility, free, pivots, back_substitute, arm.length, base)
 
-    return response(motion)._replace(for_load=response)
+    return replace(response(motion), for_load=response)
 
 
 def first_columns(motion: ArmMotion, columns: Array) -> Array:

@@ -128,4 +128,4 @@ def reading(tip: TipResponse, known: Array, gap: Array) -> TipResponse:
     base = tip.base
     if base is not None:
         base = base._replace(wrench=base.wrench + known @ base.X)
-    return tip._replace(free_acceleration=gap, base=base)
+    return replace(tip, free_acceleration=gap, base=base)
