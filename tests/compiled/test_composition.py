@@ -1,5 +1,9 @@
 """Loops of a text while it is traced: the schedule that follows, against the text on floats."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -73,7 +77,39 @@ def chained(x):
     }
 
 
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What a loop may return: with a default, a method, a function and another of its kind."""
+
+    x: Any
+    scale: Any = 1.0
+    back: Callable[[Any], Any] | None = None
+    inner: Any = None
+
+    def scaled(self):
+        """Return the product of two fields."""
+        return self.scale * self.x
+
+
+def records(x):
+    """Return what loops over dataclasses find that the text between them uses, copies, mixes and hands on."""
+
+    def read(q):
+        return Reading(q + q[0], q[1], lambda s: s * q, Reading(q * q))
+
+    found = each(read, x["arms"])
+    assert all(isinstance(r, Reading) and not hasattr(r, "where") and r.inner.back is None for r in found)
+    total = sum((r.inner.x for r in found[1:]), np.zeros(3))
+    copies = [replace(r, scale=total[0]) for r in found]
+    again = each(lambda r, s: r.back(s) + r.inner.scaled(), found, [r.x for r in copies])
+    scaled = each(lambda r: r.scaled(), copies)
+    mixed = each(lambda r: r.scaled(), [found[0], copies[1], *found[2:]])
+    summed, _ = scan(lambda c, r: (c + r.inner.scaled(), None), total, found[::-1])
+    return {"y": np.concatenate([*again, *scaled, *mixed, summed])}
+
+
 TEXTS = {
+    "records": (records, {"arms": (len(ON), 3)}),
     "tree": (tree, {"arms": (len(ON), 3), "links": (7, 2), "root": (3,), "k": (2,)}),
     "chained": (chained, {"links": (5, 2), "b": (3,)}),
 }
