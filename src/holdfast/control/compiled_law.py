@@ -26,12 +26,8 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
 
-ROOMS = (
-    "forces",
-    "simulation",
-    "control",
-    "scenario",
-)  # modules with functions that laws use, in addition to forward dynamics
+# modules with functions that laws use, in addition to forward dynamics
+ROOMS = ("forces", "simulation", "control", "scenario")
 WHAT = "the control law"  # is compiled
 LARGEST = 1e5  # rad: largest positions that machine code accepts
 

@@ -38,6 +38,7 @@ from holdfast.simulation.balance import Sums
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.trajectory import Occurrence
 from holdfast.simulation.zero_order_hold import HeldTorques
+from holdfast.spatial.converted import making
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, exact_state
@@ -66,35 +67,35 @@ class Checkpoint:
 
     Attributes:
         now: time and state of the sample, and the memory passed to the controller.
-        previous: the same for the previous accepted instant, needed to refine a minimum of a margin that lies before
+        grasps: the grasps that are closed.
+        generic_rank: generic rank of the constraint with these grasps.
+        tracker: the margins so far.
+        sums: work and impulses since the start.
+        previous: as `now` for the previous accepted instant, needed to refine a minimum of a margin that lies before
             `now`; None if `now` begins a smooth stretch.
         tail_time: the last time before `now` at which the margins were evaluated [s].
         tail: the margins at that time; empty without `previous`.
         stop: number of stop times (see `Stops`) that have been passed.
         event: number of events that have happened.
-        grasps: the grasps that are closed.
-        generic_rank: generic rank of the constraint with these grasps.
         implicit: whether steps are linearly implicit, see `Segment`.
-        sums: work and impulses since the start.
         occurrences: everything that has happened so far.
         proposal: state of the step-size control; None for steps of fixed length.
-        tracker: the margins so far.
         held: state of the zero-order hold of a sampled controller; None if the controller is evaluated at every stage.
     """
 
     now: Origin
-    previous: Origin | None
-    tail_time: float
-    tail: Array
-    stop: int
-    event: int
     grasps: Mapping[str, Grasp]
     generic_rank: int
-    implicit: bool
-    sums: Sums
-    occurrences: tuple[Occurrence, ...]
-    proposal: Proposal | None
     tracker: ViolationTracker = field(repr=False)
+    sums: Sums = field(default_factory=making(Sums, np.zeros(4), 0.0, np.zeros(6)))
+    previous: Origin | None = None
+    tail_time: float = 0.0
+    tail: Array = field(default_factory=making(np.zeros, 0))
+    stop: int = 0
+    event: int = 0
+    implicit: bool = False
+    occurrences: tuple[Occurrence, ...] = ()
+    proposal: Proposal | None = None
     held: HeldTorques | None = None
 
     def to_data(self) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -145,7 +146,7 @@ class Checkpoint:
                 sums=Sums(np.array(arrays["work"]), float(arrays["impact"]), np.array(arrays["base_impulse"])),
                 occurrences=msgspec.convert(data["occurrences"], tuple[Occurrence, ...]),
                 proposal=Proposal(*arrays["proposal"].tolist()) if len(arrays["proposal"]) else None,
-                held=_held(data.get("held"), arrays),
+                held=None if data.get("held") is None else HeldTorques(**unpacked(data["held"], arrays)),
                 tracker=ViolationTracker(*(np.array(arrays[f"{TRACKER}.{f.name}"]) for f in fields(ViolationTracker))),
             )
         except (KeyError, TypeError, ValueError, AttributeError, msgspec.ValidationError) as cause:
@@ -165,10 +166,6 @@ def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
 def _origin(name: str, memory: Any, arrays: Mapping[str, Array]) -> Origin:
     saved = {part: np.array(arrays[at]) for part in _STATE if (at := f"{name}.{part}") in arrays}
     return Origin(float(arrays[f"{name}.t"]), exact_state(saved), unpacked(memory, arrays))
-
-
-def _held(data: Any, arrays: Mapping[str, Array]) -> HeldTorques | None:
-    return None if data is None else HeldTorques(**unpacked(data, arrays))
 
 
 _OF_GRASP = ("motion", "stiffness", "damping")  # arrays that only some kinds of grasp have

@@ -123,7 +123,6 @@ def evaluate(
     *,
     generic_rank: int | None = None,
     held: Array | None = None,
-    check: bool = False,
     implicit: Implicit | None = None,
 ) -> Instant:
     """Return the chain at one time and state.
@@ -136,7 +135,6 @@ def evaluate(
         memory: the memory to pass to the controller.
         generic_rank: as for `forward_dynamics`.
         held: as for `forward_dynamics`.
-        check: refuse a state that violates the grasps.
         implicit: additional armatures and torques in a stage of a linearly implicit step.
 
     Raises:
@@ -150,7 +148,7 @@ def evaluate(
     net, solved = tau - friction, chain
     if implicit is not None:
         net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
-    found = forward_dynamics(solved, state, net, inputs=inputs, check=check, generic_rank=generic_rank, held=held)
+    found = forward_dynamics(solved, state, net, inputs=inputs, check=False, generic_rank=generic_rank, held=held)
     if not found.condition <= WORST_CONDITION:
         raise SingularChainError(
             f"the grasp constraint is nearly singular: condition {found.condition:.3g}, expected <="

@@ -16,12 +16,11 @@ from holdfast.simulation.instant import Instant
 from holdfast.simulation.run_state import RunState
 from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_configuration import (
+    ALMOST,
     CLOSED,
     SingularConfiguration,
     configuration_ahead,
     configurations_passed,
-    goes_through,
-    length_before,
     length_through,
     may_be_unresolved,
     may_lose_rank,
@@ -115,10 +114,10 @@ def _towards(at: RunState, left: float, step: float) -> RunState:
         step: greatest length of the step [s].
     """
     now, segment = at.now, at.segment
-    if not goes_through(left, step):
+    if left > ALMOST * step:  # a step that ends half a step before it, or sooner
         if at.checkpoint.proposal is None:
             return _step_to(at, now.t + left - 0.5 * step)
-        return _step_to(at, _latest(at), lambda tried: length_before(left, tried))
+        return _step_to(at, _latest(at), lambda tried: min(tried, left - 0.5 * tried))
     until = min(now.t + length_through(left, step), _latest(at))
     later = _step_to(at, until, stepper=segment.collocation)
     passed = list(configurations_passed(segment, now, later.now))  # empty if the motion has turned back before it

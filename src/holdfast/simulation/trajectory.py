@@ -14,6 +14,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import imbalance, momentum_imbalance
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import Setting
+from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array
@@ -161,14 +162,7 @@ def _quintic(
     return x, v0 + t * a0 + s**2 * (3.0 * c3 + s * (4.0 * c4 + 5.0 * s * c5)) / step
 
 
-NONE = np.zeros(0)
-
-
-def _none() -> Array:
-    """Return the placeholder for an array of a trunk that does not exist."""
-    return NONE
-
-
+_none = making(np.zeros, 0)  # the placeholder for an array of a trunk that does not exist
 OF_TRUNK = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wrench")  # results of 0.1 have no such arrays
 
 
@@ -270,7 +264,7 @@ class Trajectory(Frozen, RunOutputs):
 
     def __post_init__(self) -> None:
         for name in OF_TRUNK:
-            if getattr(self, name) is NONE:
+            if np.shape(getattr(self, name)) == (0,):
                 object.__setattr__(self, name, np.zeros((*np.shape(self.t), 0)))
         super().__post_init__()
 

@@ -54,14 +54,12 @@ class StepMargins(NamedTuple):
         margins: (k, signals) margins at these times.
         start: index of the step's start in `times`.
         end: the end of the step, which is the requested one or the first at which an acting margin is negative.
-        acting: the signal that ended the step early, or None.
     """
 
     times: Array
     margins: Array
     start: int
     end: Advance
-    acting: int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,14 +141,12 @@ def verify(
         zero = _first_zero(curves, begin, acting)
     except REFUSALS as cause:
         failure, zero = cause, None
-    end, signal = times[-1], None
-    if zero is not None:
-        end, signal = zero
-    elif failure is not None:
+    end = times[-1] if zero is None else zero
+    if zero is None and failure is not None:
         curves.advances[end] = Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
     found, margins = curves.table()
     kept = found <= end
-    return StepMargins(found[kept], margins[kept], int(np.searchsorted(found, begin)), curves.advances[end], signal)
+    return StepMargins(found[kept], margins[kept], int(np.searchsorted(found, begin)), curves.advances[end])
 
 
 def _evaluate_ends(curves: MarginCurves, begin: float, watched: Array) -> None:
@@ -193,8 +189,8 @@ def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precisio
     together([search_lowest(a, b, c, precision) for (a, b, c), _ in found], margins_at)
 
 
-def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> tuple[float, int] | None:
-    """Return the first time at which an acting margin is negative, and the index of its signal; None if there is none.
+def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> float | None:
+    """Return the first time at which an acting margin is negative; None if there is none.
 
     A dip before the step's start that is found only in this step counts as one at the start.
     """
@@ -203,11 +199,10 @@ def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> tuple[floa
         return None
     rows = (margins[:, acting] < 0.0).any(axis=1)
     k = int(np.argmax(rows))
-    below = [int(i) for i in acting[margins[k, acting] < 0.0]]
     if times[k] <= begin:
-        return begin, below[0]
+        return begin
     t, b = float(times[k - 1]), float(times[k])
-    zeros = [
-        (crossing(curves.signal(i), t, float(margins[k - 1, i]), b, float(margins[k, i]), CROSSING), i) for i in below
-    ]
-    return min(zeros)
+    below = acting[margins[k, acting] < 0.0].tolist()
+    return min(
+        crossing(curves.signal(i), t, float(margins[k - 1, i]), b, float(margins[k, i]), CROSSING) for i in below
+    )

@@ -38,16 +38,7 @@ from holdfast.simulation.rollout.singular_passing import passes_singular
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, run_step, take_step
-from holdfast.spatial.scalar import (
-    Array,
-    Scalar,
-    array,
-    concatenate,
-    maximum,
-    minimum,
-    select,
-    where,
-)
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, select, where
 from holdfast.state import Inputs, State
 
 # Status codes of the machine code. The machine code itself does not return TOO_LONG, which is determined afterwards.
@@ -250,19 +241,16 @@ def step(
         | ({} if found.held is None else {"held_rows": found.held})
     )
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
-    code = stop_code(system, kept, system.worst, drift, gaps, passed)
+    code = stop_code(system, kept, drift, gaps, passed)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
 
 
-def stop_code(
-    system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap, passed: Scalar
-) -> Scalar:
+def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps: Gap, passed: Scalar) -> Scalar:
     """Return the status code of a system after the step.
 
     Args:
         system: the system.
         kept: arrays at the step's end, by name.
-        worst: (2,) the worst condition and status.
         drift: gaps before projection.
         gaps: gaps after projection.
         passed: whether the step passes a singular configuration, 1 or 0.
@@ -275,8 +263,8 @@ def stop_code(
     beyond = reduce(minimum, concatenate(of_joints), float("inf")) < given["least_joint_margin"][()]
     fault = where(beyond, float(LIMITED), float(RUNNING))
     fault = where(least < given["least_margin"][()], float(SLIPPED), fault)
-    fault = where(worst[0] <= WORST_CONDITION, fault, float(SINGULAR))
-    fault = where(worst[1] < FIRST_BAD, fault, float(SINGULAR))
+    fault = where(system.worst[0] <= WORST_CONDITION, fault, float(SINGULAR))
+    fault = where(system.worst[1] < FIRST_BAD, fault, float(SINGULAR))
     fault = where(passed < 0.5, fault, float(SINGULAR))
     fault = where(drift.position <= FARTHEST, fault, float(OPEN))
     left = where(given["held"][()] > 0.5, 0.0, gaps.position)  # without projection the gaps do not matter

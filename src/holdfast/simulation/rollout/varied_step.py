@@ -290,14 +290,9 @@ class VariedStep(NamedTuple):
 
     def _linear(self, given: Given, by: Sequence[str], text: Callable[[VariedSystem], dict[str, Array]]) -> LinearStep:
         taker, shapes, found = loops.get(), gradient_shapes(self.structure.chain), dict[str, Array]()
-        own = {
-            "q": "last.q",
-            "qd": "last.qd",
-            "object_twist": "last.object_twist",
-            "before": "last.before",
-            "step": "step",
-        }
-        own |= {"floating_twist": "last.floating_twist"} | {name: name for name in by if name.startswith(CONTROL)}
+        of_state = ("q", "qd", "object_twist", "floating_twist", "before")
+        own = {name: f"last.{name}" for name in of_state} | {"step": "step"}
+        own |= {name: name for name in by if name.startswith(CONTROL)}
         at = [given[own[name]] if name in own else np.zeros(shapes[name]) for name in by]
 
         def outputs(*x: Array) -> list[Array]:
