@@ -70,6 +70,11 @@ class State(Frozen):
         """The floating base's pose as rotation and origin; None without one."""
         return None if self.base_pose is None else Pose.unchecked_seven(self.base_pose)
 
+    def parts(self) -> dict[str, Array]:
+        """Return the arrays of the state by field, including those of a floating base if there is one."""
+        every = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {name: x for name, x in every.items() if x is not None}
+
     def at_rest(self) -> State:
         """Return the same positions without velocities."""
         return State(self.q, 0.0 * self.qd, self.object_pose, base_pose=self.base_pose)

@@ -88,8 +88,7 @@ def comparable(state: State) -> State:
     """Return a state; one of traced numbers has arrays on which NumPy's functions that compare entries work."""
     if state.q.dtype != object:
         return state
-    names = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")
-    return State(*(as_traced(getattr(state, name)) for name in names))
+    return State(**{name: as_traced(x) for name, x in state.parts().items()})
 
 
 def law_program(law: ControlLaw, chain: ClosedChain) -> Program:

@@ -153,18 +153,14 @@ class Checkpoint:
             raise ResultError(f"checkpoint: cannot be read: {cause!r}; try starting the run anew") from cause
 
 
-_STATE = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")  # the last two: floating base
-
-
 def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
-    parts = {part: getattr(origin.state, part) for part in _STATE}
-    arrays |= {f"{name}.{part}": array for part, array in parts.items() if array is not None}
+    arrays |= {f"{name}.{part}": array for part, array in origin.state.parts().items()}
     arrays[f"{name}.t"] = np.array(origin.t)
     return packed(origin.memory, f"{name}.memory", arrays)
 
 
 def _origin(name: str, memory: Any, arrays: Mapping[str, Array]) -> Origin:
-    saved = {part: np.array(arrays[at]) for part in _STATE if (at := f"{name}.{part}") in arrays}
+    saved = {f.name: np.array(arrays[at]) for f in fields(State) if (at := f"{name}.{f.name}") in arrays}
     return Origin(float(arrays[f"{name}.t"]), exact_state(saved), unpacked(memory, arrays))
 
 

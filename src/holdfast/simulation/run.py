@@ -12,8 +12,7 @@ from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.events import Attach, happen
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
-from holdfast.simulation.run_state import RunState
-from holdfast.simulation.run_step import stepped
+from holdfast.simulation.run_step import RunState, stepped
 from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with, suited
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS

@@ -1,19 +1,18 @@
-"""One step of a run, with verified margins, the search for singular configurations, and a check of its length."""
+"""The state of a run, and one step: verified margins, the search for singular configurations, a check of its length."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from holdfast.errors import HoldfastError, StateError
 from holdfast.simulation.adaptive import next_step
 from holdfast.simulation.adaptive_parts import EqualPartsStepper, agreeing_parts
-from holdfast.simulation.checkpoint import Origin
+from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.confirmation import Window, explained, require_shown, too_long
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.run_state import RunState
 from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_configuration import (
     ALMOST,
@@ -27,10 +26,44 @@ from holdfast.simulation.singular_configuration import (
     time_left,
 )
 from holdfast.simulation.stability import elsewhere
+from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Advance, Stepper
 from holdfast.simulation.verification import MarginCurves, StepMargins, evaluation_times, verify
+from holdfast.spatial.scalar import Array
 
 FASTEST = 1e30  # rad/s or m/s: the squares of faster rates soon overflow float64
+
+
+@dataclass(frozen=True, eq=False)
+class RunState:
+    """A run at one accepted instant.
+
+    Attributes:
+        segment: the current segment of the run.
+        checkpoint: the data from which the run can be continued.
+        now: the instant, evaluated from `checkpoint.now`.
+        previous: the previous instant, evaluated from `checkpoint.previous`; None if `now` begins a smooth stretch.
+        gaps: position and velocity gaps before and after projection.
+        times: (k,) times since the previous instant at which the margins were evaluated [s].
+        margins: (k, signals) margins at these times; the last row belongs to `now`.
+        ended: the reason if the run ends here, otherwise None.
+    """
+
+    segment: Segment
+    checkpoint: Checkpoint
+    now: Instant
+    previous: Instant | None
+    gaps: Gaps
+    times: Array
+    margins: Array
+    ended: str | None = None
+
+    def violated(self) -> int | None:
+        """Return the most negative signal among those at which the run does not simply continue; None if none is."""
+        acting, now = self.segment.acting, self.margins[-1]
+        if not len(acting) or now[acting].min() >= 0.0:
+            return None
+        return int(acting[np.argmin(now[acting])])
 
 
 def stepped(at: RunState) -> RunState:

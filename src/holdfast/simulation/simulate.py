@@ -23,9 +23,8 @@ from holdfast.progress import of_time, reporting
 from holdfast.simulation.accounts import WORTH_COMPILING
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
-from holdfast.simulation.environment import BaseMotion, Environment
+from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
-from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.recorded_run import Listeners, recorded_run
 from holdfast.simulation.rollout.compiled_steppers import stepper_for

@@ -21,8 +21,7 @@ from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.simulation.adaptive import Tolerance
-from holdfast.simulation.environment import Environment
-from holdfast.simulation.external_inputs import MOVING_BASES, GivenInputs
+from holdfast.simulation.environment import MOVING_BASES, Environment, GivenInputs
 from holdfast.simulation.increment import body_parts, twists
 from holdfast.simulation.instant import Instant, late_instant
 from holdfast.simulation.linearly_implicit import Implicit

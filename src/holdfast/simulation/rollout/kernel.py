@@ -25,7 +25,7 @@ from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
-from holdfast.simulation.external_inputs import GivenInputs
+from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.joint_friction import joint_friction
 from holdfast.simulation.rollout import traced_step
@@ -85,14 +85,6 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
     return externals(inputs, parameters, (), shapes(chain) | own | of_law) | carried
 
 
-def step_schedule(
-    structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, tableau: Tableau
-) -> Schedule:
-    """Return the schedule of one step."""
-    step = partial(traced_step.step, structure, law, motions, acting, tableau)
-    return traced(step_externals(structure, law), step)
-
-
 Systems = dict[str, Array]  # carried arrays by name, (systems, *shape) each
 
 
@@ -130,9 +122,9 @@ class StepKernel:
         self.structure = structure = Structure(chain, replace(options or Options(), held=held))
         externals = step_externals(structure, law)
         system = structure, law, self.motions, acting
-        slopes = partial(traced_step.evaluation, *system)
-        name, code = f"step/{tableau.name}", partial(self.compiled, externals, quick=quick)
-        self._step = code(name, lambda: step_schedule(*system, tableau))
+        step, slopes = partial(traced_step.step, *system, tableau), partial(traced_step.evaluation, *system)
+        code = partial(self.compiled, externals, quick=quick)
+        self._step = code(f"step/{tableau.name}", lambda: traced(externals, step))
         self._slopes = code("evaluation", lambda: traced(externals, slopes))
         self.adjoints: dict[Any, Any] = {}  # values are `adjoint.AdjointKernel`, created on demand
         self.carried = carried_shapes(chain, law, structure.options.held)

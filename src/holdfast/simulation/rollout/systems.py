@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from enum import Enum
 from typing import Any
@@ -15,6 +15,7 @@ from holdfast.forces.margins import joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.kernel import Systems
+from holdfast.simulation.stability import cell, fastest_passive
 from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -45,10 +46,8 @@ def _carried(key: str, meaning: str) -> Any:
     return property(read, doc=meaning)
 
 
-PASSIVE = {
-    "passive_rate",
-    "passive_cell",
-}  # evaluated where steps may be too long: decay rates of the joints, and the states
+# arrays of systems whose steps may be too long: the fastest passive rate, and where in the space of joints it was found
+RATE, CELL = PASSIVE = "passive_rate", "passive_cell"
 
 
 class RolloutSystems:
@@ -174,6 +173,20 @@ class RolloutSystems:
         """(systems,) whether each system is running."""
         return self.arrays["code"] == 0.0
 
+    def passive_rates(self, located: Callable[[RolloutSystems, int], tuple[ClosedChain, State]]) -> Array:
+        """Return the fastest passive rate of each system [1/s], recomputed for systems whose joints have moved far.
+
+        Args:
+            located: returns the chain of one system, its grasps and bases those of the system, and its state.
+        """
+        cells, count = cell(self.q), len(self)
+        known = self.arrays.setdefault(CELL, np.full(cells.shape, np.nan))
+        rates = self.arrays.setdefault(RATE, np.zeros(count))
+        for row in np.flatnonzero(self.running & (known != cells).any(axis=1)).tolist():
+            rates[row] = fastest_passive(*located(self, row))[0].rate
+            known[row] = cells[row]
+        return rates
+
     def set_step_length(self, step: Array) -> None:
         """Set the length of the next steps, (systems,) [s]."""
         changed = self.step_length != step
@@ -252,7 +265,7 @@ class RolloutSystems:
             raise StateError(f"reset: expected {len(which)} systems for as many rows, got {len(other)}")
         here, there = self.arrays.keys(), other.arrays.keys()
         alike = all(self.arrays[name].shape[1:] == other.arrays[name].shape[1:] for name in here & there)
-        if not alike or (here ^ there) - PASSIVE:
+        if not alike or (here ^ there) - {*PASSIVE}:
             raise StateError("reset: expected systems of the same rollout, got others; try its `start`")
         for name in sorted(self.call_inputs.keys() ^ other.call_inputs.keys()):
             raise StateError(f"reset: expected {name.removeprefix('control.')} given to both or to none")

@@ -28,8 +28,7 @@ from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import work_rates
-from holdfast.simulation.environment import Environment
-from holdfast.simulation.external_inputs import GivenInputs
+from holdfast.simulation.environment import Environment, GivenInputs
 from holdfast.simulation.increment import increment_rate, no_turns
 from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.simulation.joint_friction import friction_torque, joint_friction

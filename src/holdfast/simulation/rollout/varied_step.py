@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,8 +32,7 @@ from holdfast.dynamics.varied_case import VariedCase
 from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import limited_margins
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.environment import Environment
-from holdfast.simulation.external_inputs import GivenInputs
+from holdfast.simulation.environment import Environment, GivenInputs
 from holdfast.simulation.increment import OF_WORK, no_turns
 from holdfast.simulation.linearly_implicit import Implicit, passive_joints
 from holdfast.simulation.rollout.traced_step import Evaluation, TracedSystem
@@ -116,7 +115,7 @@ class VariedSystem(TracedSystem):
 
     def _case(self, chain: ClosedChain, state: State, inputs: Inputs, moved: Sequence[str]) -> VariedCase:
         """Return a chain at a state, both of which vary; `moved` as in `VariedCase.with_varied`."""
-        case = VariedCase(chain, framed(State(**parts_of(state))), inputs, {})
+        case = VariedCase(chain, framed(State(**state.parts())), inputs, {})
         for what in moved:
             if (name := f"{what}_pose") in self.varied:
                 case = case.with_varied(what, self.varied[name])
@@ -196,13 +195,7 @@ def state_arrays(chain: ClosedChain, state: State) -> dict[str, Array]:
 
 def plain(state: State) -> State:
     """Return a state with the plain values of its numbers, without derivatives."""
-    return State(**{name: bare(x) for name, x in parts_of(state).items()})
-
-
-def parts_of(state: State) -> dict[str, Array]:
-    """Return the arrays that a state has, by field."""
-    parts = {field.name: getattr(state, field.name) for field in fields(state)}
-    return {name: x for name, x in parts.items() if x is not None}
+    return State(**{name: bare(x) for name, x in state.parts().items()})
 
 
 class LinearStep(NamedTuple):
