@@ -107,7 +107,7 @@ def stepping():
     chain, structure = problem.chain, Structure(problem.chain, Options())
     stepper = ReferenceStepper(Environment(chain), lambda t, state, memory: (problem.tau, memory), 18, RK4)
     law = held_torques(chain.joint_count)
-    step = partial(traced_step.step, structure, law, {}, None, RK4)
+    step = partial(traced_step.step, traced_step.StepModel(structure, law, {}, None), RK4)
     traced = functions_run(lambda: traced_chain.traced(step_externals(structure, law), step), ("",), ())
     return Stepping(problem.state, stepper, stepper.start(0.0, problem.state, None)[0], structure, traced)
 

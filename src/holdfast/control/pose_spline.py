@@ -207,10 +207,8 @@ def _knots(poses: Sequence[Pose], times: Array) -> tuple[Array, Array]:
             here = slice(first, k + 1)
             rest = [(1, np.zeros(6)), (2, np.zeros(6))]
             spline = make_interp_spline(times[here], way[here], k=5, bc_type=(rest, rest))
-            rate[first + 1 : k], second[first + 1 : k] = (
-                spline(times[first + 1 : k], 1),
-                spline(times[first + 1 : k], 2),
-            )
+            inside = slice(first + 1, k)
+            rate[inside], second[inside] = spline(times[inside], 1), spline(times[inside], 2)
         first = k + 1
     return rate, second
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -76,10 +77,10 @@ class Task(ABC):
     def info_names(self) -> tuple[str, ...]:
         """Names of the numbers in `info`."""
 
-    @property
-    @abstractmethod
+    @cached_property
     def phases(self) -> Sequence[Phase]:
-        """The phases in order; episodes begin in the first one."""
+        """The phases in order; episodes begin in the first one. Every task has its own."""
+        raise NotImplementedError
 
     @property
     @abstractmethod
@@ -132,7 +133,7 @@ class Task(ABC):
         """Shapes of the memory of an episode; `draw` returns its initial values."""
         return {}
 
-    @property
+    @cached_property
     def frames(self) -> Mapping[str, Array]:
         """Arrays that all episodes share and that `evaluation` takes."""
         return {}

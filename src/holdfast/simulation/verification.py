@@ -78,8 +78,12 @@ class MarginCurves:
     margins: dict[float, Array]
     advances: dict[float, Advance]
 
-    def evaluate(self, times: Sequence[float]) -> HoldfastError | None:
-        """Evaluate the margins at several times; return the error of the first time that cannot be reached, or None."""
+    def evaluate(self, times: Sequence[float]) -> None:
+        """Evaluate the margins at several times.
+
+        Raises:
+            HoldfastError: the error of the first time that cannot be reached; the margins before it are kept.
+        """
         found = self.reach([t for t in times if t not in self.margins])
         failed = next((k for k, reached in enumerate(found) if reached.instant is None), len(found))
         led = found[:failed]
@@ -87,15 +91,14 @@ class MarginCurves:
         instants = [reached.instant for reached in led if reached.instant is not None]
         if instants:
             self.margins.update(zip((reached.t for reached in led), self.of(instants), strict=True))
-        return found[failed].failure if failed < len(found) else None
+        if failed < len(found) and (failure := found[failed].failure) is not None:
+            raise failure
 
     def signal(self, i: int) -> Callable[[float], float]:
         """Return one margin as a function of time, which raises the error of a step that fails."""
 
         def margin(t: float) -> float:
-            failure = self.evaluate([t])
-            if failure is not None:
-                raise failure
+            self.evaluate([t])
             return float(self.margins[t][i])
 
         return margin
@@ -133,7 +136,11 @@ def verify(
         acting: indices of those that end the step when they become negative.
         lowest: (signals,) the lowest margins of the run so far.
     """
-    failure = curves.evaluate(times)
+    failure: HoldfastError | None = None
+    try:
+        curves.evaluate(times)
+    except HoldfastError as cause:
+        failure = cause
     try:
         if failure is None:
             _evaluate_ends(curves, begin, watched)
@@ -162,9 +169,7 @@ def _evaluate_ends(curves: MarginCurves, begin: float, watched: Array) -> None:
         steepest = np.maximum(drop, m[c] - m[b])
         if ((drop > 0.0) & (m[a] >= 0.0) & (m[a] < DROPS * steepest)).any():
             more += [times[s] + k / EVALUATIONS * (times[t] - times[s]) for k in range(1, EVALUATIONS)]
-    failure = curves.evaluate(sorted({float(t) for t in more} - {float(t) for t in times})) if more else None
-    if failure is not None:
-        raise failure
+    curves.evaluate(sorted({float(t) for t in more} - {float(t) for t in times}))
 
 
 def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precision: float) -> None:
@@ -181,9 +186,7 @@ def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precisio
     found = [(times[k : k + 3].tolist(), int(watched[i])) for k, i in np.argwhere(bracket & worthwhile)]
 
     def margins_at(times_of: Mapping[int, float]) -> list[float]:
-        failure = curves.evaluate(sorted(set(times_of.values())))
-        if failure is not None:
-            raise failure
+        curves.evaluate(sorted(set(times_of.values())))
         return [float(curves.margins[t][found[k][1]]) for k, t in times_of.items()]
 
     together([search_lowest(a, b, c, precision) for (a, b, c), _ in found], margins_at)

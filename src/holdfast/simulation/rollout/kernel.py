@@ -97,6 +97,7 @@ class StepKernel:
         motions: motions of the moving bases.
         acting: wrenches that are part of the machine code, in addition to those of a call.
         structure: the structure of the chain for the compiler.
+        model: chain, law and surroundings together, for tracing.
         adjoints: the adjoint kernels created so far.
         carried: shapes of the arrays that a system carries between two steps.
         externals: input and output arrays of the machine code.
@@ -121,8 +122,8 @@ class StepKernel:
         held = 0 <= generic_rank < chain.constraint_row_count
         self.structure = structure = Structure(chain, replace(options or Options(), held=held))
         externals = step_externals(structure, law)
-        system = structure, law, self.motions, acting
-        step, slopes = partial(traced_step.step, *system, tableau), partial(traced_step.evaluation, *system)
+        self.model = model = traced_step.StepModel(structure, law, self.motions, acting)
+        step, slopes = partial(traced_step.step, model, tableau), partial(traced_step.evaluation, model)
         code = partial(self.compiled, externals, quick=quick)
         self._step = code(f"step/{tableau.name}", lambda: traced(externals, step))
         self._slopes = code("evaluation", lambda: traced(externals, slopes))
@@ -140,10 +141,9 @@ class StepKernel:
 
     def schedule(self, tableau: Tableau) -> Schedule:
         """Return the schedule of a step that also evaluates the slope at its start, because its inputs have changed."""
-        system = self.structure, self.law, self.motions, self.acting
 
         def step(given: Given) -> dict[str, Any]:
-            return traced_step.step(*system, tableau, {**given, **traced_step.evaluation(*system, given)})
+            return traced_step.step(self.model, tableau, {**given, **traced_step.evaluation(self.model, given)})
 
         return traced(self.externals, step)
 

@@ -242,12 +242,7 @@ class Rollout:
         return self.advance(systems, steps, least, limit, threads)
 
     def advance(
-        self,
-        systems: RolloutSystems,
-        steps: int,
-        least: StopMargins,
-        limit: float | None = None,
-        threads: int = 1,
+        self, systems: RolloutSystems, steps: int, least: StopMargins, limit: float | None = None, threads: int = 1
     ) -> RolloutSystems:
         """Take steps in place, with the step lengths and the arguments stored in the systems; see `step`."""
         going = systems.running

@@ -90,6 +90,22 @@ class Evaluation(NamedTuple):
         return increment_rate(self.state, found.qdd, accelerations, self.power, turns)
 
 
+class StepModel(NamedTuple):
+    """The chain whose steps are traced, with its law and its surroundings.
+
+    Attributes:
+        structure: the structure of the chain.
+        law: the control law.
+        motions: motions of the moving bases.
+        acting: wrenches that are part of the machine code, in addition to those of a call.
+    """
+
+    structure: Structure
+    law: ControlLaw
+    motions: Motions
+    acting: GivenInputs | None
+
+
 class TracedSystem:
     """One system during the tracing of a step.
 
@@ -103,21 +119,14 @@ class TracedSystem:
         conditions: the conditions of all evaluations so far.
     """
 
-    def __init__(
-        self,
-        structure: Structure,
-        law: ControlLaw,
-        motions: Motions,
-        acting: GivenInputs | None,
-        given: Given,
-        environment: Environment | None = None,
-    ) -> None:
-        self.real, self.law, self.given = structure.chain, law, given
+    def __init__(self, model: StepModel, given: Given, environment: Environment | None = None) -> None:
+        structure, self.law, motions, self.acting = model
+        self.real, self.given = structure.chain, given
         if environment is None:
             chain = traced_chain(structure, given)
             moving = {name: checked_motion(name, motion) for name, motion in motions.items()}
             environment = Environment(chain, moving, traced_inputs(chain, given))
-        self.environment, self.acting = environment, acting
+        self.environment = environment
         self.route: Route = structure.options.route
         self.friction = joint_friction(structure.chain)
         self.worst = np.zeros(2)
@@ -212,13 +221,11 @@ class TracedSystem:
         return end, [largest_gaps(chain, one, inputs) for one in (at, end)]
 
 
-def step(
-    structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, tableau: Tableau, given: Given
-) -> dict[str, Any]:
+def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return the carried arrays of a system after `take_step`; a system that stops keeps its last state."""
-    system = TracedSystem(structure, law, motions, acting, given)
+    system = TracedSystem(model, given)
     times = [system.time(c) for c in (*tableau.c.tolist(), 1.0)]
-    passive = passive_joints(structure.chain) if tableau.implicit else None
+    passive = passive_joints(system.real) if tableau.implicit else None
     generator = take_step(system.state, system.last("slope"), given["step"][()], times, tableau, passive)
     now, (drift, gaps), work, _ = run_step(generator, system.handle)
     end, found = now.state, now.found
@@ -301,11 +308,9 @@ def carried(
     return {f"last.{name}": x for name, x in found.items()}
 
 
-def evaluation(
-    structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, given: Given
-) -> dict[str, Array]:
+def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
     """Return the slope at the current state with new inputs; the law is evaluated again with its previous memory."""
-    system = TracedSystem(structure, law, motions, acting, given)
+    system = TracedSystem(model, given)
     now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
     on = system.last("code")[()] < 0.5
     return {

@@ -17,9 +17,7 @@ import numpy as np
 
 from holdfast.compiled.externals import state_fields
 from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_status
-from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed
-from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
@@ -32,11 +30,10 @@ from holdfast.dynamics.varied_case import VariedCase
 from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import limited_margins
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.environment import Environment, GivenInputs
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import OF_WORK, no_turns
 from holdfast.simulation.linearly_implicit import Implicit, passive_joints
-from holdfast.simulation.rollout.traced_step import Evaluation, TracedSystem
-from holdfast.simulation.rollout.user_functions import Motions
+from holdfast.simulation.rollout.traced_step import Evaluation, StepModel, TracedSystem
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, run_step, take_step
 from holdfast.spatial.differentiation import bare, by_rule, is_recorded, linearised
@@ -64,7 +61,7 @@ class VariedSystem(TracedSystem):
     """
 
     def __init__(self, of: VariedStep, given: Given, varied: Mapping[str, Array], taker: Loops | None) -> None:
-        super().__init__(of.structure, of.law, of.motions, of.acting, given, of.environment)
+        super().__init__(of.model, given, of.environment)
         own = {name: x for name, x in varied.items() if name.startswith(CONTROL)}
         for name in state_fields(self.real):
             if name in varied:
@@ -228,19 +225,13 @@ class VariedStep(NamedTuple):
     """A step of one chain with one control law, to be linearised.
 
     Attributes:
-        structure: the structure of the chain.
-        law: the control law.
-        motions: motions of the moving bases.
-        acting: wrenches in addition to those passed to the step.
+        model: the chain with its law and its surroundings.
         tableau: the scheme.
         environment: the chain with its parameters and inputs, if they are not traced.
         many: on floats, whether the linearisation will be used for many products.
     """
 
-    structure: Structure
-    law: ControlLaw
-    motions: Motions
-    acting: GivenInputs | None
+    model: StepModel
     tableau: Tableau
     environment: Environment | None = None
     many: bool = False
@@ -267,7 +258,7 @@ class VariedStep(NamedTuple):
         now = system.evaluate(system.time(0.0), start, system.last("before"), choose=False)
         system.memory = now.memory
         times = [system.time(c) for c in (*self.tableau.c.tolist(), 1.0)]
-        passive = passive_joints(self.structure.chain) if self.tableau.implicit else None
+        passive = passive_joints(system.real) if self.tableau.implicit else None
         generator = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
         end, _, work, _ = run_step(generator, system.handle)
         found = state_arrays(system.real, end) | {"before": now.memory} | ({WORK: work} if WORK in of else {})
@@ -282,7 +273,7 @@ class VariedStep(NamedTuple):
         return found | {name: own[name] if name in own else getattr(whole, RESULTS.get(name, name)) for name in of}
 
     def _linear(self, given: Given, by: Sequence[str], text: Callable[[VariedSystem], dict[str, Array]]) -> LinearStep:
-        taker, shapes, found = loops.get(), gradient_shapes(self.structure.chain), dict[str, Array]()
+        taker, shapes, found = loops.get(), gradient_shapes(self.model.structure.chain), dict[str, Array]()
         of_state = ("q", "qd", "object_twist", "floating_twist", "before")
         own = {name: f"last.{name}" for name in of_state} | {"step": "step"}
         own |= {name: name for name in by if name.startswith(CONTROL)}
