@@ -80,10 +80,8 @@ class PoseSpline(Frozen):
         Raises:
             ModelError: a limit is not > 0, successive poses are equal, or there is no path through the poses.
         """
-        limits = np.array(
-            [checks.number(turn_rate, "path: turn_rate", above=0.0)] * 3
-            + [checks.number(speed, "path: speed", above=0.0)] * 3
-        )
+        turning = checks.number(turn_rate, "path: turn_rate", above=0.0)
+        limits = np.repeat([turning, checks.number(speed, "path: speed", above=0.0)], 3)
         begin, given = checks.number(begin, "path: begin"), _poses(poses)
         spans = [np.linalg.norm((_step(a, b) / limits).reshape(2, 3), axis=1).max() for a, b in pairwise(given)]
         if (still := np.flatnonzero(_still(given))).size:

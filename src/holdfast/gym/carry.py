@@ -271,11 +271,8 @@ class CarryTask(Frozen, Task):
         for over in (force > self.crushing_internal, distance > self.lost, angle > self.lost_angle):
             failed = where(over, 1.0, failed)
         rate = self.path_reward * terms.nearness(e, self.tolerance_angle, self.tolerance)
-        rate = (
-            rate
-            - self.internal_cost * terms.excess(force, self.largest_internal)
-            - self.effort_cost * terms.effort(given["action"])
-        )
+        rate = rate - self.internal_cost * terms.excess(force, self.largest_internal)
+        rate = rate - self.effort_cost * terms.effort(given["action"])
         there = where(angle <= self.tolerance_angle, where(distance <= self.tolerance, 1.0, 0.0), 0.0)
         return {
             "observation": terms.bounded(parts, self.observed),

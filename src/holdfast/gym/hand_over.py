@@ -317,12 +317,8 @@ class HandOverTask(Frozen, Task):
         }
         turned, far = terms.size(gap[:3]), terms.size(gap[3:])
         spinning, speed = terms.size(slip[:3]), terms.size(slip[3:])
-        near = _all(
-            turned <= self.capture_angle,
-            far <= self.capture,
-            speed <= self.capture_speed,
-            spinning <= self.capture_rate,
-        )
+        close = turned <= self.capture_angle, far <= self.capture
+        near = _all(*close, speed <= self.capture_speed, spinning <= self.capture_rate)
         angle, distance = terms.size(e[:3]), terms.size(e[3:])
         resting = terms.size(state.object_twist[3:]) <= self.still
         there = _all(angle <= self.tolerance_angle, distance <= self.tolerance, resting)

@@ -71,15 +71,9 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
     inputs += ["keep_rows"] if options.held else []
     inputs += ["added_armature", "added_torque"] if options.implicit else []
-    parameters = [
-        *PARAMETERS,
-        *(link_parameters(chain) if options.link_inertia else ()),
-        *(BASE_MOTION if options.base_motion else ()),
-        "grasp_R",
-        "grasp_p",
-        CONTACTS,
-        "limits",
-    ]
+    parameters = [*PARAMETERS, *(link_parameters(chain) if options.link_inertia else ())]
+    parameters += BASE_MOTION if options.base_motion else ()
+    parameters += ["grasp_R", "grasp_p", CONTACTS, "limits"]
     states = carried_shapes(chain, law, options.held)
     carried = {f"last.{name}": External(shape, "carried") for name, shape in states.items()}
     return externals(inputs, parameters, (), shapes(chain) | own | of_law) | carried
@@ -132,8 +126,7 @@ class StepKernel:
         self.externals = externals
         own = parameters_of(chain, generic_rank) | {"limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
-        none = np.array(-np.inf)
-        self.defaults: Systems = {"least_margin": none, "least_joint_margin": none}
+        self.defaults: Systems = dict.fromkeys(("least_margin", "least_joint_margin"), np.array(-np.inf))
         self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
         self._layout = {name: (row, e.size, len(e.shape)) for row, (name, e) in enumerate(externals.items())}
         self._required = self._layout.keys() - self.parameters.keys() - self.defaults.keys()

@@ -43,19 +43,8 @@ from holdfast.state import Inputs, State
 # Status codes of the machine code. The machine code itself does not return TOO_LONG, which is determined afterwards.
 RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
 
-STEP_RESULTS = (
-    "slope",
-    "qdd",
-    "object_acceleration",
-    "grasp_wrench",
-    "base_wrench",
-    "contact_acceleration",
-    "drive",
-    "memory",
-    "rank",
-    "condition",
-    "margin",
-)
+OF_SOLUTION = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench", "contact_acceleration")
+STEP_RESULTS = ("slope", *OF_SOLUTION, "drive", "memory", "rank", "condition", "margin")
 OF_TRUNK = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}  # in solutions
 
 
@@ -230,22 +219,13 @@ def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     now, (drift, gaps), work, _ = run_step(generator, system.handle)
     end, found = now.state, now.found
     whole = found.whole
-    kept = (
-        {name: getattr(end, field) for name, field in state_fields(system.real).items()}
-        | {name: x for name, field in OF_TRUNK.items() if (x := getattr(whole, field)) is not None}
-        | {
-            "slope": now.slope(no_turns(end)),
-            **{name: getattr(whole, name) for name in STEP_RESULTS if hasattr(whole, name)},
-            "drive": now.drive,
-            "memory": now.memory,
-            "rank": array(found.rank),
-            "condition": array(found.condition),
-            "margin": margins_of_grasps(
-                system.real, given[CONTACTS], end.object_frame.R, given["grasp_R"], whole.grasp_wrench
-            ),
-        }
-        | ({} if found.held is None else {"held_rows": found.held})
-    )
+    kept = {name: getattr(end, field) for name, field in state_fields(system.real).items()}
+    kept |= {name: x for name, field in OF_TRUNK.items() if (x := getattr(whole, field)) is not None}
+    kept |= {"slope": now.slope(no_turns(end))} | {name: getattr(whole, name) for name in OF_SOLUTION}
+    kept |= {"drive": now.drive, "memory": now.memory, "rank": array(found.rank), "condition": array(found.condition)}
+    R, contacts = end.object_frame.R, given[CONTACTS]
+    kept["margin"] = margins_of_grasps(system.real, contacts, R, given["grasp_R"], whole.grasp_wrench)
+    kept |= {} if found.held is None else {"held_rows": found.held}
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, drift, gaps, passed)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
