@@ -171,16 +171,11 @@ def _grasp_data(name: str, grasp: Grasp, arrays: dict[str, Array]) -> dict[str, 
     arrays |= {f"grasps.{name}.R": grasp.frame.R, f"grasps.{name}.p": grasp.frame.p}
     own = {part: getattr(grasp, part) for part in _OF_GRASP}
     arrays |= {f"grasps.{name}.{part}": x for part, x in own.items() if x is not None}
-    parts = {
-        part: None if of is None else {f.name: getattr(of, f.name) for f in fields(of)}
-        for part, of in (("contact", grasp.contact), ("wrench_limits", grasp.wrench_limits))
-    }
-    return {
-        "arm": name,
-        "kind": grasp.kind,
-        "pitch": grasp.pitch,
-        **{part: packed(parts[part], f"grasps.{name}.{part}", arrays) for part in parts},
-    }
+    data = {"arm": name, "kind": grasp.kind, "pitch": grasp.pitch}
+    for part, of in (("contact", grasp.contact), ("wrench_limits", grasp.wrench_limits)):
+        found = None if of is None else {f.name: getattr(of, f.name) for f in fields(of)}
+        data[part] = packed(found, f"grasps.{name}.{part}", arrays)
+    return data
 
 
 def _grasp(given: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[str, Grasp]:

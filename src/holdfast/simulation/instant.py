@@ -58,7 +58,7 @@ class Instant:
     @property
     def velocities(self) -> Array:
         """(n + 6,) joint rates and the object's twist; a floating base adds six entries."""
-        return velocities(self.state)
+        return np.concatenate([self.state.qd, *twists(self.state)])
 
     @property
     def accelerations(self) -> Array:
@@ -72,9 +72,7 @@ class Instant:
         Args:
             turns: (3,) rotation vector u of each free body relative to the step's start [rad].
         """
-        found = self.result
-        accelerations = (found.object_acceleration, found.base_acceleration)
-        return increment_rate(self.state, found.qdd, accelerations, self.power, turns)
+        return increment_rate(self.state, self.result, self.power, turns)
 
 
 class LateInstant(Instant):
@@ -107,11 +105,6 @@ def late_instant(t: float, joints: tuple[Array, Array, Array], whole: Callable[[
     made = object.__new__(LateInstant)
     vars(made).update({"t": t, "_joints": joints, "_whole": whole})
     return made
-
-
-def velocities(state: State) -> Array:
-    """Return the joint rates, the object's twist and the twist of a floating base, (n + 6,) or (n + 12,)."""
-    return np.concatenate([state.qd, *twists(state)])
 
 
 def evaluate(

@@ -172,8 +172,8 @@ def simulate(
         _appending(folder, overwrite, setting, ends.times) as on_disk,
     ):
         at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
-        of_samples = [*([] if on_disk is None else [on_disk.add]), *([] if on_sample is None else [on_sample])]
-        listeners = Listeners(tell, of_samples, on_checkpoint)
+        add = None if on_disk is None else on_disk.add
+        listeners = Listeners(tell, [one for one in (add, on_sample) if one is not None], on_checkpoint)
         run = recorded_run(at, recorder, start is not None, listeners)
         moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
         run = replace(run, setting=replace(setting, base_motion=moved))

@@ -201,7 +201,8 @@ def whole_steps(duration: float, step: float) -> int:
 def stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:
     """Return the margins below which systems stop, by status code."""
     checks.flag(stop_at_limits, "stop_at_limits", StateError)
-    return {SLIPPED: number("least_margin", least_margin, infinite=True), LIMITED: 0.0 if stop_at_limits else -np.inf}
+    least, of_joints = number("least_margin", least_margin, infinite=True), 0.0 if stop_at_limits else -np.inf
+    return {SLIPPED: least, LIMITED: of_joints}
 
 
 def drift_limit(largest_drift: float | None) -> float | None:

@@ -256,12 +256,8 @@ class Rollout:
         if stopped.any():
             stopped &= np.isin(systems.arrays["code"], (SLIPPED, LIMITED, SINGULAR))
         if stopped.any():
-            wrong = contradicted(
-                systems.copy(stopped),
-                systems.freed(stopped),
-                least,
-                lambda some, h: self.advance_unconfirmed(some, h, 1, NO_STOPS),
-            )
+            take = partial(self.advance_unconfirmed, steps=1, least=NO_STOPS)
+            wrong = contradicted(systems.copy(stopped), systems.freed(stopped), least, take)
             systems.arrays["code"][np.flatnonzero(stopped)[wrong]] = TOO_LONG
         return systems
 

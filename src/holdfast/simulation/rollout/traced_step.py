@@ -74,9 +74,7 @@ class Evaluation(NamedTuple):
 
     def slope(self, turns: list[Array]) -> Array:
         """Return the time derivative of an `increment`, for rotation vectors `turns` since the step's start."""
-        found = self.found.whole
-        accelerations = (found.object_acceleration, found.base_acceleration)
-        return increment_rate(self.state, found.qdd, accelerations, self.power, turns)
+        return increment_rate(self.state, self.found.whole, self.power, turns)
 
 
 class StepModel(NamedTuple):

@@ -89,7 +89,7 @@ class VariedSystem(TracedSystem):
             chain, inputs = without_springs(chain), self._with_springs(chain, state, inputs)
         pushed = self._pushed(inputs)
         acting = replace(inputs, **{FIELDS[name]: bare(x) for name, x in pushed.items()})
-        with self._loops():
+        with loops_by(self.taker):
             rank = self.given["generic_rank"]
             found = solve_with_status(chain, framed(plain(state)), bare(tau), acting, rank, self.route, held, choose)
             at = point(found.motion, found.found, self.route)
@@ -155,7 +155,7 @@ class VariedSystem(TracedSystem):
     def _change(self, t: Scalar, state: State, project: Callable[..., Point], by: Sequence[str]) -> Change:
         here = framed(plain(state))
         chain, inputs = self.environment.at(t, here)
-        with self._loops():
+        with loops_by(self.taker):
             at = project(chain, here, inputs, self.held, self.route)
         found = change_of(at)
         results = {"qdd": found.qd, "object_acceleration": found.object}
@@ -164,13 +164,15 @@ class VariedSystem(TracedSystem):
         made = ruled(at, results, {name: x for name, x in arguments.items() if name in by}, self.many)
         return Change(made["qdd"], made["object_acceleration"], made.get("floating_acceleration"))
 
-    @contextmanager
-    def _loops(self) -> Iterator[None]:
-        token = loops.set(self.taker)
-        try:
-            yield
-        finally:
-            loops.reset(token)
+
+@contextmanager
+def loops_by(taker: Loops | None) -> Iterator[None]:
+    """Within this context, `taker` runs the loops over arms, grasps and links; None stands for Python."""
+    token = loops.set(taker)
+    try:
+        yield
+    finally:
+        loops.reset(token)
 
 
 def ruled(
@@ -283,9 +285,6 @@ class VariedStep(NamedTuple):
             found.update(text(VariedSystem(self, given, dict(zip(by, x, strict=True)), taker)))
             return list(found.values())
 
-        token = loops.set(None)
-        try:
+        with loops_by(None):
             made = linearised(outputs, *at)
-        finally:
-            loops.reset(token)
         return LinearStep(made, tuple(by), {name: bare(x) for name, x in found.items()})
