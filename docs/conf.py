@@ -47,7 +47,17 @@ autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
 autodoc_type_aliases = {
     name: name
-    for name in ("Array", "Scalar", "Controller", "FreeDynamics", "BaseMotion", "Torque", "MakeStepper", "GraspKind")
+    for name in (
+        "Array",
+        "Scalar",
+        "Controller",
+        "FreeDynamics",
+        "BaseMotion",
+        "Torque",
+        "MakeStepper",
+        "GraspKind",
+        "Motions",
+    )
 } | {"ArrayLike": "ArrayLike"}
 python_use_unqualified_type_names = True
 maximum_signature_line_length = 100

@@ -4,12 +4,13 @@ import re
 from collections.abc import Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass
 from textwrap import dedent, indent
-from typing import Any
+from typing import Any, get_type_hints
 
 from sphinx.domains.python import PyObject
 from sphinx.util.inspect import TypeAliasForwardRef
 
 SECTION = re.compile(r"(Args|Attributes|Raises|Reference|References|Returns|Yields|Example|Note):$")
+SEVERAL = re.compile(r"^    (\w+(?:, \w+)+): (.*\n(?:        .*\n)*)", re.MULTILINE)  # attributes described together
 CODE = re.compile(r"`([^`]+)`")
 # characters that markup would take: backslash, bars, stars that begin no list, underscores that end a word
 MARKUP = re.compile(r"\\|\||(?<!^)\*|\*(?! )|(?<=\w)_(?!\w)", re.MULTILINE)
@@ -29,33 +30,74 @@ def setup(app: Any) -> dict[str, Any]:
 
 def translate(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Translate a docstring in place."""
-    lines[:] = "\n".join(translated(part) for part in parts(lines)).split("\n")
+    if what == "class":
+        lines[:] = one_attribute_each(lines, obj)
+    lines[:] = "\n".join(translated(*part) for part in parts(lines)).split("\n")
+    if what == "property":
+        lines[:0] = ["..", ""]  # for napoleon, what stands before a colon in the first line would be the type
 
 
-def parts(lines: list[str]) -> Iterator[tuple[str, bool]]:
-    """Yield stretches of lines and whether each is displayed as it stands: a table, or indented and in no section."""
+def one_attribute_each(lines: list[str], obj: Any) -> list[str]:
+    """Return the lines with an entry for every attribute where one describes several, with what its type says of it."""
+
+    def entries(found: re.Match[str]) -> str:
+        return "".join(
+            [f"    {name}: {found[2].rstrip().rstrip('.')}{said_of(obj, name)}.\n" for name in found[1].split(", ")]
+        )
+
+    return SEVERAL.sub(entries, "\n".join(lines) + "\n").split("\n")
+
+
+def said_of(obj: Any, name: str) -> str:
+    """Return the note with which a field of a data class is annotated, after a colon; '' without one."""
+    hints = get_type_hints(obj, include_extras=True) if is_dataclass(obj) else {}
+    notes = getattr(hints.get(name), "__metadata__", ())
+    return f": {notes[0]}" if notes else ""
+
+
+def parts(lines: list[str]) -> Iterator[tuple[str, str]]:
+    """Yield stretches of lines and what each is: "table", "code" (indented and in no section), or "text"."""
     text: list[str] = []
-    shown, in_section = False, False
+    kind, in_section = "text", False
     for line in lines:
         indented = line.startswith("    ")
         if line and not indented:
             in_section = SECTION.match(line) is not None
-        now = line.startswith("| ") or (indented and not in_section) if line else shown
-        if now != shown and text:
-            yield "\n".join(text), shown
+        now = kind
+        if line:
+            now = "table" if line.startswith("|") else "code" if indented and not in_section else "text"
+        if now != kind and text:
+            yield "\n".join(text), kind
             text = []
-        shown = now
+        kind = now
         text.append(line)
-    yield "\n".join(text), shown
+    yield "\n".join(text), kind
 
 
-def translated(part: tuple[str, bool]) -> str:
+def translated(text: str, kind: str) -> str:
     """Return one stretch as reStructuredText."""
-    text, shown = part
-    if shown:
+    if kind == "table":
+        return table(text)
+    if kind == "code":
         return f"::\n\n{indent(dedent(text), '    ')}\n"
     pieces = CODE.split(text)  # text, code, text, ...
     return "".join(f"``{x}``" if i % 2 else MARKUP.sub(r"\\\g<0>", x) for i, x in enumerate(pieces))
+
+
+def table(text: str) -> str:
+    """Return a table; a row whose first cell is empty goes on with the row above it."""
+    rows: list[list[str]] = []
+    header = False
+    for line in text.split("\n"):
+        cells = [cell.strip() for cell in line.strip().removeprefix("|").removesuffix("|").split("|")]
+        if line.startswith("|--"):
+            header = True
+        elif cells[0]:
+            rows.append(cells)
+        elif line:
+            rows[-1] = [f"{above} {cell}".strip() for above, cell in zip(rows[-1], cells, strict=True)]
+    written = ["   * - " + "\n     - ".join(translated(cell, "text") for cell in row) for row in rows]
+    return "\n".join([".. list-table::", "   :header-rows: 1" if header else "", "", *written, ""])
 
 
 def plain_signature(app: Any, what: str, name: str, obj: Any, options: Any, given: str | None, returned: Any) -> Any:

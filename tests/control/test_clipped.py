@@ -23,6 +23,7 @@ def lift(t, state, memory):
     return ASKED * (1.0 + 20.0 * t), memory
 
 
+@pytest.mark.slow
 def test_as_if_asked_for_less():
     """A run under clipped torques is one under the torques that the drives give; the margin says where."""
     chain, state = limited()

@@ -49,6 +49,7 @@ def test_a_path_as_it_is():
             ObjectTracking(chain, wrong)  # pyright: ignore[reportArgumentType]
 
 
+@pytest.mark.slow
 def test_tracking_converges_critically_damped():
     """From 2 cm and 0.1 rad off, the error is e_0 (1 + w t) exp(-w t) with w = 10 rad/s."""
     chain, state = two_pandas()
@@ -77,6 +78,7 @@ def test_path_is_followed_from_its_start():
         assert np.linalg.norm(internal[:, 3:], axis=1) == pytest.approx([15, 15], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_null_motion_is_damped():
     """Elbows that swing without moving the object come to rest at the joint damping's rate."""
     chain, state = two_pandas()

@@ -36,6 +36,8 @@ def test_site(tmp_path):
         text = page.read_text(encoding="utf-8")
         assert not LOADED.findall(text), page.name
         assert "<title>" in text
+        misread = re.findall(r"\|---|Type<span class=\"colon\">|</strong> \(<em>", text)
+        assert not misread, (page.name, "a table as text, or words of a docstring taken for a type")
     notebook = (tmp_path / "first_run.html").read_text(encoding="utf-8")
     assert notebook.count("<iframe") == 1 and notebook.count("data:image/png") == 4, (
         "the page and the pictures it shows"

@@ -73,6 +73,7 @@ def test_hand_over(mode):
     assert {truncated for _, truncated in fates} == {True, False}
 
 
+@pytest.mark.slow
 def test_threads():
     """No bit depends on how many threads share the environments."""
     ended, _ = walk_together(CARRY, short_carry(), AutoresetMode.SAME_STEP, 17, 20, threads=3)

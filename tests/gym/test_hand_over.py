@@ -45,6 +45,7 @@ def scaled(body: hf.HeldObject, factor: float) -> hf.HeldObject:
     return hf.HeldObject(factor * body.mass, factor * body.inertia, body.com)
 
 
+@pytest.mark.slow
 def test_grip_and_release():
     """A grip closes both grasps where the tip is, by an impulse that takes energy; a release changes no velocity."""
     task = careless_hand_over()

@@ -135,6 +135,7 @@ def test_several_recordings(model, short):
     assert np.abs(found.values - whole.values).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_offsets_of_sensors(model, swung):
     """What two sensors show too much together is told; which of two that hold one body rigidly shows it is not."""
     offsets = np.array([[0.1, -0.2, 0.3, 1.0, 2.0, -3.0], [0.0, 0.1, 0.0, 0.5, 0.0, 1.0]])
@@ -212,6 +213,7 @@ def test_given_noise(model, short):
     assert "times the given noise" in hf.identify(model, shown, noise=known / 5).notes[0]
 
 
+@pytest.mark.slow
 def test_correlated_noise(model, swung):
     """Noise that lasts for several samples is seen, and widens the deviations."""
     rng, w = np.random.default_rng(2), swung.wrist_wrench

@@ -192,6 +192,7 @@ def test_forward_mode():
         assert np.abs(x - y).max() <= 1e-9 * np.abs(x).max()
 
 
+@pytest.mark.slow
 def test_scan(problem):
     """The gradient of a rollout in a scan is that of finite differences."""
     fast, values = problem

@@ -124,6 +124,7 @@ def test_read_by_text_and_by_path(tmp_path):
                 read(given, **options)
 
 
+@pytest.mark.slow
 def test_written_by_text(tmp_path):
     """A path as text serves, as path objects do everywhere else; what is no path is refused, and nothing is written."""
     for write, (arguments, name) in writers(tmp_path).items():

@@ -47,6 +47,7 @@ def test_two_pandas():
     short(many, 2)
 
 
+@pytest.mark.slow
 def test_results_of_functions():
     """Matrices are given by their sizes, runs and reports by what matters most."""
     chain, state = two_pandas()

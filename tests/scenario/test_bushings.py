@@ -109,6 +109,7 @@ def test_a_run(tmp_path, monkeypatch, capsys):
     assert lines[0, 0] == pytest.approx(playback.tip[-1, 1]) and lines[-1, 1] == pytest.approx(contact.p)
 
 
+@pytest.mark.slow
 def test_goes_on_to_the_same_bits(tmp_path):
     """A checkpoint keeps stiffness and damping: the rest of the run is what it was."""
     (tmp_path / "scene.toml").write_text(soft(FULL))

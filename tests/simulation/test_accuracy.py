@@ -43,6 +43,7 @@ def test_thirty_digits():
     assert differences(books.last.state, state).max() > 0.05
 
 
+@pytest.mark.slow
 def test_sundials():
     """Two Pandas falling for 0.05 s agree to 1e-7 with IDA on the dense equations of motion."""
     chain, state = PROBLEMS["pandas"]()

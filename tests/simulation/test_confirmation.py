@@ -126,6 +126,7 @@ def damped_pandas(damping: float) -> tuple[ClosedChain, State, TorqueSchedule]:
     return chain, state, TorqueSchedule.linear([0.0, 0.1], [hold, push])
 
 
+@pytest.mark.slow
 def test_damped_pandas():
     """20 N m s/rad: at 1 ms explicit steps would slip; the wrist is named, and implicit ones are right."""
     chain, state, torques = damped_pandas(20.0)

@@ -300,6 +300,7 @@ def test_show(run, monkeypatch):
     assert shown._repr_html_().startswith('<iframe title="lift" srcdoc="&lt;!')
 
 
+@pytest.mark.slow
 def test_in_a_notebook(run, monkeypatch):
     """A run shows its summary and a figure, figures show themselves; without matplotlib the summary is left."""
     pytest.importorskip("matplotlib", reason="needs matplotlib: pip install 'holdfast[plot]'")

@@ -313,6 +313,7 @@ def test_kept_with_the_run(tmp_path):
     assert "sample_time" not in simulate(chain, state, Swinging(), 2e-3, 1e-3).setting.options
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [{"scheme": "rk4"}, pytest.param({"scheme": "dop853", "rtol": 1e-9}, marks=pytest.mark.long)],

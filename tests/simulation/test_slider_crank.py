@@ -76,6 +76,7 @@ def test_accelerations_and_forces(mechanism, angle):
     assert np.linalg.norm(found["slider"].grasp_wrench[:3]) > 1e-3
 
 
+@pytest.mark.slow
 def test_a_second_of_motion(mechanism):
     """All positions and velocities agree to 1e-9 at every twentieth of it, over more than a turn of the crank."""
     chain, times = mechanism.chain(), np.arange(21) / 20

@@ -122,6 +122,7 @@ def test_implicit_from_the_start(name, used):
         assert run.qd[-1, 2] == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_implicit_when_asked_for():
     """The scheme itself may be named; second order in time."""
     chain, state = squeezed(BALLS, damping=DAMPING / 100)

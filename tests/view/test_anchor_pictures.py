@@ -52,6 +52,7 @@ def test_sizes():
     assert chain_length(replace(pendulum().chain, held_object=box)) == pytest.approx(0.3, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_on_a_trunk():
     """On a trunk it has no foot, and is inside the body that carries it."""
     _, p = by_anchor(0)

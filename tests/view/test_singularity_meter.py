@@ -78,6 +78,7 @@ def test_a_parallelogram_that_flattens():
     assert set(near) == {0}  # the grasps, not an arm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("displacement", [[0.0, 0.1, 0.2], pytest.param([0.0, 0.0, -0.15], marks=pytest.mark.long)])
 def test_an_ordinary_run_is_green(displacement):
     """Two Pandas lift a box, as in the demo."""

@@ -10,7 +10,6 @@ computed between loops belongs to the glue, which is cut into phases as well. Lo
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from itertools import repeat
 from typing import Any
 
 from holdfast.compiler.graph import Graph
@@ -93,7 +92,7 @@ class Composition:
         group.region = done.after
         self._give(group, done.ports, [leaves for leaves, _ in flat])
         for i, j in enumerate(order):
-            found[j] = self._values.replaced(done.value, repeat(group.images[i]))
+            found[j] = self._values.images(done.value, group.images[i].of)
 
     def scan(self, f: Callable[..., Any], carry: Any, items: list[tuple[Any, ...]]) -> tuple[Any, list[Any]]:
         """Trace a `scan` loop and return the last carry and the value of every item, made of images."""
@@ -122,9 +121,7 @@ class Composition:
         group, i = order[-1]
         images = group.images[i]
         last = with_numbers(traversals[-1].carry, lambda x: images[x] if isinstance(x, Node) else x)
-        found = [
-            self._values.replaced(t.value, repeat(g.images[i])) for (g, i), t in zip(order, traversals, strict=True)
-        ]
+        found = [self._values.images(t.value, g.images[i].of) for (g, i), t in zip(order, traversals, strict=True)]
         return last, found
 
     def _traversals(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from holdfast.compiler.composition import Composition
@@ -55,7 +55,6 @@ class Derivation:
         self.needed = Needed(traced)
         self._arrays: dict[object, str] = {}
         self.stages = Stages(fused)
-        self._ready: list[int] = []
         self._last = {(step.group, step.phase): k for k, step in enumerate(traced.phase_calls)}
 
     # ---- inputs of the regions ----
@@ -258,7 +257,8 @@ class Derivation:
     def glued(self) -> list[int]:
         """Wire the glue; return the indices of the phase calls before which it is called."""
         outside = {name for name, external in self.externals.items() if external.role != "parameter"}
-        ready = [max(0 if put.array in outside else -1, *map(self.ready, put.numbers)) for put in self.glue_outputs]
+        known = self._ready([node for put in self.glue_outputs for node in put.numbers])
+        ready = [max(0 if put.array in outside else -1, *[known[n] for n in put.numbers]) for put in self.glue_outputs]
         when = sorted({at for at in ready if at >= 0})
         phase = {-1: 0} | {at: k + 1 for k, at in enumerate(when)}
         for put, at in zip(self.glue_outputs, ready, strict=True):
@@ -276,19 +276,22 @@ class Derivation:
                 self.glue.given.append((phase[at], tuple([images[n] for n in nodes]), Wire(array, (i,))))
         return when
 
-    def ready(self, node: Node) -> int:
-        """Return the index of the phase call before which a node of the glue is known, or -1 for parameters only."""
-        known = self._ready
-        for n in self.traced.graph.nodes[len(known) : node.serial + 1]:
+    def _ready(self, nodes: Iterable[Node]) -> dict[Node, int]:
+        """Return for what the nodes of the glue are made of the phase call before which it is known.
+
+        What depends on parameters only has -1.
+        """
+        known: dict[Node, int] = {}
+        for n in made_of(nodes):
             origin = self.traced.origins.get(n)
             if origin is not None:
                 called = self._last.get((origin.group, max(1, origin.group.phase(origin.node))))
-                known.append(len(self.traced.phase_calls) if called is None else called + 1)
+                known[n] = len(self.traced.phase_calls) if called is None else called + 1
             elif n.kind == "input":
-                known.append(-1 if n in self.traced.parameters else 0)
+                known[n] = -1 if n in self.traced.parameters else 0
             else:
-                known.append(max([known[a.serial] for a in n.args], default=-1))
-        return known[node.serial]
+                known[n] = max([known[a] for a in n.args], default=-1)
+        return known
 
     def _seen(self, used: set[Node]) -> list[tuple[TracedGroup, list[int], Leaf, int]]:
         """Return what the glue reads from the groups: group, items, region nodes, and the phase that returns them."""

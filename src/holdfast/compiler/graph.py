@@ -37,6 +37,13 @@ class Graph:
         """Return a new run-time input."""
         return self.new("input", (), 0.0)
 
+    def inputs(self, count: int) -> list[Node]:
+        """Return new run-time inputs."""
+        first = len(self.nodes)
+        new = [Node(self, serial, "input", (), 0.0) for serial in range(first, first + count)]
+        self.nodes += new
+        return new
+
     def constant(self, value: float) -> Node:
         """Return the node of a number; 0.0 and -0.0 have different nodes."""
         bits = value.hex()

@@ -74,12 +74,22 @@ class Images(dict[Node, Node]):
         super().__init__()
         self.outside, self.group, self.item = outside, group, item
 
-    def __missing__(self, node: Node) -> Node:
-        if node.is_truth:
+    def of(self, nodes: list[Node]) -> Images:
+        """Make the images of several nodes and return all images.
+
+        Raises:
+            CompileError: one of them is the truth of a comparison.
+        """
+        new = [node for node in nodes if node not in self]
+        if any(node.is_truth for node in new):
             raise CompileError("a loop returned the truth of a comparison; try where(condition, 1.0, 0.0)")
-        image = self[node] = self.outside.graph.input()
-        self.outside.origins[image] = Origin(self.group, self.item, node)
-        return image
+        images, origins = self.outside.graph.inputs(len(new)), [Origin(self.group, self.item, node) for node in new]
+        self.update(zip(new, images, strict=True))
+        self.outside.origins.update(zip(images, origins, strict=True))
+        return self
+
+    def __missing__(self, node: Node) -> Node:
+        return self.of([node])[node]
 
 
 class Origin(NamedTuple):

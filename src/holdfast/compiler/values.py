@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import types
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,21 @@ _SEQUENCES = (tuple, list)
 Leaf = tuple[Node, ...]  # the distinct nodes of one array, in order of appearance
 
 
+class Known(NamedTuple):
+    """What is known of a value that holds traced nodes: its key, and its leaves `leaves[begin:end]`."""
+
+    value: Any  # kept, so that its id is not reused
+    key: Hashable
+    leaves: list[Leaf]
+    begin: int
+    end: int
+
+
+Maker = Callable[[list[Any], bool], Any]  # makes a value again with other numbers per leaf; whether to remember it
+
+
 class Values:
-    """Splits values, and remembers the key of every object that holds no traced node.
+    """Splits values, and remembers what it has seen of them.
 
     Attributes:
         kind: the class of what counts as a traced node.
@@ -34,11 +48,11 @@ class Values:
 
     def __init__(self, kind: type = Node) -> None:
         self.kind = kind
-        # The first, third and fourth dict are keyed by `id`; they hold the objects too, so that no id is reused.
+        # All but `_numbers` are keyed by `id`, and hold the objects too.
         self._static: dict[int, tuple[Any, int]] = {}  # objects without nodes, and the number of their key
         self._numbers: dict[Hashable, int] = {}
-        self._arrays: dict[int, tuple[np.ndarray, Leaf, Hashable]] = {}  # arrays with nodes, their leaf and key
-        self._seen: dict[int, Any] = {}  # values for which `replaced` has been called
+        self._known: dict[int, Known] = {}  # arrays, tuples and dataclasses with nodes
+        self._makers: dict[int, tuple[Any, list[Leaf], Maker, list[Node]]] = {}
         self._open: set[int] = set()  # functions being visited, which may close over themselves
 
     def leaves(self, value: Any) -> tuple[list[Leaf], Hashable]:
@@ -56,12 +70,18 @@ class Values:
             return ("number", float(value).hex())
         if isinstance(value, Constant):
             return ("number", value.value.hex())
-        known = self._static.get(id(value))
+        static = self._static.get(id(value))
+        if static is not None:
+            return static[1]
+        known = self._known.get(id(value))
         if known is not None:
-            return known[1]
+            found += known.leaves[known.begin : known.end]
+            return known.key
         before = len(found)
         key = self._made_of(value, found)
         if len(found) > before:
+            if _lasting(value):
+                self._known[id(value)] = Known(value, key, found, before, len(found))
             return key
         number = self._numbers.setdefault(key, len(self._numbers))
         self._static[id(value)] = (value, number)
@@ -70,80 +90,114 @@ class Values:
     def _made_of(self, value: Any, found: list[Leaf]) -> Hashable:
         if isinstance(value, np.ndarray):
             return self._array(value, found)
-        if isinstance(value, _SEQUENCES):
-            return (type(value), *[self._key(x, found) for x in value])
-        if isinstance(value, dict):
-            return (dict, *[(name, self._key(x, found)) for name, x in value.items()])
         if isinstance(value, types.FunctionType):
             return self._function(value, found)
         if isinstance(value, types.MethodType):
             return ("method", value.__func__, self._key(value.__self__, found))
-        names = _fields(type(value))
-        if names is not None:
-            return (type(value), *[self._key(getattr(value, name), found) for name in names])
-        return ("object", id(value))
+        parts = _parts(value)
+        if parts is None:
+            return ("object", id(value))
+        kind = (dict, *value) if isinstance(value, dict) else (type(value),)
+        return (*kind, *[self._key(x, found) for x in parts])
 
     def _array(self, value: np.ndarray, found: list[Leaf]) -> Hashable:
         if value.dtype != object:
             return (value.shape, value.dtype.str, value.tobytes())
-        known = self._arrays.get(id(value))
-        if known is None:
-            known = self._arrays[id(value)] = (value, *self._leaf(value, found))
-        if known[1]:
-            found.append(known[1])
-        return known[2]
-
-    def _leaf(self, value: np.ndarray, found: list[Leaf]) -> tuple[Leaf, Hashable]:
-        """Return the distinct nodes of an array, and the key of the array."""
         entries = value.ravel().tolist()
-        if {*map(type, entries)} == {self.kind}:
-            leaf = tuple(dict.fromkeys(entries))
-            if len(leaf) == len(entries):
-                return leaf, ("distinct", value.shape)
-        places: dict[Node, int] = {}
-        pattern: list[Hashable] = [value.shape]
-        for x in entries:
-            pattern.append(places.setdefault(x, len(places)) if isinstance(x, self.kind) else self._key(x, found))
-        return tuple(places), tuple(pattern)
+        all_traced = {*map(type, entries)} == {self.kind}
+        leaf = tuple(dict.fromkeys(entries if all_traced else [x for x in entries if isinstance(x, self.kind)]))
+        if leaf:
+            found.append(leaf)
+        if len(leaf) == len(entries):
+            return ("distinct", value.shape)
+        places = {x: k for k, x in enumerate(leaf)}
+        return (value.shape, *[places[x] if isinstance(x, self.kind) else self._key(x, found) for x in entries])
 
     def _function(self, value: types.FunctionType, found: list[Leaf]) -> Hashable:
         if id(value) in self._open:
             return "itself"
         self._open.add(id(value))
-        cells = [self._key(_content(cell), found) for cell in value.__closure__ or ()]
-        defaults = [self._key(x, found) for x in (value.__defaults__, value.__kwdefaults__)]
+        parts = [self._key(x, found) for x in _closed_over(value)]
         self._open.remove(id(value))
-        return ("function", value.__code__, *cells, *defaults)
+        return ("function", value.__code__, *parts)
 
     def replaced(self, value: Any, numbers: Iterable[Mapping[Node, Any]]) -> Any:
         """Return the value with other numbers in place of its traced nodes; `numbers` has one mapping per leaf."""
-        if id(value) not in self._seen:
-            self.leaves(value)  # records in `_static` the parts without nodes, which `_again` does not copy
-            self._seen[id(value)] = value
-        return self._again(value, iter(numbers))
+        leaves, make, _ = self._maker_of(value)
+        return make([[new[x] for x in leaf] for leaf, new in zip(leaves, numbers, strict=True)], False)
 
-    def _again(self, value: Any, numbers: Iterator[Mapping[Node, Any]]) -> Any:
-        if isinstance(value, self.kind):
-            return next(numbers)[value]
+    def images(self, value: Any, made: Callable[[list[Node]], Mapping[Node, Node]]) -> Any:
+        """Return the value with distinct nodes in place of its own; their leaves and keys are known from the value's.
+
+        Args:
+            value: the value.
+            made: returns the nodes that take the place of the value's.
+        """
+        leaves, make, nodes = self._maker_of(value)
+        image = made(nodes).__getitem__
+        return make([tuple(map(image, leaf)) for leaf in leaves], True)
+
+    def _maker_of(self, value: Any) -> tuple[list[Leaf], Maker, list[Node]]:
+        """Return the leaves of a value, what makes it again, and its distinct nodes."""
+        if id(value) not in self._makers:
+            leaves, _ = self.leaves(value)  # remembers the parts without nodes, which are not made again
+            nodes = list(dict.fromkeys(itertools.chain.from_iterable(leaves)))
+            self._makers[id(value)] = value, leaves, self._maker(value, 0)[0], nodes
+        return self._makers[id(value)][1:]
+
+    def _maker(self, value: Any, begin: int) -> tuple[Maker, int]:
+        """Return what makes a value with the leaves `begin` to `end` again, and `end`."""
         if value is None or isinstance(value, _PLAIN) or id(value) in self._static or id(value) in self._open:
-            return value
-        if isinstance(value, np.ndarray):
-            new = next(numbers)
-            return array_of([new[x] if isinstance(x, self.kind) else x for x in value.ravel().tolist()], value.shape)
+            return (lambda leaves, remember: value), begin
+        if isinstance(value, self.kind):
+            return (lambda leaves, remember: leaves[begin][0]), begin + 1
         if isinstance(value, types.FunctionType):
-            return self._function_again(value, numbers)
+            self._open.add(id(value))
+            parts, end = self._makers_in(_closed_over(value), begin)
+            self._open.remove(id(value))
+            return (lambda leaves, remember: _closure(value, [make(leaves, remember) for make in parts])), end
         if isinstance(value, types.MethodType):
-            return types.MethodType(value.__func__, self._again(value.__self__, numbers))
-        return _rebuilt(value, lambda x: self._again(x, numbers))
+            bound, end = self._maker(value.__self__, begin)
+            return (lambda leaves, remember: types.MethodType(value.__func__, bound(leaves, remember))), end
+        if isinstance(value, np.ndarray):
+            make, end = _array_maker(value, self.kind, begin), begin + 1
+        else:
+            parts, end = self._makers_in(_parts(value) or (), begin)
+            make = _container_maker(value, parts)
+        if not _lasting(value):
+            return make, end
+        key = self._known[id(value)].key
 
-    def _function_again(self, value: types.FunctionType, numbers: Iterator[Mapping[Node, Any]]) -> Any:
-        self._open.add(id(value))
-        cells = tuple([types.CellType(self._again(_content(cell), numbers)) for cell in value.__closure__ or ()])
-        defaults = self._again(value.__defaults__, numbers)
-        other = types.FunctionType(value.__code__, value.__globals__, value.__name__, defaults, cells)
-        other.__kwdefaults__ = self._again(value.__kwdefaults__, numbers)
-        self._open.remove(id(value))
-        return other
+        def remembered(leaves: list[Any], remember: bool) -> Any:
+            other = make(leaves, remember)
+            if remember:
+                self._known[id(other)] = Known(other, key, leaves, begin, end)
+            return other
+
+        return remembered, end
+
+    def _makers_in(self, parts: Iterable[Any], end: int) -> tuple[list[Maker], int]:
+        """Return what makes every one of several values again, and the number of leaves up to their end."""
+        makers = []
+        for x in parts:
+            make, end = self._maker(x, end)
+            makers.append(make)
+        return makers, end
+
+
+def _array_maker(value: np.ndarray, kind: type, begin: int) -> Maker:
+    """Return what makes an array of the leaf `begin` again."""
+    entries, shape = value.ravel().tolist(), value.shape
+    places = {x: k for k, x in enumerate(dict.fromkeys([x for x in entries if isinstance(x, kind)]))}
+    if len(places) == len(entries):
+        return lambda leaves, remember: array_of(leaves[begin], shape)
+    known = [(places[x], None) if isinstance(x, kind) else (None, x) for x in entries]
+    return lambda leaves, remember: array_of([x if k is None else leaves[begin][k] for k, x in known], shape)
+
+
+def _container_maker(value: Any, parts: list[Maker]) -> Maker:
+    """Return what makes a tuple, list, dict or dataclass of parts that are made again."""
+    return lambda leaves, remember: _with_parts(value, [make(leaves, remember) for make in parts])
 
 
 def numbers_of(value: Any) -> list[Any]:
@@ -159,22 +213,36 @@ def with_numbers(value: Any, new: Callable[[Any], Any]) -> Any:
         return new(value)
     if isinstance(value, np.ndarray):
         return array_of([new(x) for x in value.flat], value.shape)
-    if isinstance(value, tuple | list | dict) or dataclasses.is_dataclass(value):
-        return _rebuilt(value, lambda x: with_numbers(x, new))
-    return value
+    parts = _parts(value)
+    return value if parts is None else _with_parts(value, [with_numbers(x, new) for x in parts])
 
 
-def _rebuilt(value: Any, again: Callable[[Any], Any]) -> Any:
-    """Return a tuple, list, dict or dataclass in which every part x is replaced by `again(x)`."""
-    if isinstance(value, tuple) and hasattr(value, "_make"):
-        return type(value)._make([again(x) for x in value])  # type: ignore[attr-defined]
+def _lasting(value: Any) -> bool:
+    """Return whether a value with traced nodes is an array, a tuple or a dataclass, which nobody changes."""
+    return not isinstance(value, list | dict | types.FunctionType | types.MethodType)
+
+
+def _parts(value: Any) -> list[Any] | None:
+    """Return the parts of a tuple, list, dict or dataclass, or None for another value."""
     if isinstance(value, _SEQUENCES):
-        return type(value)([again(x) for x in value])
+        return list(value)
     if isinstance(value, dict):
-        return {name: again(x) for name, x in value.items()}
+        return list(value.values())
+    names = _fields(type(value))
+    return None if names is None else [getattr(value, name) for name in names]
+
+
+def _with_parts(value: Any, parts: list[Any]) -> Any:
+    """Return a tuple, list, dict or dataclass like `value` with other parts."""
+    if isinstance(value, tuple) and hasattr(value, "_make"):
+        return type(value)._make(parts)  # type: ignore[attr-defined]
+    if isinstance(value, _SEQUENCES):
+        return type(value)(parts)
+    if isinstance(value, dict):
+        return dict(zip(value, parts, strict=True))
     other = object.__new__(type(value))  # skips the checks of `__init__`, which the original has passed
-    for name in _fields(type(value)) or ():
-        object.__setattr__(other, name, again(getattr(value, name)))
+    for name, x in zip(_fields(type(value)) or (), parts, strict=True):
+        object.__setattr__(other, name, x)
     return other
 
 
@@ -182,6 +250,20 @@ def _rebuilt(value: Any, again: Callable[[Any], Any]) -> Any:
 def _fields(kind: type) -> tuple[str, ...] | None:
     """Return the names of the fields of a dataclass, or None for another class."""
     return tuple([field.name for field in dataclasses.fields(kind)]) if dataclasses.is_dataclass(kind) else None
+
+
+def _closed_over(function: types.FunctionType) -> list[Any]:
+    """Return the variables that a function closes over, its defaults and its keyword defaults."""
+    return [*map(_content, function.__closure__ or ()), function.__defaults__, function.__kwdefaults__]
+
+
+def _closure(function: types.FunctionType, parts: list[Any]) -> types.FunctionType:
+    """Return a function like `function` that closes over other variables; see `_closed_over`."""
+    *variables, defaults, keywords = parts
+    cells = tuple(map(types.CellType, variables))
+    other = types.FunctionType(function.__code__, function.__globals__, function.__name__, defaults, cells)
+    other.__kwdefaults__ = keywords
+    return other
 
 
 def _content(cell: Any) -> Any:

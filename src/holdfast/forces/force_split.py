@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, array
-from holdfast.spatial.spatial_vector import rotate, shift_wrench
+from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift
 from holdfast.state import State, require_fit
 
 SMALLEST_FORCE = 1e-9  # net forces below this, relative to the sum of the grasp forces, have no load shares
@@ -79,24 +80,23 @@ class Splitter:
 
     def __init__(self, chain: ClosedChain) -> None:
         """Store the chain with its current grasps."""
-        self._chain, self._by_net, self._length = chain, None, 1.0
+        self._chain, self._motion, self._length = chain, None, 1.0
         grasps = chain.grasps.values()
         if chain.grasps and not any(grasp.of_kind.follows_tip for grasp in grasps):
             places = [_firm(ContactPlace(grasp, grasp.frame.R, grasp.frame.p)) for grasp in grasps]
             self._length = length_scale([place.offset for place in places])
-            parts = [motion_wrenches(places, unit, self._length) for unit in np.eye(6)]
-            self._by_net = np.array(parts).reshape(6, -1).T
+            by_net = [motion_wrenches(places, unit, self._length).ravel() for unit in np.eye(6)]
+            to_C = [twist_shift(place.offset) for place in places]
+            self._motion = np.array(by_net).T @ np.concatenate(to_C).T  # of the wrenches in object axes
         self._rows = [chain.names.index(name) for name in chain.grasps]
-        self._offsets = [grasp.frame.p for grasp in grasps]
 
     def __call__(self, state: State, grasp_wrench: Array) -> Split:
         """Return the parts of wrenches (arms, 6); see `split`."""
-        if self._by_net is None:
+        if self._motion is None:
             return split(self._chain, state, grasp_wrench)
-        R, motion, internal = state.object_frame.R, np.zeros_like(grasp_wrench), np.zeros_like(grasp_wrench)
-        in_object = (grasp_wrench[self._rows].reshape(-1, 3) @ R).reshape(-1, 6)
-        net = sum((shift_wrench(o, f) for o, f in zip(self._offsets, in_object, strict=True)), start=np.zeros(6))
-        motion[self._rows] = ((self._by_net @ net).reshape(-1, 3) @ R.T).reshape(-1, 6)
+        R, motion, internal = state.object_frame.R, np.zeros(grasp_wrench.shape), np.zeros(grasp_wrench.shape)
+        in_object = (grasp_wrench[self._rows].reshape(-1, 3) @ R).ravel()
+        motion[self._rows] = ((self._motion @ in_object).reshape(-1, 3) @ R.T).reshape(-1, 6)
         internal[self._rows] = grasp_wrench[self._rows] - motion[self._rows]
         return Split(motion, internal, _load_share(motion[:, 3:]), self._length)
 
@@ -134,7 +134,7 @@ def motion_wrenches(places: list[ContactPlace], net: Array, length: float) -> Ar
 def _load_share(forces: Array) -> Array | None:
     """Return s_i = F_i . F / |F|^2 of the motion forces."""
     net = forces.sum(axis=0)
-    size = float(np.abs(forces).sum())
-    if float(np.linalg.norm(net)) <= SMALLEST_FORCE * max(size, 1.0):
+    square = float(net @ net)
+    if math.sqrt(square) <= SMALLEST_FORCE * max(float(np.abs(forces).sum()), 1.0):
         return None
-    return forces @ net / (net @ net)
+    return forces @ net / square

@@ -101,12 +101,15 @@ class HandOverTask(Frozen, Task):
         joint_torque: (n,) torques at an action of 1; by default a tenth of the effort limits, or 10 without a limit.
         joint_damping: damping of all joints [N m s/rad or N s/m].
         squeeze: force of every holding arm along its contact normal, while two or more arms hold the object [N].
-        capture, capture_angle: largest distance [m] and angle [rad] of the tip from its place at which it can grasp.
-        capture_speed, capture_rate: largest speed [m/s] and angular rate [rad/s] between them at which it can.
+        capture: largest distance of the tip from its place at which it can grasp [m].
+        capture_angle: largest angle between them [rad].
+        capture_speed: largest speed of the tip relative to its place [m/s].
+        capture_rate: largest angular rate between them [rad/s].
         largest_internal: internal force above which the reward decreases [N].
         crushing_internal: internal force at which the object breaks [N].
         lost: distance from its initial position at which the object counts as lost [m].
-        tolerance, tolerance_angle: distance [m] and angle [rad] within which the object counts as at its goal.
+        tolerance: distance within which the object counts as at its goal [m].
+        tolerance_angle: angle within which it does [rad].
         still: speed below which the object counts as at rest at its goal [m/s].
         reach_reward: reward for a second at the grasp.
         goal_reward: reward for a second at the goal.

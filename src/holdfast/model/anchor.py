@@ -26,7 +26,8 @@ class Anchor(Arm):
         base: pose of the anchor in the world, or relative to the trunk's link on which it is mounted.
         name: name in messages.
         tip: pose of the tip frame relative to the base; by default the base frame.
-        joints, links: empty.
+        joints: empty.
+        links: empty.
     """
 
     joints: Sequence[Joint] = field(default=(), init=False)

@@ -96,9 +96,10 @@ class Spring(Frozen):
     every direction. With another length it exerts no force while its ends coincide, because it has no direction then.
 
     Attributes:
-        a, b: its ends: ("world", point), ("object", point), (arm, link, point) or ("trunk", link, point). The link is
+        a: one end, ("world", point), ("object", point), (arm, link, point) or ("trunk", link, point). The link is
             given by its name or its number from 0 at the base, or is "base" for a floating body. The point is in the
             frame of its body [m].
+        b: the other end, likewise.
         stiffness: k >= 0 [N/m].
         length: natural length L >= 0 [m].
         damping: c >= 0 [N s/m].

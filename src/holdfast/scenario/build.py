@@ -58,7 +58,8 @@ class Scenario:
         state: initial state with every grasp closed. The chain is at rest, unless the scene gives the object or a
             floating base an initial twist.
         controller: controller of the joint torques.
-        duration, step: duration of the simulation and its step [s].
+        duration: duration of the simulation [s].
+        step: its step [s].
         robots: the arms as built, with the files they come from, by arm name.
         options: the other arguments of `simulate`, by keyword.
         trunk: the trunk as built, with the file it comes from; None without a trunk.

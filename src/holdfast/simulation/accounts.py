@@ -18,7 +18,7 @@ from holdfast.forces.wrist import wrist_wrenches
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Instant
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import shift_wrench
+from holdfast.spatial.spatial_vector import shift_wrench, twist_shift
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs
 
@@ -82,6 +82,11 @@ class CompiledAccounts:
     def _function(self) -> CompiledFunction:
         return CompiledFunction("accounts", self.chain, Options(), ACCOUNTS)
 
+    @cached_property
+    def _at_origin(self) -> Array:
+        """The matrix (6, 6 arms) that adds the wrenches of the bases up, about the world's origin."""
+        return np.concatenate([twist_shift(arm.base.p) for arm in self.chain.arms.values()]).T
+
     def _of_state(self, *given: Array) -> dict[str, Array]:
         """Return the quantities that depend on the state only, reused if the state is that of the previous call.
 
@@ -99,10 +104,8 @@ class CompiledAccounts:
         except StateError:  # a joint has turned further than machine code accepts
             return accounts_of(at)
         mass, moment, gravity = x["mass_moment"][0], x["mass_moment"][1:], self.chain.gravity
-        rate = np.concatenate([cross(moment, gravity), mass * gravity])
+        rate = np.concatenate([cross(moment, gravity), mass * gravity]) + self._at_origin @ result.base_wrench.ravel()
         if at.inputs.object_wrench is not None:
             rate = rate + shift_wrench(state.object_pose[4:], at.inputs.object_wrench)
-        for arm, f in zip(self.chain.arms.values(), result.base_wrench, strict=True):
-            rate = rate + shift_wrench(arm.base.p, f)
         wrist = np.einsum("aji,akj->aki", x["tip_R"].reshape(-1, 3, 3), result.grasp_wrench.reshape(-1, 2, 3))
         return Accounts(float(x["kinetic"]), float(x["potential"]), x["momentum"], rate, wrist.reshape(-1, 6))

@@ -180,15 +180,15 @@ class Trajectory(Frozen, RunOutputs):
         grasp_wrench, internal_wrench, wrist_wrench, base_wrench: (samples, arms, 6).
         load_share, holding, spin: (samples, arms).
         margin, best_margin, worst_margin, lowest_margin, lowest_margin_time: (samples, arms).
-        lowest_joint_margin, lowest_joint_margin_time, lowest_joint: (samples, 3), see
+        lowest_joint_margin, lowest_joint_margin_time, lowest_joint: (samples, 3), for each of
             `margins.JOINT_QUANTITIES`.
-        position_gap, velocity_gap: (samples, 2) before and after projection.
-        kinetic, potential, impact: (samples,) [J].
+        position_gap, velocity_gap: (samples, 2).
+        kinetic, potential, impact: (samples,).
         work: (samples, 4) since the start, see `balance.WORK_TERMS` [J].
         momentum, momentum_rate, base_impulse: (samples, 6).
         condition: (samples,) of the grasp constraint.
-        base_pose, base_twist, base_acceleration: (samples, 7), (samples, 6) twice, of a trunk's floating base;
-            (samples, 0) without one.
+        base_pose: (samples, 7) wxyz_xyz of a trunk's floating base; (samples, 0) without one.
+        base_twist, base_acceleration: (samples, 6), or (samples, 0) without a floating base.
         trunk_base_wrench: (samples, 6); (samples, 0) without a trunk.
         stopped: None for a run that reached its end, otherwise the reason why it ended.
         occurrences: the log in order of time: grasps that closed or opened, limits that were passed, and so on.

@@ -82,5 +82,5 @@ def read_only(a: np.ndarray) -> np.ndarray:
     if not a.flags.writeable:
         return a
     view = a.view()
-    view.flags.writeable = False
+    view.setflags(write=False)
     return view

@@ -44,7 +44,8 @@ class Uniform(Frozen):
     """Independent uniform distributions of all entries.
 
     Attributes:
-        low, high: bounds, in the shape of the parameter, or one number for all entries.
+        low: lower bound, in the shape of the parameter, or one number for all entries.
+        high: upper bound, likewise.
     """
 
     low: Any
@@ -74,7 +75,8 @@ class Normal(Frozen):
     """Independent normal distributions of all entries.
 
     Attributes:
-        mean, deviation: mean and standard deviation, in the shape of the parameter, or one number for all entries.
+        mean: mean, in the shape of the parameter, or one number for all entries.
+        deviation: standard deviation, likewise.
     """
 
     mean: Any

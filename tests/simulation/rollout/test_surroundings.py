@@ -144,6 +144,7 @@ def test_moving_bases_travel():
     assert all(same_bits(x, there.arrays[key]) for key, x in systems.arrays.items())
 
 
+@pytest.mark.slow
 def test_scenes_bases_are_machine_code():
     """The swaying bases of scenes are part of a step; it is the reference's."""
     chain, state = problem("legs")
@@ -319,6 +320,7 @@ def test_a_step_too_long_shows_no_limit():
     assert list(record.systems.status) == [RolloutStatus.RUNNING] * 2 + [RolloutStatus.TOO_LONG] * 4
 
 
+@pytest.mark.slow
 def test_long_steps_are_parted():
     """Steps that drift too far go in as many parts as in `simulate`, in each system as many as it needs."""
     chain, state = problem("legs")

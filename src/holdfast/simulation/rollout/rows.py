@@ -111,8 +111,7 @@ def _smallest_forces(motion: ChainMotion, x: dict[str, Array]) -> dict[str, Arra
 
 def gaps_of(systems: Systems, row: int) -> Gaps:
     """Return the gaps before and after projection."""
-    drift, left = systems["gaps"][row].reshape(2, 2)
-    return Gaps(np.array([drift[0], left[0]]), np.array([drift[1], left[1]]))
+    return Gaps(*systems["gaps"][row].reshape(2, 2).T.copy())
 
 
 def failure(code: float) -> HoldfastError | None:
