@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -70,11 +70,6 @@ class State(Frozen):
         """The floating base's pose as rotation and origin; None without one."""
         return None if self.base_pose is None else Pose.unchecked_seven(self.base_pose)
 
-    def parts(self) -> dict[str, Array]:
-        """Return the arrays of the state by field, including those of a floating base if there is one."""
-        every = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return {name: x for name, x in every.items() if x is not None}
-
     def at_rest(self) -> State:
         """Return the same positions without velocities."""
         return State(self.q, 0.0 * self.qd, self.object_pose, base_pose=self.base_pose)
@@ -115,6 +110,12 @@ def shaped_inputs(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
         return Inputs().shaped(chain)
     checks.instance(inputs, Inputs, "inputs", StateError)
     return inputs.shaped(chain)
+
+
+def parts_of(state: State) -> dict[str, Array]:
+    """Return the arrays of a state by field, including those of a floating base if there is one."""
+    every = {field.name: getattr(state, field.name) for field in fields(state)}
+    return {name: x for name, x in every.items() if x is not None}
 
 
 def exact_state(parts: Mapping[str, Array]) -> State:

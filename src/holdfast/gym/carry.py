@@ -147,17 +147,19 @@ class CarryTask(Frozen, Task):
         put(self, "state", state)
         if self.commands not in ("object", "joint"):
             raise ModelError(f"{what}: commands: expected 'object' or 'joint', got {checks.short(self.commands)}")
-        self.check_common(what)
+        self._check_common(what)
         for name, count in {"displacement": 3, "turn": 3, "acceleration": 6}.items():
             put(self, name, spread(getattr(self, name), count, f"{what}: {name}"))
         put(self, "joint_torque", torques(self.joint_torque, chain, what))
         if self.path is not None:
             put(self, "path", path_function(self.path, f"{what}: path"))
             self._require_beginning(what)
-        self.check_numbers(what, ("duration", "largest_internal", "crushing_internal", "lost", "lost_angle"), above=0.0)
+        self._check_numbers(
+            what, ("duration", "largest_internal", "crushing_internal", "lost", "lost_angle"), above=0.0
+        )
         costs = "path_reward", "internal_cost"
-        self.check_numbers(what, ("settle", "squeeze_span", "joint_damping", *costs), at_least=0.0)
-        self.check_numbers(what, ("squeeze",))
+        self._check_numbers(what, ("settle", "squeeze_span", "joint_damping", *costs), at_least=0.0)
+        self._check_numbers(what, ("squeeze",))
         if self.lost_angle >= np.pi:
             raise ModelError(f"{what}: lost_angle: expected less than pi, got {self.lost_angle:g}")
 
@@ -217,7 +219,7 @@ class CarryTask(Frozen, Task):
     @property
     def episode_steps(self) -> int:
         """Number of control steps after which an episode is truncated."""
-        return self.control_steps(self.duration + self.settle)
+        return self._control_steps(self.duration + self.settle)
 
     @cached_property
     def phases(self) -> tuple[Phase, ...]:

@@ -161,7 +161,7 @@ class HandOverTask(Frozen, Task):
         put(self, "state", state)
         put(self, "giver", _holding(chain, self.giver, "giver", ""))
         put(self, "receiver", _holding(chain, self.receiver, "receiver", self.giver))
-        self.check_common(what)
+        self._check_common(what)
         for name in ("displacement", "turn"):
             put(self, name, spread(getattr(self, name), 3, f"{what}: {name}"))
         joints = chain.arms[self.receiver].joints
@@ -170,10 +170,10 @@ class HandOverTask(Frozen, Task):
         put(self, "joint_torque", torques(self.joint_torque, chain, what))
         captures = "capture", "capture_angle", "capture_speed", "capture_rate"
         sizes = "duration", "largest_internal", "crushing_internal", "lost", "still"
-        self.check_numbers(what, (*captures, *sizes), above=0.0)
+        self._check_numbers(what, (*captures, *sizes), above=0.0)
         rewards = "reach_reward", "goal_reward", "success_reward"
-        self.check_numbers(what, (*rewards, "joint_damping", "internal_cost", "impact_cost"), at_least=0.0)
-        self.check_numbers(what, ("squeeze",))
+        self._check_numbers(what, (*rewards, "joint_damping", "internal_cost", "impact_cost"), at_least=0.0)
+        self._check_numbers(what, ("squeeze",))
 
     @property
     def action_size(self) -> int:
@@ -242,7 +242,7 @@ class HandOverTask(Frozen, Task):
     @property
     def episode_steps(self) -> int:
         """Number of control steps after which an episode is truncated."""
-        return self.control_steps(self.duration)
+        return self._control_steps(self.duration)
 
     @cached_property
     def chains(self) -> tuple[ClosedChain, ClosedChain, ClosedChain]:

@@ -154,14 +154,14 @@ class Task(ABC):
         """Return the attributes for pickling; machine code is compiled again or loaded from the cache."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
 
-    def check_common(self, what: str) -> None:
+    def _check_common(self, what: str) -> None:
         """Check and convert in place the attributes that all tasks have.
 
         Raises:
             ModelError: an attribute is invalid; the message names it.
         """
-        self.check_numbers(what, ("step", "tolerance", "tolerance_angle"), above=0.0)
-        self.check_numbers(what, ("effort_cost", "failure_cost", "mass_spread"), at_least=0.0)
+        self._check_numbers(what, ("step", "tolerance", "tolerance_angle"), above=0.0)
+        self._check_numbers(what, ("effort_cost", "failure_cost", "mass_spread"), at_least=0.0)
         steps = self.steps_per_action
         if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 1:
             raise ModelError(f"{what}: steps_per_action: expected an integer >= 1, got {checks.short(steps)}")
@@ -171,12 +171,12 @@ class Task(ABC):
         object.__setattr__(self, "push", spread(self.push, 6, f"{what}: push"))
         checks.instance(self.stop_at_limits, (bool, np.bool_), f"{what}: stop_at_limits")
 
-    def check_numbers(self, what: str, names: Sequence[str], **bounds: float) -> None:
+    def _check_numbers(self, what: str, names: Sequence[str], **bounds: float) -> None:
         """Check attributes that are numbers, and convert them to floats in place; see `checks.number`."""
         for name in names:
             object.__setattr__(self, name, checks.number(getattr(self, name), f"{what}: {name}", **bounds))
 
-    def control_steps(self, duration: float) -> int:
+    def _control_steps(self, duration: float) -> int:
         """Return the number of control steps in a duration, at least one."""
         return max(1, round(duration / (self.step * self.steps_per_action)))
 

@@ -41,7 +41,7 @@ from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.converted import making
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.state import State, exact_state
+from holdfast.state import State, exact_state, parts_of
 
 TRACKER = "ledger"  # its name in result folders
 
@@ -154,7 +154,7 @@ class Checkpoint:
 
 
 def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
-    arrays |= {f"{name}.{part}": array for part, array in origin.state.parts().items()}
+    arrays |= {f"{name}.{part}": array for part, array in parts_of(origin.state).items()}
     arrays[f"{name}.t"] = np.array(origin.t)
     return packed(origin.memory, f"{name}.memory", arrays)
 

@@ -37,7 +37,7 @@ from holdfast.simulation.rollout.parts import contradicted, subdivided
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
-from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.systems import RolloutSystems, passive_rates
 from holdfast.simulation.rollout.tape import Tape
 from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
@@ -370,7 +370,7 @@ class Rollout:
         scheme = scheme_of(self.scheme)
         if scheme.implicit or systems.step_length.max() <= self._stable_step:
             return np.zeros(len(systems), dtype=bool)
-        return systems.step_length * systems.passive_rates(partial(located, self)) > USED * scheme.stability_interval
+        return systems.step_length * passive_rates(systems, partial(located, self)) > USED * scheme.stability_interval
 
     def advance_unconfirmed(
         self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int = 1

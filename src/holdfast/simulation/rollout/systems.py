@@ -173,20 +173,6 @@ class RolloutSystems:
         """(systems,) whether each system is running."""
         return self.arrays["code"] == 0.0
 
-    def passive_rates(self, located: Callable[[RolloutSystems, int], tuple[ClosedChain, State]]) -> Array:
-        """Return the fastest passive rate of each system [1/s], recomputed for systems whose joints have moved far.
-
-        Args:
-            located: returns the chain of one system, its grasps and bases those of the system, and its state.
-        """
-        cells, count = cell(self.q), len(self)
-        known = self.arrays.setdefault(CELL, np.full(cells.shape, np.nan))
-        rates = self.arrays.setdefault(RATE, np.zeros(count))
-        for row in np.flatnonzero(self.running & (known != cells).any(axis=1)).tolist():
-            rates[row] = fastest_passive(*located(self, row))[0].rate
-            known[row] = cells[row]
-        return rates
-
     def set_step_length(self, step: Array) -> None:
         """Set the length of the next steps, (systems,) [s]."""
         changed = self.step_length != step
@@ -305,3 +291,21 @@ def fates(systems: RolloutSystems) -> str:
     """Return the number of systems with each status, in words."""
     names, counts = np.unique([status.name.lower() for status in systems.status], return_counts=True)
     return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
+
+
+def passive_rates(
+    systems: RolloutSystems, located: Callable[[RolloutSystems, int], tuple[ClosedChain, State]]
+) -> Array:
+    """Return the fastest passive rate of each system [1/s], recomputed for systems whose joints have moved far.
+
+    Args:
+        systems: the systems; their rates are stored among their arrays.
+        located: returns the chain of one system, its grasps and bases those of the system, and its state.
+    """
+    cells, count = cell(systems.q), len(systems)
+    known = systems.arrays.setdefault(CELL, np.full(cells.shape, np.nan))
+    rates = systems.arrays.setdefault(RATE, np.zeros(count))
+    for row in np.flatnonzero(systems.running & (known != cells).any(axis=1)).tolist():
+        rates[row] = fastest_passive(*located(systems, row))[0].rate
+        known[row] = cells[row]
+    return rates

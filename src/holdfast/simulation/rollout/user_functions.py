@@ -27,7 +27,7 @@ from holdfast.simulation.environment import BaseMotion, GivenInputs, inputs_at, 
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, arctan2, array, cos, exp, sin, tanh, where
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, parts_of
 
 Motions = Mapping[str, BaseMotion]  # motions of the moving bases, by arm name
 WRENCHES = ("object_wrench", "link_wrenches", "trunk_link_wrenches")  # fields of `Inputs`
@@ -120,7 +120,7 @@ class TracedTorque:
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory (m,)."""
         values = [given[name] for name in self.parameters]
-        torques, kept = replayed(self.program, t, *state.parts().values(), memory, *values)
+        torques, kept = replayed(self.program, t, *parts_of(state).values(), memory, *values)
         return torques, kept
 
 
@@ -154,7 +154,7 @@ class TracedInputs:
 
     def __call__(self, t: Scalar, state: State) -> Inputs:
         """Return the wrenches at a time [s] and a state."""
-        found = replayed(self.program, t, *state.parts().values())
+        found = replayed(self.program, t, *parts_of(state).values())
         return Inputs(**dict(zip(self.given, found, strict=True)))
 
 

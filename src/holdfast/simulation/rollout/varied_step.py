@@ -39,7 +39,7 @@ from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest
 from holdfast.spatial.differentiation import bare, by_rule, is_recorded, linearised
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, Loops, Scalar, loops
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, parts_of
 
 POSES = ("object_pose", "floating_pose")
 FIELDS = {"object_wrench": "object_wrench", "link_wrench": "link_wrenches", "trunk_link_wrench": "trunk_link_wrenches"}
@@ -112,7 +112,7 @@ class VariedSystem(TracedSystem):
 
     def _case(self, chain: ClosedChain, state: State, inputs: Inputs, moved: Sequence[str]) -> VariedCase:
         """Return a chain at a state, both of which vary; `moved` as in `VariedCase.with_varied`."""
-        case = VariedCase(chain, framed(State(**state.parts())), inputs, {})
+        case = VariedCase(chain, framed(State(**parts_of(state))), inputs, {})
         for what in moved:
             if (name := f"{what}_pose") in self.varied:
                 case = case.with_varied(what, self.varied[name])
@@ -194,7 +194,7 @@ def state_arrays(chain: ClosedChain, state: State) -> dict[str, Array]:
 
 def plain(state: State) -> State:
     """Return a state with the plain values of its numbers, without derivatives."""
-    return State(**{name: bare(x) for name, x in state.parts().items()})
+    return State(**{name: bare(x) for name, x in parts_of(state).items()})
 
 
 class LinearStep(NamedTuple):
