@@ -18,7 +18,7 @@ from holdfast.gym.batch_text import BatchText
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.rollout import Rollout
-from holdfast.spatial.frozen import read_only
+from holdfast.spatial.frozen import frozen_property, read_only
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
 
@@ -133,7 +133,7 @@ class Task(ABC):
         """Shapes of the memory of an episode; `draw` returns its initial values."""
         return {}
 
-    @cached_property
+    @frozen_property
     def frames(self) -> Mapping[str, Array]:
         """Arrays that all episodes share and that `evaluation` takes."""
         return {}
