@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -110,6 +110,12 @@ def shaped_inputs(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
         return Inputs().shaped(chain)
     checks.instance(inputs, Inputs, "inputs", StateError)
     return inputs.shaped(chain)
+
+
+def parts_of(state: State) -> dict[str, Array]:
+    """Return the arrays of a state by field, including those of a floating base if there is one."""
+    every = {field.name: getattr(state, field.name) for field in fields(state)}
+    return {name: x for name, x in every.items() if x is not None}
 
 
 def exact_state(parts: Mapping[str, Array]) -> State:

@@ -3,6 +3,7 @@
 import ast
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import holdfast
+from holdfast.compiled import traced_chain
 from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.structure import Options, Structure
@@ -17,7 +19,8 @@ from holdfast.control.controller import held_torques
 from holdfast.dynamics.projection import STEP_ROUNDS
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.rollout.kernel import step_schedule
+from holdfast.simulation.rollout import traced_step
+from holdfast.simulation.rollout.kernel import step_externals
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.dynamics.problems import random_problem
@@ -104,7 +107,8 @@ def stepping():
     chain, structure = problem.chain, Structure(problem.chain, Options())
     stepper = ReferenceStepper(Environment(chain), lambda t, state, memory: (problem.tau, memory), 18, RK4)
     law = held_torques(chain.joint_count)
-    traced = functions_run(lambda: step_schedule(structure, law, {}, None, RK4), ("",), ())
+    step = partial(traced_step.step, traced_step.StepModel(structure, law, {}, None), RK4)
+    traced = functions_run(lambda: traced_chain.traced(step_externals(structure, law), step), ("",), ())
     return Stepping(problem.state, stepper, stepper.start(0.0, problem.state, None)[0], structure, traced)
 
 

@@ -49,7 +49,7 @@ def stepper_of(
 ) -> tuple[Stepper, Instant]:
     """Return a stepper of the chain and where it starts, at t = 0."""
     environment = Environment(chain)
-    generic = evaluate(environment, controller, 0.0, state, None, check=True).result.rank
+    generic = evaluate(environment, controller, 0.0, state, None).result.rank
     stepper = make(environment, controller, generic, scheme, Tolerance(rtol))
     return stepper, stepper.start(0.0, state, None)[0]
 

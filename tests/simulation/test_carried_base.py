@@ -75,7 +75,7 @@ def test_a_table_tilts_two_arms(machine_code):
 
 def test_refused():
     """A motion is a function or a path."""
-    with pytest.raises(ModelError, match="carried base: motion: expected a path such as PoseSpline"):
+    with pytest.raises(ModelError, match="carried base: motion: expected a path such as RestToRest"):
         CarriedBase(3.0, FRAME)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ModelError, match="carried base: frame"):
         CarriedBase(TABLE.at, [1.0])

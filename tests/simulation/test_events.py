@@ -8,6 +8,7 @@ from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.simulation.events import Attach, Release
 from holdfast.simulation.simulate import simulate
 from tests.simulation.gantries import BLOCK, LINK, contact_frame, squeezed
+from tests.simulation.runs import limp
 
 STEP = 0.01
 
@@ -18,10 +19,6 @@ def carried(v_block=0.4, v_arm=-0.2, wrist="xyz"):
     qd = np.zeros(chain.joint_count)
     qd[1], qd[chain.joints["right"].start + 1] = v_block, v_arm
     return chain, state.__class__(state.q, qd, state.object_pose, [0, 0, 0, 0, v_block, 0])
-
-
-def limp(t, state, memory):
-    return np.zeros(len(state.q)), memory
 
 
 def right_grasp(kind="rigid"):

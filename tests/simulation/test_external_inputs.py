@@ -13,7 +13,7 @@ import pytest
 import holdfast as hf
 from holdfast.compiler.errors import CompileError
 from holdfast.simulation.balance import WORK_TERMS
-from holdfast.simulation.external_inputs import take_state
+from holdfast.simulation.environment import take_state
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.longer import mostly_long, mostly_slow
 from tests.simulation.runs import limp

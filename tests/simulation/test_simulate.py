@@ -10,6 +10,7 @@ from holdfast.simulation.simulate import simulate
 from holdfast.simulation.stops import MOST_STEPS
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
+from tests.simulation.runs import limp
 from tests.systems import planar_parallelogram, well_conditioned_system
 from tests.systems.as_chain import as_chain
 
@@ -17,11 +18,6 @@ from tests.systems.as_chain import as_chain
 def problem(seed=1, **options):
     options = {"moving_base": False, "extras": False, "joint_speed": 0.5, "gravity": (0, 0, -9.81)} | options
     return as_chain(well_conditioned_system(seed, **options))
-
-
-def limp(t, state, memory):
-    """No torques at all."""
-    return np.zeros(len(state.q)), memory
 
 
 def test_observed_order():

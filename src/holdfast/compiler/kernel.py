@@ -97,6 +97,21 @@ class BatchKernel:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(part, range(threads)))
 
+    def run_arrays(self, arrays: Mapping[str, Array], batch: int, threads: int = 1) -> None:
+        """Run a batch on float64 arrays in C order, (batch, *shape) each, or (*shape) if all systems share it.
+
+        Args:
+            arrays: the external arrays by name.
+            batch: the number of systems.
+            threads: the number of threads among which the systems are divided.
+        """
+        table = np.zeros((len(self.externals), 2), dtype=np.int64)
+        for row, (name, external) in zip(table, self.externals.items(), strict=True):
+            x, shape = arrays[name], external.shape
+            assert x.shape in (shape, (batch, *shape)), "machine code would read beyond an array's end"
+            row[:] = address_of(x), external.size if x.ndim > len(shape) else 0
+        self.run_batch(table, batch, threads)
+
     @property
     def batch_is_compiled(self) -> bool:
         """Whether there is machine code for batches."""

@@ -26,12 +26,8 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
 
-ROOMS = (
-    "forces",
-    "simulation",
-    "control",
-    "scenario",
-)  # modules with functions that laws use, in addition to forward dynamics
+# modules with functions that laws use, in addition to forward dynamics
+ROOMS = ("forces", "simulation", "control", "scenario")
 WHAT = "the control law"  # is compiled
 LARGEST = 1e5  # rad: largest positions that machine code accepts
 
@@ -186,12 +182,8 @@ class CompiledLaw:
             raise wrong
         lead = () if batch is None else (batch,)
         out = {name: np.empty((*lead, *e.shape)) for name, e in self._externals.items() if e.role == "output"}
-        table = np.zeros((len(self._externals), 2), dtype=np.int64)
-        for row, (name, e) in zip(table, self._externals.items(), strict=True):
-            x = out[name] if name in out else found[name]
-            row[:] = x.ctypes.data, e.size if x.ndim > len(e.shape) else 0
         compile_batch(self._kernel, self.chain, WHAT, self.progress)
-        self._kernel.run_batch(table, batch or 1, threads)
+        self._kernel.run_arrays(found | out, batch or 1, threads)
         bad = None if batch is None else faulty(found, self._ranks, self._largest, batch)
         for x in out.values() if bad is not None else ():
             x[bad] = np.nan

@@ -99,12 +99,7 @@ def _require_balance(chain: ClosedChain, left: float, size: float, idle: Array) 
 
 @np.errstate(all="ignore")  # what overflows is refused below
 def holding_torques(
-    chain: ClosedChain,
-    state: State,
-    acceleration: Any = None,
-    internal: Any = 0.0,
-    *,
-    undriven: Iterable[str] = (),
+    chain: ClosedChain, state: State, acceleration: Any = None, internal: Any = 0.0, *, undriven: Iterable[str] = ()
 ) -> Array:
     """Return the torques for an acceleration of the object and a chosen internal wrench, (n,) [N m or N].
 

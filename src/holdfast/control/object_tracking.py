@@ -4,29 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol, Self, cast
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
 from holdfast.control.computed_torque import computed_torque
 from holdfast.control.controller import by_machine_code
 from holdfast.control.grasp_forces import commanded_wrenches
-from holdfast.control.paths import Target
-from holdfast.errors import ModelError
+from holdfast.control.paths import ObjectPath, Target, path_function
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import State, require_fit
-
-
-class ObjectPath(Protocol):
-    """The desired motion of the object over time, such as `RestToRest` or `PoseSpline`."""
-
-    def at(self, t: Any) -> Target:
-        """Return the target at time t [s]."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +48,7 @@ class ObjectTracking(Frozen):
 
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "object tracking: chain")
-        path = self.path if callable(self.path) else getattr(self.path, "at", None)
-        if not callable(path):
-            got = type(self.path).__name__
-            raise ModelError(
-                f"object tracking: path: expected a path such as RestToRest(...), or a function of time, got {got}"
-            )
-        object.__setattr__(self, "path", path)
+        object.__setattr__(self, "path", path_function(self.path, "object tracking: path"))
         for name in ("squeeze", "stiffness", "damping", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"object tracking: {name}"))
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -30,6 +31,27 @@ class Target(NamedTuple):
     pose: Pose
     twist: Array
     acceleration: Array
+
+
+class ObjectPath(Protocol):
+    """The desired motion of the object over time, such as `RestToRest` or `PoseSpline`."""
+
+    def at(self, t: Any) -> Target:
+        """Return the target at time t [s]."""
+        ...
+
+
+def path_function(path: Any, what: str) -> Callable[[Any], Any]:
+    """Return a path as a function of time: itself if it is one, else its method `at`.
+
+    Raises:
+        ModelError: it is neither a function nor a path; the message begins with `what`.
+    """
+    found = path if callable(path) else getattr(path, "at", None)
+    if not callable(found):
+        got = type(path).__name__
+        raise ModelError(f"{what}: expected a path such as RestToRest(...), or a function of time, got {got}")
+    return found
 
 
 @dataclass(frozen=True, eq=False)

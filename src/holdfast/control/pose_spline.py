@@ -80,10 +80,8 @@ class PoseSpline(Frozen):
         Raises:
             ModelError: a limit is not > 0, successive poses are equal, or there is no path through the poses.
         """
-        limits = np.array(
-            [checks.number(turn_rate, "path: turn_rate", above=0.0)] * 3
-            + [checks.number(speed, "path: speed", above=0.0)] * 3
-        )
+        turning = checks.number(turn_rate, "path: turn_rate", above=0.0)
+        limits = np.repeat([turning, checks.number(speed, "path: speed", above=0.0)], 3)
         begin, given = checks.number(begin, "path: begin"), _poses(poses)
         spans = [np.linalg.norm((_step(a, b) / limits).reshape(2, 3), axis=1).max() for a, b in pairwise(given)]
         if (still := np.flatnonzero(_still(given))).size:
@@ -207,10 +205,8 @@ def _knots(poses: Sequence[Pose], times: Array) -> tuple[Array, Array]:
             here = slice(first, k + 1)
             rest = [(1, np.zeros(6)), (2, np.zeros(6))]
             spline = make_interp_spline(times[here], way[here], k=5, bc_type=(rest, rest))
-            rate[first + 1 : k], second[first + 1 : k] = (
-                spline(times[first + 1 : k], 1),
-                spline(times[first + 1 : k], 2),
-            )
+            inside = slice(first + 1, k)
+            rate[inside], second[inside] = spline(times[inside], 1), spline(times[inside], 2)
         first = k + 1
     return rate, second
 

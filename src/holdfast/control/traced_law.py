@@ -17,7 +17,7 @@ from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.spatial.traced_array import as_traced
-from holdfast.state import State
+from holdfast.state import State, parts_of
 
 
 def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLaw | None:
@@ -88,8 +88,7 @@ def comparable(state: State) -> State:
     """Return a state; one of traced numbers has arrays on which NumPy's functions that compare entries work."""
     if state.q.dtype != object:
         return state
-    names = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")
-    return State(*(as_traced(getattr(state, name)) for name in names))
+    return State(**{name: as_traced(x) for name, x in parts_of(state).items()})
 
 
 def law_program(law: ControlLaw, chain: ClosedChain) -> Program:

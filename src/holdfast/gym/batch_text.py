@@ -29,9 +29,9 @@ class BatchText:
         self, text: Callable[[Given], Mapping[str, Any]], inputs: Mapping[str, Shape], outputs: Mapping[str, Shape]
     ) -> None:
         self.text, self.inputs, self.outputs = text, dict(inputs), dict(outputs)
-        self._externals = {name: External(shape, "input") for name, shape in inputs.items()}
-        self._externals |= {name: External(shape, "output") for name, shape in outputs.items()}
-        self._kernel = BatchKernel(self._externals, lambda: traced(self._externals, text))
+        externals = {name: External(shape, "input") for name, shape in inputs.items()}
+        externals |= {name: External(shape, "output") for name, shape in outputs.items()}
+        self._kernel = BatchKernel(externals, lambda: traced(externals, text))
 
     def __call__(self, count: int, given: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
         """Return the results of the function for every system, (count, *shape) each.
@@ -43,11 +43,5 @@ class BatchText:
         """
         arrays = {name: np.asarray(given[name], dtype=float, order="C") for name in self.inputs}
         found = {name: np.empty((count, *shape)) for name, shape in self.outputs.items()}
-        table = np.zeros((len(self._externals), 2), np.int64)
-        for row, (name, external) in enumerate(self._externals.items()):
-            x = found[name] if name in found else arrays[name]
-            own = x.shape == (count, *external.shape)
-            assert own or x.shape == external.shape, "machine code would read beyond an array's end"
-            table[row] = x.ctypes.data, external.size if own else 0
-        self._kernel.run_batch(table, count, threads)
+        self._kernel.run_arrays(arrays | found, count, threads)
         return found

@@ -12,15 +12,13 @@ import numpy as np
 from holdfast.compiled.traced_chain import Given, traced_state
 from holdfast.compiler.program import Shape
 from holdfast.control.controller import ControlLaw
-from holdfast.control.object_tracking import ObjectPath
-from holdfast.control.paths import Target, quintic
+from holdfast.control.paths import ObjectPath, Target, path_function, quintic
 from holdfast.errors import ModelError
 from holdfast.gym import terms
 from holdfast.gym.actions import joint_law, object_law
 from holdfast.gym.batch_text import BatchText
 from holdfast.gym.ready_made import two_fingers
-from holdfast.gym.setting import common_setting, control_steps, not_negative, positive, spread, torques
-from holdfast.gym.task import Phase, Task, chain_and_state
+from holdfast.gym.task import Phase, Task, chain_and_state, spread, torques
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.compile_rollout import compile_rollout
@@ -149,29 +147,25 @@ class CarryTask(Frozen, Task):
         put(self, "state", state)
         if self.commands not in ("object", "joint"):
             raise ModelError(f"{what}: commands: expected 'object' or 'joint', got {checks.short(self.commands)}")
-        common_setting(self, what)
+        self._check_common(what)
         for name, count in {"displacement": 3, "turn": 3, "acceleration": 6}.items():
             put(self, name, spread(getattr(self, name), count, f"{what}: {name}"))
         put(self, "joint_torque", torques(self.joint_torque, chain, what))
-        path = self.path if self.path is None or callable(self.path) else getattr(self.path, "at", None)
-        if self.path is not None and not callable(path):
-            got = type(self.path).__name__
-            raise ModelError(f"{what}: path: expected a path such as RestToRest(...), or a function of time, got {got}")
-        put(self, "path", path)
-        self._require_beginning(what)
-        for name in ("duration", "largest_internal", "crushing_internal", "lost", "lost_angle"):
-            put(self, name, positive(self, name, what))
-        for name in ("settle", "squeeze_span", "joint_damping", "path_reward", "internal_cost"):
-            put(self, name, not_negative(self, name, what))
-        put(self, "squeeze", checks.number(self.squeeze, f"{what}: squeeze"))
+        if self.path is not None:
+            put(self, "path", path_function(self.path, f"{what}: path"))
+            self._require_beginning(what)
+        self._check_numbers(
+            what, ("duration", "largest_internal", "crushing_internal", "lost", "lost_angle"), above=0.0
+        )
+        costs = "path_reward", "internal_cost"
+        self._check_numbers(what, ("settle", "squeeze_span", "joint_damping", *costs), at_least=0.0)
+        self._check_numbers(what, ("squeeze",))
         if self.lost_angle >= np.pi:
             raise ModelError(f"{what}: lost_angle: expected less than pi, got {self.lost_angle:g}")
 
     def _require_beginning(self, what: str) -> None:
         """Refuse an object that is not a path, and a path that does not begin at the object's pose."""
-        if self.path is None:
-            return
-        first = self.path(0.0)  # type: ignore[operator]
+        first = self.path(0.0)  # type: ignore[operator, misc]
         if not isinstance(first, Target):
             got = type(first).__name__
             raise ModelError(f"{what}: path: expected t -> control.paths.Target (pose, twist, acceleration), got {got}")
@@ -225,15 +219,11 @@ class CarryTask(Frozen, Task):
     @property
     def episode_steps(self) -> int:
         """Number of control steps after which an episode is truncated."""
-        return control_steps(self, self.duration + self.settle)
-
-    @property
-    def phases(self) -> tuple[Phase, ...]:
-        """The only phase, in which all grasps are closed."""
-        return self._phases
+        return self._control_steps(self.duration + self.settle)
 
     @cached_property
-    def _phases(self) -> tuple[Phase, ...]:
+    def phases(self) -> tuple[Phase, ...]:
+        """The only phase, in which all grasps are closed."""
         evaluation = BatchText(self.evaluate, self.argument_shapes(self.chain), self.result_shapes())
         return (Phase(compile_rollout(self.chain, self.law), evaluation),)
 
@@ -283,11 +273,8 @@ class CarryTask(Frozen, Task):
         for over in (force > self.crushing_internal, distance > self.lost, angle > self.lost_angle):
             failed = where(over, 1.0, failed)
         rate = self.path_reward * terms.nearness(e, self.tolerance_angle, self.tolerance)
-        rate = (
-            rate
-            - self.internal_cost * terms.excess(force, self.largest_internal)
-            - self.effort_cost * terms.effort(given["action"])
-        )
+        rate = rate - self.internal_cost * terms.excess(force, self.largest_internal)
+        rate = rate - self.effort_cost * terms.effort(given["action"])
         there = where(angle <= self.tolerance_angle, where(distance <= self.tolerance, 1.0, 0.0), 0.0)
         return {
             "observation": terms.bounded(parts, self.observed),

@@ -82,7 +82,7 @@ class TaskEnv(gymnasium.Env[Array, Array]):
         Raises:
             MethodNotApplicable: always; the message says how to draw a state.
         """
-        raise not_rendered()
+        raise MethodNotApplicable(f"render: {NOT_RENDERED}")
 
     @property
     def state(self) -> State:
@@ -173,8 +173,3 @@ def require_no_rendering(render_mode: str | None) -> None:
 
 
 NOT_RENDERED = "environments draw nothing; try holdfast.simulate(...).show() or plot() on `env.state`"
-
-
-def not_rendered() -> MethodNotApplicable:
-    """Return the error that `render` raises."""
-    return MethodNotApplicable(f"render: {NOT_RENDERED}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -135,14 +135,11 @@ class Episodes:
             phase: index of the new phase.
         """
         rollout, systems = self.task.phases[phase].rollout, self.systems[phase - 1].copy(rows)
-        given = self._given(phase, rows)
 
-        def take_over(some: Array) -> RolloutSystems:
-            found: Any = {name: x[some] for name, x in given.items()}
-            return rollout.take_over(systems.copy(some), **found, threads=self.threads)
+        def take_over(some: Array, given: Any) -> RolloutSystems:
+            return rollout.take_over(systems.copy(some), **given, threads=self.threads)
 
-        made = in_rows(rollout, len(rows), take_over)
-        self.systems[phase].reset(rows, made)
+        self.systems[phase].reset(rows, in_rows(rollout, len(rows), self._given(phase, rows), take_over))
         self.phase[rows] = phase
 
     def _given(self, phase: int, rows: Array) -> dict[str, Array]:
@@ -154,12 +151,7 @@ class Episodes:
         """Return rollout systems at the beginning of episodes, with all arguments given row by row."""
         rollout, given = self.task.phases[phase].rollout, self._given(phase, rows)
         given |= self.task.start({name: x[rows] for name, x in self.drawn.items()}, phase)
-
-        def start(some: Array) -> RolloutSystems:
-            found: Any = {name: x[some] for name, x in given.items()}
-            return rollout.start(**found, threads=self.threads)
-
-        fresh = in_rows(rollout, len(rows), start)
+        fresh = in_rows(rollout, len(rows), given, lambda _, own: rollout.start(**own, threads=self.threads))
         if not fresh.running.all():
             row = int(np.flatnonzero(~fresh.running)[0])
             raise StateError(
@@ -197,7 +189,9 @@ class Episodes:
                 self.seen[name][every] = x
 
 
-def in_rows(rollout: Rollout, count: int, make: Any) -> RolloutSystems:
+def in_rows(
+    rollout: Rollout, count: int, given: Mapping[str, Array], make: Callable[[Array, Any], RolloutSystems]
+) -> RolloutSystems:
     """Make rollout systems in one call or, if the rollout selects constraint rows, in one call for each system.
 
     The selection is tried on the first system of a call, so that the bits of the other systems may depend on it.
@@ -205,12 +199,13 @@ def in_rows(rollout: Rollout, count: int, make: Any) -> RolloutSystems:
     Args:
         rollout: the rollout.
         count: number of systems.
-        make: function that makes the systems of given rows.
+        given: arguments with a row for each system.
+        make: function that makes the systems of some rows from their numbers and their arguments.
     """
-    together = make(np.arange(count)) if count == 1 or "held_rows" not in rollout.kernel.carried else None
-    if together is not None:
-        return together
-    every = [make(np.array([row])) for row in range(count)]
+    if count == 1 or "held_rows" not in rollout.kernel.carried:
+        return make(np.arange(count), given)
+    numbers = [np.array([row]) for row in range(count)]
+    every = [make(some, {name: x[some] for name, x in given.items()}) for some in numbers]
     found = every[0].copy(np.zeros(count, dtype=int))
     for name, x in found.call_inputs.items():
         found.call_inputs[name] = np.tile(x, (count, *[1] * (x.ndim - 1))) if len(x) == 1 else x

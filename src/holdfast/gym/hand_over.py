@@ -22,15 +22,14 @@ from holdfast.gym.actions import joint_law
 from holdfast.gym.batch_text import BatchText
 from holdfast.gym.episodes import Episodes
 from holdfast.gym.ready_made import two_hands
-from holdfast.gym.setting import common_setting, control_steps, not_negative, positive, spread, torques
-from holdfast.gym.task import Phase, Task, chain_and_state
+from holdfast.gym.task import Phase, Task, chain_and_state, spread, torques
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.spatial import rotation
 from holdfast.spatial.converted import NOT_GIVEN, ArrayField, OptionalArrayField, making
-from holdfast.spatial.frozen import Frozen, FrozenDict, read_only
+from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, array, where
 from holdfast.spatial.spatial_vector import shift_twist
@@ -162,7 +161,7 @@ class HandOverTask(Frozen, Task):
         put(self, "state", state)
         put(self, "giver", _holding(chain, self.giver, "giver", ""))
         put(self, "receiver", _holding(chain, self.receiver, "receiver", self.giver))
-        common_setting(self, what)
+        self._check_common(what)
         for name in ("displacement", "turn"):
             put(self, name, spread(getattr(self, name), 3, f"{what}: {name}"))
         joints = chain.arms[self.receiver].joints
@@ -170,11 +169,11 @@ class HandOverTask(Frozen, Task):
         put(self, "retreat", spread(retreat, len(joints), f"{what}: retreat"))
         put(self, "joint_torque", torques(self.joint_torque, chain, what))
         captures = "capture", "capture_angle", "capture_speed", "capture_rate"
-        for name in (*captures, "duration", "largest_internal", "crushing_internal", "lost", "still"):
-            put(self, name, positive(self, name, what))
-        for name in ("joint_damping", "reach_reward", "goal_reward", "internal_cost", "impact_cost", "success_reward"):
-            put(self, name, not_negative(self, name, what))
-        put(self, "squeeze", checks.number(self.squeeze, f"{what}: squeeze"))
+        sizes = "duration", "largest_internal", "crushing_internal", "lost", "still"
+        self._check_numbers(what, (*captures, *sizes), above=0.0)
+        rewards = "reach_reward", "goal_reward", "success_reward"
+        self._check_numbers(what, (*rewards, "joint_damping", "internal_cost", "impact_cost"), at_least=0.0)
+        self._check_numbers(what, ("squeeze",))
 
     @property
     def action_size(self) -> int:
@@ -243,20 +242,16 @@ class HandOverTask(Frozen, Task):
     @property
     def episode_steps(self) -> int:
         """Number of control steps after which an episode is truncated."""
-        return control_steps(self, self.duration)
+        return self._control_steps(self.duration)
 
     @cached_property
     def chains(self) -> tuple[ClosedChain, ClosedChain, ClosedChain]:
         """The chain of each phase."""
         return self.chain.without_grasp(self.receiver), self.chain, self.chain.without_grasp(self.giver)
 
-    @property
+    @cached_property
     def phases(self) -> tuple[Phase, ...]:
         """The three phases: the giver holds the object, both arms hold it, the receiver holds it."""
-        return self._phases
-
-    @cached_property
-    def _phases(self) -> tuple[Phase, ...]:
         return tuple(Phase(self._rollout(chain), self._evaluation(k)) for k, chain in enumerate(self.chains))
 
     def _rollout(self, chain: ClosedChain) -> Rollout:
@@ -268,15 +263,11 @@ class HandOverTask(Frozen, Task):
         inputs = self.argument_shapes(self.chains[phase]) | {name: x.shape for name, x in self.frames.items()}
         return BatchText(partial(self.evaluate, phase), inputs, self.result_shapes())
 
-    @property
+    @frozen_property
     def frames(self) -> Mapping[str, Array]:
         """Base poses, with the names of the machine code."""
-        return self._bases
-
-    @cached_property
-    def _bases(self) -> Mapping[str, Array]:
         own = parameters_of(self.chain, None)
-        return FrozenDict({name: read_only(own[name]) for name in ("base_R", "base_p")})
+        return {name: own[name] for name in ("base_R", "base_p")}
 
     @cached_property
     def tip_on_object(self) -> Pose:
@@ -329,12 +320,8 @@ class HandOverTask(Frozen, Task):
         }
         turned, far = terms.size(gap[:3]), terms.size(gap[3:])
         spinning, speed = terms.size(slip[:3]), terms.size(slip[3:])
-        near = _all(
-            turned <= self.capture_angle,
-            far <= self.capture,
-            speed <= self.capture_speed,
-            spinning <= self.capture_rate,
-        )
+        close = turned <= self.capture_angle, far <= self.capture
+        near = _all(*close, speed <= self.capture_speed, spinning <= self.capture_rate)
         angle, distance = terms.size(e[:3]), terms.size(e[3:])
         resting = terms.size(state.object_twist[3:]) <= self.still
         there = _all(angle <= self.tolerance_angle, distance <= self.tolerance, resting)

@@ -1,10 +1,11 @@
-"""The base class of tasks: phases with their machine code, random values of episodes, and observations."""
+"""The base class of tasks: phases with their machine code, random values, observations; checks of attributes."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,15 +13,20 @@ import numpy as np
 from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiler.program import Shape
 from holdfast.errors import ModelError, StateError
+from holdfast.forces.margins import joint_limits
 from holdfast.gym.batch_text import BatchText
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.rollout import Rollout
+from holdfast.spatial.frozen import frozen_property, read_only
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
 
 if TYPE_CHECKING:
     from holdfast.gym.episodes import Episodes
+
+TENTH = 0.1  # default torque at an action of 1, as a fraction of the effort limit
+UNLIMITED = 10.0  # N m or N: default torque at an action of 1 without an effort limit
 
 
 class Phase(NamedTuple):
@@ -71,10 +77,10 @@ class Task(ABC):
     def info_names(self) -> tuple[str, ...]:
         """Names of the numbers in `info`."""
 
-    @property
-    @abstractmethod
+    @cached_property
     def phases(self) -> Sequence[Phase]:
-        """The phases in order; episodes begin in the first one."""
+        """The phases in order; episodes begin in the first one. Every task has its own."""
+        raise NotImplementedError
 
     @property
     @abstractmethod
@@ -127,7 +133,7 @@ class Task(ABC):
         """Shapes of the memory of an episode; `draw` returns its initial values."""
         return {}
 
-    @property
+    @frozen_property
     def frames(self) -> Mapping[str, Array]:
         """Arrays that all episodes share and that `evaluation` takes."""
         return {}
@@ -147,6 +153,32 @@ class Task(ABC):
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes for pickling; machine code is compiled again or loaded from the cache."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
+    def _check_common(self, what: str) -> None:
+        """Check and convert in place the attributes that all tasks have.
+
+        Raises:
+            ModelError: an attribute is invalid; the message names it.
+        """
+        self._check_numbers(what, ("step", "tolerance", "tolerance_angle"), above=0.0)
+        self._check_numbers(what, ("effort_cost", "failure_cost", "mass_spread"), at_least=0.0)
+        steps = self.steps_per_action
+        if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 1:
+            raise ModelError(f"{what}: steps_per_action: expected an integer >= 1, got {checks.short(steps)}")
+        if self.mass_spread >= 1.0:
+            got = f"{self.mass_spread:g}"
+            raise ModelError(f"{what}: mass_spread: expected less than 1, as masses are positive, got {got}")
+        object.__setattr__(self, "push", spread(self.push, 6, f"{what}: push"))
+        checks.instance(self.stop_at_limits, (bool, np.bool_), f"{what}: stop_at_limits")
+
+    def _check_numbers(self, what: str, names: Sequence[str], **bounds: float) -> None:
+        """Check attributes that are numbers, and convert them to floats in place; see `checks.number`."""
+        for name in names:
+            object.__setattr__(self, name, checks.number(getattr(self, name), f"{what}: {name}", **bounds))
+
+    def _control_steps(self, duration: float) -> int:
+        """Return the number of control steps in a duration, at least one."""
+        return max(1, round(duration / (self.step * self.steps_per_action)))
 
     def accepted(self, given: Any, count: int | None = None) -> Array:
         """Return an action, or (count, ...) actions, as an array.
@@ -176,3 +208,19 @@ def chain_and_state(chain: Any, state: Any, default: Any, what: str) -> tuple[Cl
         )
     require_fit(chain, state)
     return chain, state
+
+
+def spread(value: Any, count: int, what: str) -> Array:
+    """Return largest deviations from a mean, (count,), none of which may be negative."""
+    x = checks.numbers(value, (count,), what)
+    if (x < 0.0).any():
+        raise ModelError(f"{what}: expected numbers >= 0, each a largest deviation to both sides, got {x.min():g}")
+    return x
+
+
+def torques(value: Any, chain: ClosedChain, what: str) -> Array:
+    """Return the torques at an action of 1, (n,) [N m or N]: a tenth of the effort limits if none are given."""
+    if value is not None:
+        return spread(value, chain.joint_count, f"{what}: joint_torque")
+    limits = joint_limits(chain).effort
+    return read_only(np.where(np.isfinite(limits), TENTH * limits, UNLIMITED))

@@ -10,9 +10,9 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from holdfast.errors import ModelError, StateError
+from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.gym.carry import CarryTask
-from holdfast.gym.environments import not_rendered, require_no_rendering, require_seed, spaces, systems_of, task_of
+from holdfast.gym.environments import NOT_RENDERED, require_no_rendering, require_seed, spaces, systems_of, task_of
 from holdfast.gym.episodes import Episodes
 from holdfast.gym.hand_over import HandOverTask
 from holdfast.gym.task import Task
@@ -103,7 +103,8 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         going = every[~over] if len(again) else every
         if len(going):
             self.episodes.step(going, chosen[going])
-        reward, terminated, truncated = self._outcome()
+        now = self.episodes
+        reward, terminated, truncated = now.seen["reward"].copy(), now.terminated, now.truncated
         if len(again):
             self._begin(again)
             reward[again], terminated[again], truncated[again] = 0.0, False, False
@@ -121,7 +122,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         Raises:
             MethodNotApplicable: always; the message says how to draw a state.
         """
-        raise not_rendered()
+        raise MethodNotApplicable(f"render: {NOT_RENDERED}")
 
     def state(self, number: int) -> State:
         """Return the state of one environment.
@@ -180,10 +181,6 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
 
     def _observations(self) -> Array:
         return self.episodes.seen["observation"].copy()
-
-    def _outcome(self) -> tuple[Array, Array, Array]:
-        """Return rewards, terminations and truncations of the last control step."""
-        return self.episodes.seen["reward"].copy(), self.episodes.terminated, self.episodes.truncated
 
     def _infos(self, rows: Array) -> Infos:
         """Return the infos of some environments in the layout of Gymnasium, with zeros or None for the others."""

@@ -132,11 +132,7 @@ def smallest_step(t: float) -> float:
 
 
 def next_step(
-    stepper: Stepper,
-    now: Instant,
-    proposed: Proposal,
-    latest: float,
-    placed: Callable[[float], float] | None = None,
+    stepper: Stepper, now: Instant, proposed: Proposal, latest: float, placed: Callable[[float], float] | None = None
 ) -> tuple[Advance, Proposal]:
     """Return the next accepted step and the proposal for the one after it.
 

@@ -8,8 +8,7 @@ from typing import Any, cast
 
 from numpy.typing import ArrayLike
 
-from holdfast.control.object_tracking import ObjectPath
-from holdfast.errors import ModelError
+from holdfast.control.paths import ObjectPath, path_function
 from holdfast.model import checks
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.spatial.converted import REQUIRED
@@ -43,13 +42,7 @@ class CarriedBase(Frozen):
     frame: PoseField = REQUIRED
 
     def __post_init__(self) -> None:
-        motion = self.motion if callable(self.motion) else getattr(self.motion, "at", None)
-        if not callable(motion):
-            got = type(self.motion).__name__
-            raise ModelError(
-                f"carried base: motion: expected a path such as PoseSpline(...), or a function of time, got {got}"
-            )
-        object.__setattr__(self, "motion", motion)
+        object.__setattr__(self, "motion", path_function(self.motion, "carried base: motion"))
         object.__setattr__(self, "frame", checks.pose(self.frame, "carried base: frame"))
 
     @property

@@ -38,9 +38,10 @@ from holdfast.simulation.balance import Sums
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.trajectory import Occurrence
 from holdfast.simulation.zero_order_hold import HeldTorques
+from holdfast.spatial.converted import making
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.state import State, exact_state
+from holdfast.state import State, exact_state, parts_of
 
 TRACKER = "ledger"  # its name in result folders
 
@@ -66,35 +67,35 @@ class Checkpoint:
 
     Attributes:
         now: time and state of the sample, and the memory passed to the controller.
-        previous: the same for the previous accepted instant, needed to refine a minimum of a margin that lies before
+        grasps: the grasps that are closed.
+        generic_rank: generic rank of the constraint with these grasps.
+        tracker: the margins so far.
+        sums: work and impulses since the start.
+        previous: as `now` for the previous accepted instant, needed to refine a minimum of a margin that lies before
             `now`; None if `now` begins a smooth stretch.
         tail_time: the last time before `now` at which the margins were evaluated [s].
         tail: the margins at that time; empty without `previous`.
         stop: number of stop times (see `Stops`) that have been passed.
         event: number of events that have happened.
-        grasps: the grasps that are closed.
-        generic_rank: generic rank of the constraint with these grasps.
         implicit: whether steps are linearly implicit, see `Segment`.
-        sums: work and impulses since the start.
         occurrences: everything that has happened so far.
         proposal: state of the step-size control; None for steps of fixed length.
-        tracker: the margins so far.
         held: state of the zero-order hold of a sampled controller; None if the controller is evaluated at every stage.
     """
 
     now: Origin
-    previous: Origin | None
-    tail_time: float
-    tail: Array
-    stop: int
-    event: int
     grasps: Mapping[str, Grasp]
     generic_rank: int
-    implicit: bool
-    sums: Sums
-    occurrences: tuple[Occurrence, ...]
-    proposal: Proposal | None
     tracker: ViolationTracker = field(repr=False)
+    sums: Sums = field(default_factory=making(Sums, np.zeros(4), 0.0, np.zeros(6)))
+    previous: Origin | None = None
+    tail_time: float = 0.0
+    tail: Array = field(default_factory=making(np.zeros, 0))
+    stop: int = 0
+    event: int = 0
+    implicit: bool = False
+    occurrences: tuple[Occurrence, ...] = ()
+    proposal: Proposal | None = None
     held: HeldTorques | None = None
 
     def to_data(self) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -145,30 +146,22 @@ class Checkpoint:
                 sums=Sums(np.array(arrays["work"]), float(arrays["impact"]), np.array(arrays["base_impulse"])),
                 occurrences=msgspec.convert(data["occurrences"], tuple[Occurrence, ...]),
                 proposal=Proposal(*arrays["proposal"].tolist()) if len(arrays["proposal"]) else None,
-                held=_held(data.get("held"), arrays),
+                held=None if data.get("held") is None else HeldTorques(**unpacked(data["held"], arrays)),
                 tracker=ViolationTracker(*(np.array(arrays[f"{TRACKER}.{f.name}"]) for f in fields(ViolationTracker))),
             )
         except (KeyError, TypeError, ValueError, AttributeError, msgspec.ValidationError) as cause:
             raise ResultError(f"checkpoint: cannot be read: {cause!r}; try starting the run anew") from cause
 
 
-_STATE = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")  # the last two: floating base
-
-
 def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
-    parts = {part: getattr(origin.state, part) for part in _STATE}
-    arrays |= {f"{name}.{part}": array for part, array in parts.items() if array is not None}
+    arrays |= {f"{name}.{part}": array for part, array in parts_of(origin.state).items()}
     arrays[f"{name}.t"] = np.array(origin.t)
     return packed(origin.memory, f"{name}.memory", arrays)
 
 
 def _origin(name: str, memory: Any, arrays: Mapping[str, Array]) -> Origin:
-    saved = {part: np.array(arrays[at]) for part in _STATE if (at := f"{name}.{part}") in arrays}
+    saved = {f.name: np.array(arrays[at]) for f in fields(State) if (at := f"{name}.{f.name}") in arrays}
     return Origin(float(arrays[f"{name}.t"]), exact_state(saved), unpacked(memory, arrays))
-
-
-def _held(data: Any, arrays: Mapping[str, Array]) -> HeldTorques | None:
-    return None if data is None else HeldTorques(**unpacked(data, arrays))
 
 
 _OF_GRASP = ("motion", "stiffness", "damping")  # arrays that only some kinds of grasp have
@@ -178,16 +171,11 @@ def _grasp_data(name: str, grasp: Grasp, arrays: dict[str, Array]) -> dict[str, 
     arrays |= {f"grasps.{name}.R": grasp.frame.R, f"grasps.{name}.p": grasp.frame.p}
     own = {part: getattr(grasp, part) for part in _OF_GRASP}
     arrays |= {f"grasps.{name}.{part}": x for part, x in own.items() if x is not None}
-    parts = {
-        part: None if of is None else {f.name: getattr(of, f.name) for f in fields(of)}
-        for part, of in (("contact", grasp.contact), ("wrench_limits", grasp.wrench_limits))
-    }
-    return {
-        "arm": name,
-        "kind": grasp.kind,
-        "pitch": grasp.pitch,
-        **{part: packed(parts[part], f"grasps.{name}.{part}", arrays) for part in parts},
-    }
+    data = {"arm": name, "kind": grasp.kind, "pitch": grasp.pitch}
+    for part, of in (("contact", grasp.contact), ("wrench_limits", grasp.wrench_limits)):
+        found = None if of is None else {f.name: getattr(of, f.name) for f in fields(of)}
+        data[part] = packed(found, f"grasps.{name}.{part}", arrays)
+    return data
 
 
 def _grasp(given: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[str, Grasp]:

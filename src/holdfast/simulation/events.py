@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from holdfast.dynamics.impulse import attach
 from holdfast.errors import ModelError
@@ -118,17 +119,9 @@ def happen(event: Event, chain: ClosedChain, state: State, inputs: Inputs) -> tu
         text = f"'{event.arm}' grips ({event.grasp.kind}); kinetic energy changes by {made.energy_change:.3g} J"
         impulses, base_impulses = (tuple(map(tuple, x.tolist())) for x in (made.impulses, made.base_impulses))
         below = () if made.trunk_base_impulse is None else tuple(made.trunk_base_impulse.tolist())
-        occurrence = Occurrence(
-            event.t,
-            "attach",
-            event.arm,
-            text,
-            impulses=impulses,
-            base_impulses=base_impulses,
-            trunk_base_impulse=below,
-            energy_change=made.energy_change,
-        )
-        return made.chain, made.state, occurrence
+        exerted: Any = {"impulses": impulses, "base_impulses": base_impulses, "trunk_base_impulse": below}
+        grips = Occurrence(event.t, "attach", event.arm, text, **exerted, energy_change=made.energy_change)
+        return made.chain, made.state, grips
     if event.arm not in chain.grasps:
         return chain, state, Occurrence(event.t, "release", event.arm, f"'{event.arm}' had let go before")
     lets_go = Occurrence(event.t, "release", event.arm, f"'{event.arm}' lets go")

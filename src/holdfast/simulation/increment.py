@@ -7,6 +7,7 @@ relative to the attitude R_0 at the start of the step (`runge_kutta`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -58,25 +59,23 @@ def turns_between(before: State, after: State) -> list[Array]:
     return [rotation.log(there @ here.T) for here, there in frames]
 
 
-def increment_rate(
-    state: State, qdd: Array, accelerations: Sequence[Array | None], power: Array, turns: Sequence[Array]
-) -> Array:
+def increment_rate(state: State, found: Any, power: Array, turns: Sequence[Array]) -> Array:
     """Return the time derivative of an increment, (2 n + 12 bodies + 4,).
 
     Args:
         state: positions and velocities.
-        qdd: (n,) joint accelerations.
-        accelerations: (6,) acceleration of C, and (6,) that of a floating base or None without one.
+        found: result of forward dynamics, with the accelerations `qdd` (n,), `object_acceleration` (6,) of C, and
+            `base_acceleration` (6,) of a floating base or None without one.
         power: (4,) in the order of `balance.WORK_TERMS` [W].
         turns: rotation vectors of the free bodies relative to the step's start.
     """
-    moving = [a for a in accelerations if a is not None]
+    moving = [a for a in (found.object_acceleration, found.base_acceleration) if a is not None]
     bodies = [
         part
         for u, V, a in zip(turns, twists(state), moving, strict=True)
         for part in (rotation_vector_rate(u, V[:3]), V[3:], a)
     ]
-    return concatenate([state.qd, qdd, *bodies, power])
+    return concatenate([state.qd, found.qdd, *bodies, power])
 
 
 def moving_at(state: State, z: Array, slope: Array, turns: Sequence[Array]) -> Array:

@@ -58,7 +58,7 @@ class Instant:
     @property
     def velocities(self) -> Array:
         """(n + 6,) joint rates and the object's twist; a floating base adds six entries."""
-        return velocities(self.state)
+        return np.concatenate([self.state.qd, *twists(self.state)])
 
     @property
     def accelerations(self) -> Array:
@@ -72,9 +72,7 @@ class Instant:
         Args:
             turns: (3,) rotation vector u of each free body relative to the step's start [rad].
         """
-        found = self.result
-        accelerations = (found.object_acceleration, found.base_acceleration)
-        return increment_rate(self.state, found.qdd, accelerations, self.power, turns)
+        return increment_rate(self.state, self.result, self.power, turns)
 
 
 class LateInstant(Instant):
@@ -109,11 +107,6 @@ def late_instant(t: float, joints: tuple[Array, Array, Array], whole: Callable[[
     return made
 
 
-def velocities(state: State) -> Array:
-    """Return the joint rates, the object's twist and the twist of a floating base, (n + 6,) or (n + 12,)."""
-    return np.concatenate([state.qd, *twists(state)])
-
-
 def evaluate(
     environment: Environment,
     controller: Controller,
@@ -123,7 +116,6 @@ def evaluate(
     *,
     generic_rank: int | None = None,
     held: Array | None = None,
-    check: bool = False,
     implicit: Implicit | None = None,
 ) -> Instant:
     """Return the chain at one time and state.
@@ -136,7 +128,6 @@ def evaluate(
         memory: the memory to pass to the controller.
         generic_rank: as for `forward_dynamics`.
         held: as for `forward_dynamics`.
-        check: refuse a state that violates the grasps.
         implicit: additional armatures and torques in a stage of a linearly implicit step.
 
     Raises:
@@ -150,7 +141,7 @@ def evaluate(
     net, solved = tau - friction, chain
     if implicit is not None:
         net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
-    found = forward_dynamics(solved, state, net, inputs=inputs, check=check, generic_rank=generic_rank, held=held)
+    found = forward_dynamics(solved, state, net, inputs=inputs, check=False, generic_rank=generic_rank, held=held)
     if not found.condition <= WORST_CONDITION:
         raise SingularChainError(
             f"the grasp constraint is nearly singular: condition {found.condition:.3g}, expected <="

@@ -17,7 +17,8 @@ from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.environment import BaseMotion, Environment
+from holdfast.simulation.environment import MOVING_BASES, BaseMotion, Environment
+from holdfast.simulation.rollout.traced_step import StepModel
 from holdfast.simulation.rollout.varied_step import LinearStep, VariedStep, state_arrays
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.simulation.stepper import ReferenceStepper
@@ -155,10 +156,9 @@ def linearise(
         assert reached.failure is not None
         raise reached.failure
     end = reached.instant.state
-    model = VariedStep(
-        Structure(chain, Options()), held_torques(chain.joint_count), {}, None, tableau, environment, True
-    )
-    linear = model.linear(_given(chain, state, torques, (begin, h), now.result), (*_moving(chain), TORQUES))
+    model = StepModel(Structure(chain, Options()), held_torques(chain.joint_count), {}, None)
+    step_model = VariedStep(model, tableau, environment, many=True)
+    linear = step_model.linear(_given(chain, state, torques, (begin, h), now.result), (*_moving(chain), TORQUES))
     there, acting = environment.at(begin + h, end)
     T_end = basis_at(there, end, acting)
     T_end = turned_towards(T_end, T) if T.shape == T_end.shape else T_end
@@ -179,7 +179,7 @@ def _held(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
         StateError: bases move.
     """
     shaped = shaped_inputs(chain, inputs)
-    for name in ("base_twists", "base_accelerations", "trunk_base_twist", "trunk_base_acceleration"):
+    for name in MOVING_BASES:
         x = getattr(shaped, name)
         if x is not None and x.any():
             raise StateError(

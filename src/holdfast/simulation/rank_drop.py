@@ -73,7 +73,11 @@ def constraint_factors(chain: ClosedChain, state: State) -> ConstraintFactors:
     return ConstraintFactors(U, s / s[0], Vt)
 
 
-def rank_drop(path: Callable[[float], ConstraintFactors], begin: float, end: float, rank: int) -> RankDrop | None:
+Path = Callable[[float], ConstraintFactors]
+Known = tuple[float, ConstraintFactors]  # a path parameter, and the factors there
+
+
+def rank_drop(path: Path, begin: float, end: float, rank: int) -> RankDrop | None:
     """Return the first point on a path at which the constraint loses rank; None if there is none.
 
     A point is found if singular values pass through zero, or if the smallest one at both ends and in the middle has a
@@ -96,12 +100,7 @@ def rank_drop(path: Callable[[float], ConstraintFactors], begin: float, end: flo
     return _touched(path, known, rank)
 
 
-def _passed(
-    path: Callable[[float], ConstraintFactors],
-    a: tuple[float, ConstraintFactors],
-    b: tuple[float, ConstraintFactors],
-    rank: int,
-) -> RankDrop | None:
+def _passed(path: Path, a: Known, b: Known, rank: int) -> RankDrop | None:
     """Return the first point between two points at which singular values pass through zero; None if there is none."""
     before, part = np.inf, _part_of_the_way(a[1], b[1], rank)
     for _ in range(MOST_TRIES):
@@ -129,9 +128,7 @@ def _part_of_the_way(a: ConstraintFactors, b: ConstraintFactors, rank: int) -> f
     return float((1.0 / (1.0 - mu.real[through])).min()) if through.any() else None
 
 
-def _touched(
-    path: Callable[[float], ConstraintFactors], known: list[tuple[float, ConstraintFactors]], rank: int
-) -> RankDrop | None:
+def _touched(path: Path, known: list[Known], rank: int) -> RankDrop | None:
     """Return the point at which the smallest singular value touches zero; None if it does not."""
     (a, fa), (b, fb), (c, fc) = ((t, f.weakest(rank)) for t, f in known)
     drop = max(fa, fc) - fb

@@ -11,7 +11,7 @@ from holdfast.errors import HoldfastError
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.run import next_state
-from holdfast.simulation.run_state import RunState
+from holdfast.simulation.run_step import RunState
 from holdfast.simulation.sample import Recorder
 from holdfast.simulation.stops import MOST_STEPS
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked

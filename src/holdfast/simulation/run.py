@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from holdfast.simulation.adaptive import first_proposal
-from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.events import Attach, happen
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
-from holdfast.simulation.run_state import RunState
-from holdfast.simulation.run_step import stepped
+from holdfast.simulation.run_step import RunState, stepped
 from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with, suited
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
@@ -38,23 +35,9 @@ def start_of_run(settings: RunSettings, state: State) -> RunState:
     held, memory = segment.sampled(0.0, now.state, initial_hold(settings.hold), None)
     origin = Origin(0.0, now.state, memory)
     now = now if held is None else segment.at(origin)
-    blank = Checkpoint(
-        now=origin,
-        previous=None,
-        tail_time=0.0,
-        tail=np.zeros(0),
-        stop=0,
-        event=0,
-        grasps=segment.environment.chain.grasps,
-        generic_rank=segment.generic_rank,
-        implicit=segment.implicit,
-        sums=Sums(np.zeros(4), 0.0, np.zeros(6)),
-        occurrences=(),
-        proposal=None,
-        tracker=ViolationTracker.blank(len(segment.signals)),
-        held=held,
-    )
-    return _stretch_begins(segment, blank, now, gaps, news)
+    blank = ViolationTracker.blank(len(segment.signals))
+    saved = Checkpoint(origin, segment.environment.chain.grasps, segment.generic_rank, blank, held=held)
+    return _stretch_begins(segment, saved, now, gaps, news)
 
 
 def resumed_run(settings: RunSettings, at: Checkpoint) -> RunState:
@@ -135,9 +118,9 @@ def _jumped(at: RunState) -> RunState:
     now = segment.at(origin)
     for name in set(before.grasps) - set(chain.grasps):
         tracker = tracker.without(chain.names.index(name))
-    known = {"stop": saved.stop + 1, "event": saved.event + len(happening), "sums": sums, "tracker": tracker}
-    known |= {"held": held}
-    return _stretch_begins(segment, replace(saved, now=origin, **known), now, gaps, news)
+    happened = saved.event + len(happening)
+    saved = replace(saved, now=origin, stop=saved.stop + 1, event=happened, sums=sums, tracker=tracker, held=held)
+    return _stretch_begins(segment, saved, now, gaps, news)
 
 
 def _opened(at: RunState, signal: int) -> RunState:
@@ -165,15 +148,16 @@ def _stretch_begins(
     """
     margins = segment.margins(now)
     tracker, further = saved.tracker.at(now.t, margins, segment.signals, now)
-    initial: dict[str, Any] = {
-        "previous": None,
-        "tail_time": now.t,
-        "tail": margins[:0],
-        "grasps": segment.environment.chain.grasps,
-        "generic_rank": segment.generic_rank,
-        "implicit": segment.implicit,
-        "proposal": first_proposal(now) if segment.settings.scheme.adaptive else None,
-        "tracker": tracker,
-        "occurrences": (*saved.occurrences, *news, *further),
-    }
-    return RunState(segment, replace(saved, **initial), now, None, gaps, np.array([now.t]), margins[None])
+    saved = replace(
+        saved,
+        previous=None,
+        tail_time=now.t,
+        tail=margins[:0],
+        grasps=segment.environment.chain.grasps,
+        generic_rank=segment.generic_rank,
+        implicit=segment.implicit,
+        proposal=first_proposal(now) if segment.settings.scheme.adaptive else None,
+        tracker=tracker,
+        occurrences=(*saved.occurrences, *news, *further),
+    )
+    return RunState(segment, saved, now, None, gaps, np.array([now.t]), margins[None])

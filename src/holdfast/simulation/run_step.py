@@ -1,37 +1,69 @@
-"""One step of a run, with verified margins, the search for singular configurations, and a check of its length."""
+"""The state of a run, and one step: verified margins, the search for singular configurations, a check of its length."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from holdfast.errors import HoldfastError, StateError
 from holdfast.simulation.adaptive import next_step
 from holdfast.simulation.adaptive_parts import EqualPartsStepper, agreeing_parts
-from holdfast.simulation.checkpoint import Origin
+from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.confirmation import Window, explained, require_shown, too_long
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.run_state import RunState
 from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_configuration import (
+    ALMOST,
     CLOSED,
     SingularConfiguration,
     configuration_ahead,
     configurations_passed,
-    goes_through,
-    length_before,
     length_through,
     may_be_unresolved,
     may_lose_rank,
     time_left,
 )
 from holdfast.simulation.stability import elsewhere
+from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Advance, Stepper
 from holdfast.simulation.verification import MarginCurves, StepMargins, evaluation_times, verify
+from holdfast.spatial.scalar import Array
 
 FASTEST = 1e30  # rad/s or m/s: the squares of faster rates soon overflow float64
+
+
+@dataclass(frozen=True, eq=False)
+class RunState:
+    """A run at one accepted instant.
+
+    Attributes:
+        segment: the current segment of the run.
+        checkpoint: the data from which the run can be continued.
+        now: the instant, evaluated from `checkpoint.now`.
+        previous: the previous instant, evaluated from `checkpoint.previous`; None if `now` begins a smooth stretch.
+        gaps: position and velocity gaps before and after projection.
+        times: (k,) times since the previous instant at which the margins were evaluated [s].
+        margins: (k, signals) margins at these times; the last row belongs to `now`.
+        ended: the reason if the run ends here, otherwise None.
+    """
+
+    segment: Segment
+    checkpoint: Checkpoint
+    now: Instant
+    previous: Instant | None
+    gaps: Gaps
+    times: Array
+    margins: Array
+    ended: str | None = None
+
+    def violated(self) -> int | None:
+        """Return the most negative signal among those at which the run does not simply continue; None if none is."""
+        acting, now = self.segment.acting, self.margins[-1]
+        if not len(acting) or now[acting].min() >= 0.0:
+            return None
+        return int(acting[np.argmin(now[acting])])
 
 
 def stepped(at: RunState) -> RunState:
@@ -115,10 +147,10 @@ def _towards(at: RunState, left: float, step: float) -> RunState:
         step: greatest length of the step [s].
     """
     now, segment = at.now, at.segment
-    if not goes_through(left, step):
+    if left > ALMOST * step:  # a step that ends half a step before it, or sooner
         if at.checkpoint.proposal is None:
             return _step_to(at, now.t + left - 0.5 * step)
-        return _step_to(at, _latest(at), lambda tried: length_before(left, tried))
+        return _step_to(at, _latest(at), lambda tried: min(tried, left - 0.5 * tried))
     until = min(now.t + length_through(left, step), _latest(at))
     later = _step_to(at, until, stepper=segment.collocation)
     passed = list(configurations_passed(segment, now, later.now))  # empty if the motion has turned back before it

@@ -83,17 +83,10 @@ RK4 = Tableau(
 
 # The cheapest scheme. Simulators often use semi-implicit Euler, which conserves energy well if the inertia does not
 # depend on the configuration; here it does. For two Pandas that fall for 0.4 s, with two evaluations per millisecond,
-# the
-# energy drifts by 2e-6 of the peak kinetic energy with the midpoint rule, and by 5e-4 with semi-implicit Euler.
-# Moreover,
-# the midpoint rule needs half as many projections, each of which costs as much as two evaluations.
+# the energy drifts by 2e-6 of the peak kinetic energy with the midpoint rule, and by 5e-4 with semi-implicit Euler.
+# Moreover, the midpoint rule needs half as many projections, each of which costs as much as two evaluations.
 MIDPOINT = Tableau(
-    "midpoint",
-    2,
-    np.array([0.0, 0.5]),
-    np.array([[0.0, 0.0], [0.5, 0.0]]),
-    np.array([0.0, 1.0]),
-    np.zeros((0, 2)),
+    "midpoint", 2, np.array([0.0, 0.5]), np.array([[0.0, 0.0], [0.5, 0.0]]), np.array([0.0, 1.0]), np.zeros((0, 2))
 )
 
 

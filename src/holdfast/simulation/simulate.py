@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from os import PathLike
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,9 +23,8 @@ from holdfast.progress import of_time, reporting
 from holdfast.simulation.accounts import WORTH_COMPILING
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
-from holdfast.simulation.environment import BaseMotion, Environment
+from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
-from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.recorded_run import Listeners, recorded_run
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
@@ -173,34 +172,27 @@ def simulate(
         _appending(folder, overwrite, setting, ends.times) as on_disk,
     ):
         at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
-        listeners = Listeners(tell, [one for one in (on_disk.add, on_sample) if one is not None], on_checkpoint)
+        add = None if on_disk is None else on_disk.add
+        listeners = Listeners(tell, [one for one in (add, on_sample) if one is not None], on_checkpoint)
         run = recorded_run(at, recorder, start is not None, listeners)
         moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
         run = replace(run, setting=replace(setting, base_motion=moved))
-        on_disk.finish(run)
+        if on_disk is not None:
+            on_disk.finish(run)
     return run
 
 
-class _OnDisk(NamedTuple):
-    """What is called with every sample, and with the run."""
-
-    add: Callable[[Trajectory], None] | None
-    finish: Callable[[Trajectory], None]
-
-
 @contextmanager
-def _appending(
-    folder: str | PathLike[str] | None, overwrite: bool, setting: Setting, times: Array
-) -> Iterator[_OnDisk]:
+def _appending(folder: str | PathLike[str] | None, overwrite: bool, setting: Setting, times: Array) -> Iterator[Any]:
     """Within this context, append samples to a folder, if there is one; what waits is written at an error, too."""
     if folder is None:
-        yield _OnDisk(None, lambda run: None)
+        yield None
         return
     from holdfast.io.save_run import AppendedRun
 
     saved = AppendedRun(folder, setting, times, overwrite)
     try:
-        yield _OnDisk(saved.add, saved.finish)
+        yield saved
     except BaseException:
         saved.interrupt()
         raise

@@ -139,21 +139,6 @@ def time_left(segment: Segment, now: Instant, step: float) -> float | None:
     return None if found is None else found.at - now.t
 
 
-def goes_through(left: float, step: float) -> bool:
-    """Return whether the next step passes through a singular configuration that is `left` seconds ahead."""
-    return left <= ALMOST * step
-
-
-def length_before(left: float, step: float) -> float:
-    """Return the length of a step that ends half a step before a singular configuration, or sooner [s].
-
-    Args:
-        left: time until the configuration is reached [s].
-        step: greatest length of the step [s].
-    """
-    return min(step, left - 0.5 * step)
-
-
 def length_through(left: float, step: float) -> float:
     """Return the length of a collocation step whose stages are far from the configuration [s]."""
     return 2.0 * left if left > 0.1 * step else 10.0 * left if left > 0.02 * step else step

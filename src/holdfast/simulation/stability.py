@@ -58,25 +58,7 @@ def fastest_decay(chain: ClosedChain, state: State, resistance: Array) -> Decay:
         state: its configuration; velocities are ignored.
         resistance: (n, n + 6) resisting joint torques per unit of (qd, V(C)); a floating base adds six columns.
     """
-    return _fastest(chain, state, resistance)
-
-
-def fastest_swing(chain: ClosedChain, state: State, stiffness: Array) -> Decay:
-    """Return the highest frequency of oscillations on the joints' springs that the grasps allow [rad/s]. O((n + 6)^3).
-
-    Args:
-        chain: the chain.
-        state: its configuration; velocities are ignored.
-        stiffness: (n,) stiffness of the joints' springs [N m/rad or N/m].
-    """
-    if not stiffness.any():
-        return Decay(0.0, chain.joint_names()[0])
-    square, joint = _fastest(chain, state, np.eye(chain.joint_count, chain.velocity_count) * stiffness[:, None])
-    return Decay(math.sqrt(square), joint)
-
-
-def _fastest(chain: ClosedChain, state: State, resistance: Array) -> Decay:
-    """Return the largest eigenvalue of M^-1 R on the velocities that the grasps allow, and the joint of most power."""
+    # the largest eigenvalue of M^-1 R on the velocities that the grasps allow, and the joint of most power
     n = chain.joint_count
     Z = motion_basis(chain, state)
     if not Z.shape[1]:
@@ -91,6 +73,20 @@ def _fastest(chain: ClosedChain, state: State, resistance: Array) -> Decay:
     v = Z @ np.linalg.solve(L.T, modes[:, fastest])
     power = np.real(v[:n].conj() * (resistance @ v))
     return Decay(float(decays[fastest]), chain.joint_names()[int(np.argmax(power))])
+
+
+def fastest_swing(chain: ClosedChain, state: State, stiffness: Array) -> Decay:
+    """Return the highest frequency of oscillations on the joints' springs that the grasps allow [rad/s]. O((n + 6)^3).
+
+    Args:
+        chain: the chain.
+        state: its configuration; velocities are ignored.
+        stiffness: (n,) stiffness of the joints' springs [N m/rad or N/m].
+    """
+    if not stiffness.any():
+        return Decay(0.0, chain.joint_names()[0])
+    square, joint = fastest_decay(chain, state, np.eye(chain.joint_count, chain.velocity_count) * stiffness[:, None])
+    return Decay(math.sqrt(square), joint)
 
 
 def _mass_matrix(motion: ChainMotion) -> Array:

@@ -151,15 +151,16 @@ def _torque_use(chain: ClosedChain, tau: Array) -> tuple[float, str] | None:
     limits = np.array([joint.effort_limit for joint in chain.all_joints])
     if not np.isfinite(limits).any():
         return None
-    used = np.abs(tau).max(axis=0) / limits
-    worst = int(np.argmax(used))
-    return float(used[worst]), chain.joint_names()[worst]
+    return _worst_joint(chain, np.abs(tau).max(axis=0) / limits)
 
 
 def _limit_excess(chain: ClosedChain, q: Array) -> tuple[float, str] | None:
     low, high = np.array([joint.position_limits for joint in chain.all_joints]).reshape(-1, 2).T
     beyond = np.maximum(low - q, q - high).max(axis=0)
-    if not (beyond > 0).any():
-        return None
-    worst = int(np.argmax(beyond))
-    return float(beyond[worst]), chain.joint_names()[worst]
+    return _worst_joint(chain, beyond) if (beyond > 0).any() else None
+
+
+def _worst_joint(chain: ClosedChain, x: Array) -> tuple[float, str]:
+    """Return the largest entry of x (n,), and the name of its joint."""
+    worst = int(np.argmax(x))
+    return float(x[worst]), chain.joint_names()[worst]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 import numpy as np
@@ -14,6 +14,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import imbalance, momentum_imbalance
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import Setting
+from holdfast.spatial.converted import NOT_GIVEN
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array
@@ -161,14 +162,6 @@ def _quintic(
     return x, v0 + t * a0 + s**2 * (3.0 * c3 + s * (4.0 * c4 + 5.0 * s * c5)) / step
 
 
-NONE = np.zeros(0)
-
-
-def _none() -> Array:
-    """Return the placeholder for an array of a trunk that does not exist."""
-    return NONE
-
-
 OF_TRUNK = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wrench")  # results of 0.1 have no such arrays
 
 
@@ -252,25 +245,19 @@ class Trajectory(Frozen, RunOutputs):
         "[angular; linear] impulses of the bases in impacts since the start, about the world's origin, N m s and N s",
     ]
     condition: Annotated[Array, "1"]
-    base_pose: Annotated[Array, "unit quaternion wxyz, then m, of a floating base; world axes"] = field(
-        default_factory=_none
-    )
-    base_twist: Annotated[Array, "[omega; v of the floating base's origin], rad/s and m/s, world axes"] = field(
-        default_factory=_none
-    )
-    base_acceleration: Annotated[Array, "[omega_dot; v_dot of that origin], rad/s^2 and m/s^2, world axes"] = field(
-        default_factory=_none
-    )
+    base_pose: Annotated[Array, "unit quaternion wxyz, then m, of a floating base; world axes"] = NOT_GIVEN
+    base_twist: Annotated[Array, "[omega; v of the floating base's origin], rad/s and m/s, world axes"] = NOT_GIVEN
+    base_acceleration: Annotated[Array, "[omega_dot; v_dot of that origin], rad/s^2 and m/s^2, world axes"] = NOT_GIVEN
     trunk_base_wrench: Annotated[
         Array, "[moment; force] of the base on the trunk about the base origin, N m and N, world axes"
-    ] = field(default_factory=_none)
+    ] = NOT_GIVEN
     stopped: str | None = None
     occurrences: tuple[Occurrence, ...] = ()
     setting: Setting | None = None
 
     def __post_init__(self) -> None:
         for name in OF_TRUNK:
-            if getattr(self, name) is NONE:
+            if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros((*np.shape(self.t), 0)))
         super().__post_init__()
 

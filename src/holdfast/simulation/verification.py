@@ -54,14 +54,12 @@ class StepMargins(NamedTuple):
         margins: (k, signals) margins at these times.
         start: index of the step's start in `times`.
         end: the end of the step, which is the requested one or the first at which an acting margin is negative.
-        acting: the signal that ended the step early, or None.
     """
 
     times: Array
     margins: Array
     start: int
     end: Advance
-    acting: int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +78,12 @@ class MarginCurves:
     margins: dict[float, Array]
     advances: dict[float, Advance]
 
-    def evaluate(self, times: Sequence[float]) -> HoldfastError | None:
-        """Evaluate the margins at several times; return the error of the first time that cannot be reached, or None."""
+    def evaluate(self, times: Sequence[float]) -> None:
+        """Evaluate the margins at several times.
+
+        Raises:
+            HoldfastError: the error of the first time that cannot be reached; the margins before it are kept.
+        """
         found = self.reach([t for t in times if t not in self.margins])
         failed = next((k for k, reached in enumerate(found) if reached.instant is None), len(found))
         led = found[:failed]
@@ -89,15 +91,14 @@ class MarginCurves:
         instants = [reached.instant for reached in led if reached.instant is not None]
         if instants:
             self.margins.update(zip((reached.t for reached in led), self.of(instants), strict=True))
-        return found[failed].failure if failed < len(found) else None
+        if failed < len(found) and (failure := found[failed].failure) is not None:
+            raise failure
 
     def signal(self, i: int) -> Callable[[float], float]:
         """Return one margin as a function of time, which raises the error of a step that fails."""
 
         def margin(t: float) -> float:
-            failure = self.evaluate([t])
-            if failure is not None:
-                raise failure
+            self.evaluate([t])
             return float(self.margins[t][i])
 
         return margin
@@ -135,7 +136,11 @@ def verify(
         acting: indices of those that end the step when they become negative.
         lowest: (signals,) the lowest margins of the run so far.
     """
-    failure = curves.evaluate(times)
+    failure: HoldfastError | None = None
+    try:
+        curves.evaluate(times)
+    except HoldfastError as cause:
+        failure = cause
     try:
         if failure is None:
             _evaluate_ends(curves, begin, watched)
@@ -143,14 +148,12 @@ def verify(
         zero = _first_zero(curves, begin, acting)
     except REFUSALS as cause:
         failure, zero = cause, None
-    end, signal = times[-1], None
-    if zero is not None:
-        end, signal = zero
-    elif failure is not None:
+    end = times[-1] if zero is None else zero
+    if zero is None and failure is not None:
         curves.advances[end] = Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
     found, margins = curves.table()
     kept = found <= end
-    return StepMargins(found[kept], margins[kept], int(np.searchsorted(found, begin)), curves.advances[end], signal)
+    return StepMargins(found[kept], margins[kept], int(np.searchsorted(found, begin)), curves.advances[end])
 
 
 def _evaluate_ends(curves: MarginCurves, begin: float, watched: Array) -> None:
@@ -166,9 +169,7 @@ def _evaluate_ends(curves: MarginCurves, begin: float, watched: Array) -> None:
         steepest = np.maximum(drop, m[c] - m[b])
         if ((drop > 0.0) & (m[a] >= 0.0) & (m[a] < DROPS * steepest)).any():
             more += [times[s] + k / EVALUATIONS * (times[t] - times[s]) for k in range(1, EVALUATIONS)]
-    failure = curves.evaluate(sorted({float(t) for t in more} - {float(t) for t in times})) if more else None
-    if failure is not None:
-        raise failure
+    curves.evaluate(sorted({float(t) for t in more} - {float(t) for t in times}))
 
 
 def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precision: float) -> None:
@@ -185,16 +186,14 @@ def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precisio
     found = [(times[k : k + 3].tolist(), int(watched[i])) for k, i in np.argwhere(bracket & worthwhile)]
 
     def margins_at(times_of: Mapping[int, float]) -> list[float]:
-        failure = curves.evaluate(sorted(set(times_of.values())))
-        if failure is not None:
-            raise failure
+        curves.evaluate(sorted(set(times_of.values())))
         return [float(curves.margins[t][found[k][1]]) for k, t in times_of.items()]
 
     together([search_lowest(a, b, c, precision) for (a, b, c), _ in found], margins_at)
 
 
-def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> tuple[float, int] | None:
-    """Return the first time at which an acting margin is negative, and the index of its signal; None if there is none.
+def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> float | None:
+    """Return the first time at which an acting margin is negative; None if there is none.
 
     A dip before the step's start that is found only in this step counts as one at the start.
     """
@@ -203,11 +202,10 @@ def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> tuple[floa
         return None
     rows = (margins[:, acting] < 0.0).any(axis=1)
     k = int(np.argmax(rows))
-    below = [int(i) for i in acting[margins[k, acting] < 0.0]]
     if times[k] <= begin:
-        return begin, below[0]
+        return begin
     t, b = float(times[k - 1]), float(times[k])
-    zeros = [
-        (crossing(curves.signal(i), t, float(margins[k - 1, i]), b, float(margins[k, i]), CROSSING), i) for i in below
-    ]
-    return min(zeros)
+    below = acting[margins[k, acting] < 0.0].tolist()
+    return min(
+        crossing(curves.signal(i), t, float(margins[k - 1, i]), b, float(margins[k, i]), CROSSING) for i in below
+    )

@@ -7,6 +7,7 @@ import pickle
 import time
 from collections import Counter
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ class Task(NamedTuple):
         rollout: the pickled rollout.
         rows: arguments of `Rollout.start`.
         drawn: shapes, for one run, of the arguments that differ between runs, by name.
-        duration, step, options: arguments of `Rollout.run`.
+        run: further arguments of `Rollout.run`.
         outputs: names of the outputs to store.
         plan: digest of the plan.
         made_by: libraries and processor of the process that made the plan; see `made_by`.
@@ -41,9 +42,7 @@ class Task(NamedTuple):
     rollout: bytes
     rows: Mapping[str, Any]
     drawn: tuple[str, ...]
-    duration: float
-    step: float
-    options: Mapping[str, Any]
+    run: Mapping[str, Any]
     outputs: tuple[str, ...]
     plan: str
     made_by: Mapping[str, Any]
@@ -67,7 +66,7 @@ class Computed(NamedTuple):
     process: int
 
 
-_UNPACKED: dict[bytes, Rollout] = {}  # the last rollout of this process
+_unpacked = lru_cache(maxsize=1)(pickle.loads)  # the last rollout of this process
 
 
 def compute(task: Task) -> Computed:
@@ -82,11 +81,8 @@ def compute(task: Task) -> Computed:
             f"sweep: expected workers with {_listed(task.made_by)}, on which the last bits depend, got one with"
             f" {_listed(made_by())}; try the same installation on all computers"
         )
-    rollout = _unpacked(task.rollout)
-    systems = rollout.start(**task.rows)
-    record = rollout.run(
-        systems, task.duration, task.step, every=_steps(task.duration, task.step), record=(), **task.options
-    )
+    rollout: Rollout = _unpacked(task.rollout)
+    record = rollout.run(rollout.start(**task.rows), **task.run)
     data = encoded(columns_of(record, task), task.plan)
     fates = Counter(status.name for status in record.systems.status)
     return Computed(task.number, data, fates, time.perf_counter() - start, os.getpid())
@@ -143,16 +139,3 @@ def _titled(name: str, rows: Array) -> dict[str, Array]:
 def _listed(made: Mapping[str, Any]) -> str:
     """Return libraries and processor as text."""
     return ", ".join([*(f"{name} {number}" for name, number in made["versions"].items()), made["processor"]])
-
-
-def _unpacked(rollout: bytes) -> Rollout:
-    found = _UNPACKED.get(rollout)
-    if found is None:
-        found = pickle.loads(rollout)
-        _UNPACKED.clear()  # threads of other sweeps may do the same
-        _UNPACKED[rollout] = found
-    return found
-
-
-def _steps(duration: float, step: float) -> int:
-    return max(1, round(duration / step))

@@ -7,7 +7,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any
 
@@ -19,7 +19,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
-from holdfast.simulation.rollout.arguments import CHAINS, number, stop_margins, whole_number, whole_steps
+from holdfast.simulation.rollout.arguments import CHAINS, number, step_options, whole_number, whole_steps
 from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutSystems
@@ -109,11 +109,7 @@ class Plan(Frozen):
             "law_sha256": _sha256(repr(law)),
             "state_sha256": fingerprint(self.state),
             "samples": {name: _described(x) for name, x in self.samples.items()},
-            "count": self.count,
-            "chunk": self.chunk,
-            "seed": self.seed,
-            "duration": self.duration,
-            "step": self.step,
+            **{name: getattr(self, name) for name in ("count", "chunk", "seed", "duration", "step")},
             "scheme": rollout.scheme,
             "options": dict(self.options),
             "outputs": list(self.outputs),
@@ -124,8 +120,7 @@ class Plan(Frozen):
         """Return the plan with the generic rank for all chunks."""
         old = self.rollout
         parts = (old.base_motion, old.options, old.inputs)
-        rollout = Rollout(old.chain, old.law, old.scheme, generic_rank, *parts)
-        return Plan(**{**vars(self), "rollout": rollout})
+        return replace(self, rollout=Rollout(old.chain, old.law, old.scheme, generic_rank, *parts))
 
 
 def plan_of(
@@ -158,11 +153,8 @@ def plan_of(
         )
     if not isinstance(parameters, Mapping):
         raise StateError(f"parameters: expected a mapping of names, got {type(parameters).__name__}")
-    options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "largest_drift": largest_drift}
-    stop_margins(least_margin, stop_at_limits)
-    if largest_drift is not None:
-        checks.number(largest_drift, "largest_drift", above=0.0)
-    runs = bounded("count", count)
+    options = step_options(least_margin, stop_at_limits, largest_drift)
+    runs = whole_number("count", count, MOST_RUNS)
     length, h = number("duration", duration), number("step", step)
     if h <= 0.0:
         raise StateError(f"step: expected a positive number of seconds, got {checks.short(step)}")
@@ -174,12 +166,12 @@ def plan_of(
         state,
         parsed_samples(rollout, parameters, runs),
         runs,
-        bounded("chunk", chunk, LARGEST_CHUNK),
+        whole_number("chunk", chunk, LARGEST_CHUNK),
         seed,
         length,
         h,
         parsed_outputs(outputs),
-        {name: x if name != "least_margin" else float(x) for name, x in options.items()},  # pyright: ignore[reportArgumentType]
+        options,
     )
     plan.rows(0, 1)  # this raises the errors of unsuitable distributions
     return plan
@@ -254,15 +246,6 @@ def parsed_outputs(outputs: Any) -> tuple[str, ...]:
     if len(set(names)) < len(names):
         raise StateError(f"outputs: expected every name once, got {', '.join(names)}")
     return names
-
-
-def bounded(name: str, value: Any, most: int = MOST_RUNS) -> int:
-    """Return an integer from 1 to a bound.
-
-    Raises:
-        StateError: the value is not such an integer.
-    """
-    return whole_number(name, value, most)
 
 
 def find_generic_rank(plan: Plan) -> int:

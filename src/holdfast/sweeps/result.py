@@ -174,9 +174,8 @@ class Sweep:
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < plan.count:
             raise StateError(f"run: expected a number from 0 to {plan.count - 1}, got {checks.short(number)}")
         begin, end = plan.bounds(int(number) // plan.chunk)
-        systems = plan.rollout.start(
-            **plan.rows(begin, end)
-        )  # all runs of the chunk, because constraint rows are chosen for them together
+        # all runs of the chunk, because constraint rows are chosen for them together
+        systems = plan.rollout.start(**plan.rows(begin, end))
         one = systems.copy([int(number) - begin])
         record = plan.rollout.run(one, plan.duration, plan.step, every=every, **plan.options)
         found = record.trajectory(0)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
@@ -205,15 +205,9 @@ def _require_same(folder: Path, there: Mapping[str, Any], requested: Mapping[str
     Raises:
         ResultError: the plans differ; the message names the differences.
     """
-    differing = sorted(_differences(there, requested))
+    differing = sorted(name for name in {*there, *requested} if there.get(name) != requested.get(name))
     if differing:
         raise ResultError(
             f"{folder}: holds a sweep of another plan: {', '.join(differing)} differ; try another folder, or the"
             " arguments of then"
         )
-
-
-def _differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[str]:
-    for name in {*a, *b}:
-        if a.get(name) != b.get(name):
-            yield name

@@ -16,10 +16,11 @@ from holdfast.io.files import file_path
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import reporting
+from holdfast.simulation.rollout.arguments import whole_number, whole_steps
 from holdfast.state import State
 from holdfast.sweeps.chunk import Computed, Task, pyarrow
 from holdfast.sweeps.cluster import LOCAL, computed_by_cluster, require_dask
-from holdfast.sweeps.plan import OUTPUTS, Plan, bounded, find_generic_rank, made_by, plan_of
+from holdfast.sweeps.plan import OUTPUTS, Plan, find_generic_rank, made_by, plan_of
 from holdfast.sweeps.progress import Progress
 from holdfast.sweeps.result import Sweep
 from holdfast.sweeps.store import Store
@@ -134,7 +135,7 @@ def carry_out(
     """
     pyarrow()
     _require_workers(workers, cluster)
-    bounded("ahead", ahead, MOST_WORKERS)
+    whole_number("ahead", ahead, MOST_WORKERS)
     place = Store(file_path(store, "store"), plan)
     try:
         if place.generic_rank is None:
@@ -160,7 +161,7 @@ def _require_workers(workers: Any, cluster: Any) -> None:
     """
     by_executor = isinstance(workers, Executor) or hasattr(workers, "submit")
     if not by_executor:
-        bounded("workers", workers, MOST_WORKERS)
+        whole_number("workers", workers, MOST_WORKERS)
     if cluster is None:
         return
     if not isinstance(cluster, str) or not cluster:
@@ -209,8 +210,9 @@ def _computed(tasks: Iterator[Task], workers: Any, cluster: str | None, ahead: i
 def _tasks(plan: Plan, digest: str, missing: Sequence[int]) -> Iterator[Task]:
     """Yield chunks on demand, so that few of them are in memory."""
     rollout, drawn = pickle.dumps(plan.rollout), plan.drawn()
+    every = whole_steps(plan.duration, plan.step)
+    run = {"duration": plan.duration, "step": plan.step, "every": every, "record": (), **plan.options}
     for k in missing:
         begin, end = plan.bounds(k)
         rows = plan.rows(begin, end)
-        how = (plan.duration, plan.step, plan.options, plan.outputs)
-        yield Task(k, begin, rollout, rows, drawn, *how, digest, made_by())
+        yield Task(k, begin, rollout, rows, drawn, run, plan.outputs, digest, made_by())

@@ -13,6 +13,7 @@ from holdfast import ClosedChain, ControlLaw, Inputs, State, compile_rollout, si
 from holdfast.simulation import Rollout, RolloutSystems
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
+from tests.compiler.programs import same_bits
 from tests.simulation.runs import limp
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
@@ -103,10 +104,9 @@ def arrays(state: State) -> dict[str, np.ndarray]:
     return found
 
 
-def state_of(systems: RolloutSystems, row: int) -> State:
-    """Return the state of one system."""
-    base = (systems.floating_pose[row], systems.floating_twist[row]) if systems.chain.floats else ()
-    return State(systems.q[row], systems.qd[row], systems.object_pose[row], systems.object_twist[row], *base)
+def same(a: RolloutSystems, b: RolloutSystems) -> bool:
+    """Return whether two batches are the same, to the last bit of all that is carried on, and of time."""
+    return same_bits(a.t, b.t) and all(same_bits(x, b.arrays[name]) for name, x in a.arrays.items())
 
 
 def numbers(at: Instant) -> dict[str, np.ndarray]:

@@ -8,16 +8,11 @@ import pytest
 from holdfast.compiler.targets import cpu
 from holdfast.simulation import Rollout, RolloutSystems
 from tests.compiler.programs import same_bits
-from tests.simulation.rollout.problems import elsewhere, given_torques, problem, started, swinging
+from tests.simulation.rollout.problems import elsewhere, given_torques, problem, same, started, swinging
 
 LANES = cpu.lanes()
 COUNT = 2 * LANES + 3
 STEP = 2e-3
-
-
-def same(a: RolloutSystems, b: RolloutSystems) -> bool:
-    """Return whether two batches are the same, to the last bit of all that is carried on, and of time."""
-    return same_bits(a.t, b.t) and all(same_bits(x, b.arrays[name]) for name, x in a.arrays.items())
 
 
 def after(rollout: Rollout, systems: RolloutSystems, steps: int, **options) -> RolloutSystems:

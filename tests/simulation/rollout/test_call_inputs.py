@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from holdfast import ControlLaw, FrozenError, State, StateError, compile_rollout
-from holdfast.simulation import Rollout, RolloutSystems
+from holdfast.simulation import Rollout
 from holdfast.spatial.scalar import minimum, sin, where
 from tests.compiler.programs import same_bits
-from tests.simulation.rollout.problems import arrays, elsewhere, given_torques, problem
+from tests.simulation.rollout.problems import arrays, elsewhere, given_torques, problem, same
 
 COUNT, STEP = 3, 1e-3
 
@@ -47,11 +47,6 @@ def everything(rollout: Rollout, count: int) -> dict[str, Any]:
     }
 
 
-def equal(a: RolloutSystems, b: RolloutSystems) -> bool:
-    """Return whether two are the same to the bit."""
-    return same_bits(a.t, b.t) and all(same_bits(x, b.arrays[name]) for name, x in a.arrays.items())
-
-
 def test_kept():
     """Payload, gravity, frames, wrenches and the law's parameters given at the start act in every later step."""
     rollout, state = braking()
@@ -60,10 +55,10 @@ def test_kept():
     for _ in range(3):
         rollout.step(systems, STEP, steps=2)
         rollout.step(given_again, STEP, steps=2, **given)
-    assert equal(systems, given_again) and systems.running.all()
+    assert same(systems, given_again) and systems.running.all()
     record = rollout.run(systems, 4 * STEP, STEP)
     rollout.step(systems, STEP, steps=4)
-    assert equal(record.systems, systems)
+    assert same(record.systems, systems)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +77,7 @@ def test_given_anew(name):
     for _ in range(2):
         rollout.step(as_given, STEP, **given | other)
         rollout.step(nominal, STEP)
-    assert equal(systems, as_given) and not same_bits(systems.qd, nominal.qd)
+    assert same(systems, as_given) and not same_bits(systems.qd, nominal.qd)
 
 
 def test_rows_keep_their_own():
@@ -105,7 +100,7 @@ def test_a_callers_array_is_its_own():
     tau[...] = 5.0
     rollout.step(systems, STEP)
     rollout.step(expected, STEP, tau=np.ones(6))
-    assert equal(systems, expected)
+    assert same(systems, expected)
 
 
 def test_another_law():
@@ -140,11 +135,11 @@ def test_travelling():
         assert tau.shape == (6,) and memory == pytest.approx([0.28])
     rollout.step(systems, STEP, steps=3)
     other.step(there, STEP, steps=3)
-    assert equal(systems, there)
+    assert same(systems, there)
     again = pickle.loads(pickle.dumps(other))
     again.step(there, STEP)
     rollout.step(systems, STEP)
-    assert equal(systems, there)
+    assert same(systems, there)
     named = given_torques("one")  # a law that is a function of a module travels as it is
     assert pickle.loads(pickle.dumps(named)).law.torque is named.law.torque
 

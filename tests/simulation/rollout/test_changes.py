@@ -14,7 +14,7 @@ from holdfast.simulation.runge_kutta import MIDPOINT, RK4
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.compiler.programs import same_bits
 from tests.simulation.gantries import squeezed
-from tests.simulation.rollout.problems import arrays, generic_rank, given_torques, problem, state_of
+from tests.simulation.rollout.problems import arrays, generic_rank, given_torques, problem
 
 STEP = 1e-2
 
@@ -28,7 +28,7 @@ def test_torques_and_wrenches_of_each_step():
         tau, wrench = 10.0 * random.normal(size=6), 5.0 * random.normal(size=6)
         environment = Environment(chain, inputs=Inputs(object_wrench=wrench))
         reference = ReferenceStepper(environment, lambda t, x, m, tau=tau: (tau, m), rank, RK4)
-        now, _ = reference.start(0.0, state_of(systems, 0), None)
+        now, _ = reference.start(0.0, systems.state(0), None)
         (reached,) = reference.advance(now, [STEP])
         rollout.step(systems, STEP, tau=tau, object_wrench=wrench)
         assert reached.instant is not None
@@ -79,7 +79,7 @@ def test_a_changed_law_is_the_references():
     rollout, state = integrating()
     systems = rollout.start(**arrays(state), **given(0.2))
     rollout.step(systems, STEP, steps=3, **given(0.2))
-    at, memory = state_of(systems, 0), systems.arrays["before"][0].copy()
+    at, memory = systems.state(0), systems.arrays["before"][0].copy()
 
     def controller(t, x, m):
         return rollout.law.torque(t, x, m, given(-0.5) | {"target": np.array(-0.5)})

@@ -60,7 +60,7 @@ def test_every_backend_reports_and_closes_the_same_gaps():
     steppers = (
         ReferenceStepper(environment, controller, rank, rk4),
         FusedStepper.of(environment, law, rk4, rank),
-        StagewiseStepper.of(environment, controller, rank, rk4, tolerance),
+        StagewiseStepper(environment, controller, rank, rk4, tolerance),
     )
     starts = [stepper.start(0.0, loose, memory) for stepper in steppers]
     systems = swinging("five").start(**{name: x[None] for name, x in arrays(loose).items()})

@@ -16,7 +16,7 @@ from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.compiler.programs import same_bits
 from tests.simulation.gantries import squeezed
-from tests.simulation.rollout.problems import arrays, elsewhere, problem, state_of, swinging
+from tests.simulation.rollout.problems import arrays, elsewhere, problem, swinging
 from tests.systems import planar_parallelogram
 from tests.systems.as_chain import as_chain
 
@@ -89,7 +89,7 @@ def test_margins():
         least = systems.margin[0].copy()
         for _ in range(5):
             each.step(systems, 5e-3, **given(rate))
-            expected = grasp_margins(each.chain, state_of(systems, 0), systems.grasp_wrench[0])
+            expected = grasp_margins(each.chain, systems.state(0), systems.grasp_wrench[0])
             assert np.abs(systems.margin[0] - expected).max() <= 1e-12
             least = np.minimum(least, expected)
         assert systems.margin[0, 1] == pytest.approx(SQUEEZE if each is rollout else 45.0 - np.hypot(SQUEEZE, 5.0))
@@ -101,7 +101,7 @@ def test_margins():
     weak = replace(free.chain.grasps[name], wrench_limits=WrenchLimits(force=50.0))
     chain = replace(free.chain, grasps={name: weak})
     systems = compile_rollout(chain, free.law, scheme="midpoint").start(**arrays(problem("one")[1]))
-    expected = grasp_margins(chain, state_of(systems, 0), systems.grasp_wrench[0])
+    expected = grasp_margins(chain, systems.state(0), systems.grasp_wrench[0])
     assert np.isfinite(expected).all() and np.abs(systems.margin[0] - expected).max() <= 1e-11
 
 
@@ -129,7 +129,7 @@ def test_singular_at_a_steps_end_or_inside():
     alone = rollout.step(rollout.start(**{k: x[2] for k, x in given.items()}, tau=tau), 1e-2, steps=12, tau=tau)
     assert all(same_bits(x[0], systems.arrays[name][2]) for name, x in alone.arrays.items())
     for row in (0, 1):
-        at = state_of(systems, row)
+        at = systems.state(row)
         reference = ReferenceStepper(Environment(rollout.chain), lambda t, x, m: (tau, m), 9, RK4)
         now, _ = reference.start(0.0, at, None)
         assert isinstance(reference.advance(now, [1e-2])[0].failure, SingularChainError)

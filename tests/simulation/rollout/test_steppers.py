@@ -90,7 +90,7 @@ def test_stagewise(name, moving, by):
     bases = {arm: shaken(chain.arms[arm].base, k) for k, arm in enumerate(chain.names) if k % 2 == 0}
     environment = Environment(chain, bases, wind) if moving else pushed(chain)
     reference = ReferenceStepper(environment, stubborn, rank, scheme(by), Tolerance(1e-9))
-    agree(StagewiseStepper.of(environment, stubborn, rank, scheme(by), Tolerance(1e-9)), reference, state)
+    agree(StagewiseStepper(environment, stubborn, rank, scheme(by), Tolerance(1e-9)), reference, state)
 
 
 @pytest.mark.slow
@@ -106,7 +106,7 @@ def test_stagewise_with_a_law(name, moving, by):
         return law.torque(t, state, memory, {})
 
     reference = ReferenceStepper(environment, controller, rank, scheme(by), Tolerance(1e-9))
-    agree(StagewiseStepper.of(environment, law, rank, scheme(by), Tolerance(1e-9), law), reference, state, law.memory)
+    agree(StagewiseStepper(environment, law, rank, scheme(by), Tolerance(1e-9), law), reference, state, law.memory)
 
 
 @pytest.mark.parametrize("given", ["base_twists", "base_accelerations"])
@@ -132,7 +132,7 @@ def test_failures_are_each_ends_own():
     environment = pushed(chain)
     for stepper in (
         FusedStepper.of(environment, law, scheme("rk4"), rank),
-        StagewiseStepper.of(environment, stubborn, rank, scheme("rk4"), Tolerance()),
+        StagewiseStepper(environment, stubborn, rank, scheme("rk4"), Tolerance()),
     ):
         now, _ = stepper.start(BEGIN, state, None)
         near, far = stepper.advance(now, [BEGIN + 1e-3, BEGIN + 5.0])
@@ -151,13 +151,13 @@ def test_what_stagewise_cannot_is_refused():
     def late(t: float) -> Inputs:
         return Inputs(link_wrenches=np.full((n, 6), 1.0)) if t > BEGIN else Inputs()
 
-    stepper = StagewiseStepper.of(Environment(chain, inputs=late), stubborn, rank, scheme("rk4"), Tolerance())
+    stepper = StagewiseStepper(Environment(chain, inputs=late), stubborn, rank, scheme("rk4"), Tolerance())
     now, _ = stepper.start(BEGIN, state, None)
     (reached,) = stepper.advance(now, [BEGIN + 1e-3])
     assert isinstance(reached.failure, MethodNotApplicable) and "inputs: link_wrenches: expected none" in str(
         reached.failure
     )
-    short = StagewiseStepper.of(
+    short = StagewiseStepper(
         Environment(chain, inputs=wind), lambda t, x, m: (np.zeros(3), m), rank, scheme("rk4"), Tolerance()
     )
     with pytest.raises(StateError, match="controller: torques"):

@@ -6,7 +6,7 @@ import pytest
 from holdfast import ControlLaw, compile_rollout, simulate
 from tests.compiler.programs import same_bits
 from tests.simulation.gantries import squeezed
-from tests.simulation.rollout.problems import arrays, state_of
+from tests.simulation.rollout.problems import arrays
 
 DAMPING = 1000.0  # N s/m of every slide: 600 1/s
 LAW = ControlLaw(lambda t, state, memory, given: (np.array([0.0, 0.0, 30.0 + t, 0.0, 0.0, 30.0 - t]), memory))
@@ -28,7 +28,7 @@ def test_as_simulate(damped):
     for row, (step, implicit) in enumerate([(2e-2, True), (1e-3, False)]):
         run = simulate(chain, state, LAW, 10 * step, step, scheme="midpoint")
         assert [one.kind for one in run.occurrences] == ["stiff"] * implicit
-        found = state_of(systems, row)
+        found = systems.state(row)
         assert found.q == pytest.approx(run.q[-1], abs=1e-12)
         assert found.qd == pytest.approx(run.qd[-1], abs=1e-12)
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiled.traced_chain import Given, traced
-from holdfast.compiler.kernel import address_of
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
@@ -61,7 +60,7 @@ class AdjointKernel:
         found |= {name: External(shape, "output") for name, shape in self._shapes.items() if name.startswith(FOUND)}
         self.externals = {name: e for name, e in found.items() if math.prod(e.shape)}
         scheme = "closing" if tableau is None else tableau.name
-        model = VariedStep(step.structure, step.law, step.motions, step.acting, tableau or EULER)
+        model = VariedStep(step.model, tableau or EULER)
         what = f"adjoint/{scheme}/{','.join(self.by)};{','.join(self.of)}"
         self._code = step.compiled(self.externals, what, lambda: traced(self.externals, self._text(model, tableau)))
 
@@ -97,11 +96,8 @@ class AdjointKernel:
         every = {**self._step.parameters, **given}
         every |= {f"{WITH}{name}": x for name, x in cotangents.items()}
         every |= {f"{FOUND}{name}": x for name, x in found.items()}
-        arrays = [np.asarray(every[name], dtype=float, order="C") for name in self.externals]
-        table = np.zeros((len(arrays), 2), dtype=np.int64)
-        for row, x, external in zip(table, arrays, self.externals.values(), strict=True):
-            row[:] = address_of(x), external.size if x.ndim > len(external.shape) else 0
-        self._code.run_batch(table, count, threads)
+        arrays = {name: np.asarray(every[name], dtype=float, order="C") for name in self.externals}
+        self._code.run_arrays(arrays, count, threads)
         return found
 
 

@@ -201,10 +201,8 @@ def whole_steps(duration: float, step: float) -> int:
 def stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:
     """Return the margins below which systems stop, by status code."""
     checks.flag(stop_at_limits, "stop_at_limits", StateError)
-    return {
-        SLIPPED: number("least_margin", least_margin, infinite=True),
-        LIMITED: 0.0 if stop_at_limits else -np.inf,
-    }
+    least, of_joints = number("least_margin", least_margin, infinite=True), 0.0 if stop_at_limits else -np.inf
+    return {SLIPPED: least, LIMITED: of_joints}
 
 
 def drift_limit(largest_drift: float | None) -> float | None:
@@ -215,11 +213,8 @@ def drift_limit(largest_drift: float | None) -> float | None:
 def step_options(least_margin: float, stop_at_limits: bool, largest_drift: float | None) -> dict[str, Any]:
     """Return the options of `Rollout.step`, checked, as they are written to a record's metadata."""
     least = stop_margins(least_margin, stop_at_limits)[SLIPPED]
-    return {
-        "least_margin": least,
-        "stop_at_limits": bool(stop_at_limits),
-        "largest_drift": drift_limit(largest_drift),
-    }
+    limit = drift_limit(largest_drift)
+    return {"least_margin": least, "stop_at_limits": bool(stop_at_limits), "largest_drift": limit}
 
 
 def common_time(systems: RolloutSystems) -> float:

@@ -9,8 +9,7 @@ from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_t
 from holdfast.control.traced_law import law_of
 from holdfast.errors import ModelError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.environment import BaseMotion, Environment
-from holdfast.simulation.external_inputs import GivenInputs, take_state
+from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs, take_state
 from holdfast.simulation.rollout.arguments import require_free_names
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.runge_kutta import scheme as scheme_of

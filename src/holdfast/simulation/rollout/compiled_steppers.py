@@ -8,7 +8,7 @@ while the environment or the controller is evaluated in Python at every stage (`
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, cast
 
@@ -21,8 +21,7 @@ from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.simulation.adaptive import Tolerance
-from holdfast.simulation.environment import Environment
-from holdfast.simulation.external_inputs import MOVING_BASES, GivenInputs
+from holdfast.simulation.environment import MOVING_BASES, Environment, GivenInputs
 from holdfast.simulation.increment import body_parts, twists
 from holdfast.simulation.instant import Instant, late_instant
 from holdfast.simulation.linearly_implicit import Implicit
@@ -55,41 +54,32 @@ class StagewiseStepper:
     Attributes:
         environment: the chain, its base motions and external inputs; wrenches on links are possible only if the inputs
             depend on the state.
-        controller: the controller; None if the kernel contains the law.
-        kernel: a compiled step of length zero, which projects or evaluates states.
+        controller: the controller.
         generic_rank: rank of the constraint away from singular configurations.
         scheme: the Runge-Kutta scheme.
         tolerance: the tolerance by which the estimated errors are divided to give `Advance.error`.
-        values: values of the law's parameters, with the names of the kernel.
+        law: a law with the torques of the controller, which is then compiled instead; None if there is none.
     """
 
     environment: Environment
-    controller: Controller | None
-    kernel: StepKernel
+    controller: Controller
     generic_rank: int
     scheme: Tableau
     tolerance: Tolerance
-    values: Mapping[str, Array] = field(default_factory=dict)
+    law: ControlLaw | None = None
 
-    @classmethod
-    def of(
-        cls,
-        environment: Environment,
-        controller: Controller,
-        generic_rank: int,
-        scheme: Tableau,
-        tolerance: Tolerance,
-        law: ControlLaw | None = None,
-    ) -> StagewiseStepper:
-        """Return the stepper for a controller; if a `law` with the same torques is given, it is compiled instead."""
-        ours = held_torques(environment.chain.joint_count) if law is None else law
-        options = Options(
-            base_motion=bases_move(environment), implicit=scheme.implicit, link_wrenches=environment.of_state
-        )
-        kernel = StepKernel(environment.chain, ours, EULER, generic_rank, options=options, quick=True)
-        values = controller.values if isinstance(controller, GivenLaw) else {}
-        in_python = controller if law is None else None
-        return cls(environment, in_python, kernel, generic_rank, scheme, tolerance, by_name(values))
+    @cached_property
+    def kernel(self) -> StepKernel:
+        """A compiled step of length zero, which projects or evaluates states."""
+        chain, moving, implicit = self.environment.chain, bases_move(self.environment), self.scheme.implicit
+        options = Options(base_motion=moving, implicit=implicit, link_wrenches=self.environment.of_state)
+        law = held_torques(chain.joint_count) if self.law is None else self.law
+        return StepKernel(chain, law, EULER, self.generic_rank, options=options, quick=True)
+
+    @cached_property
+    def values(self) -> Mapping[str, Array]:
+        """Values of the law's parameters, with the names of the kernel."""
+        return by_name(self.controller.values if isinstance(self.controller, GivenLaw) else {})
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
@@ -157,7 +147,7 @@ class StagewiseStepper:
         Raises:
             MethodNotApplicable: there are wrenches on links, for which the machine code was not compiled.
         """
-        tau = None if self.controller is None else np.zeros(self.environment.chain.joint_count)
+        tau = None if self.law is not None else np.zeros(self.environment.chain.joint_count)
         if self._still is not None:
             return StageInputs(t, self.environment.chain, self._still, tau, None)
         chain, inputs = self.environment.at(t, state)
@@ -192,7 +182,7 @@ class StagewiseStepper:
 
     def _driven(self, at: StageInputs, state: State, memory: Any) -> StageInputs:
         """Return the inputs of the machine code, completed by the controller's torques and memory."""
-        if self.controller is None:
+        if self.law is not None:
             return replace(at, memory=memory)
         tau, kept = torques_and_memory(self.controller(at.t, state, memory))
         tau = checks.numbers(tau, (at.chain.joint_count,), "controller: torques", StateError)
@@ -233,7 +223,7 @@ class StagewiseStepper:
             none = np.zeros(self.environment.chain.joint_count)
             inputs["added_armature"] = np.array([one.armature for one in implicit]) if implicit else none
             inputs["added_torque"] = np.array([one.torque for one in implicit]) if implicit else none
-        if self.controller is not None:
+        if self.law is None:
             inputs["control.tau"] = np.array([m.tau for m in stages])
         parameters = {}
         if bases_move(self.environment):
@@ -323,7 +313,7 @@ def stepper_for(
     if law is None or scheme.adaptive or not traceable:
         if _moves_trunk_base(environment, acting):  # stagewise steps do not support this
             return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
-        return StagewiseStepper.of(environment, controller, generic_rank, scheme, tolerance, law)
+        return StagewiseStepper(environment, controller, generic_rank, scheme, tolerance, law)
     return FusedStepper.of(environment, law, scheme, generic_rank, values)
 
 

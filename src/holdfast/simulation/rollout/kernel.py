@@ -25,7 +25,7 @@ from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
-from holdfast.simulation.external_inputs import GivenInputs
+from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.joint_friction import joint_friction
 from holdfast.simulation.rollout import traced_step
@@ -71,26 +71,12 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
     inputs += ["keep_rows"] if options.held else []
     inputs += ["added_armature", "added_torque"] if options.implicit else []
-    parameters = [
-        *PARAMETERS,
-        *(link_parameters(chain) if options.link_inertia else ()),
-        *(BASE_MOTION if options.base_motion else ()),
-        "grasp_R",
-        "grasp_p",
-        CONTACTS,
-        "limits",
-    ]
+    parameters = [*PARAMETERS, *(link_parameters(chain) if options.link_inertia else ())]
+    parameters += BASE_MOTION if options.base_motion else ()
+    parameters += ["grasp_R", "grasp_p", CONTACTS, "limits"]
     states = carried_shapes(chain, law, options.held)
     carried = {f"last.{name}": External(shape, "carried") for name, shape in states.items()}
     return externals(inputs, parameters, (), shapes(chain) | own | of_law) | carried
-
-
-def step_schedule(
-    structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, tableau: Tableau
-) -> Schedule:
-    """Return the schedule of one step."""
-    step = partial(traced_step.step, structure, law, motions, acting, tableau)
-    return traced(step_externals(structure, law), step)
 
 
 Systems = dict[str, Array]  # carried arrays by name, (systems, *shape) each
@@ -105,6 +91,7 @@ class StepKernel:
         motions: motions of the moving bases.
         acting: wrenches that are part of the machine code, in addition to those of a call.
         structure: the structure of the chain for the compiler.
+        model: chain, law and surroundings together, for tracing.
         adjoints: the adjoint kernels created so far.
         carried: shapes of the arrays that a system carries between two steps.
         externals: input and output arrays of the machine code.
@@ -129,18 +116,17 @@ class StepKernel:
         held = 0 <= generic_rank < chain.constraint_row_count
         self.structure = structure = Structure(chain, replace(options or Options(), held=held))
         externals = step_externals(structure, law)
-        system = structure, law, self.motions, acting
-        slopes = partial(traced_step.evaluation, *system)
-        name, code = f"step/{tableau.name}", partial(self.compiled, externals, quick=quick)
-        self._step = code(name, lambda: step_schedule(*system, tableau))
+        self.model = model = traced_step.StepModel(structure, law, self.motions, acting)
+        step, slopes = partial(traced_step.step, model, tableau), partial(traced_step.evaluation, model)
+        code = partial(self.compiled, externals, quick=quick)
+        self._step = code(f"step/{tableau.name}", lambda: traced(externals, step))
         self._slopes = code("evaluation", lambda: traced(externals, slopes))
         self.adjoints: dict[Any, Any] = {}  # values are `adjoint.AdjointKernel`, created on demand
         self.carried = carried_shapes(chain, law, structure.options.held)
         self.externals = externals
         own = parameters_of(chain, generic_rank) | {"limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
-        none = np.array(-np.inf)
-        self.defaults: Systems = {"least_margin": none, "least_joint_margin": none}
+        self.defaults: Systems = dict.fromkeys(("least_margin", "least_joint_margin"), np.array(-np.inf))
         self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
         self._layout = {name: (row, e.size, len(e.shape)) for row, (name, e) in enumerate(externals.items())}
         self._required = self._layout.keys() - self.parameters.keys() - self.defaults.keys()
@@ -148,10 +134,9 @@ class StepKernel:
 
     def schedule(self, tableau: Tableau) -> Schedule:
         """Return the schedule of a step that also evaluates the slope at its start, because its inputs have changed."""
-        system = self.structure, self.law, self.motions, self.acting
 
         def step(given: Given) -> dict[str, Any]:
-            return traced_step.step(*system, tableau, {**given, **traced_step.evaluation(*system, given)})
+            return traced_step.step(self.model, tableau, {**given, **traced_step.evaluation(self.model, given)})
 
         return traced(self.externals, step)
 

@@ -17,7 +17,7 @@ from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import busy
-from holdfast.simulation.external_inputs import GivenInputs
+from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.rollout.arguments import (
     MOST_STEPS,
     StopMargins,
@@ -37,14 +37,13 @@ from holdfast.simulation.rollout.parts import contradicted, subdivided
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
-from holdfast.simulation.rollout.stiff import stiff_systems
-from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.systems import RolloutSystems, passive_rates
 from holdfast.simulation.rollout.tape import Tape
 from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
-from holdfast.simulation.stability import surely_stable_step
+from holdfast.simulation.stability import USED, surely_stable_step
 from holdfast.spatial.scalar import Array
 
 NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
@@ -243,12 +242,7 @@ class Rollout:
         return self.advance(systems, steps, least, limit, threads)
 
     def advance(
-        self,
-        systems: RolloutSystems,
-        steps: int,
-        least: StopMargins,
-        limit: float | None = None,
-        threads: int = 1,
+        self, systems: RolloutSystems, steps: int, least: StopMargins, limit: float | None = None, threads: int = 1
     ) -> RolloutSystems:
         """Take steps in place, with the step lengths and the arguments stored in the systems; see `step`."""
         going = systems.running
@@ -262,12 +256,8 @@ class Rollout:
         if stopped.any():
             stopped &= np.isin(systems.arrays["code"], (SLIPPED, LIMITED, SINGULAR))
         if stopped.any():
-            wrong = contradicted(
-                systems.copy(stopped),
-                systems.freed(stopped),
-                least,
-                lambda some, h: self.advance_unconfirmed(some, h, 1, NO_STOPS),
-            )
+            take = partial(self.advance_unconfirmed, steps=1, least=NO_STOPS)
+            wrong = contradicted(systems.copy(stopped), systems.freed(stopped), least, take)
             systems.arrays["code"][np.flatnonzero(stopped)[wrong]] = TOO_LONG
         return systems
 
@@ -372,8 +362,15 @@ class Rollout:
         return systems
 
     def stiff(self, systems: RolloutSystems) -> Array:
-        """Return which systems take linearly implicit steps, because explicit ones would be unstable, (systems,)."""
-        return stiff_systems(systems, scheme_of(self.scheme), self._stable_step, partial(located, self))
+        """Return which systems take linearly implicit steps, because explicit ones would be unstable, (systems,).
+
+        The criterion is that of `simulate`. A step as short as `_stable_step` is stable in every configuration at rest,
+        where friction is steepest.
+        """
+        scheme = scheme_of(self.scheme)
+        if scheme.implicit or systems.step_length.max() <= self._stable_step:
+            return np.zeros(len(systems), dtype=bool)
+        return systems.step_length * passive_rates(systems, partial(located, self)) > USED * scheme.stability_interval
 
     def advance_unconfirmed(
         self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int = 1

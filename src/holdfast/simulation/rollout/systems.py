@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from enum import Enum
 from typing import Any
@@ -15,6 +15,7 @@ from holdfast.forces.margins import joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.kernel import Systems
+from holdfast.simulation.stability import cell, fastest_passive
 from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -45,10 +46,8 @@ def _carried(key: str, meaning: str) -> Any:
     return property(read, doc=meaning)
 
 
-PASSIVE = {
-    "passive_rate",
-    "passive_cell",
-}  # evaluated where steps may be too long: decay rates of the joints, and the states
+# arrays of systems whose steps may be too long: the fastest passive rate, and where in the space of joints it was found
+RATE, CELL = PASSIVE = "passive_rate", "passive_cell"
 
 
 class RolloutSystems:
@@ -252,7 +251,7 @@ class RolloutSystems:
             raise StateError(f"reset: expected {len(which)} systems for as many rows, got {len(other)}")
         here, there = self.arrays.keys(), other.arrays.keys()
         alike = all(self.arrays[name].shape[1:] == other.arrays[name].shape[1:] for name in here & there)
-        if not alike or (here ^ there) - PASSIVE:
+        if not alike or (here ^ there) - {*PASSIVE}:
             raise StateError("reset: expected systems of the same rollout, got others; try its `start`")
         for name in sorted(self.call_inputs.keys() ^ other.call_inputs.keys()):
             raise StateError(f"reset: expected {name.removeprefix('control.')} given to both or to none")
@@ -292,3 +291,21 @@ def fates(systems: RolloutSystems) -> str:
     """Return the number of systems with each status, in words."""
     names, counts = np.unique([status.name.lower() for status in systems.status], return_counts=True)
     return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
+
+
+def passive_rates(
+    systems: RolloutSystems, located: Callable[[RolloutSystems, int], tuple[ClosedChain, State]]
+) -> Array:
+    """Return the fastest passive rate of each system [1/s], recomputed for systems whose joints have moved far.
+
+    Args:
+        systems: the systems; their rates are stored among their arrays.
+        located: returns the chain of one system, its grasps and bases those of the system, and its state.
+    """
+    cells, count = cell(systems.q), len(systems)
+    known = systems.arrays.setdefault(CELL, np.full(cells.shape, np.nan))
+    rates = systems.arrays.setdefault(RATE, np.zeros(count))
+    for row in np.flatnonzero(systems.running & (known != cells).any(axis=1)).tolist():
+        rates[row] = fastest_passive(*located(systems, row))[0].rate
+        known[row] = cells[row]
+    return rates

@@ -194,7 +194,7 @@ class Tape:
                     continue
                 found = _of_rows(adjoints[stiff], step.given, cotangents, rows, count, threads)
                 for name in carried:
-                    cotangents[name] = _with_rows(cotangents[name], rows, found[name])
+                    cotangents[name][rows] = found[name]
                 for name in at_end:
                     cotangents[name][rows] = 0.0
                 for name in parameters:
@@ -322,14 +322,6 @@ def arguments_of(rollout: Rollout) -> tuple[str, ...]:
     chains = [name for name in CHAINS if name != "base_pose"]
     memory = [MEMORY] if len(law.memory) else []
     return (*state_fields(rollout.chain), *memory, *law.parameters, *of_bases, *chains, *links)
-
-
-def _with_rows(whole: Array, rows: Array, part: Array) -> Array:
-    """Return an array in which the rows with the given numbers are replaced, in place unless all of them are."""
-    if len(rows) == len(whole):
-        return part
-    whole[rows] = part
-    return whole
 
 
 def _of_rows(

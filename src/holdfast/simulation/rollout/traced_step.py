@@ -28,8 +28,7 @@ from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import work_rates
-from holdfast.simulation.environment import Environment
-from holdfast.simulation.external_inputs import GivenInputs
+from holdfast.simulation.environment import Environment, GivenInputs
 from holdfast.simulation.increment import increment_rate, no_turns
 from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
@@ -38,34 +37,14 @@ from holdfast.simulation.rollout.singular_passing import passes_singular
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, run_step, take_step
-from holdfast.spatial.scalar import (
-    Array,
-    Scalar,
-    array,
-    concatenate,
-    maximum,
-    minimum,
-    select,
-    where,
-)
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, select, where
 from holdfast.state import Inputs, State
 
 # Status codes of the machine code. The machine code itself does not return TOO_LONG, which is determined afterwards.
 RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
 
-STEP_RESULTS = (
-    "slope",
-    "qdd",
-    "object_acceleration",
-    "grasp_wrench",
-    "base_wrench",
-    "contact_acceleration",
-    "drive",
-    "memory",
-    "rank",
-    "condition",
-    "margin",
-)
+OF_SOLUTION = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench", "contact_acceleration")
+STEP_RESULTS = ("slope", *OF_SOLUTION, "drive", "memory", "rank", "condition", "margin")
 OF_TRUNK = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}  # in solutions
 
 
@@ -95,9 +74,23 @@ class Evaluation(NamedTuple):
 
     def slope(self, turns: list[Array]) -> Array:
         """Return the time derivative of an `increment`, for rotation vectors `turns` since the step's start."""
-        found = self.found.whole
-        accelerations = (found.object_acceleration, found.base_acceleration)
-        return increment_rate(self.state, found.qdd, accelerations, self.power, turns)
+        return increment_rate(self.state, self.found.whole, self.power, turns)
+
+
+class StepModel(NamedTuple):
+    """The chain whose steps are traced, with its law and its surroundings.
+
+    Attributes:
+        structure: the structure of the chain.
+        law: the control law.
+        motions: motions of the moving bases.
+        acting: wrenches that are part of the machine code, in addition to those of a call.
+    """
+
+    structure: Structure
+    law: ControlLaw
+    motions: Motions
+    acting: GivenInputs | None
 
 
 class TracedSystem:
@@ -113,21 +106,14 @@ class TracedSystem:
         conditions: the conditions of all evaluations so far.
     """
 
-    def __init__(
-        self,
-        structure: Structure,
-        law: ControlLaw,
-        motions: Motions,
-        acting: GivenInputs | None,
-        given: Given,
-        environment: Environment | None = None,
-    ) -> None:
-        self.real, self.law, self.given = structure.chain, law, given
+    def __init__(self, model: StepModel, given: Given, environment: Environment | None = None) -> None:
+        structure, self.law, motions, self.acting = model
+        self.real, self.given = structure.chain, given
         if environment is None:
             chain = traced_chain(structure, given)
             moving = {name: checked_motion(name, motion) for name, motion in motions.items()}
             environment = Environment(chain, moving, traced_inputs(chain, given))
-        self.environment, self.acting = environment, acting
+        self.environment = environment
         self.route: Route = structure.options.route
         self.friction = joint_friction(structure.chain)
         self.worst = np.zeros(2)
@@ -222,47 +208,33 @@ class TracedSystem:
         return end, [largest_gaps(chain, one, inputs) for one in (at, end)]
 
 
-def step(
-    structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, tableau: Tableau, given: Given
-) -> dict[str, Any]:
+def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return the carried arrays of a system after `take_step`; a system that stops keeps its last state."""
-    system = TracedSystem(structure, law, motions, acting, given)
+    system = TracedSystem(model, given)
     times = [system.time(c) for c in (*tableau.c.tolist(), 1.0)]
-    passive = passive_joints(structure.chain) if tableau.implicit else None
+    passive = passive_joints(system.real) if tableau.implicit else None
     generator = take_step(system.state, system.last("slope"), given["step"][()], times, tableau, passive)
     now, (drift, gaps), work, _ = run_step(generator, system.handle)
     end, found = now.state, now.found
     whole = found.whole
-    kept = (
-        {name: getattr(end, field) for name, field in state_fields(system.real).items()}
-        | {name: x for name, field in OF_TRUNK.items() if (x := getattr(whole, field)) is not None}
-        | {
-            "slope": now.slope(no_turns(end)),
-            **{name: getattr(whole, name) for name in STEP_RESULTS if hasattr(whole, name)},
-            "drive": now.drive,
-            "memory": now.memory,
-            "rank": array(found.rank),
-            "condition": array(found.condition),
-            "margin": margins_of_grasps(
-                system.real, given[CONTACTS], end.object_frame.R, given["grasp_R"], whole.grasp_wrench
-            ),
-        }
-        | ({} if found.held is None else {"held_rows": found.held})
-    )
+    kept = {name: getattr(end, field) for name, field in state_fields(system.real).items()}
+    kept |= {name: x for name, field in OF_TRUNK.items() if (x := getattr(whole, field)) is not None}
+    kept |= {"slope": now.slope(no_turns(end))} | {name: getattr(whole, name) for name in OF_SOLUTION}
+    kept |= {"drive": now.drive, "memory": now.memory, "rank": array(found.rank), "condition": array(found.condition)}
+    R, contacts = end.object_frame.R, given[CONTACTS]
+    kept["margin"] = margins_of_grasps(system.real, contacts, R, given["grasp_R"], whole.grasp_wrench)
+    kept |= {} if found.held is None else {"held_rows": found.held}
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
-    code = stop_code(system, kept, system.worst, drift, gaps, passed)
+    code = stop_code(system, kept, drift, gaps, passed)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
 
 
-def stop_code(
-    system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap, passed: Scalar
-) -> Scalar:
+def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps: Gap, passed: Scalar) -> Scalar:
     """Return the status code of a system after the step.
 
     Args:
         system: the system.
         kept: arrays at the step's end, by name.
-        worst: (2,) the worst condition and status.
         drift: gaps before projection.
         gaps: gaps after projection.
         passed: whether the step passes a singular configuration, 1 or 0.
@@ -275,8 +247,8 @@ def stop_code(
     beyond = reduce(minimum, concatenate(of_joints), float("inf")) < given["least_joint_margin"][()]
     fault = where(beyond, float(LIMITED), float(RUNNING))
     fault = where(least < given["least_margin"][()], float(SLIPPED), fault)
-    fault = where(worst[0] <= WORST_CONDITION, fault, float(SINGULAR))
-    fault = where(worst[1] < FIRST_BAD, fault, float(SINGULAR))
+    fault = where(system.worst[0] <= WORST_CONDITION, fault, float(SINGULAR))
+    fault = where(system.worst[1] < FIRST_BAD, fault, float(SINGULAR))
     fault = where(passed < 0.5, fault, float(SINGULAR))
     fault = where(drift.position <= FARTHEST, fault, float(OPEN))
     left = where(given["held"][()] > 0.5, 0.0, gaps.position)  # without projection the gaps do not matter
@@ -314,11 +286,9 @@ def carried(
     return {f"last.{name}": x for name, x in found.items()}
 
 
-def evaluation(
-    structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, given: Given
-) -> dict[str, Array]:
+def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
     """Return the slope at the current state with new inputs; the law is evaluated again with its previous memory."""
-    system = TracedSystem(structure, law, motions, acting, given)
+    system = TracedSystem(model, given)
     now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
     on = system.last("code")[()] < 0.5
     return {

@@ -23,12 +23,11 @@ from holdfast.control.controller import ControlLaw
 from holdfast.control.traced_law import comparable, law_program
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.environment import BaseMotion, motion_of
-from holdfast.simulation.external_inputs import GivenInputs, inputs_at, require_wrenches, take_state
+from holdfast.simulation.environment import BaseMotion, GivenInputs, inputs_at, motion_of, require_wrenches, take_state
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, arctan2, array, cos, exp, sin, tanh, where
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, parts_of
 
 Motions = Mapping[str, BaseMotion]  # motions of the moving bases, by arm name
 WRENCHES = ("object_wrench", "link_wrenches", "trunk_link_wrenches")  # fields of `Inputs`
@@ -120,7 +119,8 @@ class TracedTorque:
 
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory (m,)."""
-        torques, kept = replayed(self.program, t, *_parts(state), memory, *(given[name] for name in self.parameters))
+        values = [given[name] for name in self.parameters]
+        torques, kept = replayed(self.program, t, *parts_of(state).values(), memory, *values)
         return torques, kept
 
 
@@ -154,14 +154,8 @@ class TracedInputs:
 
     def __call__(self, t: Scalar, state: State) -> Inputs:
         """Return the wrenches at a time [s] and a state."""
-        found = replayed(self.program, t, *_parts(state))
+        found = replayed(self.program, t, *parts_of(state).values())
         return Inputs(**dict(zip(self.given, found, strict=True)))
-
-
-def _parts(state: State) -> list[Array]:
-    """Return a state's arrays, in the order of `state_fields`."""
-    every = (state.q, state.qd, state.object_pose, state.object_twist, state.base_pose, state.base_twist)
-    return [part for part in every if part is not None]
 
 
 def replayed(program: Program, *arrays: Any) -> list[Array]:

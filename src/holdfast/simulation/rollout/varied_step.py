@@ -10,16 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from holdfast.compiled.externals import state_fields
 from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_status
-from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed
-from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
@@ -33,17 +31,15 @@ from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import limited_margins
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.increment import OF_WORK, no_turns
 from holdfast.simulation.linearly_implicit import Implicit, passive_joints
-from holdfast.simulation.rollout.traced_step import Evaluation, TracedSystem
-from holdfast.simulation.rollout.user_functions import Motions
+from holdfast.simulation.rollout.traced_step import Evaluation, StepModel, TracedSystem
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, run_step, take_step
 from holdfast.spatial.differentiation import bare, by_rule, is_recorded, linearised
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, Loops, Scalar, loops
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, parts_of
 
 POSES = ("object_pose", "floating_pose")
 FIELDS = {"object_wrench": "object_wrench", "link_wrench": "link_wrenches", "trunk_link_wrench": "trunk_link_wrenches"}
@@ -65,7 +61,7 @@ class VariedSystem(TracedSystem):
     """
 
     def __init__(self, of: VariedStep, given: Given, varied: Mapping[str, Array], taker: Loops | None) -> None:
-        super().__init__(of.structure, of.law, of.motions, of.acting, given, of.environment)
+        super().__init__(of.model, given, of.environment)
         own = {name: x for name, x in varied.items() if name.startswith(CONTROL)}
         for name in state_fields(self.real):
             if name in varied:
@@ -93,7 +89,7 @@ class VariedSystem(TracedSystem):
             chain, inputs = without_springs(chain), self._with_springs(chain, state, inputs)
         pushed = self._pushed(inputs)
         acting = replace(inputs, **{FIELDS[name]: bare(x) for name, x in pushed.items()})
-        with self._loops():
+        with loops_by(self.taker):
             rank = self.given["generic_rank"]
             found = solve_with_status(chain, framed(plain(state)), bare(tau), acting, rank, self.route, held, choose)
             at = point(found.motion, found.found, self.route)
@@ -159,7 +155,7 @@ class VariedSystem(TracedSystem):
     def _change(self, t: Scalar, state: State, project: Callable[..., Point], by: Sequence[str]) -> Change:
         here = framed(plain(state))
         chain, inputs = self.environment.at(t, here)
-        with self._loops():
+        with loops_by(self.taker):
             at = project(chain, here, inputs, self.held, self.route)
         found = change_of(at)
         results = {"qdd": found.qd, "object_acceleration": found.object}
@@ -168,13 +164,15 @@ class VariedSystem(TracedSystem):
         made = ruled(at, results, {name: x for name, x in arguments.items() if name in by}, self.many)
         return Change(made["qdd"], made["object_acceleration"], made.get("floating_acceleration"))
 
-    @contextmanager
-    def _loops(self) -> Iterator[None]:
-        token = loops.set(self.taker)
-        try:
-            yield
-        finally:
-            loops.reset(token)
+
+@contextmanager
+def loops_by(taker: Loops | None) -> Iterator[None]:
+    """Within this context, `taker` runs the loops over arms, grasps and links; None stands for Python."""
+    token = loops.set(taker)
+    try:
+        yield
+    finally:
+        loops.reset(token)
 
 
 def ruled(
@@ -197,12 +195,6 @@ def state_arrays(chain: ClosedChain, state: State) -> dict[str, Array]:
 def plain(state: State) -> State:
     """Return a state with the plain values of its numbers, without derivatives."""
     return State(**{name: bare(x) for name, x in parts_of(state).items()})
-
-
-def parts_of(state: State) -> dict[str, Array]:
-    """Return the arrays that a state has, by field."""
-    parts = {field.name: getattr(state, field.name) for field in fields(state)}
-    return {name: x for name, x in parts.items() if x is not None}
 
 
 class LinearStep(NamedTuple):
@@ -235,19 +227,13 @@ class VariedStep(NamedTuple):
     """A step of one chain with one control law, to be linearised.
 
     Attributes:
-        structure: the structure of the chain.
-        law: the control law.
-        motions: motions of the moving bases.
-        acting: wrenches in addition to those passed to the step.
+        model: the chain with its law and its surroundings.
         tableau: the scheme.
         environment: the chain with its parameters and inputs, if they are not traced.
         many: on floats, whether the linearisation will be used for many products.
     """
 
-    structure: Structure
-    law: ControlLaw
-    motions: Motions
-    acting: GivenInputs | None
+    model: StepModel
     tableau: Tableau
     environment: Environment | None = None
     many: bool = False
@@ -274,7 +260,7 @@ class VariedStep(NamedTuple):
         now = system.evaluate(system.time(0.0), start, system.last("before"), choose=False)
         system.memory = now.memory
         times = [system.time(c) for c in (*self.tableau.c.tolist(), 1.0)]
-        passive = passive_joints(self.structure.chain) if self.tableau.implicit else None
+        passive = passive_joints(system.real) if self.tableau.implicit else None
         generator = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
         end, _, work, _ = run_step(generator, system.handle)
         found = state_arrays(system.real, end) | {"before": now.memory} | ({WORK: work} if WORK in of else {})
@@ -289,24 +275,16 @@ class VariedStep(NamedTuple):
         return found | {name: own[name] if name in own else getattr(whole, RESULTS.get(name, name)) for name in of}
 
     def _linear(self, given: Given, by: Sequence[str], text: Callable[[VariedSystem], dict[str, Array]]) -> LinearStep:
-        taker, shapes, found = loops.get(), gradient_shapes(self.structure.chain), dict[str, Array]()
-        own = {
-            "q": "last.q",
-            "qd": "last.qd",
-            "object_twist": "last.object_twist",
-            "before": "last.before",
-            "step": "step",
-        }
-        own |= {"floating_twist": "last.floating_twist"} | {name: name for name in by if name.startswith(CONTROL)}
+        taker, shapes, found = loops.get(), gradient_shapes(self.model.structure.chain), dict[str, Array]()
+        of_state = ("q", "qd", "object_twist", "floating_twist", "before")
+        own = {name: f"last.{name}" for name in of_state} | {"step": "step"}
+        own |= {name: name for name in by if name.startswith(CONTROL)}
         at = [given[own[name]] if name in own else np.zeros(shapes[name]) for name in by]
 
         def outputs(*x: Array) -> list[Array]:
             found.update(text(VariedSystem(self, given, dict(zip(by, x, strict=True)), taker)))
             return list(found.values())
 
-        token = loops.set(None)
-        try:
+        with loops_by(None):
             made = linearised(outputs, *at)
-        finally:
-            loops.reset(token)
         return LinearStep(made, tuple(by), {name: bare(x) for name, x in found.items()})
