@@ -10,18 +10,21 @@ C^T lambda = -c. Its second part, the curvature of the constraint, is computed f
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closing import close
-from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
-from holdfast.dynamics.projection import moved, position_contact
+from holdfast.dynamics.constraint import coordinate_sizes
+from holdfast.dynamics.contact_places import contact_places
+from holdfast.dynamics.projection import moved
 from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate, twist_shift
 from holdfast.state import State
 
 STATIONARY = 1e-11  # |N^T c| below which the iteration stops
@@ -91,8 +94,16 @@ def position_rows(chain: ClosedChain, state: State) -> Array:
 
     These are the rows K [J, -A] without the spin of soft fingers, which has no position row.
     """
-    motion = chain_at_rest(chain, state)
-    return constraint_rows(replace(motion, contacts=[position_contact(c) for c in motion.contacts])).matrix
+    blocks = []
+    for name, (grasp, R, offset) in zip(chain.grasps, contact_places(chain, state), strict=True):
+        arm, part, kind = chain.arms[name], chain.joints[name], grasp.of_kind
+        kept = list(kind.position_rows)
+        K = np.array([rotate(R, row) for row in kind.directions[kept]])
+        rows = np.zeros((len(kept), chain.joint_count + 6))
+        rows[:, part] = K @ jacobian(arm, forward_kinematics(arm, state.q[part]))
+        rows[:, chain.joint_count :] = -K @ twist_shift(offset)
+        blocks.append(rows)
+    return np.concatenate(blocks) if blocks else np.zeros((0, chain.joint_count + 6))
 
 
 def _newton(chain: ClosedChain, state: State, preferred: Array, sizes: Array, hold_object: bool) -> _Newton:

@@ -203,9 +203,9 @@ def _position_gaps(motion: ChainMotion, state: State) -> Array:
 def _position_rows(motion: ChainMotion) -> Array:
     """Return d(residual)/d(q, object): those velocity rows that are time derivatives of position rows."""
     rows = constraint_rows(replace(motion, contacts=[position_contact(c) for c in motion.contacts]))
-    matrix = -rows.matrix
+    matrix, reach = -rows.matrix, coordinate_sizes(motion)[-1]
     for part in rows.slices:
-        matrix[max(part.start, part.stop - 3) : part.stop] /= coordinate_sizes(motion)[-1]
+        matrix[max(part.start, part.stop - 3) : part.stop] /= reach
     return matrix
 
 
