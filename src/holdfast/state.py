@@ -186,17 +186,18 @@ class Inputs(Frozen):
     def shaped(self, chain: ClosedChain) -> Inputs:
         """Return the inputs as checked arrays of the chain's shapes; link wrenches and trunk inputs may stay None."""
         l, n = len(chain.arms), sum(arm.joint_count for arm in chain.arms.values())
-
-        def arr(value: Array | None, shape: tuple[int, ...], what: str) -> Array:
-            return np.zeros(shape) if value is None else checks.numbers(value, shape, what, StateError)
-
         shaped = Inputs(
-            arr(self.object_wrench, (6,), "inputs: object_wrench"),
-            None if self.link_wrenches is None else arr(self.link_wrenches, (n, 6), "inputs: link_wrenches"),
-            arr(self.base_twists, (l, 6), "inputs: base_twists"),
-            arr(self.base_accelerations, (l, 6), "inputs: base_accelerations"),
+            self._array("object_wrench", (6,)),
+            None if self.link_wrenches is None else self._array("link_wrenches", (n, 6)),
+            self._array("base_twists", (l, 6)),
+            self._array("base_accelerations", (l, 6)),
         )
         return shaped if chain.trunk is None and not self._of_trunk else self._with_trunk(shaped, chain)
+
+    def _array(self, name: str, shape: tuple[int, ...]) -> Array:
+        """Return a given field, checked, or zeros."""
+        given = getattr(self, name)
+        return np.zeros(shape) if given is None else checks.numbers(given, shape, f"inputs: {name}", StateError)
 
     @property
     def _of_trunk(self) -> list[str]:
@@ -229,10 +230,4 @@ class Inputs(Frozen):
         shapes: dict[str, tuple[int, ...]] = {"trunk_link_wrenches": (len(trunk.bodies), 6)}
         if trunk.floating is None:
             shapes |= {"trunk_base_twist": (6,), "trunk_base_acceleration": (6,)}
-        given = {
-            name: np.zeros(shape)
-            if getattr(self, name) is None
-            else checks.numbers(getattr(self, name), shape, f"inputs: {name}", StateError)
-            for name, shape in shapes.items()
-        }
-        return replace(shaped, **given)
+        return replace(shaped, **{name: self._array(name, shape) for name, shape in shapes.items()})

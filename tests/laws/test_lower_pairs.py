@@ -213,7 +213,7 @@ def test_a_thread_turns_on():
     lead = 2 * np.pi * PITCH
     for turns in (-1.25, 0.0, 2.0):
         tip = hf.Pose.from_rpy(2 * np.pi * turns, 0.0, 0.0).R
-        on, off = (kind.across(np.array([turns * lead + x, 0.0, 0.0]), tip)[0] for x in (0.0, 0.01))
+        on, off = (kind.across(np.array([turns * lead + x, 0.0, 0.0]), tip, np.arctan2)[0] for x in (0.0, 0.01))
         assert on == pytest.approx(0.0, abs=1e-14) and off == pytest.approx(0.01, rel=1e-12)
 
 

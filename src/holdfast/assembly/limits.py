@@ -21,10 +21,9 @@ def longest_reach(arm: Arm) -> float:
     It is the sum of the lengths from joint to joint and to the tip, and of the strokes; infinite if a stroke has no
     limit.
     """
-    lengths = [float(np.linalg.norm(joint.placement.p)) for joint in arm.joints[1:]]
     sliding = [joint for joint in arm.joints if joint.type.travel]
     strokes = [abs(joint.type.travel) * max(map(abs, joint.position_limits)) for joint in sliding]
-    return math.fsum([*lengths, *strokes, float(np.linalg.norm(arm.tip.p))])
+    return math.fsum([arm.length, *strokes])
 
 
 def required_reach(chain: ClosedChain, name: str, object_pose: Pose) -> float:

@@ -34,7 +34,7 @@ def on_own_bases(chain: ClosedChain, state: State) -> tuple[ClosedChain, State]:
     """Return the chain without its trunk, with the arms' bases at their poses, and the state without the trunk."""
     if chain.trunk is None:
         return chain, state
-    arms = dict(zip(chain.names, standing(chain, state, Inputs().shaped(chain)).arms, strict=True))
+    arms = standing(chain, state, Inputs().shaped(chain)).arms
     alone = ClosedChain(arms, chain.held_object, chain.grasps, chain.gravity)
     first = chain.joint_count - alone.joint_count
     return alone, State(state.q[first:], state.qd[first:], state.object_pose, state.object_twist)

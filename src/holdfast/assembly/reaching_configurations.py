@@ -14,6 +14,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import skew
 
 ROUNDS = 80
 REACHED = 1e-6  # rad, or fraction of the arm's length
@@ -43,7 +44,7 @@ def reaching_configurations(
     if not arm.joints:
         return np.zeros((1, 0))
     contact, K = object_pose @ grasp.frame, grasp.of_kind.directions[list(grasp.of_kind.position_rows)]
-    size = _size(arm)
+    size = arm.length or 1.0  # m
     scale = np.array([1.0 if joint.turns else size for joint in arm.joints])
     low, high = arm.position_limits.T
     q = np.clip(np.array(list(starts)), low, high)
@@ -68,12 +69,6 @@ def reaching_configurations(
     return _distinct(found[order])
 
 
-def _size(arm: Arm) -> float:
-    """Return the arm's length from joint to joint and to the tip [m], or 1 m if that is zero."""
-    lengths = [float(np.linalg.norm(part.p)) for part in (*(joint.placement for joint in arm.joints[1:]), arm.tip)]
-    return sum(lengths) or 1.0
-
-
 def _gap(arm: Arm, q: Array, contact: Pose, size: float) -> tuple[Array, Array]:
     """Return the displacements of the tips from the contact frame, [turn; shift / size] (B, 6), and their Jacobians."""
     R, p, axes, places = np.broadcast_to(arm.base.R, (len(q), 3, 3)), np.tile(arm.base.p, (len(q), 1)), [], []
@@ -96,8 +91,7 @@ def _gap(arm: Arm, q: Array, contact: Pose, size: float) -> tuple[Array, Array]:
 
 def _turns(axis: Array, angles: Array) -> Array:
     """Return rotations about a unit axis, (B, 3, 3): 1 + sin K + (1 - cos) K^2."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    K = skew(axis)
     return np.eye(3) + np.sin(angles)[:, None, None] * K + (1 - np.cos(angles))[:, None, None] * (K @ K)
 
 

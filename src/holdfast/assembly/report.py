@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +12,10 @@ from holdfast.assembly.on_trunk import on_own_bases
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.joint import Joint
 from holdfast.model.tip_direction import advice_for, tip_angle
 from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 AT_LIMIT = 1e-9  # rad or m
@@ -54,22 +57,13 @@ class ArmReport(Frozen):
         return self.reach / self.longest if self.jointed else 1.0
 
     def __str__(self) -> str:
-        parts = [f"{self.name}:"]
+        closed, held = f"closed to {self.residual:.1e}", "holds nothing"
         if not self.jointed:
-            return f"{self.name}: an anchor, " + (f"closed to {self.residual:.1e}" if self.holds else "holds nothing")
+            return f"{self.name}: an anchor, {closed if self.holds else held}"
         if self.holds:
-            parts.append(f"reach {self.reach:.3f} m, {100 * self.reach_used:.0f} % of the longest,")
-        else:
-            parts.append("holds nothing,")
-        if self.joint and self.margin <= AT_LIMIT:
-            parts.append(f"{self.joint} is at its limit,")
-        elif self.joint:
-            parts.append(f"{self.joint} nearest to a limit ({self.margin:.3g} {self.unit}),")
-        else:
-            parts.append("no joint limits,")
-        return " ".join(parts) + (
-            f" closed to {self.residual:.1e}" if self.holds else " in its preferred configuration"
-        )
+            held = f"reach {self.reach:.3f} m, {100 * self.reach_used:.0f} % of the longest"
+        end = closed if self.holds else "in its preferred configuration"
+        return f"{self.name}: {held}, {_at_limit(self.joint, self.margin, self.unit)}, {end}"
 
 
 @dataclass(frozen=True)
@@ -90,10 +84,7 @@ class TrunkReport(Frozen):
 
     def __str__(self) -> str:
         base = "a floating base" if self.floats else "a base in the world"
-        if not self.joint:
-            return f"trunk: {base}, no joint limits"
-        at = "is at its limit" if self.margin <= AT_LIMIT else f"nearest to a limit ({self.margin:.3g} {self.unit})"
-        return f"trunk: {base}, {self.joint} {at}"
+        return f"trunk: {base}, {_at_limit(self.joint, self.margin, self.unit)}"
 
 
 @dataclass(frozen=True)
@@ -160,26 +151,13 @@ def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
 def _trunk_report(chain: ClosedChain, state: State) -> TrunkReport | None:
     if chain.trunk is None:
         return None
-    q, joints = state.q[chain.joints[TRUNK]], chain.trunk.joints
-    margins = [min(x - low, high - x) for x, (low, high) in zip(q, (j.position_limits for j in joints), strict=True)]
-    nearest = int(np.argmin(margins)) if margins else 0
-    if not margins or not np.isfinite(margins[nearest]):
-        return TrunkReport("", np.inf, "rad", chain.floats)
-    joint = joints[nearest]
-    unit = "rad" if joint.turns else "m"
-    return TrunkReport(joint.name or f"joint {nearest + 1}", float(margins[nearest]), unit, chain.floats)
+    joint, margin, unit = _nearest_limit(chain.trunk.joints, state.q[chain.joints[TRUNK]])
+    return TrunkReport(joint, margin, unit or "rad", chain.floats)
 
 
 def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) -> ArmReport:
-    arm, q = chain.arms[name], state.q[chain.joints[name]]
-    low, high = arm.position_limits.T
-    margins = np.minimum(q - low, high - q)
-    margin = float(margins.min(initial=np.inf))
-    joint = unit = ""
-    if np.isfinite(margin):
-        nearest = int(np.argmin(margins))
-        joint = arm.joints[nearest].name or f"joint {nearest + 1}"
-        unit = "rad" if arm.joints[nearest].turns else "m"
+    arm = chain.arms[name]
+    joint, margin, unit = _nearest_limit(arm.joints, state.q[chain.joints[name]])
     return ArmReport(
         name=name,
         holds=gap is not None,
@@ -193,3 +171,20 @@ def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) 
         tip_note=advice_for(arm, chain.grasps[name]) if name in chain.grasps else "",
         jointed=bool(arm.joints),
     )
+
+
+def _nearest_limit(joints: Sequence[Joint], q: Array) -> tuple[str, float, str]:
+    """Return the joint nearest to a limit, its distance from that and its unit; "", infinite and "" without limits."""
+    margins = [min(x - j.position_limits[0], j.position_limits[1] - x) for x, j in zip(q, joints, strict=True)]
+    nearest = int(np.argmin(margins)) if margins else 0
+    if not margins or not np.isfinite(margins[nearest]):
+        return "", np.inf, ""
+    joint = joints[nearest]
+    return joint.name or f"joint {nearest + 1}", float(margins[nearest]), "rad" if joint.turns else "m"
+
+
+def _at_limit(joint: str, margin: float, unit: str) -> str:
+    """Return how far the joint nearest to a limit is from it, in words; the arguments are those of the reports."""
+    if not joint:
+        return "no joint limits"
+    return f"{joint} " + ("is at its limit" if margin <= AT_LIMIT else f"nearest to a limit ({margin:.3g} {unit})")

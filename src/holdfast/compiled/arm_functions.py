@@ -181,7 +181,7 @@ def _jacobians(chain: ClosedChain, x: Given) -> Found:
 
 
 def _by_arm(f: Callable[[Arm, Array], Array], chain: ClosedChain, x: Given, arms: Iterable[Arm] | None = None) -> Array:
-    arms = standing(chain, traced_state(chain, x), traced_inputs(chain, x)).arms if arms is None else arms
+    arms = standing(chain, traced_state(chain, x), traced_inputs(chain, x)).arms.values() if arms is None else arms
     return concatenate(each(f, arms, [x["q"][part] for part in chain.arm_joints]))
 
 

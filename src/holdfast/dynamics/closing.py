@@ -10,7 +10,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, ch
 from holdfast.dynamics.consistency import residuals
 from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.dynamics.indeterminate import NULL_SINGULAR_VALUE
-from holdfast.dynamics.projection import Change, moved, quickened
+from holdfast.dynamics.projection import Change, moved, position_contact, quickened
 from holdfast.errors import ClosureError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -202,14 +202,11 @@ def _position_gaps(motion: ChainMotion, state: State) -> Array:
 
 def _position_rows(motion: ChainMotion) -> Array:
     """Return d(residual)/d(q, object): those velocity rows that are time derivatives of position rows."""
-    rows = constraint_rows(motion)
-    reach = coordinate_sizes(motion)[-1]
-    matrix = -rows.matrix
-    keep = np.ones(len(matrix), dtype=bool)
-    for c, part in zip(motion.contacts, rows.slices, strict=True):
-        matrix[part.stop - 3 : part.stop] /= reach
-        keep[part] = [row in c.grasp.of_kind.position_rows for row in c.rows]
-    return matrix[keep]
+    rows = constraint_rows(replace(motion, contacts=[position_contact(c) for c in motion.contacts]))
+    matrix, reach = -rows.matrix, coordinate_sizes(motion)[-1]
+    for part in rows.slices:
+        matrix[max(part.start, part.stop - 3) : part.stop] /= reach
+    return matrix
 
 
 def _inward_step(rows: Array, gap: Array, damping: float, lowest: Array, highest: Array) -> Array:

@@ -12,7 +12,6 @@ from holdfast.dynamics.derivatives import Derivatives
 from holdfast.dynamics.linear_text import Part, Text
 from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.varied_case import VariedCase
-from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_kinds import GraspKind
 from holdfast.spatial.scalar import Array, concatenate
@@ -52,9 +51,8 @@ def closure_vjp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _case(chain, state, inputs)
     given = {name: x for name, x in zip(RESIDUALS, (position, velocity), strict=True) if x is not None}
-    return text_vjp(CLOSURE, case, found, by, given)
+    return text_vjp(CLOSURE, *_case(chain, state, inputs), by, given)
 
 
 def closure_jvp(
@@ -77,8 +75,7 @@ def closure_jvp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _case(chain, state, inputs)
-    return text_jvp(CLOSURE, case, found, along)
+    return text_jvp(CLOSURE, *_case(chain, state, inputs), along)
 
 
 def closure_jacobian(
@@ -104,15 +101,13 @@ def closure_jacobian(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _case(chain, state, inputs)
-    return text_jacobian(CLOSURE, case, found, of, by)
+    return text_jacobian(CLOSURE, *_case(chain, state, inputs), of, by)
 
 
 def _case(chain: ClosedChain, state: State, inputs: Inputs | None) -> tuple[VariedCase, dict[str, GraspResidual]]:
     """Return the arguments of the differentiated function, and the residuals there."""
-    checks.instance(chain, ClosedChain, "chain")
-    with np.errstate(all="ignore"):
-        return case_of(chain, state, inputs, {}), closure(chain, state, inputs)
+    found = closure(chain, state, inputs)
+    return case_of(chain, state, inputs, {}), found
 
 
 def _closure(case: VariedCase) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, each
+from holdfast.spatial.scalar import Array, each_of
 from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -118,43 +118,29 @@ def residuals_at(chain: ClosedChain, state: State, inputs: Inputs) -> dict[str, 
         c = contact(grasp, frame, state.object_twist, at.tip, moving)
         return GraspResidual(position_residual(c, frame.p + c.origin, at.tip), c.velocity_gap)
 
-    rows, parts = [chain.names.index(name) for name in chain.grasps], [chain.joints[name] for name in chain.grasps]
-    found = each(
-        of_grasp,
-        chain.grasps.values(),
-        [stand.arms[row] for row in rows],
-        [stand.base_twists[row] for row in rows],
-        [state.q[part] for part in parts],
-        [state.qd[part] for part in parts],
-    )
-    return dict(zip(chain.grasps, found, strict=True))
+    return each_of(chain.grasps, of_grasp, chain.grasps, stand.arms, stand.base_twists, stand.q, stand.qd)
 
 
-def require_closed(
-    motion: ChainMotion,
-    state: State,
-    position_tolerance: float = POSITION_TOLERANCE,
-    velocity_tolerance: float = VELOCITY_TOLERANCE,
-) -> None:
+def require_closed(motion: ChainMotion, state: State) -> None:
     """Refuse a state that does not satisfy the grasps.
 
     Raises:
         StateError: if a residual exceeds its tolerance; the message lists every such grasp.
     """
-    limit = velocity_tolerance * max(1.0, float(np.linalg.norm(state.qd)))
+    limit = VELOCITY_TOLERANCE * max(1.0, float(np.linalg.norm(state.qd)))
     open_grasps = []
     for name, gap in residuals(motion, state).items():
         x, v = (float(np.abs(part).max(initial=0.0)) for part in gap)  # a bushing has no constraint rows
-        if not (x <= position_tolerance and v <= limit):
+        if not (x <= POSITION_TOLERANCE and v <= limit):
             open_grasps.append(f"arm '{name}': position gap {x:.3g} (m, rad), velocity gap {v:.3g} (m/s, rad/s)")
     if open_grasps:
         raise StateError(
-            f"the state does not satisfy the grasps: {'; '.join(open_grasps)}. Expected <= {position_tolerance:g} and"
+            f"the state does not satisfy the grasps: {'; '.join(open_grasps)}. Expected <= {POSITION_TOLERANCE:g} and"
             f" <= {limit:.3g}; try holdfast.close(chain, state)"
         )
 
 
-def require_rates(motion: ChainMotion, rates: Array, tolerance: float = RATE_TOLERANCE) -> None:
+def require_rates(motion: ChainMotion, rates: Array) -> None:
     """Refuse relative velocities W of the grasps that contradict the velocities of the tips and of the object.
 
     Raises:
@@ -163,10 +149,10 @@ def require_rates(motion: ChainMotion, rates: Array, tolerance: float = RATE_TOL
     gaps = []
     for (name, part), c in zip(motion.chain.contact_freedoms.items(), motion.contacts, strict=True):
         gap = float(np.abs(rates[part] - c.W).max(initial=0.0))
-        if not gap <= tolerance * max(1.0, float(np.abs(c.W).max(initial=0.0))):
+        if not gap <= RATE_TOLERANCE * max(1.0, float(np.abs(c.W).max(initial=0.0))):
             gaps.append(f"arm '{name}': gap {gap:.3g} rad/s")
     if gaps:
         raise StateError(
             f"W is not what the velocities imply, omega_object - omega_tip = h W: {'; '.join(gaps)}. Expected <="
-            f" {tolerance:g}; try leaving W out"
+            f" {RATE_TOLERANCE:g}; try leaving W out"
         )

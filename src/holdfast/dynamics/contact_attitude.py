@@ -12,7 +12,6 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.dynamics.closed.contact import Contact
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -72,7 +71,7 @@ def contact_attitudes(
     result = {}
     for name, c in zip(chain.grasps, motion.contacts, strict=True):
         R = motion.arms[name].at.tip.R.T @ c.R
-        free = _free_axes(c)
+        free = c.R.T @ c.h  # (3, n_g) axes of W as columns, in the contact frame of the object's side
         checks.finite(np.append(R, c.W), "contact attitudes")
         if parameters == "quaternion":
             theta = rotation.to_quaternion(R)
@@ -100,8 +99,3 @@ def euler_rate_map(yaw_pitch_roll: Array) -> Array:
     c, s = math.cos(roll), math.sin(roll)
     sec, tan = 1 / math.cos(pitch), math.tan(pitch)
     return np.array([[0.0, s * sec, c * sec], [0.0, c, -s], [1.0, s * tan, c * tan]])
-
-
-def _free_axes(c: Contact) -> Array:
-    """Return the axes of W as columns in the contact frame of the object's side, (3, n_g)."""
-    return c.R.T @ c.h

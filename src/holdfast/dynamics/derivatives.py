@@ -110,7 +110,7 @@ def forward_dynamics_vjp(
     checks.instance(chain, ClosedChain, "chain")
     require_names(what, by, arguments_of(chain))
     require_names(what, cotangents, results_of(chain))
-    at, result, least = _point(chain, state, tau, inputs, check, generic_rank)
+    at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, by)
     checked = {
         name: checks.numbers(x, np.shape(result_named(result, name)), name, StateError)
         for name, x in cotangents.items()
@@ -118,7 +118,6 @@ def forward_dynamics_vjp(
     also: tuple[VirtualPower, ...] = ()
     if least is not None:
         checked, also = least.backward(at, checked)
-    springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), by)
     found = with_pulled(springs, by, lambda names: backward(at, checked, names, also))
     shapes = gradient_shapes(chain)
     return _finite(result, {name: found[name].reshape(shapes[name]) for name in by})
@@ -159,9 +158,8 @@ def forward_dynamics_jvp(
     checks.instance(chain, ClosedChain, "chain")
     checks.instance(along, Mapping, f"{what}: along", StateError)
     require_names(what, along, arguments_of(chain))
-    at, result, least = _point(chain, state, tau, inputs, check, generic_rank)
+    at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, list(along))
     given = directions(what, along, gradient_shapes(chain))
-    springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), list(along))
     if isinstance(given, dict):
         return _finite(result, _forward(at, given, springs, least))
     each = [_forward(at, one, springs, least) for one in given]
@@ -203,9 +201,8 @@ def forward_dynamics_jacobian(
     checks.instance(chain, ClosedChain, "chain")
     require_names(what, of, results_of(chain))
     require_names(what, by, arguments_of(chain))
-    at, result, least = _point(chain, state, tau, inputs, check, generic_rank)
+    at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, by)
     shapes = gradient_shapes(chain)
-    springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), by)
     changed = by if least is not None else () if springs is None else springs.names
     rates = dict.fromkeys(changed, lambda at, shapes: _along(at, shapes, springs, least))
     size = max(units_needed(chain, by), *(math.prod(shapes[name]) for name in changed), 0)
@@ -250,8 +247,12 @@ def _point(
     inputs: Inputs | None,
     check: bool,
     generic_rank: int | None,
-) -> tuple[Point, ForwardResult, LeastForces | None]:
-    """Return the point, the result of forward dynamics, and the smallest forces (None if the forces are unique)."""
+    names: Sequence[str],
+) -> tuple[Point, ForwardResult, LeastForces | None, LinearText | None]:
+    """Return the point, the result of forward dynamics, the smallest forces, and the springs' wrenches.
+
+    The smallest forces are None if the forces are unique, the springs' wrenches if no named argument changes them.
+    """
     result = forward_dynamics(chain, state, tau, inputs=inputs, check=check, generic_rank=generic_rank)
     given = with_link_wrenches(chain, inputs)
     motion: ChainMotion = chain_motion(chain, state, checks.numbers(tau, (chain.joint_count,), "tau"), given)
@@ -260,7 +261,8 @@ def _point(
     rows = dict(zip(chain.arms, result.grasp_wrench, strict=True))
     held = {n: z if n in chain.bushings else z._replace(wrench=rows[n]) for n, z in at.unknowns.items()}
     at = replace(at, unknowns=held)
-    return at, result, least_forces(at) if result.status is Status.INDETERMINATE_FORCES else None
+    least = least_forces(at) if result.status is Status.INDETERMINATE_FORCES else None
+    return at, result, least, spring_rates(VariedCase(chain, state, given, {}), names)
 
 
 def with_link_wrenches(chain: ClosedChain, inputs: Inputs | None) -> Inputs:

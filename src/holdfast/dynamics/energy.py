@@ -22,7 +22,7 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.trunk import Trunk
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, concatenate, each
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each_of
 from holdfast.spatial.spatial_vector import rotate, shift_wrench, unrotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -63,8 +63,8 @@ def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> It
     """Yield the trunk's bodies from the base outward, then the links arm by arm, base to tip, then the object."""
     at = standing(chain, state, shaped_inputs(chain, inputs))
     yield from trunk_bodies(chain, at)
-    for arm, part, base_twist in zip(at.arms, chain.arm_joints, at.base_twists, strict=True):
-        yield from links(arm, state.q[part], state.qd[part], base_twist)
+    for name, arm in at.arms.items():
+        yield from links(arm, at.q[name], at.qd[name], at.base_twists[name])
     yield held_body(chain.held_object, state.object_frame, state.object_twist)
 
 
@@ -110,13 +110,11 @@ def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = Non
 def total_kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs) -> Scalar:
     """Return T of trunk, arms and object [J] for inputs that are already shaped; see `kinetic_energy`."""
     at = standing(chain, state, inputs)
-    q, qd = ([x[part] for part in chain.arm_joints] for x in (state.q, state.qd))
-    arms = each(arm_kinetic_energy, at.arms, q, qd, at.base_twists)
-    for body in trunk_bodies(chain, at):
-        arms.append(body.kinetic_energy)
+    parts = [*each_of(at.arms, arm_kinetic_energy, at.arms, at.q, at.qd, at.base_twists).values()]
+    parts += [body.kinetic_energy for body in trunk_bodies(chain, at)]
     if chain.trunk is not None:
-        arms.append(_trunk_rotor_energy(chain.trunk, state.qd[chain.joints[TRUNK]]))
-    return sum(arms) + held_body(chain.held_object, state.object_frame, state.object_twist).kinetic_energy
+        parts.append(_trunk_rotor_energy(chain.trunk, state.qd[chain.joints[TRUNK]]))
+    return sum(parts) + held_body(chain.held_object, state.object_frame, state.object_twist).kinetic_energy
 
 
 def arm_kinetic_energy(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Scalar:
@@ -144,15 +142,13 @@ def potential_energy(chain: ClosedChain, state: State) -> float:
 
 def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
     """Return U of trunk, arms and object [J]; see `potential_energy`."""
-    at, q = standing(chain, state, Inputs().shaped(chain)), [state.q[part] for part in chain.arm_joints]
-    gravity = chain.gravity
-    arms = each(lambda arm, q: arm_potential_energy(arm, q, gravity), at.arms, q)
-    for body in trunk_bodies(chain, at):
-        arms.append(body.potential_energy(gravity))
+    at, gravity = standing(chain, state, Inputs().shaped(chain)), chain.gravity
+    parts = [*each_of(at.arms, lambda arm, q: arm_potential_energy(arm, q, gravity), at.arms, at.q).values()]
+    parts += [body.potential_energy(gravity) for body in trunk_bodies(chain, at)]
     if chain.trunk is not None:
-        arms.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
+        parts.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
     held = held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(gravity)
-    return sum(arms) + held + spring_energy(chain, state) + bushing_energy(chain, state)
+    return sum(parts) + held + spring_energy(chain, state) + bushing_energy(chain, state)
 
 
 def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:
@@ -202,9 +198,9 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
 
 def total_mass_moment(chain: ClosedChain, state: State) -> Array:
     """Return mass [kg] and first moment about the world's origin [kg m] of trunk, links and object, (4,)."""
-    at, parts = standing(chain, state, Inputs().shaped(chain)), [state.q[part] for part in chain.arm_joints]
+    at = standing(chain, state, Inputs().shaped(chain))
     held = held_body(chain.held_object, state.object_frame, np.zeros(6))
-    sums = sum(each(arm_mass_moment, at.arms, parts)) + held.mass_moment
+    sums = sum(each_of(at.arms, arm_mass_moment, at.arms, at.q).values()) + held.mass_moment
     return sum((body.mass_moment for body in trunk_bodies(chain, at)), start=sums)
 
 
@@ -237,16 +233,13 @@ def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, i
 def total_momentum(chain: ClosedChain, state: State, inputs: Inputs, about: Array) -> Array:
     """Return the momentum of trunk, links and object, (6,), for inputs already shaped; see `momentum`."""
     at = standing(chain, state, inputs)
-    q, qd = ([x[part] for part in chain.arm_joints] for x in (state.q, state.qd))
-    arms = each(lambda arm, q, qd, twist: arm_momentum(arm, q, qd, twist, about), at.arms, q, qd, at.base_twists)
-    for body in trunk_bodies(chain, at):
-        arms.append(body.momentum(about))
-    return sum(arms) + held_body(chain.held_object, state.object_frame, state.object_twist).momentum(about)
 
+    def of_arm(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Array:
+        return sum((body.momentum(about) for body in links(arm, q, qd, base_twist)), start=np.zeros(6))
 
-def arm_momentum(arm: Arm, q: Array, qd: Array, base_twist: Array, about: Array) -> Array:
-    """Return the momentum of one arm's links, (6,)."""
-    return sum((body.momentum(about) for body in links(arm, q, qd, base_twist)), start=np.zeros(6))
+    of_arms = each_of(at.arms, of_arm, at.arms, at.q, at.qd, at.base_twists)
+    parts = [*of_arms.values(), *(body.momentum(about) for body in trunk_bodies(chain, at))]
+    return sum(parts) + held_body(chain.held_object, state.object_frame, state.object_twist).momentum(about)
 
 
 class Power(NamedTuple):

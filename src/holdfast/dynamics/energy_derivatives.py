@@ -12,7 +12,6 @@ from holdfast.dynamics.energy import total_kinetic_energy, total_potential_energ
 from holdfast.dynamics.linear_text import Text
 from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.varied_case import VariedCase
-from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Scalar
 from holdfast.state import Inputs, State, require_fit
@@ -53,8 +52,7 @@ def kinetic_energy_vjp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _case(KINETIC, chain, state, inputs)
-    return text_vjp(KINETIC, case, found, by, {"kinetic_energy": kinetic_energy})
+    return text_vjp(KINETIC, *_case(KINETIC, chain, state, inputs), by, {"kinetic_energy": kinetic_energy})
 
 
 def kinetic_energy_jvp(
@@ -80,8 +78,7 @@ def kinetic_energy_jvp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _case(KINETIC, chain, state, inputs)
-    return text_jvp(KINETIC, case, found, along)
+    return text_jvp(KINETIC, *_case(KINETIC, chain, state, inputs), along)
 
 
 def kinetic_energy_jacobian(
@@ -107,8 +104,7 @@ def kinetic_energy_jacobian(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _case(KINETIC, chain, state, inputs)
-    return text_jacobian(KINETIC, case, found, of, by)
+    return text_jacobian(KINETIC, *_case(KINETIC, chain, state, inputs), of, by)
 
 
 def potential_energy_vjp(
@@ -136,8 +132,7 @@ def potential_energy_vjp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _case(POTENTIAL, chain, state, None)
-    return text_vjp(POTENTIAL, case, found, by, {"potential_energy": potential_energy})
+    return text_vjp(POTENTIAL, *_case(POTENTIAL, chain, state, None), by, {"potential_energy": potential_energy})
 
 
 def potential_energy_jvp(
@@ -161,8 +156,7 @@ def potential_energy_jvp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _case(POTENTIAL, chain, state, None)
-    return text_jvp(POTENTIAL, case, found, along)
+    return text_jvp(POTENTIAL, *_case(POTENTIAL, chain, state, None), along)
 
 
 def potential_energy_jacobian(
@@ -186,13 +180,11 @@ def potential_energy_jacobian(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _case(POTENTIAL, chain, state, None)
-    return text_jacobian(POTENTIAL, case, found, of, by)
+    return text_jacobian(POTENTIAL, *_case(POTENTIAL, chain, state, None), of, by)
 
 
 def _case(text: Text, chain: ClosedChain, state: State, inputs: Inputs | None) -> tuple[VariedCase, float]:
     """Return the arguments of the differentiated energy, and its value."""
-    checks.instance(chain, ClosedChain, "chain")
     require_fit(chain, state)
     case = case_of(chain, state, inputs, {})
     with np.errstate(all="ignore"):

@@ -135,22 +135,16 @@ def _require_inertia(what: str, pivots: Array) -> None:
 def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: Status, method: str) -> ForwardResult:
     """Return the result in the order of the chain's arms, including arms without a grasp."""
     chain = motion.chain
-    whole = chain_solution(motion, found, "auto")
-    for name, pivots in whole.lone_pivots.items():
+    results = chain_solution(motion, found, "auto")._asdict()
+    for name, pivots in results.pop("lone_pivots").items():
         _require_inertia(f"arm '{name}'", pivots)
     return ForwardResult(
         chain=chain,
-        qdd=whole.qdd,
-        grasp_wrench=whole.grasp_wrench,
-        object_acceleration=whole.object_acceleration,
-        contact_acceleration=whole.contact_acceleration,
-        base_wrench=whole.base_wrench,
+        **results,
         rank=int(regular.rank),
         mobility=chain.velocity_count + chain.contact_freedom_count - int(regular.rank),
         status=status,
         condition=1.0 / float(regular.weakest_pivot),
         method=method,
         held=regular.held,
-        base_acceleration=whole.base_acceleration,
-        trunk_base_wrench=whole.trunk_base_wrench,
     )

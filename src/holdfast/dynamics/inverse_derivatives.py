@@ -60,8 +60,7 @@ def inverse_dynamics_vjp(
     Raises:
         StateError: a name, shape or number is wrong; see `inverse_dynamics`.
     """
-    case, found = _case(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
-    return text_vjp(TORQUES, case, found, by, {"tau": tau})
+    return text_vjp(TORQUES, *_case(chain, state, qdd, grasp_wrench, inputs, base_acceleration), by, {"tau": tau})
 
 
 def inverse_dynamics_jvp(
@@ -93,8 +92,7 @@ def inverse_dynamics_jvp(
     Raises:
         StateError: a name, shape or number is wrong; see `inverse_dynamics`.
     """
-    case, found = _case(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
-    return text_jvp(TORQUES, case, found, along)
+    return text_jvp(TORQUES, *_case(chain, state, qdd, grasp_wrench, inputs, base_acceleration), along)
 
 
 def inverse_dynamics_jacobian(
@@ -126,8 +124,7 @@ def inverse_dynamics_jacobian(
     Raises:
         StateError: a name, shape or number is wrong; see `inverse_dynamics`.
     """
-    case, found = _case(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
-    return text_jacobian(TORQUES, case, found, of, by)
+    return text_jacobian(TORQUES, *_case(chain, state, qdd, grasp_wrench, inputs, base_acceleration), of, by)
 
 
 def _case(
@@ -139,9 +136,7 @@ def _case(
     base_acceleration: ArrayLike | None,
 ) -> tuple[VariedCase, Array]:
     """Return the arguments of the differentiated function, and the torques there."""
-    checks.instance(chain, ClosedChain, "chain")
-    with np.errstate(all="ignore"):
-        found = inverse_dynamics(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
+    found = inverse_dynamics(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
     own = {
         "qdd": checks.numbers(qdd, (chain.joint_count,), "qdd", StateError),
         "grasp_wrench": checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError),

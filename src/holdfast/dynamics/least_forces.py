@@ -63,7 +63,7 @@ class LeastForces(NamedTuple):
         turned = arm_residual_rates(with_trunk(at, self.of_trunk), dict(self.mu), tangents)
         still = arm_residual_rates(with_trunk(at, still_trunk), nothing, tangents)
         f = np.concatenate([found["grasp_wrench"][row] for row in rows])
-        B_mu = np.concatenate([turned[row].wrench - still[row].wrench for row in rows])
+        B_mu = np.concatenate([turned[name].wrench - still[name].wrench for name in at.motion.chain.grasps])
         more = self.N @ (self.N.T @ (B_mu - self.W * f))
         changed = {name: x.copy() for name, x in found.items()}
         for name, matrix in self.wrench_jacobians.items():

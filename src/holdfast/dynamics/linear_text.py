@@ -19,7 +19,7 @@ from holdfast.dynamics.closed.pose_tangents import by_motions
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.differentiation import bare, linearised
-from holdfast.spatial.linear import Linear, array_of
+from holdfast.spatial.linear import Linear, arrays_of
 from holdfast.spatial.scalar import Array, concatenate, each
 from holdfast.spatial.vector import skew
 
@@ -131,13 +131,10 @@ class LinearText(NamedTuple):
 
     def _row(self, varied: Sequence[int], entries: Array) -> dict[str, Array]:
         """Return gradients of which the entries at some places are given, the others zero."""
-        sizes = [x.size for x in self.numbers.values()]
-        flat: list[Any] = [0.0] * sum(sizes)
+        flat: list[Any] = [0.0] * sum(x.size for x in self.numbers.values())
         for place, x in zip(varied, entries.tolist(), strict=True):
             flat[place] = x
-        ends = np.cumsum([0, *sizes]).tolist()
-        parts = zip(ends, ends[1:], self.numbers.values(), strict=False)
-        return self._by_arguments([array_of(flat[begin:end], x.shape) for begin, end, x in parts])
+        return self._by_arguments(arrays_of(flat, [x.shape for x in self.numbers.values()]))
 
     def _by_arguments(self, gradients: Sequence[Array]) -> dict[str, Array]:
         """Return gradients by the arguments, of those by the numbers that they are made of."""

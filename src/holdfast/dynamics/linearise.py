@@ -22,11 +22,11 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.pose_tangents import rates_of
 from holdfast.dynamics.constraint import DEPENDENT, constraint_rows
 from holdfast.dynamics.derivatives import forward_dynamics_jacobian, result_named
+from holdfast.dynamics.projection import displacement
 from holdfast.dynamics.trunk.trunk_power import TrunkCase, TrunkUnknowns
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
-from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import skew
@@ -58,15 +58,10 @@ class Linearisation(Frozen):
 
     def coordinates(self, state: State) -> Array:
         """Return z of a neighbouring state, (m,), the component of its difference along the basis."""
-        here, there = self.state, state
-        positions, velocities = [there.q - here.q], [there.qd - here.qd]
-        for what in ("object", "base"):
-            old, new = (getattr(at, f"{what}_frame") for at in (here, there))
-            if old is None or new is None:
-                continue
-            positions += [rotation.log(new.R @ old.R.T), new.p - old.p]
-            velocities.append(getattr(there, f"{what}_twist") - getattr(here, f"{what}_twist"))
-        return np.linalg.lstsq(self.basis, np.concatenate([*positions, *velocities]), rcond=None)[0]
+        here = self.state
+        pairs = [(here.qd, state.qd), (here.object_twist, state.object_twist), (here.base_twist, state.base_twist)]
+        velocities = [new - old for old, new in pairs if old is not None and new is not None]
+        return np.linalg.lstsq(self.basis, np.r_[displacement(here, state), *velocities], rcond=None)[0]
 
 
 def linearised_dynamics(

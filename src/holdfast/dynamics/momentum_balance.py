@@ -58,11 +58,8 @@ def rate_of(chain: ClosedChain, result: ForwardResult, given: Inputs, every: lis
             rate = rate + shift_wrench(arm.base.p - point, f)
     if chain.trunk is not None and result.trunk_base_wrench is not None:  # zero for a floating base
         rate = rate + shift_wrench(chain.trunk.base.p - point, result.trunk_base_wrench)
-    if given.trunk_link_wrenches is not None:
-        for body, f in zip(links[:on_trunk], given.trunk_link_wrenches, strict=True):
-            rate = rate + shift_wrench(body.origin - point, f)
-    if given.link_wrenches is not None:
-        for body, f in zip(links[on_trunk:], given.link_wrenches, strict=True):
+    for some, wrenches in ((links[:on_trunk], given.trunk_link_wrenches), (links[on_trunk:], given.link_wrenches)):
+        for body, f in () if wrenches is None else zip(some, wrenches, strict=True):
             rate = rate + shift_wrench(body.origin - point, f)
     for body in (*links, held):
         moment = cross(body.com - body.inertia.m * point, chain.gravity)

@@ -11,6 +11,7 @@ import numpy as np
 from holdfast.dynamics.closed.forward_derivatives import backward, forward
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import Point
+from holdfast.spatial.linear import arrays_of
 from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array, array, concatenate
 
@@ -85,17 +86,11 @@ class JacobianRule(NamedTuple):
 
     def rates(self, *rates: Array) -> Sequence[Array]:
         """Return the rates of the results for given rates of the arguments."""
-        return _parts(self.matrix @ np.concatenate([np.ravel(x) for x in rates]), self.results)
+        return arrays_of((self.matrix @ np.concatenate([np.ravel(x) for x in rates])).tolist(), self.results)
 
     def gradient(self, *cotangents: Array) -> Sequence[Array]:
         """Return the gradient of sum(cotangent . result) with respect to every argument."""
-        return _parts(np.concatenate([np.ravel(x) for x in cotangents]) @ self.matrix, self.arguments)
-
-
-def _parts(x: Array, shapes: Sequence[tuple[int, ...]]) -> list[Array]:
-    """Return a vector as arrays of the given shapes."""
-    ends = np.cumsum([0, *(math.prod(shape) for shape in shapes)])
-    return [x[a:b].reshape(shape) for a, b, shape in zip(ends, ends[1:], shapes, strict=False)]
+        return arrays_of((np.concatenate([np.ravel(x) for x in cotangents]) @ self.matrix).tolist(), self.arguments)
 
 
 def vanishes(x: Array) -> bool:

@@ -16,13 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmMotion, at_rest
+from holdfast.dynamics.closed.chain_filter import chain_filter
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.held_rows import holding
-from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.consistency import tip_from_contact
-from holdfast.dynamics.trunk.trunk_dynamics import filtered
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
@@ -67,38 +66,21 @@ def constraint_impulses(
     """
     none, chain = np.zeros(6), motion.chain
     tips = each(gap_response, motion.holding, mismatch)
-    still = each(lambda c: replace(c, a=none, g=none), contacts)
-    if motion.trunk is not None:
-        return trunk_impulses(replace(motion, contacts=still), tips)
-    found = object_filter(still, tips, motion.body.free.at_rest())
-    changes = each(lambda tip, impulse: tip.back_substitute(impulse)[0], tips, found.wrenches)
-    of_arm = dict(zip(chain.grasps, changes, strict=True))
-    dqd = [of_arm.get(name, np.zeros(arm.joint_count)) for name, arm in chain.arms.items()]
-    return Change(concatenate(dqd), found.object_acceleration, None), found.wrenches
-
-
-def trunk_impulses(motion: ChainMotion, tips: list[TipResponse]) -> tuple[Change, list[Array]]:
-    """Return the result of `constraint_impulses` for arms on a trunk, which moves together with all arms on it.
-
-    Args:
-        motion: the chain's motion, with grasps without bias accelerations.
-        tips: the tip responses of the arms with a grasp, at rest except for the mismatch.
-    """
-    assert motion.trunk is not None
-    chain, none = motion.chain, np.zeros(6)
-    still = replace(motion, trunk=motion.trunk.at_rest(), body=replace(motion.body, free=motion.body.free.at_rest()))
+    still = motion.at_rest_with(each(lambda c: replace(c, a=none, g=none), contacts))
     lone = each(lambda arm: gap_response(arm, none), [motion.arms[name] for name in motion.lone_on_trunk])
-    whole = filtered(still, tips, lone)
-    of_arm = dict(zip(chain.grasps, zip(tips, whole.found.wrenches, strict=True), strict=True))
+    whole = chain_filter(still, tips, lone)
+    alpha, impulses = whole.found.object_acceleration, whole.found.wrenches
+    changes = {name: np.zeros(arm.joint_count) for name, arm in chain.arms.items()}
+    if whole.trunk is None:
+        found = each(lambda tip, impulse: tip.back_substitute(impulse)[0], tips, impulses)
+        changes |= dict(zip(chain.grasps, found, strict=True))
+        return Change(concatenate(changes.values()), alpha, None), impulses
+    of_arm = dict(zip(chain.grasps, zip(tips, impulses, strict=True), strict=True))
     of_arm |= {name: (tip, none) for name, tip in zip(motion.lone_on_trunk, lone, strict=True)}
-    dqd = [whole.trunk.qdd]
-    for name, arm in chain.arms.items():
-        if name in of_arm:
-            tip, impulse = of_arm[name]
-            dqd.append(tip.back_substitute(impulse, motion.trunk.of_columns(name, whole.trunk, whole.betas))[0])
-        else:
-            dqd.append(np.zeros(arm.joint_count))
-    return Change(concatenate(dqd), whole.found.object_acceleration, whole.trunk.base), whole.found.wrenches
+    for name in [name for name in chain.arms if name in of_arm]:
+        tip, impulse = of_arm[name]
+        changes[name] = tip.back_substitute(impulse, whole.of_columns(motion.trunk, name))[0]
+    return Change(concatenate([whole.trunk.qdd, *changes.values()]), alpha, whole.trunk.base), impulses
 
 
 def gap_response(arm: ArmMotion, gap: Array) -> TipResponse:
@@ -208,6 +190,13 @@ def moved(state: State, step: Array) -> State:
     n = len(state.q)
     base = step[n + 6 :]
     return displaced_by(state, Change(step[:n], step[n : n + 6], base if len(base) else None))
+
+
+def displacement(before: State, after: State) -> Array:
+    """Return the step from one state to another, for `moved`, but with rotation vectors of any length."""
+    frames = [(before.object_frame, after.object_frame), (before.base_frame, after.base_frame)]
+    turns = [[rotation.log(b.R @ a.R.T), b.p - a.p] for a, b in frames if a is not None and b is not None]
+    return np.concatenate([after.q - before.q, *(part for turn in turns for part in turn)])
 
 
 def displaced_by(state: State, by: Change) -> State:

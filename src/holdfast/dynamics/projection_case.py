@@ -73,16 +73,9 @@ class VelocityCase(ArmCase):
 
     def gap_of(self, c: Contact, of_object: Pose, arm: Arm, at: Kinematics, varied: Numbers) -> Array:
         """Return the gap V+ - A V(C) of a contact."""
-        qd, base, twist = (
-            varied.get(name, own)
-            for name, own in (
-                ("qd", self.given.qd),
-                ("base_twist", self.given.base_twist),
-                ("object_twist", self.twist),
-            )
-        )
+        qd, base = (varied.get(name, getattr(self.given, name)) for name in ("qd", "base_twist"))
         moving = tip_twist(arm, at, link_twists(arm, at, qd, base), base)
-        return moving - shift_twist(c.offset, twist)
+        return moving - shift_twist(c.offset, varied.get("object_twist", self.twist))
 
 
 class PositionCase(VelocityCase):

@@ -63,11 +63,8 @@ def _closed(motion: ChainMotion, kind: type[VelocityCase], route: Route) -> Poin
     cases = {name: closing(kind, case) for name, case in motion.cases.items()}
     gaps = each(lambda case: case.gap({}), [cases[name] for name in motion.chain.grasps])
     still = replace(
-        motion,
+        motion.at_rest_with([replace(c, a=none, g=gap) for c, gap in zip(motion.contacts, gaps, strict=True)]),
         arms={name: at_rest(arm) for name, arm in motion.arms.items()},
-        contacts=[replace(c, a=none, g=gap) for c, gap in zip(motion.contacts, gaps, strict=True)],
-        body=replace(motion.body, free=motion.body.free.at_rest()),
-        trunk=None if motion.trunk is None else motion.trunk.at_rest(),
         cases=cases,
         object_case=object_case._replace(twist=none, wrench=none),
         trunk_case=None if motion.trunk_case is None else resting_trunk(motion.trunk_case),

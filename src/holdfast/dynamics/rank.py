@@ -13,20 +13,18 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.closed.chain_filter import rest_response
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
-from holdfast.dynamics.closed.rest_response import rest_response
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.consistency import GraspResidual, residuals
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.object_level import motion_basis
-from holdfast.dynamics.projection import CLOSED, FARTHEST, moved
+from holdfast.dynamics.projection import CLOSED, FARTHEST, displacement, moved
 from holdfast.dynamics.result import Status
 from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial import rotation
-from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -111,7 +109,7 @@ def _neighbour(chain: ClosedChain, still: State, sizes: Array, step: Array) -> S
             found = close(chain, moved(still, shorter * step * sizes), limits=False)
         except ClosureError:
             continue
-        if np.abs(_moved_by(still, found) / sizes).max() <= STRAYED * shorter * NEIGHBOUR_DISTANCE:
+        if np.abs(displacement(still, found) / sizes).max() <= STRAYED * shorter * NEIGHBOUR_DISTANCE:
             return found
     return None
 
@@ -227,20 +225,8 @@ def _survive(chain: ClosedChain, state: State, still: State, sizes: Array, basis
             closed = close(chain, there, limits=False)
         except ClosureError:
             return False
-        kept.append(basis.T @ (_moved_by(state, closed) / sizes) / step)
+        kept.append(basis.T @ (displacement(state, closed) / sizes) / step)
     return bool(np.linalg.svd(np.array(kept), compute_uv=False)[-1] > 0.5)
-
-
-def _moved_by(before: State, after: State) -> Array:
-    """Return the displacement from one state to another, ordered as the columns of `ConstraintRows.matrix`."""
-    frames = [(before.object_frame, after.object_frame), (before.base_frame, after.base_frame)]
-    turns = [_displacement(a, b) for a, b in frames if a is not None and b is not None]
-    return np.concatenate([after.q - before.q, *turns])
-
-
-def _displacement(a: Pose, b: Pose) -> Array:
-    """Return the [turn; shift] from one pose to another, (6,) world axes."""
-    return np.concatenate([rotation.log(b.R @ a.R.T), b.p - a.p])
 
 
 def _still(chain: ClosedChain, state: State) -> tuple[State, Array]:

@@ -110,7 +110,6 @@ def inertial_parameters(body: HeldObject | Link) -> Array:
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
-@np.errstate(all="ignore")  # what overflows is refused
 def regressor(
     chain: ClosedChain,
     state: State,
@@ -140,12 +139,9 @@ def regressor(
     Reference:
         Atkeson, An and Hollerbach 1986; `docs/theory/derivatives.md`.
     """
-    checks.instance(chain, ClosedChain, "regressor: chain")
-    checks.instance(state, State, "regressor: state", StateError)
     require_fit(chain, state)
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
     alpha = checks.numbers(object_acceleration, (6,), "object_acceleration", StateError)
-    checks.instance(inputs, (Inputs, type(None)), "regressor: inputs", StateError)
     base = acceleration_of_base(chain, base_acceleration)
     given = shaped_inputs(chain, inputs)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -14,6 +13,7 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk
+from holdfast.spatial.frozen import changed
 from holdfast.spatial.inertia import about_origin
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, array
@@ -21,7 +21,6 @@ from holdfast.spatial.vector import skew
 from holdfast.state import Inputs, State
 
 Body = TypeVar("Body", Link, HeldObject)
-Part = TypeVar("Part", Arm, HeldObject, Joint, Link, Trunk)
 Numbers = Mapping[str, Array]
 OF_INPUTS = {
     "object_wrench": "object_wrench",
@@ -103,8 +102,7 @@ class VariedCase(NamedTuple):
         return self.varied({f"{what}_R": turned, f"{what}_p": p + tangents[:, 3:]})
 
     def _chain(self, numbers: Numbers) -> ClosedChain:
-        given, made = self.chain, object.__new__(ClosedChain)
-        arms, first = {}, 0
+        given, arms, first = self.chain, {}, 0
         for i, (name, arm) in enumerate(given.arms.items()):
             base = _pose(arm.base, "base", numbers, i)
             arms[name] = _arm(arm, base, numbers, given.joints[name], first)
@@ -113,27 +111,20 @@ class VariedCase(NamedTuple):
             name: grasp.standing_at(_pose(grasp.frame, "grasp", numbers, k))
             for k, (name, grasp) in enumerate(given.grasps.items())
         }
-        made.__dict__.update({field.name: getattr(given, field.name) for field in fields(given)})
-        made.__dict__.update(arms=arms, grasps=grasps, gravity=numbers.get("gravity", given.gravity))
-        made.__dict__["held_object"] = _body(given.held_object, "object", numbers, ...)
-        if given.trunk is not None:
-            made.__dict__["trunk"] = _trunk(given.trunk, numbers, given.joints[TRUNK])
-        return made
+        held = _body(given.held_object, "object", numbers, ...)
+        trunk = None if given.trunk is None else _trunk(given.trunk, numbers, given.joints[TRUNK])
+        gravity = numbers.get("gravity", given.gravity)
+        return changed(given, arms=arms, held_object=held, grasps=grasps, gravity=gravity, trunk=trunk)
 
     def _state(self, numbers: Numbers) -> State:
-        given, made = self.state, object.__new__(State)
-        made.__dict__.update({field.name: getattr(given, field.name) for field in fields(given)})
-        made.__dict__.update({field: numbers[name] for name, field in OF_STATE.items() if name in numbers})
-        made.__dict__["object_frame"] = _pose(given.object_frame, "object", numbers, ...)
-        if given.base_frame is not None:
-            made.__dict__["base_frame"] = _pose(given.base_frame, "floating", numbers, ...)
-        return made
+        given, base = self.state, self.state.base_frame
+        frame = _pose(given.object_frame, "object", numbers, ...)
+        base = None if base is None else _pose(base, "floating", numbers, ...)
+        motion = {field: numbers[name] for name, field in OF_STATE.items() if name in numbers}
+        return changed(given, **motion, object_frame=frame, base_frame=base)
 
     def _inputs(self, numbers: Numbers) -> Inputs:
-        made = object.__new__(Inputs)
-        made.__dict__.update({field.name: getattr(self.inputs, field.name) for field in fields(Inputs)})
-        made.__dict__.update({field: numbers[name] for name, field in OF_INPUTS.items() if name in numbers})
-        return made
+        return changed(self.inputs, **{field: numbers[name] for name, field in OF_INPUTS.items() if name in numbers})
 
 
 def _arm(arm: Arm, base: Pose, numbers: Numbers, rows: slice, first: int) -> Arm:
@@ -151,8 +142,8 @@ def _trunk(trunk: Trunk, numbers: Numbers, rows: slice) -> Trunk:
     floating, links = trunk.split([_body(body, "trunk_link", numbers, k) for k, body in enumerate(trunk.bodies)])
     made = {"joints": own.get("joints", trunk.joints), "links": links, "floating": floating}
     if trunk.serial is not None:
-        made["serial"] = _changed(trunk.serial, {**own, "links": links})
-    return _changed(trunk, made)
+        made["serial"] = changed(trunk.serial, **own, links=links)
+    return changed(trunk, **made)
 
 
 def _of_joints(joints: Sequence[Joint], numbers: Numbers, rows: slice) -> dict[str, Any]:
@@ -160,15 +151,8 @@ def _of_joints(joints: Sequence[Joint], numbers: Numbers, rows: slice) -> dict[s
     own = {name: numbers[name][rows] for name in ("armature", "damping") if name in numbers}
     if not own:
         return {}
-    varied = [_changed(joint, {name: x[k] for name, x in own.items()}) for k, joint in enumerate(joints)]
+    varied = [changed(joint, **{name: x[k] for name, x in own.items()}) for k, joint in enumerate(joints)]
     return {**own, "joints": tuple(varied)}
-
-
-def _changed(of: Part, numbers: Mapping[str, Any]) -> Part:
-    """Return a part of the model with some attributes replaced; nothing is checked."""
-    made = object.__new__(type(of))
-    made.__dict__.update(vars(of) | dict(numbers))
-    return made
 
 
 def _body(body: Body, what: str, numbers: Numbers, row: Any) -> Body:
@@ -176,7 +160,7 @@ def _body(body: Body, what: str, numbers: Numbers, row: Any) -> Body:
     given = {name: numbers[f"{what}_{name}"] for name in ("mass", "com", "inertia") if f"{what}_{name}" in numbers}
     if not given:
         return body
-    made = _changed(body, {name: x[row] for name, x in given.items()})
+    made = changed(body, **{name: x[row] for name, x in given.items()})
     mass = np.asarray(made.mass)[()]
     made.__dict__.update(mass=mass, spatial_inertia=about_origin(mass, made.com, made.inertia))
     return made

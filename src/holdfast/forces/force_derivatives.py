@@ -69,8 +69,7 @@ def grasp_margins_vjp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _margins_case(chain, state, grasp_wrench)
-    return text_vjp(MARGINS, case, found, by, {"grasp_margins": grasp_margins})
+    return text_vjp(MARGINS, *_margins_case(chain, state, grasp_wrench), by, {"grasp_margins": grasp_margins})
 
 
 def grasp_margins_jvp(
@@ -92,8 +91,7 @@ def grasp_margins_jvp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _margins_case(chain, state, grasp_wrench)
-    return text_jvp(MARGINS, case, found, along)
+    return text_jvp(MARGINS, *_margins_case(chain, state, grasp_wrench), along)
 
 
 def grasp_margins_jacobian(
@@ -119,8 +117,7 @@ def grasp_margins_jacobian(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _margins_case(chain, state, grasp_wrench)
-    return text_jacobian(MARGINS, case, found, of, by)
+    return text_jacobian(MARGINS, *_margins_case(chain, state, grasp_wrench), of, by)
 
 
 def joint_margins_vjp(
@@ -154,9 +151,9 @@ def joint_margins_vjp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _joints_case(chain, state, tau)
     given = zip(JointMargins._fields, (position, rate, effort), strict=True)
-    return text_vjp(OF_LIMITS, case, found, by, {name: x for name, x in given if x is not None})
+    cotangents = {name: x for name, x in given if x is not None}
+    return text_vjp(OF_LIMITS, *_joints_case(chain, state, tau), by, cotangents)
 
 
 def joint_margins_jvp(
@@ -178,8 +175,7 @@ def joint_margins_jvp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _joints_case(chain, state, tau)
-    return text_jvp(OF_LIMITS, case, found, along)
+    return text_jvp(OF_LIMITS, *_joints_case(chain, state, tau), along)
 
 
 def joint_margins_jacobian(
@@ -205,8 +201,7 @@ def joint_margins_jacobian(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    case, found = _joints_case(chain, state, tau)
-    return text_jacobian(OF_LIMITS, case, found, of, by)
+    return text_jacobian(OF_LIMITS, *_joints_case(chain, state, tau), of, by)
 
 
 def wrist_wrenches_vjp(
@@ -235,8 +230,7 @@ def wrist_wrenches_vjp(
     Raises:
         StateError: a name, shape or number is wrong, or the result belongs to another chain.
     """
-    case, found = _wrists_case(chain, state, result)
-    return text_vjp(WRISTS, case, found, by, {"wrist_wrenches": wrist_wrenches})
+    return text_vjp(WRISTS, *_wrists_case(chain, state, result), by, {"wrist_wrenches": wrist_wrenches})
 
 
 def wrist_wrenches_jvp(
@@ -258,8 +252,7 @@ def wrist_wrenches_jvp(
     Raises:
         StateError: a name, shape or number is wrong, or the result belongs to another chain.
     """
-    case, found = _wrists_case(chain, state, result)
-    return text_jvp(WRISTS, case, found, along)
+    return text_jvp(WRISTS, *_wrists_case(chain, state, result), along)
 
 
 def wrist_wrenches_jacobian(
@@ -285,21 +278,17 @@ def wrist_wrenches_jacobian(
     Raises:
         StateError: a name, shape or number is wrong, or the result belongs to another chain.
     """
-    case, found = _wrists_case(chain, state, result)
-    return text_jacobian(WRISTS, case, found, of, by)
+    return text_jacobian(WRISTS, *_wrists_case(chain, state, result), of, by)
 
 
 def _margins_case(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> tuple[VariedCase, Array]:
     """Return the arguments of the differentiated margins, and their values."""
-    checks.instance(chain, ClosedChain, "chain")
-    with np.errstate(all="ignore"):
-        found = grasp_margins(chain, state, grasp_wrench)
+    found = grasp_margins(chain, state, grasp_wrench)
     return _with_wrenches(chain, state, grasp_wrench, {CONTACTS: contacts_of(chain)}), found
 
 
 def _joints_case(chain: ClosedChain, state: State, tau: ArrayLike) -> tuple[VariedCase, JointMargins]:
     """Return the arguments of the differentiated joint margins, and their values."""
-    checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         found = joint_margins(chain, state, tau)
     own = {"tau": checks.numbers(tau, (chain.joint_count,), "tau", StateError), LIMITS: np.array(joint_limits(chain))}
@@ -308,7 +297,6 @@ def _joints_case(chain: ClosedChain, state: State, tau: ArrayLike) -> tuple[Vari
 
 def _wrists_case(chain: ClosedChain, state: State, result: ForwardResult) -> tuple[VariedCase, Array]:
     """Return the arguments of the differentiated wrist wrenches, and their values."""
-    checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         found = wrist_wrenches(chain, state, result)
     return _with_wrenches(chain, state, result.grasp_wrench), found

@@ -16,7 +16,7 @@ from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Visuals
 from holdfast.spatial.converted import making
-from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.frozen import Frozen, changed, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
@@ -60,11 +60,8 @@ class Arm(Frozen):
             raise ModelError(
                 f"{label}: expected one link per joint, got {len(self.joints)} joints and {len(self.links)} links"
             )
-        put(
-            self,
-            "links",
-            tuple(one for joint, link in zip(self.joints, self.links, strict=True) for one in _links(joint, link)),
-        )
+        pairs = zip(self.joints, self.links, strict=True)
+        put(self, "links", tuple(one for joint, link in pairs for one in _links(joint, link)))
         put(self, "joints", tuple(part for joint in self.joints for part in joint.parts))
         put(self, "visuals", fitting_visuals(self.visuals, len(self.links), label))
 
@@ -99,9 +96,7 @@ class Arm(Frozen):
 
     def standing_at(self, base: Pose) -> Arm:
         """Return the same arm with its base at a valid pose, for algorithms; nothing is checked or copied."""
-        arm = object.__new__(type(self))
-        arm.__dict__.update(vars(self), base=base)
-        return arm
+        return changed(self, base=base)
 
     def of(self, joints: Sequence[Joint] | None = None, links: Sequence[Link] | None = None) -> Arm:
         """Return the same arm with other joints or links, of the same number; None keeps them."""

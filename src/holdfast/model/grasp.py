@@ -13,7 +13,7 @@ from holdfast.model.fingerprint import ADDED
 from holdfast.model.grasp_kinds import GRASP_KINDS, GraspKind
 from holdfast.model.motion_subspace import motion_subspace
 from holdfast.spatial.converted import NOT_GIVEN, OptionalArrayField, making
-from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.frozen import Frozen, changed, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
@@ -176,9 +176,7 @@ class Grasp(Frozen):
 
     def standing_at(self, frame: Pose) -> Grasp:
         """Return the same grasp at another valid frame, for algorithms; nothing is checked or copied."""
-        grasp = object.__new__(Grasp)
-        grasp.__dict__.update(vars(self), frame=frame)
-        return grasp
+        return changed(self, frame=frame)
 
     @frozen_property
     def of_kind(self) -> GraspKind:

@@ -15,7 +15,7 @@ from holdfast.model.wrench_condition import MOMENT_Y, MOMENT_Z, NORMAL, Conditio
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, maximum, sin, sqrt
-from holdfast.spatial.vector import cross
+from holdfast.spatial.vector import axial, cross
 
 PERPENDICULAR = 1e-6  # sine of the angle below which two directions count as parallel
 
@@ -34,7 +34,7 @@ def full_turn(tip: Array) -> Array:
 
 def full_opening(tip: Array) -> Array:
     """Return the rotation vector from the contact frame to the tip's attitude, with the sine as its length, (3,)."""
-    return 0.5 * array([tip[2, 1] - tip[1, 2], tip[0, 2] - tip[2, 0], tip[1, 0] - tip[0, 1]])
+    return 0.5 * axial(tip)
 
 
 def axis_turn(tip: Array) -> Array:
@@ -85,36 +85,32 @@ def tip_attitude(contact: Array, tip: Array) -> Array:
     return tip
 
 
+def _perpendicular(a: Array, axis: Array) -> Array | None:
+    """Return the direction of the part of a vector perpendicular to a unit axis, (3,); None if it is along it."""
+    across = a - (a @ axis) * axis
+    sine = math.sqrt(across @ across)
+    return None if sine < PERPENDICULAR else across / sine
+
+
 def attitude_about_tip_axis(contact: Array, tip: Array) -> Array | None:
     """Return the attitude with the tip's x axis nearest to the contact frame's; None if x is along its normal."""
-    x, normal = tip[:, 0], contact[:, 2]
-    across = normal - (normal @ x) * x
-    sine = math.sqrt(across @ across)
-    if sine < PERPENDICULAR:
-        return None
-    z = across / sine
-    return np.column_stack([x, np.cross(z, x), z])
+    x = tip[:, 0]
+    z = _perpendicular(contact[:, 2], x)
+    return None if z is None else np.column_stack([x, np.cross(z, x), z])
 
 
 def attitude_about_tip_normal(contact: Array, tip: Array) -> Array | None:
     """Return the attitude with the tip's z axis that is nearest to the contact frame's; None if z is along its x."""
-    z, x = tip[:, 2], contact[:, 0]
-    across = x - (x @ z) * z
-    sine = math.sqrt(across @ across)
-    if sine < PERPENDICULAR:
-        return None
-    x = across / sine
-    return np.column_stack([x, np.cross(z, x), z])
+    z = tip[:, 2]
+    x = _perpendicular(contact[:, 0], z)
+    return None if x is None else np.column_stack([x, np.cross(z, x), z])
 
 
 def attitude_across_tip_axis(contact: Array, tip: Array) -> Array | None:
     """Return the attitude nearest to the contact frame's with y perpendicular to the tip's x; None if y is along it."""
-    x, y = tip[:, 0], contact[:, 1]
-    across = y - (y @ x) * x
-    sine = math.sqrt(across @ across)
-    if sine < PERPENDICULAR:
-        return None
-    return rotation.exp(rotation.align(y, across / sine)) @ contact
+    y = contact[:, 1]
+    across = _perpendicular(y, tip[:, 0])
+    return None if across is None else rotation.exp(rotation.align(y, across)) @ contact
 
 
 def sliding(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
@@ -284,15 +280,15 @@ class GraspKind(Frozen):
         """
         if self.given is not None:
             return self.given.gap(tip, p)
-        return concatenate([self.turn(tip), -self.across(p, tip)])
+        return concatenate([self.turn(tip), -self.across(p, tip, arctan2)])
 
     def small_gap(self, tip: Array, p: Array) -> Array:
         """Return the opposite displacement, with sines of angles, (6,)."""
         if self.given is not None:
             return self.given.small_gap(tip, p)
-        return concatenate([self.opening(tip), self.small_across(p, tip)])
+        return concatenate([self.opening(tip), self.across(p, tip, lambda sine, _: sine)])
 
-    def across(self, p: Array, tip: Array) -> Array:
+    def across(self, p: Array, tip: Array, angle: Callable[[Scalar, Scalar], Scalar]) -> Array:
         """Return the displacement of a tip's origin without its free translations, contact axes, (3,) [m].
 
         For a screw, the component along x is the translation minus that which belongs to the rotation. The nearest of
@@ -301,18 +297,12 @@ class GraspKind(Frozen):
         Args:
             p: (3,) the tip's origin, contact axes [m].
             tip: (3, 3) the tip's attitude, contact axes.
+            angle: function of sine and cosine of the angle that a screw is past its thread, `arctan2` or the sine.
         """
         if not self.threaded:
             return p * self._closed_lengths if self.slides else p
         sine, cosine = _sine_cosine_past_thread(p, tip, self.pitch)
-        return concatenate([[self.pitch * arctan2(sine, cosine)], p[1:]])
-
-    def small_across(self, p: Array, tip: Array) -> Array:
-        """Return the same with the sine in place of the angle, (3,)."""
-        if not self.threaded:
-            return p * self._closed_lengths if self.slides else p
-        sine, _ = _sine_cosine_past_thread(p, tip, self.pitch)
-        return concatenate([[self.pitch * sine], p[1:]])
+        return concatenate([[self.pitch * angle(sine, cosine)], p[1:]])
 
     @property
     def _closed_lengths(self) -> Array:

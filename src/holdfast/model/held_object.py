@@ -41,11 +41,8 @@ class HeldObject(Frozen):
         checks.instance(self.shape, (*get_args(Shape), type(None)), "object: shape")
         put(self, "mass", checks.number(self.mass, "object: mass", above=0.0))
         put(self, "com", checks.numbers(self.com, (3,), "object: com"))
-        put(
-            self,
-            "inertia",
-            checks.rotational_inertia(self.inertia, "object: inertia", definite=True, physical=self.physical),
-        )
+        J = checks.rotational_inertia(self.inertia, "object: inertia", definite=True, physical=self.physical)
+        put(self, "inertia", J)
 
     @staticmethod
     def box(mass: float, x: float, y: float, z: float) -> HeldObject:

@@ -7,6 +7,7 @@ or those about one point.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +16,8 @@ import numpy as np
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial import rotation
-from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, sin
-from holdfast.spatial.vector import cross
+from holdfast.spatial.scalar import Array, Scalar, arctan2, concatenate, cos, sin
+from holdfast.spatial.vector import axial, cross
 
 CLOSED = 1e-9  # tolerance, for unit twists, of dependent columns and of brackets outside the span
 Rows = tuple[tuple[float, ...], ...]
@@ -57,40 +58,34 @@ class MotionSubspace:
         turn = rotation.log(R) if self.turning == 0 else np.zeros(3)
         if self.turning == 1:
             turn = rotation.align(n, R @ n)
-        at = R @ np.array(self.point) - p
-        shift = at - np.array(self.point)
-        if self.pitch:
-            travel = shift @ n
-            sine, cosine = self._past_thread(R, travel)
-            shift = shift + (self.pitch * arctan2(sine, cosine) - travel) * n
-        return self._transmitted(concatenate([turn, shift - cross(turn, at)]))
+        return self._gap(R, p, turn, arctan2)
 
     def small_gap(self, tip: Array, p: Array) -> Array:
         """Return the opposite displacement, with sines of angles, (6,)."""
         R, n = tip.T, np.array(self.axis)
         turn = np.zeros(3)
         if self.turning == 0:
-            turn = 0.5 * array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+            turn = 0.5 * axial(R)
         if self.turning == 1:
             turn = cross(n, R @ n)
-        at = R @ np.array(self.point) - p
-        shift = at - np.array(self.point)
+        return -self._gap(R, p, turn, lambda sine, _: sine)
+
+    def _gap(self, R: Array, p: Array, turn: Array, angle: Callable[[Scalar, Scalar], Scalar]) -> Array:
+        """Return the transmitted part of [turn; shift], with the angle past a thread of its sine and cosine."""
+        n, point = np.array(self.axis), np.array(self.point)
+        at = R @ point - p
+        shift = at - point
         if self.pitch:
             travel = shift @ n
-            sine, _ = self._past_thread(R, travel)
-            shift = shift + (self.pitch * sine - travel) * n
-        return -self._transmitted(concatenate([turn, shift - cross(turn, at)]))
+            shift = shift + (self.pitch * angle(*self._past_thread(R, travel)) - travel) * n
+        K = np.array(self.rows[len(self.columns) :])
+        return (concatenate([turn, shift - cross(turn, at)]) @ K.T) @ K
 
     def _past_thread(self, R: Array, travel: Scalar) -> tuple[Scalar, Scalar]:
         """Return sine and cosine, up to a factor, of the translation divided by the pitch, minus the rotation."""
-        axial = array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-        s, c = 0.5 * (axial @ np.array(self.axis)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+        s, c = 0.5 * (axial(R) @ np.array(self.axis)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
         angle = travel / self.pitch
         return sin(angle) * c - cos(angle) * s, cos(angle) * c + sin(angle) * s
-
-    def _transmitted(self, x: Array) -> Array:
-        K = np.array(self.rows[len(self.columns) :])
-        return (x @ K.T) @ K
 
 
 def motion_subspace(motion: Any) -> MotionSubspace:
@@ -126,7 +121,7 @@ def motion_subspace(motion: Any) -> MotionSubspace:
         K = np.vstack([np.hstack([moments, np.zeros((2, 3))]), np.hstack([-np.outer(forces @ v, n), forces])])
     else:
         V = Q[3:] @ np.linalg.pinv(Q[:3])  # v = V omega, skew
-        point = 0.5 * np.array([V[2, 1] - V[1, 2], V[0, 2] - V[2, 0], V[1, 0] - V[0, 1]])
+        point = 0.5 * axial(V)
         forces = _basis_starting_with(point, np.eye(3)).T
         K = np.hstack([np.cross(point, forces), forces])
     rows = _plain(np.vstack([Q.T, K / np.linalg.norm(K, axis=1)[:, None]]))

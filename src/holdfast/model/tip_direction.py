@@ -53,12 +53,9 @@ def way_to_tip(arm: Arm) -> Array | None:
     if not arm.joints:
         return None
     joint, offset = arm.joints[-1], arm.tip.p
-    lengths = [float(np.linalg.norm(part.p)) for part in (*(j.placement for j in arm.joints[1:]), arm.tip)]
-    short = SHORT * math.fsum(lengths)
-    if on_joint := lengths[-1] <= short:
-        offset = (
-            joint.placement.R.T @ joint.placement.p
-        )  # from the joint before; `along` does not depend on the configuration
+    short = SHORT * arm.length
+    if on_joint := float(np.linalg.norm(offset)) <= short:  # `along` does not depend on the configuration
+        offset = joint.placement.R.T @ joint.placement.p  # from the joint before
     distance = float(np.linalg.norm(offset))
     along = float(joint.axis @ offset) / distance if distance > short else 0.0
     if on_joint and abs(along) <= ALONG:

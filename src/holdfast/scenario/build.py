@@ -217,8 +217,7 @@ def closed(chain: ClosedChain, guess: State, search: bool) -> State:
     except ClosureError:
         if not search:
             raise
-    standing_there = standing(chain, guess, Inputs().shaped(chain)).arms
-    arms = dict(zip(chain.names, standing_there, strict=True))
+    arms = standing(chain, guess, Inputs().shaped(chain)).arms
     q = {name: guess.q[chain.joints[name]] for name in chain.names}
     found = assemble(arms, chain.held_object, chain.grasps, object_pose=guess.object_pose, q=q, gravity=chain.gravity)
     first = chain.joint_count - len(found.state.q)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.linear import Linear, Result, Rule, Ruled, Step, array_of
+from holdfast.spatial.linear import Linear, Result, Rule, Ruled, Step, array_of, arrays_of
 from holdfast.spatial.scalar import Array, Scalar, arctan2, cos, exp, sin, sqrt, tanh, where
 
 _levels = count(1)  # nesting level of derivatives within derivatives
@@ -61,6 +61,14 @@ CHOOSE = Operation(
 )  # of condition, a, b
 
 
+def _both_ways(operation: Operation) -> tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]]:
+    """Return the methods of an operation for a recorded number on its left and on its right."""
+    return (
+        lambda self, other: _applied(operation, self, other),
+        lambda self, other: _applied(operation, other, self),
+    )
+
+
 class Recorded:
     """A scalar whose computation is recorded on a tape.
 
@@ -80,29 +88,10 @@ class Recorded:
         """Return `where(condition, a, b)`, recorded."""
         return _applied(CHOOSE, condition, a, b)
 
-    def __add__(self, other: Any) -> Any:
-        return _applied(ADD, self, other)
-
-    def __radd__(self, other: Any) -> Any:
-        return _applied(ADD, other, self)
-
-    def __sub__(self, other: Any) -> Any:
-        return _applied(SUBTRACT, self, other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return _applied(SUBTRACT, other, self)
-
-    def __mul__(self, other: Any) -> Any:
-        return _applied(MULTIPLY, self, other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return _applied(MULTIPLY, other, self)
-
-    def __truediv__(self, other: Any) -> Any:
-        return _applied(DIVIDE, self, other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return _applied(DIVIDE, other, self)
+    __add__, __radd__ = _both_ways(ADD)
+    __sub__, __rsub__ = _both_ways(SUBTRACT)
+    __mul__, __rmul__ = _both_ways(MULTIPLY)
+    __truediv__, __rtruediv__ = _both_ways(DIVIDE)
 
     def __pow__(self, exponent: Any) -> Any:
         return _applied(MULTIPLY, self, self) if exponent == 2 else NotImplemented
@@ -166,7 +155,7 @@ class Tape:
 
     def __init__(self) -> None:
         self.level = next(_levels)
-        self._made: list[_Made | _Ruled | None] = []  # None: a variable, or a further result of a rule
+        self._made: list[_Made | Ruled | None] = []  # None: a variable, or a further result of a rule
 
     def variable(self, value: Scalar) -> Recorded:
         """Return a new number that is varied."""
@@ -186,11 +175,11 @@ class Tape:
         """Record results whose derivatives a rule computes, and return them; see `by_rule`."""
         arrays, shapes = [np.asarray(x) for x in given], tuple([np.shape(x) for x in found])
         first, size = len(self._made), sum(math.prod(shape) for shape in shapes)
-        self._made += [_Ruled(rule, [Result(x.shape, self.places(x)) for x in arrays], shapes), *([None] * (size - 1))]
+        given = tuple([Result(x.shape, self.places(x)) for x in arrays])
+        self._made += [Ruled(rule, given, shapes), *([None] * (size - 1))]
         entries = [entry for x in found for entry in np.asarray(x).ravel().tolist()]
         own = [Recorded(self, entry, first + k) for k, entry in enumerate(entries)]
-        ends = np.cumsum([0, *(math.prod(shape) for shape in shapes)]).tolist()
-        return [array_of(own[a:b], shape) for a, b, shape in zip(ends, ends[1:], shapes, strict=False)]
+        return arrays_of(own, shapes)
 
     def values(self, x: Any) -> Array:
         """Return an array whose entries on this record are replaced by their scalars."""
@@ -223,7 +212,7 @@ class Tape:
             elif made is not None:
                 until = at + made.size
                 if at in needed:
-                    steps.append(made.linear(new))
+                    steps.append(made.numbered(new))
                     new |= {at + k: count + k for k in range(made.size)}
                     count += made.size
         found = zip(arrays, own, strict=True)
@@ -246,29 +235,9 @@ class _Made(NamedTuple):
     def operands(self) -> list[int]:
         return [place for _, place in self.places]
 
-    def linear(self, new: Mapping[int, int]) -> Step:
+    def numbered(self, new: Mapping[int, int]) -> Step:
         slopes = tuple([self.operation.slopes[k](*self.values, self.found) for k, _ in self.places])
         return Step(tuple([new[place] for _, place in self.places]), slopes)
-
-
-class _Ruled(NamedTuple):
-    """A recorded function whose derivatives a rule computes; see `Ruled`."""
-
-    rule: Rule
-    given: list[Result]
-    made: tuple[tuple[int, ...], ...]
-
-    @property
-    def size(self) -> int:
-        return sum(math.prod(shape) for shape in self.made)
-
-    @property
-    def operands(self) -> list[int]:
-        return [place for of in self.given for place in of.places if place >= 0]
-
-    def linear(self, new: Mapping[int, int]) -> Ruled:
-        given = tuple([Result(of.shape, tuple([new[place] for place in of.places])) for of in self.given])
-        return Ruled(self.rule, given, self.made)
 
 
 def by_rule(found: Sequence[Any], rule: Rule, *given: Any) -> list[Array]:
@@ -279,10 +248,8 @@ def by_rule(found: Sequence[Any], rule: Rule, *given: Any) -> list[Array]:
         rule: the rule for the derivatives at this point.
         given: the arguments of the function.
     """
-    entries = [entry for x in given for entry in np.asarray(x).flat if isinstance(entry, Recorded)]
-    if not entries:
-        return [np.asarray(x) for x in found]
-    return max((entry.tape for entry in entries), key=lambda tape: tape.level).write_ruled(found, rule, given)
+    tape = _latest_tape(given)
+    return [np.asarray(x) for x in found] if tape is None else tape.write_ruled(found, rule, given)
 
 
 def by_rule_below(make: Callable[..., tuple[Sequence[Any], Rule]], *given: Any) -> list[Array]:
@@ -292,10 +259,16 @@ def by_rule_below(make: Callable[..., tuple[Sequence[Any], Rule]], *given: Any) 
         make: takes what is given without its outermost derivatives, and returns the results and the rule there.
         given: what the function depends on.
     """
-    entries = [entry for x in given for entry in np.asarray(x).flat if isinstance(entry, Recorded)]
-    tape = max((entry.tape for entry in entries), key=lambda tape: tape.level)
+    tape = _latest_tape(given)
+    assert tape is not None
     found, rule = make(*(tape.values(x) for x in given))
     return tape.write_ruled(found, rule, given)
+
+
+def _latest_tape(given: Sequence[Any]) -> Tape | None:
+    """Return the tape of the highest level on which an entry of some arrays is recorded."""
+    tapes = [entry.tape for x in given for entry in np.asarray(x).flat if isinstance(entry, Recorded)]
+    return max(tapes, key=lambda tape: tape.level, default=None)
 
 
 def is_recorded(x: Any) -> bool:

@@ -21,6 +21,7 @@ import numpy as np
 from holdfast.errors import FrozenError
 
 Value = TypeVar("Value")
+Held = TypeVar("Held")
 
 
 class Frozen:
@@ -75,6 +76,16 @@ def frozen(value: Any) -> Any:
     if isinstance(value, tuple) and hasattr(value, "_make"):
         return type(value)._make([frozen(x) for x in value])  # type: ignore[attr-defined]
     return value
+
+
+def changed(of: Held, **fields: Any) -> Held:
+    """Return a frozen object with some attributes replaced, for algorithms; nothing is checked or copied.
+
+    Cached properties are kept, so those that depend on what is replaced must be replaced, too.
+    """
+    made = object.__new__(type(of))
+    made.__dict__.update(vars(of), **fields)
+    return made
 
 
 def read_only(a: np.ndarray) -> np.ndarray:

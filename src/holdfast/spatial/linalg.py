@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -118,10 +119,7 @@ def least_solution(A: Array, b: Array) -> Array:
     if not len(A):
         return np.zeros(A.shape[1])
     S = A @ A.T
-    largest: Scalar = 0.0
-    for entry in np.diag(S):
-        largest = maximum(largest, entry)
-    d, w = largest_first(S, array([largest] * len(S)))
+    d, w = largest_first(S, array([reduce(maximum, np.diag(S), 0.0)] * len(S)))
     W = array(w).T
     gram = W.T @ W
     factors = ldl(gram, np.ones(len(d)))  # a null column drops out by itself

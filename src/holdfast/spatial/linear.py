@@ -107,6 +107,11 @@ class Ruled(NamedTuple):
         """Number of results."""
         return sum(math.prod(shape) for shape in self.made)
 
+    @property
+    def operands(self) -> list[int]:
+        """Indices of the numbers on which the results depend."""
+        return [place for of in self.given for place in of.places if place >= 0]
+
     def part(self, needed: set[int], own: int) -> tuple[Ruled, Sequence[int]] | None:
         """Return the needed part with its results' indices, and mark the numbers on which it depends as needed."""
         ends = np.cumsum([own, *(math.prod(shape) for shape in self.made)]).tolist()
@@ -119,7 +124,7 @@ class Ruled(NamedTuple):
             rule = EachItem(tuple([self.rule.items[k] for k in kept]))
             found = Ruled(rule, tuple([self.given[k] for k in kept]), tuple([self.made[k] for k in kept]))
             spans = [spans[k] for k in kept]
-        needed.update(place for of in found.given for place in of.places if place >= 0)
+        needed.update(found.operands)
         return found, [place for span in spans for place in span]
 
     def numbered(self, new: Mapping[int, int]) -> Ruled:
@@ -133,10 +138,7 @@ class Ruled(NamedTuple):
 
     def backward(self, found: list[Scalar], own: int) -> None:
         """Propagate the cotangents of the results, from a given index on, to the numbers on which they depend."""
-        cotangents = []
-        for shape in self.made:
-            cotangents.append(array_of(found[own : own + math.prod(shape)], shape))
-            own += math.prod(shape)
+        cotangents = arrays_of(found[own : own + self.size], self.made)
         for of, gradient in zip(self.given, self.rule.gradient(*cotangents), strict=True):
             for place, x in zip(of.places, np.asarray(gradient).ravel().tolist(), strict=True):
                 if place >= 0:
@@ -219,9 +221,7 @@ class Linear:
         for step in reversed(self.steps):
             own -= step.size
             step.backward(found, own)
-        ends = np.cumsum([0, *sizes]).tolist()
-        parts = zip(ends, ends[1:], self.shapes, strict=False)
-        return tuple([array_of(found[begin:end], shape) for begin, end, shape in parts])
+        return tuple(arrays_of(found[: sum(sizes)], self.shapes))
 
 
 def is_zero(x: Any) -> bool:
@@ -236,3 +236,9 @@ def array_of(entries: Sequence[Any], shape: tuple[int, ...]) -> Array:
     made = np.empty(len(entries), dtype=object)
     made[:] = entries
     return made.reshape(shape)
+
+
+def arrays_of(entries: Sequence[Any], shapes: Sequence[tuple[int, ...]]) -> list[Array]:
+    """Return a flat list as arrays of the given shapes; see `array_of`."""
+    ends = np.cumsum([0, *(math.prod(shape) for shape in shapes)]).tolist()
+    return [array_of(entries[begin:end], shape) for begin, end, shape in zip(ends, ends[1:], shapes, strict=False)]

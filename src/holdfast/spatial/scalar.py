@@ -9,7 +9,7 @@ Loops over arms, links or grasps are words too, `each` and `scan`, so that a tra
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextvars import ContextVar
 from typing import Any, Protocol
 
@@ -46,6 +46,13 @@ def each(f: Callable[..., Any], *items: Iterable[Any]) -> list[Any]:
     """Return f of every item, items that do not depend on each other; several lists go side by side, as in `zip`."""
     rows, taker = list(zip(*items, strict=True)), loops.get()
     return taker.each(f, rows) if taker is not None and rows and not taker.inside else [f(*row) for row in rows]
+
+
+def each_of(names: Iterable[str], f: Callable[..., Any], *tables: Mapping[str, Any]) -> dict[str, Any]:
+    """Return by name f of the rows of several tables, rows that do not depend on each other; see `each`."""
+    names = list(names)
+    found = each(f, *([table[name] for name in names] for table in tables))
+    return dict(zip(names, found, strict=True))
 
 
 def scan(f: Callable[..., Any], carry: Any, *items: Iterable[Any]) -> tuple[Any, list[Any]]:

@@ -184,7 +184,7 @@ class _Place(NamedTuple):
 
 def _placed(chain: ClosedChain, inputs: Inputs, state: State) -> _Place:
     """Return the poses of a chain in a state, with its bases at their poses at that time."""
-    arms = standing(chain, state, inputs.shaped(chain)).arms
+    arms = standing(chain, state, inputs.shaped(chain)).arms.values()
     configurations = [
         forward_kinematics(arm, state.q[chain.joints[name]]) for name, arm in zip(chain.names, arms, strict=True)
     ]

@@ -28,7 +28,7 @@ from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import acceleration_gradient, shift_twist, shift_wrench
 from holdfast.spatial.symmetric import mirrored
-from holdfast.spatial.vector import cross, outer, skew
+from holdfast.spatial.vector import axial, cross, outer, skew
 
 
 class JointSlope(NamedTuple):
@@ -159,8 +159,7 @@ def moving_link(given: ArmInputs, at: Kinematics, k: int, v: Array, a: Array) ->
     C, p = outer(u, h) + skew(w) @ Q, m * u + cross(w, h)
     K, point = acceleration_gradient(a[:3], w), a[3:] + cross(w, u)
     N = outer(point, h) + K @ Q
-    moment = array([N[2, 1] - N[1, 2], N[0, 2] - N[2, 0], N[1, 0] - N[0, 1]])
-    f, D, F = concatenate([moment, m * point + K @ h]), np.zeros((3, 3)), np.zeros(3)
+    f, D, F = concatenate([axial(N), m * point + K @ h]), np.zeros((3, 3)), np.zeros(3)
     if given.link_wrenches is not None:
         n, F = -given.link_wrenches[k][:3], -given.link_wrenches[k][3:]
         f, D = f + shift_wrench(r, concatenate([n, F])), skew(n) + skew(r) @ skew(F)

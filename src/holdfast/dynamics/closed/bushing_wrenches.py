@@ -22,8 +22,7 @@ from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
-from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, select, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each_of, maximum, select, sqrt, where
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
@@ -110,28 +109,18 @@ def bushings(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretched
         state: positions and velocities.
         inputs: shaped inputs, of which only the base motion matters.
     """
-    names = chain.bushings
-    if not names:
+    if not chain.bushings:
         return []
     at, frame, twist = standing(chain, state, inputs), state.object_frame, state.object_twist
-    rows = [chain.names.index(name) for name in names]
-    return each(
-        lambda arm, q, qd, base, grasp: _of_arm(arm, q, qd, base, grasp, frame, twist),
-        [at.arms[row] for row in rows],
-        [state.q[chain.joints[name]] for name in names],
-        [state.qd[chain.joints[name]] for name in names],
-        [at.base_twists[row] for row in rows],
-        [chain.grasps[name] for name in names],
-    )
+
+    def of_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, grasp: Grasp) -> Stretched:
+        at = forward_kinematics(arm, q)
+        of_tip = tip_twist(arm, at, link_twists(arm, at, qd, base_twist), base_twist)
+        return stretched(contact(grasp, frame, twist, at.tip, of_tip))
+
+    return list(each_of(chain.bushings, of_arm, at.arms, at.q, at.qd, at.base_twists, chain.grasps).values())
 
 
 def bushing_energy(chain: ClosedChain, state: State) -> Scalar:
     """Return the energy stored in the bushings [J]."""
     return sum(one.energy() for one in bushings(chain, state, Inputs().shaped(chain)))
-
-
-def _of_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, grasp: Grasp, frame: Pose, twist: Array) -> Stretched:
-    """Return the deformation of an arm's bushing; the object's frame and twist are in world axes."""
-    at = forward_kinematics(arm, q)
-    of_tip = tip_twist(arm, at, link_twists(arm, at, qd, base_twist), base_twist)
-    return stretched(contact(grasp, frame, twist, at.tip, of_tip))

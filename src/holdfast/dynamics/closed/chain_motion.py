@@ -70,6 +70,11 @@ class ChainMotion:
         """The arms that have a grasp, in order."""
         return [self.arms[name] for name in self.chain.grasps]
 
+    def at_rest_with(self, contacts: list[Contact]) -> ChainMotion:
+        """Return the motion with other contacts, and with object and trunk at rest, for the filter of a projection."""
+        free, trunk = self.body.free.at_rest(), None if self.trunk is None else self.trunk.at_rest()
+        return replace(self, contacts=contacts, body=replace(self.body, free=free), trunk=trunk)
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:

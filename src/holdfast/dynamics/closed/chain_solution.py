@@ -14,7 +14,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, pseudo_
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.tip_response import Route, responded, tip_response
 from holdfast.dynamics.trunk.trunk_motion import TrunkMotion
-from holdfast.spatial.scalar import Array, array, concatenate, each
+from holdfast.spatial.scalar import Array, array, concatenate, each, each_of
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 
 
@@ -52,12 +52,12 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
     """
     chain = motion.chain
     lone = [name for name in chain.arms if name not in chain.grasps]
-    trunk, betas, of_columns = motion.trunk, [], [None for _ in lone]
+    trunk, betas, of_columns = motion.trunk, [], dict.fromkeys(lone)
     if trunk is not None and found.trunk is not None:
         betas = trunk.accelerations(found.trunk)
-        of_columns = [trunk.of_columns(name, found.trunk, betas) for name in lone]
+        of_columns = {name: trunk.of_columns(name, found.trunk, betas) for name in lone}
     holds = [None if trunk is None else trunk.under(name, betas) for name in chain.grasps]
-    alone = each(lambda arm, beta: unloaded(arm, route, beta), [motion.arms[n] for n in lone], of_columns)
+    alone = each_of(lone, lambda arm, beta: unloaded(arm, route, beta), motion.arms, of_columns)
     bases = found.base_wrenches
     if bases is None:
         bases = each(
@@ -81,7 +81,7 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
     whole = [f if arm.known is None else f + arm.known for arm, f in zip(motion.holding, found.wrenches, strict=True)]
     holding = zip(chain.grasps, zip(found.qdd, whole, bases, strict=True), strict=True)
     none = np.zeros(6)
-    of_arm = dict(holding) | {name: (qdd, none, base) for name, (qdd, base, _) in zip(lone, alone, strict=True)}
+    of_arm = dict(holding) | {name: (qdd, none, base) for name, (qdd, base, _) in alone.items()}
     of_trunk = () if found.trunk is None else (found.trunk.qdd,)
     return ChainSolution(
         concatenate([*of_trunk, *(of_arm[name][0] for name in chain.arms)]),
@@ -89,7 +89,7 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
         found.object_acceleration + pseudo_gravity(chain),
         rates,
         array([of_arm[name][2] for name in chain.arms]),
-        {name: pivots for name, (_, _, pivots) in zip(lone, alone, strict=True)},
+        {name: pivots for name, (_, _, pivots) in alone.items()},
         None if found.trunk is None else found.trunk.base,
         None if trunk is None else base_wrench(trunk, betas, {name: of_arm[name][2] for name in trunk.mounts}),
     )

@@ -40,7 +40,7 @@ from holdfast.dynamics.trunk.trunk_power import MOTION, TrunkUnknowns
 from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.linear import Linear
-from holdfast.spatial.scalar import Array, array, concatenate, each, scan
+from holdfast.spatial.scalar import Array, array, concatenate, each_of, scan
 
 RESULTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 OF_LINKS = ("link_mass", "link_com", "link_inertia", "link_wrench")
@@ -113,7 +113,7 @@ def backward(
     of_arms, below = gradient_of_arms(at, at.unknowns, y, of_trunk, by)
     for sign, z, multipliers, below_them in also:
         more, under = gradient_of_arms(at, z, multipliers, below_them, by)
-        of_arms = [{name: x - sign * g[name] for name, x in of.items()} for of, g in zip(of_arms, more, strict=True)]
+        of_arms = {arm: {name: x - sign * more[arm][name] for name, x in g.items()} for arm, g in of_arms.items()}
         below = {name: x - sign * under[name] for name, x in below.items()}
     found: dict[str, Array] = {name: below[name] for name in (*OF_TRUNK, "floating_pose") if name in below}
     if "trunk_link_inertia" in found:
@@ -121,19 +121,17 @@ def backward(
     for name in (*OF_JOINTS, *OF_LINKS):
         if name in by:
             first = [below[name]] if name in below else []
-            found[name] = np.concatenate([*first, *(g[name] for g in of_arms)])
-    for name in ("base_twist", "base_acceleration"):
+            found[name] = np.concatenate([*first, *(g[name] for g in of_arms.values())])
+    for name in ("base_twist", "base_acceleration", "base_pose"):
         if name in by:
-            found[name] = array([g[name] for g in of_arms])
+            found[name] = array([g[name] for g in of_arms.values()])
     if "gravity" in by:  # it acts as an acceleration of the bases, and the object's acceleration includes it
-        found["gravity"], _ = scan(lambda total, g: (total - g["base_acceleration"][3:], None), alpha_bar[3:], of_arms)
+        less = [g["base_acceleration"][3:] for g in of_arms.values()]
+        found["gravity"], _ = scan(lambda total, g: (total - g, None), alpha_bar[3:], less)
         found |= {"gravity": found["gravity"] + below["gravity"]} if "gravity" in below else {}
-    if "base_pose" in by:
-        found["base_pose"] = array([g["base_pose"] for g in of_arms])
-    held = [g for g, name in zip(of_arms, chain.arms, strict=True) if name in chain.grasps]
-    if "grasp_pose" in by:  # the order of the grasps differs from that of the arms
-        of_grasps = dict(zip([name for name in chain.arms if name in chain.grasps], held, strict=True))
-        found["grasp_pose"] = array([of_grasps[name]["grasp_pose"] for name in chain.grasps])
+    held = [of_arms[name] for name in chain.grasps]
+    if "grasp_pose" in by:
+        found["grasp_pose"] = array([g["grasp_pose"] for g in held])
     return found | object_gradient(at, of_object, held, by)
 
 
@@ -143,7 +141,7 @@ def gradient_of_arms(
     y: Mapping[str, Unknowns],
     of_trunk: TrunkUnknowns | None,
     by: Sequence[str],
-) -> tuple[list[dict[str, Array]], dict[str, Array]]:
+) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
     """Return -dL/dtheta of every arm, and of the trunk (if there is one) including the effect on its arms' bases.
 
     Args:
@@ -155,16 +153,9 @@ def gradient_of_arms(
     """
     chain, names = at.motion.chain, numbers_of(by)
     mounted = names if at.trunk is None else list(dict.fromkeys((*names, *MOTION)))
-    of_arms = each(
-        arm_gradient,
-        [at.cases[name] for name in chain.arms],
-        [z[name] for name in chain.arms],
-        [y[name] for name in chain.arms],
-        [mounted if name in chain.mounted_on else names for name in chain.arms],
-    )
-    if of_trunk is None:
-        return of_arms, {}
-    return of_arms, gradient_through_trunk(at, z, y, of_trunk, dict(zip(chain.arms, of_arms, strict=True)), by)
+    wanted = {name: mounted if name in chain.mounted_on else names for name in chain.arms}
+    of_arms = each_of(chain.arms, arm_gradient, at.cases, z, y, wanted)
+    return of_arms, {} if of_trunk is None else gradient_through_trunk(at, z, y, of_trunk, of_arms, by)
 
 
 def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
@@ -247,7 +238,7 @@ def solved_for_rates(
     at: Point,
     tangents: Mapping[str, Array],
     of_object: Linear | None,
-    of_arms: Callable[[Mapping[str, Array]], list[Unknowns]],
+    of_arms: Callable[[Mapping[str, Array]], dict[str, Unknowns]],
     of_trunk: TrunkRates | None,
 ) -> dict[str, Array]:
     """Return the rates of the results, of the linearised equations of object, arms and trunk; see `forward`."""
@@ -256,69 +247,61 @@ def solved_for_rates(
     if of_object is not None:
         (residual,) = of_object.rates(*own_rates_of_object(at, tangents).values())
     changed = of_arms(tangents)
-    wrench, _ = scan(lambda total, r: (total - r.object_acceleration, None), -residual, changed)
-    loads = {
-        name: Load(-r.qdd, -r.wrench, -r.contact_acceleration, none)
-        for name, r in zip(chain.arms, changed, strict=True)
-    }
+    wrench, _ = scan(lambda total, r: (total - r.object_acceleration, None), -residual, changed.values())
+    loads = {name: Load(-r.qdd, -r.wrench, -r.contact_acceleration, none) for name, r in changed.items()}
     below: list[Array] = []
     below_all: dict[str, Array] = {}
     if of_trunk is None:
         found, alpha = second_solve(at, loads, wrench)
     else:
-        r_t = of_trunk(tangents, dict(zip(chain.arms, changed, strict=True)))
+        r_t = of_trunk(tangents, changed)
         floats = chain.floats
         solved = second_solve_through_trunk(at, loads, wrench, TrunkLoad(-r_t.qdd, -r_t.base if floats else none, none))
         found, alpha, below = solved.arms, solved.object_acceleration, [solved.trunk.qdd]
         below_all = {BASE_RESULT: none if floats else solved.base_wrench + r_t.base}
         below_all |= {FLOATING_RESULT: solved.trunk.base} if floats else {}
     gravity = concatenate([np.zeros(3), tangents["gravity"]]) if "gravity" in tangents else none
-    bases = [found[name].base + r.base for name, r in zip(chain.arms, changed, strict=True)]
+    wrenches = {name: found[name].wrench for name in chain.arms}
+    wrenches |= {name: wrenches[name] + changed[name].known for name in chain.bushings}
+    bases = [found[name].base + r.base for name, r in changed.items()]
     return below_all | {
         "qdd": concatenate([*below, *(found[name].qdd for name in chain.arms)]),
-        "grasp_wrench": array(
-            [
-                found[name].wrench + r.known if name in chain.bushings else found[name].wrench
-                for name, r in zip(chain.arms, changed, strict=True)
-            ]
-        ),
+        "grasp_wrench": array([*wrenches.values()]),
         "object_acceleration": alpha + gravity,
         "contact_acceleration": concatenate([found[name].contact_acceleration for name in chain.grasps]),
         "base_wrench": array(bases),
     }
 
 
-def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[str, Array]) -> list[Unknowns]:
+def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[str, Array]) -> dict[str, Unknowns]:
     """Return the rates of dL/dy of all arms for given rates of the arguments and constant z."""
     return arm_residual_rates_along(at, z, {name: np.zeros(np.shape(x)) for name, x in tangents.items()})(tangents)
 
 
 def arm_residual_rates_along(
     at: Point, z: Mapping[str, Unknowns], still: Mapping[str, Array]
-) -> Callable[[Mapping[str, Array]], list[Unknowns]]:
+) -> Callable[[Mapping[str, Array]], dict[str, Unknowns]]:
     """Return `arm_residual_rates` as a function of rates of the arguments that have some in `still`, which are zero."""
     chain, case = at.motion.chain, at.motion.trunk_case
     motion = None
     if at.trunk is not None and case is not None:
         motion = case.base_motion(at.trunk, list(trunk_rates(at, still)))
-    order = list(chain.arms)
 
-    def given(tangents: Mapping[str, Array]) -> list[dict[str, Array]]:
+    def given(tangents: Mapping[str, Array]) -> dict[str, dict[str, Array]]:
         of_object, carried = object_rates(at, tangents), dict[str, dict[str, Array]]()
         if motion is not None and case is not None:
             carried = case.base_rates(motion, trunk_rates(at, tangents))
-        own = [tangents_of(at, name, tangents, carried.get(name)) for name in order]
-        own = [one | (of_object if name in chain.grasps else {}) for name, one in zip(order, own, strict=True)]
-        return each(arm_rates, [at.cases[name] for name in order], own)
+        own = {name: tangents_of(at, name, tangents, carried.get(name)) for name in chain.arms}
+        own |= {name: own[name] | of_object for name in chain.grasps}
+        return each_of(chain.arms, arm_rates, at.cases, own)
 
-    names = [tuple(rates) for rates in given(still)]
-    linear = each(
-        lambda case, z, names: case.residual(z, names),
-        [at.cases[name] for name in order],
-        [z[name] for name in order],
-        names,
-    )
-    return lambda tangents: each(lambda one, rates: Unknowns(*one.rates(*rates.values())), linear, given(tangents))
+    names = {name: tuple(rates) for name, rates in given(still).items()}
+    linear = each_of(chain.arms, lambda case, z, names: case.residual(z, names), at.cases, z, names)
+
+    def rates(one: Linear, given: Mapping[str, Array]) -> Unknowns:
+        return Unknowns(*one.rates(*given.values()))
+
+    return lambda tangents: each_of(chain.arms, rates, linear, given(tangents))
 
 
 def object_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:

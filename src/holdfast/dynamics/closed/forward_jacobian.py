@@ -31,7 +31,7 @@ from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
 from holdfast.dynamics.trunk.trunk_derivatives import OF_TRUNK
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.linear import Linear
-from holdfast.spatial.scalar import Array, array, concatenate, each
+from holdfast.spatial.scalar import Array, array, concatenate, each, each_of
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.spatial.symmetric import Symmetric6
 
@@ -140,16 +140,9 @@ def responses_by_joints(at: Point, names: tuple[str, ...]) -> dict[str, dict[str
     chain, motion = at.motion.chain, at.motion
     short = [name for name, arm in chain.arms.items() if arm.joint_count < RECURSION_PAYS_FROM]
     arms = [name for name in short if names and motion.cases[name].in_motion]
-    contacts = dict(zip(chain.grasps, motion.contacts, strict=True))
-    found = each(
-        lambda case, z, tip, arm, c: joint_responses(names, case, z, tip, arm, c),
-        [motion.cases[name] for name in arms],
-        [at.unknowns[name] for name in arms],
-        [at.tips[name] for name in arms],
-        [motion.arms[name] for name in arms],
-        [contacts.get(name) for name in arms],
-    )
-    return dict(zip(arms, found, strict=True))
+    contacts = dict.fromkeys(chain.arms) | dict(zip(chain.grasps, motion.contacts, strict=True))
+    own = motion.cases, at.unknowns, at.tips, motion.arms, contacts
+    return each_of(arms, lambda *one: joint_responses(names, *one), *own)
 
 
 def units_needed(chain: ClosedChain, by: Sequence[str]) -> int:
@@ -267,9 +260,7 @@ def arm_columns(
     arms = grasps if name == "grasp_pose" else order
     names = tuple(numbers_of([name]))
     open_ones = [arm for arm in arms if name not in responses.get(arm, ())]
-    cases, unknowns = [motion.cases[arm] for arm in open_ones], [at.unknowns[arm] for arm in open_ones]
-    linear = each(lambda case, z: case.residual(z, names), cases, unknowns)
-    residuals = dict(zip(open_ones, linear, strict=True))
+    residuals = each_of(open_ones, lambda case, z: case.residual(z, names), motion.cases, at.unknowns)
     found = []
     for arm in arms:
         shape = arm_shape(name, chain.arms[arm].joint_count)

@@ -19,8 +19,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact
-from holdfast.dynamics.closed.object_filter import ObjectSolution, object_filter
-from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.dynamics.closed.object_filter import ObjectSolution
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, select, where
 
@@ -32,35 +31,21 @@ TOLERANCES = (1e-2, 1e-4, 1e-8, RANK_TOLERANCE)
 Solve = Callable[[list[Contact], float], ObjectSolution]
 
 
-def with_strongest_rows(
-    motion: ChainMotion, tips: list[TipResponse], generic_rank: Scalar
-) -> tuple[ObjectSolution, Array]:
+def strongest_rows(solve: Solve, contacts: list[Contact], generic_rank: Scalar) -> tuple[ObjectSolution, Array]:
     """Return the solution that imposes the strongest independent rows at a closed state, and these rows. O(l).
 
     Its rank is the generic rank, or less at a singular configuration.
 
     Args:
-        motion: the chain's motion; rows that its contacts already leave out are not considered.
-        tips: the tip responses of the arms.
+        solve: function of contacts with masks and of the relative pivot that counts as zero, which returns the
+            solution.
+        contacts: the grasps; rows that they already leave out are not considered.
         generic_rank: rank of the constraint away from singular configurations.
 
     Returns:
         The solution, and a mask (grasps, 1, 6) with 1 for the imposed components along each grasp's axes. If some
         grasps constrain a rate only, the mask is (grasps, 2, 6): first for velocities, then for positions, which have
         fewer rows.
-    """
-    contacts, body = motion.contacts, motion.body.free
-    return strongest_rows(lambda rows, tolerance: object_filter(rows, tips, body, tolerance), contacts, generic_rank)
-
-
-def strongest_rows(solve: Solve, contacts: list[Contact], generic_rank: Scalar) -> tuple[ObjectSolution, Array]:
-    """Return the result of `with_strongest_rows` for any filter.
-
-    Args:
-        solve: function of contacts with masks and of the relative pivot that counts as zero, which returns the
-            solution.
-        contacts: the grasps.
-        generic_rank: rank of the constraint away from singular configurations.
     """
     found = _strongest(solve, contacts, generic_rank)
     held = [_components(contacts, found.independent)]
@@ -107,7 +92,7 @@ def holding(motion: ChainMotion, held: Array | None, *, positions: bool = False)
 
     Args:
         motion: the chain's motion.
-        held: mask as returned by `with_strongest_rows`; None leaves the motion unchanged.
+        held: mask as returned by `strongest_rows`; None leaves the motion unchanged.
         positions: use the mask for positions instead of that for velocities.
     """
     if held is None:

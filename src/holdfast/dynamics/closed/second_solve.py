@@ -22,7 +22,7 @@ from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.tip_response import Route, TipResponse, responded, tip_response
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
-from holdfast.spatial.scalar import Array, each, scan
+from holdfast.spatial.scalar import Array, each, each_of, scan
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 
 
@@ -73,15 +73,14 @@ def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
     """
     chain, alpha, none = motion.chain, found.object_acceleration, np.zeros(6)
     lone = [name for name in chain.arms if name not in chain.grasps]
-    alone = each(lambda arm: tip_response(arm, route), [motion.arms[name] for name in lone])
+    alone = each_of(lone, lambda arm: tip_response(arm, route), motion.arms)
     trunk, cases, moved, of_columns = None, motion.cases, dict.fromkeys(chain.arms), dict.fromkeys(chain.arms)
     if motion.trunk is not None and found.trunk is not None:
         betas = motion.trunk.accelerations(found.trunk)
         trunk = TrunkUnknowns(found.trunk.qdd, none if found.trunk.base is None else found.trunk.base)
         moved = {name: motion.trunk.under(name, betas) for name in chain.arms}
         of_columns = {name: motion.trunk.of_columns(name, found.trunk, betas) for name in chain.arms}
-        several = each(lambda case, beta: case.moved(beta), list(cases.values()), [moved[name] for name in cases])
-        cases = dict(zip(cases, several, strict=True))
+        cases = each_of(cases, lambda case, beta: case.moved(beta), cases, moved)
     rates = each(
         lambda arm, c, qdd, beta: contact_acceleration(arm, c, qdd, alpha, beta),
         motion.holding,
@@ -93,9 +92,9 @@ def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
     unknowns = {
         name: Unknowns(qdd, f, W, alpha, none, none if name in chain.bushings else none[:0]) for name, qdd, f, W in held
     }
-    free = each(lambda tip, beta: responded(tip, none, beta)[0], alone, [of_columns[name] for name in lone])
-    unknowns |= {name: Unknowns(qdd, none, none[:0], alpha, none) for name, qdd in zip(lone, free, strict=True)}
-    tips = dict(zip(chain.grasps, found.tips, strict=True)) | dict(zip(lone, alone, strict=True))
+    free = each_of(lone, lambda tip, beta: responded(tip, none, beta)[0], alone, of_columns)
+    unknowns |= {name: Unknowns(qdd, none, none[:0], alpha, none) for name, qdd in free.items()}
+    tips = dict(zip(chain.grasps, found.tips, strict=True)) | alone
     return Point(motion, found, tips, unknowns, cases, trunk)
 
 
@@ -164,13 +163,8 @@ def second_solve(
         wrenches,
         known,
     )
-    alone = each(
-        lambda tip, arm, load: loaded_response(tip, arm, load).back_substitute(none),
-        [at.tips[name] for name in lone],
-        [motion.arms[name] for name in lone],
-        [loads[name] for name in lone],
-    )
-    others = {name: Unknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in zip(lone, alone, strict=True)}
+    alone = each_of(lone, lambda *one: loaded_response(*one).back_substitute(none), at.tips, motion.arms, loads)
+    others = {name: Unknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in alone.items()}
     return dict(zip(chain.grasps, found, strict=True)) | others, alpha
 
 

@@ -7,12 +7,15 @@ of alpha(C), and the arms are processed one after the other, in a forward and a 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
+from holdfast.dynamics.closed.chain_filter import chain_filter
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
-from holdfast.dynamics.closed.held_rows import with_strongest_rows
-from holdfast.dynamics.closed.object_filter import object_filter
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.held_rows import holding, strongest_rows
+from holdfast.dynamics.closed.object_filter import ObjectSolution
 from holdfast.dynamics.closed.tip_response import Route, TipResponse, responded, tip_response
-from holdfast.dynamics.trunk.trunk_dynamics import trunk_dynamics
+from holdfast.dynamics.trunk.trunk_filter import TrunkSolution
 from holdfast.spatial.scalar import Array, each
 
 Second = Callable[[list[TipResponse]], tuple[list[Array], Array]]
@@ -24,18 +27,23 @@ def sequential(motion: ChainMotion, route: Route = "auto", second: Second | None
     Args:
         motion: the chain's motion.
         route: method for the tip responses, see `tip_response`.
-        second: function of the tip responses that returns a second right-hand side, see `object_filter`. It is allowed
-            only without a trunk and without a choice of rows.
+        second: function of the tip responses that returns a second right-hand side, see `object_filter`. It is not
+            called with a trunk, nor for a choice of rows.
     """
-    if motion.trunk is not None:
-        return trunk_dynamics(motion, route)
     tips = each(lambda arm: tip_response(arm, route), motion.holding)
+    lone = each(lambda arm: tip_response(arm, route), [motion.arms[name] for name in motion.lone_on_trunk])
     if motion.generic_rank is None:
-        more = None if second is None else second(tips)
-        found, held = object_filter(motion.contacts, tips, motion.body.free, second=more), None
+        more = None if second is None or motion.trunk is not None else second(tips)
+        whole, held = chain_filter(motion, tips, lone, second=more), None
     else:
-        found, held = with_strongest_rows(motion, tips, motion.generic_rank)
-    responses = each(responded, tips, found.wrenches)
+
+        def solve(contacts: list[Contact], tolerance: float) -> ObjectSolution:
+            return chain_filter(replace(motion, contacts=contacts), tips, lone, tolerance).found
+
+        found, held = strongest_rows(solve, motion.contacts, motion.generic_rank)
+        whole = TrunkSolution(found) if motion.trunk is None else chain_filter(holding(motion, held), tips, lone)
+    found, betas = whole.found, [whole.of_columns(motion.trunk, name) for name in motion.chain.grasps]
+    responses = each(responded, tips, found.wrenches, betas)
     return Solution(
         qdd=[qdd for qdd, _ in responses],
         wrenches=found.wrenches,
@@ -45,6 +53,8 @@ def sequential(motion: ChainMotion, route: Route = "auto", second: Second | None
         rank=found.rank,
         weakest_pivot=found.weakest_pivot,
         held=held,
+        trunk=whole.trunk,
+        trunk_pivots=whole.pivots,
         tips=tips,
         solve_with_factors=found.solve_with_factors,
         second=found.second,

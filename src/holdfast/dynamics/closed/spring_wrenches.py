@@ -18,8 +18,9 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.spring import OBJECT, Spring, SpringEnd
+from holdfast.spatial.frozen import changed
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each_of, sqrt, where
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
 
@@ -104,9 +105,7 @@ def with_springs(chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
 
 def without_springs(chain: ClosedChain) -> ClosedChain:
     """Return the same chain without springs between bodies, of any kind of numbers; nothing is checked."""
-    made = object.__new__(ClosedChain)
-    made.__dict__.update(vars(chain), springs=())
-    return made
+    return changed(chain, springs=())
 
 
 def stretches(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretch]:
@@ -120,17 +119,10 @@ def stretches(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretch]
     if not chain.springs:
         return []
     at, ends = standing(chain, state, inputs), [end for spring in chain.springs for end in spring.ends]
-    on_arm = {name: [end for end in ends if end.on_arm and end.body == name] for name in chain.arms}
+    on_arm = {name: tuple([end for end in ends if end.on_arm and end.body == name]) for name in chain.arms}
     names = [name for name, attached in on_arm.items() if attached]
-    found = each(
-        ends_on_arm,
-        [at.arms[chain.names.index(name)] for name in names],
-        [state.q[chain.joints[name]] for name in names],
-        [state.qd[chain.joints[name]] for name in names],
-        [at.base_twists[chain.names.index(name)] for name in names],
-        [tuple(on_arm[name]) for name in names],
-    )
-    placed = {name: iter(of_arm) for name, of_arm in zip(names, found, strict=True)}
+    found = each_of(names, ends_on_arm, at.arms, at.q, at.qd, at.base_twists, on_arm)
+    placed = {name: iter(of_arm) for name, of_arm in found.items()}
 
     def of(end: SpringEnd) -> End:
         if end.on_arm:

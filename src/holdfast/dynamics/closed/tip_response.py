@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from holdfast.dynamics.arm.tip_mobility import tip_mobility
 from holdfast.spatial.inertia import NO_INERTIA as NO_BODY
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, where
+from holdfast.spatial.scalar import Array, array, concatenate, maximum, where
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
 from holdfast.spatial.symmetric import Symmetric6, symmetric6, zero6
 
@@ -201,10 +202,7 @@ def responded(tip: TipResponse, f: Array, beta: Array | None = None) -> tuple[Ar
     qdd, base = tip.back_substitute(f, beta)
     if not len(qdd):
         return qdd, base
-    largest: Scalar = 0.0
-    for pivot in tip.pivots:
-        largest = maximum(largest, pivot)
-    first = qdd[0]
+    largest, first = reduce(maximum, tip.pivots, 0.0), qdd[0]
     for pivot in tip.pivots:
         first = where(pivot > NO_INERTIA * largest, first, float("nan"))
     return concatenate([[first], qdd[1:]]), base

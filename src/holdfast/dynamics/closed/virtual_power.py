@@ -15,7 +15,7 @@ wrench of a bushing, which follows from the state, contributes the power at its 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.bushing_wrenches import stretched
 from holdfast.dynamics.closed.contact import contact
+from holdfast.dynamics.trunk.trunk_power import Numbers, varied_inertia
 from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
@@ -37,9 +38,6 @@ from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.spatial_vector import acceleration_gradient, shift_twist, unrotate
-
-Numbers = Mapping[str, Array]
-
 
 NOTHING = np.zeros(0)
 
@@ -161,14 +159,8 @@ class ArmCase(NamedTuple):
         found = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, z.qdd))
         drives = varied.get("armature", arm.armature) * z.qdd + self.passive(q, qd, varied)
         power = y.qdd @ (drives - tau)
-        of_links = {"link_mass", "link_com", "link_inertia"} & set(varied)
         for k, (link, v, u, (a, K)) in enumerate(zip(arm.links, V, U, found, strict=True)):
-            inertia = link.spatial_inertia
-            if of_links:
-                own = {"link_mass": link.mass, "link_com": link.com, "link_inertia": link.inertia}
-                mass, com, turning = (varied[name][k] if name in varied else x for name, x in own.items())
-                inertia = about_origin(mass, com, turning)
-            wrench = inertia.wrench(a, v[:3], K)
+            wrench = varied_inertia(link, k, varied).wrench(a, v[:3], K)
             if external is not None:
                 wrench = wrench - unrotate(at.R[k], external[k])
             power = power + u @ wrench
@@ -212,10 +204,7 @@ class ArmCase(NamedTuple):
 
         def gap(*x: Array) -> tuple[Array]:
             varied = dict(zip(names, x, strict=True))
-            twist, arm = varied.get("base_twist", given.base_twist), given.arm
-            if "base_R" in varied:
-                arm = arm.standing_at(Pose.unchecked(varied["base_R"], varied["base_p"]))
-            at = varied_kinematics(arm, varied.get("q", given.q))
+            twist, (arm, at) = varied.get("base_twist", given.base_twist), self.configuration(varied)
             tip = tip_twist(arm, at, link_twists(arm, at, given.qd, twist), twist)
             of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
             return (-contact(grasp, of_object, self.twist, at.tip, tip).velocity_gap,)

@@ -12,6 +12,7 @@ W = X. For a floating base, whose columns are all components of its acceleration
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -120,9 +121,7 @@ def joints_crossed(
     D, eps = (M + carried.inertia)[::-1, ::-1], (T - carried.load)[::-1]
     x, X = filter_state.x[:, :1], filter_state.x[:, 1:]
     found = _released(filter_state._replace(x=np.hstack([x, X[:, ::-1]])), D, eps)
-    largest: Scalar = 0.0
-    for pivot in found.pivots:
-        largest = maximum(largest, pivot)
+    largest = reduce(maximum, found.pivots, 0.0)
 
     def accelerated(beta: Array, s: Array) -> tuple[Array, Array]:
         qdd = found.accelerated(beta, s)[0][::-1]

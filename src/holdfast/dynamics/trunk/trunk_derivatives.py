@@ -12,7 +12,7 @@ from holdfast.dynamics.closed.virtual_power import Unknowns
 from holdfast.dynamics.trunk.trunk_power import MOTION, CarriedBase, TrunkCase, TrunkUnknowns
 from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import TRUNK
-from holdfast.spatial.scalar import Array, concatenate, each
+from holdfast.spatial.scalar import Array, concatenate, each_of
 
 OF_JOINTS = ("q", "qd", "tau", "armature", "damping")
 # Arguments of the trunk only, and their names in its equations.
@@ -149,10 +149,5 @@ def trunk_residual_rates_along(at: Point, still: Mapping[str, Array]) -> TrunkRa
 def base_wrenches(at: Point, z: Mapping[str, Unknowns], y: Mapping[str, Unknowns]) -> list[Array]:
     """Return the wrench of the trunk on each arm mounted on it, (6,) about the arm's base origin, for any z and y."""
     assert at.motion.trunk_case is not None
-    on = at.motion.trunk_case.mounts
-    return each(
-        lambda case, z, y: case.base_wrench(z, y),
-        [at.cases[name] for name in on],
-        [z[name] for name in on],
-        [y[name] for name in on],
-    )
+    found = each_of(at.motion.trunk_case.mounts, lambda case, z, y: case.base_wrench(z, y), at.cases, z, y)
+    return list(found.values())

@@ -45,15 +45,19 @@ class TrunkSolution(NamedTuple):
 
     Attributes:
         found: grasp wrenches, the object's acceleration and the rank.
-        trunk: acceleration of the trunk.
+        trunk: acceleration of the trunk; None without one.
         betas: per body, beta (6,).
-        pivots: (n_t,) inertias about the trunk's joints, > 0 if its mass matrix is regular.
+        pivots: (n_t,) inertias about the trunk's joints, > 0 if its mass matrix is regular; None without a trunk.
     """
 
     found: ObjectSolution
-    trunk: TrunkAcceleration
-    betas: list[Array]
-    pivots: Array
+    trunk: TrunkAcceleration | None = None
+    betas: list[Array] = []  # noqa: RUF012
+    pivots: Array | None = None
+
+    def of_columns(self, trunk: TrunkMotion | None, name: str) -> Array | None:
+        """Return the accelerations of an arm's columns, (c,); None if it is not mounted on a trunk."""
+        return None if trunk is None or self.trunk is None else trunk.of_columns(name, self.trunk, self.betas)
 
 
 def trunk_filter(

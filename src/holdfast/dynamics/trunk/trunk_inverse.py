@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -61,9 +62,7 @@ def trunk_torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None 
         loads = [body.wrench + body.inertia.apply(betas[k])]
         loads += [shift_wrench(m.offset, base_wrenches[name]) for name, m in trunk.mounts.items() if m.body == k]
         total = sum(loads, start=total)
-        for load in (total, *loads):
-            for entry in load:
-                largest = maximum(largest, abs(entry))
+        largest = reduce(maximum, (abs(entry) for load in (total, *loads) for entry in load), largest)
         if body.H is not None and body.joint is not None:
             rotor = body.joint.armature * accelerations[k - trunk.floats]
             torques.insert(0, body.H @ total + rotor - body.torque)  # body.torque is minus the passive torque

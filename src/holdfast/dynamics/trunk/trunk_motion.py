@@ -10,7 +10,7 @@ accelerations of these joints instead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -207,13 +207,17 @@ class Standing(NamedTuple):
 
     Attributes:
         trunk: the bodies of the trunk; empty without one.
-        arms: every arm, with its base at its pose in the world.
-        base_twists: twists of the bases, (6,) each, world axes.
+        arms: by name every arm, with its base at its pose in the world.
+        q: by name the joint positions of the arms, (N,) each.
+        qd: by name the joint velocities of the arms, (N,) each.
+        base_twists: by name twists of the bases, (6,) each, world axes.
     """
 
     trunk: list[TrunkBody]
-    arms: list[Arm]
-    base_twists: Sequence[Array] | Array
+    arms: Mapping[str, Arm]
+    q: Mapping[str, Array]
+    qd: Mapping[str, Array]
+    base_twists: Mapping[str, Array]
 
 
 def standing(chain: ClosedChain, state: State, inputs: Inputs) -> Standing:
@@ -225,14 +229,12 @@ def standing(chain: ClosedChain, state: State, inputs: Inputs) -> Standing:
         inputs: shaped inputs, of which only the base motion matters.
     """
     assert inputs.base_twists is not None
-    trunk, arms = trunk_motion(chain, state, np.zeros(chain.joint_count), inputs), list(chain.arms.values())
-    if trunk is None:
-        return Standing([], arms, inputs.base_twists)
-    twists = list(inputs.base_twists)
-    for i, name in enumerate(chain.arms):
-        if name in trunk.mounts:
-            arms[i], twists[i] = arms[i].standing_at(trunk.mounts[name].frame), trunk.mounts[name].twist
-    return Standing(trunk.bodies, arms, twists)
+    trunk = trunk_motion(chain, state, np.zeros(chain.joint_count), inputs)
+    arms, twists = dict(chain.arms), dict(zip(chain.arms, inputs.base_twists, strict=True))
+    for name, mount in ({} if trunk is None else trunk.mounts).items():
+        arms[name], twists[name] = arms[name].standing_at(mount.frame), mount.twist
+    q, qd = ({name: x[chain.joints[name]] for name in arms} for x in (state.q, state.qd))
+    return Standing([] if trunk is None else trunk.bodies, arms, q, qd, twists)
 
 
 def trunk_at_rest(chain: ClosedChain, state: State) -> TrunkMotion | None:

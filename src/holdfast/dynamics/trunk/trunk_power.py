@@ -19,9 +19,10 @@ from holdfast.dynamics.arm.bias import bias_accelerations
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.model.arm import Arm
+from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk
 from holdfast.spatial.differentiation import gradient, linearised
-from holdfast.spatial.inertia import about_origin
+from holdfast.spatial.inertia import RigidInertia, about_origin
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate
@@ -60,7 +61,14 @@ class CarriedBase(NamedTuple):
 
 
 MOTION = CarriedBase._fields[:-1]
-OF_BODY = ("link_mass", "link_com", "link_inertia")
+
+
+def varied_inertia(link: Link, k: int, varied: Numbers) -> RigidInertia:
+    """Return the inertia of a body about its origin, with the numbers of row k that are varied."""
+    own = {"link_mass": link.mass, "link_com": link.com, "link_inertia": link.inertia}
+    if varied.keys().isdisjoint(own):
+        return link.spatial_inertia
+    return about_origin(*(varied[name][k] if name in varied else x for name, x in own.items()))
 
 
 class TrunkCase(NamedTuple):
@@ -128,10 +136,7 @@ class TrunkCase(NamedTuple):
             drives = varied.get("armature", arm.armature) * z.qdd + self.passive(arm, q, qd, varied)
             power = power + y.qdd @ (drives - tau)
         for k, (link, (frame, v, u, a, K), w) in enumerate(zip(self.trunk.bodies, bodies, external, strict=True)):
-            inertia = link.spatial_inertia
-            if not varied.keys().isdisjoint(OF_BODY):
-                own = {"link_mass": link.mass, "link_com": link.com, "link_inertia": link.inertia}
-                inertia = about_origin(*(varied[name][k] if name in varied else x for name, x in own.items()))
+            inertia = varied_inertia(link, k, varied)
             power = power + u @ (inertia.wrench(a, v[:3], K) - unrotate(frame.R, w))
         places = self.numbers(("place_R", "place_p")) | dict(varied)
         carried = []

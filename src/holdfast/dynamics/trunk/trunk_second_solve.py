@@ -21,7 +21,7 @@ from holdfast.dynamics.closed.virtual_power import Unknowns
 from holdfast.dynamics.trunk.trunk_filter import trunk_filter
 from holdfast.dynamics.trunk.trunk_motion import TrunkMotion
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
-from holdfast.spatial.scalar import Array, each
+from holdfast.spatial.scalar import Array, each, each_of
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 
 
@@ -75,20 +75,16 @@ def second_solve_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Arr
     lone = [name for name in chain.arms if name not in chain.grasps]
     held = [loads[name] for name in chain.grasps]
     tips, known, gaps, wrench = right_hand_side(motion, [at.tips[name] for name in chain.grasps], loads, wrench)
-    alone = each(
-        loaded_response,
-        [at.tips[name] for name in lone],
-        [motion.arms[n] for n in lone],
-        [loads[name] for name in lone],
-    )
+    alone = each_of(lone, loaded_response, at.tips, motion.arms, loads)
     loaded = each(reading, tips, known, gaps)
     at_rest = [replace(c, a=none, g=none) for c in contacts]
     grasps = dict(zip(chain.grasps, zip(at_rest, loaded, strict=True), strict=True))
-    carried = {name: tip for name, tip in zip(lone, alone, strict=True) if name in trunk.mounts}
+    carried = {name: tip for name, tip in alone.items() if name in trunk.mounts}
     free = motion.body.free.at_rest()
     found = trunk_filter(trunk, grasps, carried, free._replace(wrench=shift_wrench(-free.centre, wrench)))
     alpha = found.found.object_acceleration
-    betas = {name: trunk.of_columns(name, found.trunk, found.betas) for name in chain.arms}
+    assert found.trunk is not None
+    betas = {name: found.of_columns(trunk, name) for name in chain.arms}
     holds = each(
         lambda c, tip, load, f, own, beta: arm_solution(c, tip, load, f + own, alpha, beta),
         contacts,
@@ -98,8 +94,8 @@ def second_solve_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Arr
         known,
         [betas[name] for name in chain.grasps],
     )
-    others = each(lambda tip, beta: tip.back_substitute(none, beta), alone, [betas[name] for name in lone])
-    solved = {name: Unknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in zip(lone, others, strict=True)}
+    others = each_of(lone, lambda tip, beta: tip.back_substitute(none, beta), alone, betas)
+    solved = {name: Unknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in others.items()}
     solved |= dict(zip(chain.grasps, holds, strict=True))
     of_base = base_wrench(trunk, found.betas, {name: solved[name].base for name in trunk.mounts})
     moved = load.base if found.trunk.base is None else found.trunk.base
