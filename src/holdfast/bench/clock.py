@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.bench.entries import Entry
+from holdfast.bench.entries import Timed
 from holdfast.spatial.scalar import Array
 
 
@@ -27,7 +27,7 @@ class Effort:
 
 
 def timed(
-    entries: Sequence[Entry],
+    entries: Sequence[Timed],
     effort: Effort,
     each_round: Callable[[], None] = lambda: None,
     now: Callable[[], float] = time.perf_counter,
@@ -52,7 +52,7 @@ def timed(
     return seconds
 
 
-def _calibrated(entry: Entry, turn: float, now: Callable[[], float]) -> int:
+def _calibrated(entry: Timed, turn: float, now: Callable[[], float]) -> int:
     """Return the number of sweeps in a turn; this also warms up the entry."""
     _seconds(entry, 1, now)
     count = 1
@@ -61,7 +61,7 @@ def _calibrated(entry: Entry, turn: float, now: Callable[[], float]) -> int:
     return max(1, round(count * turn / spent))
 
 
-def _seconds(entry: Entry, sweeps: int, now: Callable[[], float]) -> float:
+def _seconds(entry: Timed, sweeps: int, now: Callable[[], float]) -> float:
     sweep, collecting = entry.sweep, gc.isenabled()
     gc.disable()  # like timeit
     try:

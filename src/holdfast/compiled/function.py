@@ -89,7 +89,6 @@ class CompiledFunction:
         inputs |= {name: arrays.floats(name, x, self.externals[name].shape) for name, x in named.items()}
         others = {name: x for name, x in parameters.items() if name not in named}
         changed = parse_parameters(others, self.externals, self._chain) if others else {}
-        changed = {name: arrays.floats(name, x, self.externals[name].shape) for name, x in changed.items()}
         batch = arrays.batch_of(inputs | changed, self.externals)
         if batch is not None:
             return self._many(inputs, changed, batch, threads)
@@ -102,12 +101,10 @@ class CompiledFunction:
         """Run one system."""
         with self._lock:
             bound = self._spare if changed else self._bound
-            for name, x in (self._own | dict(changed)).items() if changed else ():
-                bound.arrays[name][...] = x
+            if changed:
+                bound.set(self._own | dict(changed))
             for name, x in inputs.items():
                 bound.arrays[name][...] = x
-            if changed:
-                bound.prepare()
             bound.run()
             return {name: self._required(bound.arrays[name].copy(), name) for name in self._results}
 
@@ -147,16 +144,12 @@ class CompiledFunction:
         for name, x in found.items():
             if x.ndim > self._ranks[name]:
                 raise StateError(f"{name}: expected numbers of one system, got a batch of {len(x)}")
-        for name, x in found.items():
-            bound.arrays[name][...] = x
-        bound.prepare()
+        bound.set(found)
 
     def bind(self) -> Bound:
         """Return the kernel bound to new arrays, which hold the chain's own parameters."""
         bound = self._kernel.bind()
-        for name, x in self._own.items():
-            bound.arrays[name][...] = x
-        bound.prepare()
+        bound.set(self._own)
         return bound
 
     @cached_property

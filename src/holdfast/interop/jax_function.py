@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.derivative_schedule import WITH, derivative_shapes
@@ -100,18 +100,16 @@ class JaxFunction:
     @cached_property
     def _vjp(self) -> Any:
         """Machine code of the gradient, compiled when JAX first takes one."""
-        self._require_unique_forces()
-        code = derivative_code(self._compiled, "vjp", self.of, self._names)
-        return self._operation_of(code, self.of)
+        return self._derivative("vjp", self.of)
 
     @cached_property
     def _jvp(self) -> Any:
         """Machine code of the directional derivative, compiled when JAX first takes one."""
-        self._require_unique_forces()
-        code = derivative_code(self._compiled, "jvp", self.of, self._names)
-        return self._operation_of(code, self._names)
+        return self._derivative("jvp", self._names)
 
-    def _operation_of(self, code: Any, with_names: Sequence[str]) -> Any:
+    def _derivative(self, kind: Literal["vjp", "jvp"], with_names: Sequence[str]) -> Any:
+        self._require_unique_forces()
+        code = derivative_code(self._compiled, kind, self.of, self._names)
         arrays = (*self._arrays_of(self._names), *(f"{WITH}{name}" for name in with_names))
         return operation(self._compiled, code, [name for name in arrays if name in code.externals], self.route)
 

@@ -111,9 +111,8 @@ def _body(part: Part, lanes: int, before: str) -> tuple[list[str], set[str]]:
     """
     program, sources, wanted = part.program, part.sources, part.wanted
     T, truth, suffix = number_type(lanes), _truth_type(lanes), _suffix(lanes)
-    kept = (
-        signs_to_keep(program, False) if lanes == 1 else set[int]()
-    )  # vectors have no instruction that would be wrong
+    # Vectors have no instruction that would be wrong.
+    kept = signs_to_keep(program, of_operands=False) if lanes == 1 else set[int]()
     lines: list[str] = []
     names: dict[int, str] = {}
     now = first_operation = program.input_size
