@@ -29,7 +29,6 @@ class Effort:
 def timed(
     entries: Sequence[Timed],
     effort: Effort,
-    each_round: Callable[[], None] = lambda: None,
     now: Callable[[], float] = time.perf_counter,
 ) -> Array:
     """Return seconds per evaluation, (rounds, entries).
@@ -39,7 +38,6 @@ def timed(
     Args:
         entries: the entries to time.
         effort: duration of the measurement.
-        each_round: called after every round.
         now: the clock [s]; `time.process_time` excludes the time of other processes.
     """
     sweeps = [_calibrated(entry, effort.turn, now) for entry in entries]
@@ -48,7 +46,6 @@ def timed(
         for i in range(len(entries)):
             k = (i + r) % len(entries)
             seconds[r, k] = _seconds(entries[k], sweeps[k], now) / (sweeps[k] * entries[k].evaluations)
-        each_round()
     return seconds
 
 

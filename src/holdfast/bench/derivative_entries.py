@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -105,18 +105,13 @@ class DerivativeRequest:
         chain, random = system.chain, np.random.default_rng(0)
         shapes = {"qdd": (chain.joint_count,), "grasp_wrench": (len(chain.arms), 6), "object_acceleration": (6,)}
         sizes = {name: chain.joint_count if name in ("q", "qd", "tau") else 6 for name in NAMES}
-        self.kind = {VJP: "vjp", JVP: "jvp", JACOBIAN: "jacobian"}[what]
-        self.names: dict[str, Any] = {VJP: {"by": NAMES}, JVP: {"of": OF}, JACOBIAN: MATRIX}[what]
-        self.parts: list[Any] = {
-            VJP: [*NAMES],
-            JVP: [*OF],
-            JACOBIAN: [(of, by) for of in MATRIX["of"] for by in MATRIX["by"]],
-        }[what]
-        self.numbers: dict[str, Array] = {
-            VJP: {name: random.normal(size=shape) for name, shape in shapes.items()},
-            JVP: {name: random.normal(size=size) for name, size in sizes.items()},
-            JACOBIAN: {},
-        }[what]
+        rows: dict[str, tuple[str, dict[str, Any], Sequence[Any], dict[str, Any]]] = {
+            VJP: ("vjp", {"by": NAMES}, NAMES, shapes),
+            JVP: ("jvp", {"of": OF}, OF, sizes),
+            JACOBIAN: ("jacobian", MATRIX, [(of, by) for of in MATRIX["of"] for by in MATRIX["by"]], {}),
+        }
+        self.kind, self.names, self.parts, drawn = rows[what]
+        self.numbers = {name: random.normal(size=shape) for name, shape in drawn.items()}
 
     def of_many(self, count: int) -> dict[str, Any]:
         """Return the keyword arguments of one call for a number of systems; for a single system if it is 0."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,9 +21,7 @@ ALONE = 300e6  # entries of at least so many bytes are built, timed beside ours,
 MARGIN = 1.3  # ratio of the memory that must be free to that of an entry
 
 
-def measure_system(
-    system: System, fast: Any, peers: Sequence[Candidate], effort: Effort, each_round: Callable[[], None] = lambda: None
-) -> dict[str, Any]:
+def measure_system(system: System, fast: Any, peers: Sequence[Candidate], effort: Effort) -> dict[str, Any]:
     """Return the record of one system: agreement and times of this library and every peer.
 
     Args:
@@ -31,7 +29,6 @@ def measure_system(
         fast: its chain as machine code.
         peers: the entries of other libraries; the first one, if exact, gives the reference solution.
         effort: duration of the measurement.
-        each_round: function that is called after rounds, for progress.
     """
     own = [make(system, fast) for make in (entries.public, entries.bind, entries.bind_copying)]
     truth: Answers | None = None
@@ -47,7 +44,7 @@ def measure_system(
                 built.append(entry)
                 truth = truth or entry.answers()
         truth = truth or reference(system)
-        seconds = timed([*own, *built], effort, each_round)
+        seconds = timed([*own, *built], effort)
         for k, entry in enumerate(own):
             rows[entry.name].append(seconds[:, k])
         for k, entry in enumerate(built, len(own)):

@@ -183,8 +183,8 @@ class PinocchioModel:
         frames = {name: se3(grasp.frame) for name, grasp in chain.grasps.items()}
         holder = next(iter(chain.arms))
         if form == "free":
-            body, origin = self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "object"), pin.SE3()
-            origin.setIdentity()
+            origin = pin.SE3.Identity()
+            body = self.model.addJoint(0, pin.JointModelFreeFlyer(), origin, "object")
         else:
             body, origin = last[holder], tips[holder] * frames[holder].inverse()
         held = chain.held_object

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, get_args
 
 import numpy as np
 
 from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.compiled_derivatives import options_of
-from holdfast.compiled.derivative_schedule import UNITS
+from holdfast.compiled.derivative_schedule import UNITS, Kind
 from holdfast.compiled.externals import state_fields
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.parameters import parameters_of
@@ -34,8 +34,7 @@ from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-Kind = Literal["vjp", "jvp", "jacobian"]
-DERIVATIVES: dict[str, Kind] = {f"forward_dynamics_{kind}": kind for kind in ("vjp", "jvp", "jacobian")}
+DERIVATIVES: dict[str, Kind] = {f"forward_dynamics_{kind}": kind for kind in get_args(Kind)}
 STEP = "step"
 EXPORTED = ("forward_dynamics", *COMPUTATIONS, *DERIVATIVES, STEP)
 

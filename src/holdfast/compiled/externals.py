@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from itertools import accumulate
 
 from holdfast.compiler.program import Shape
-from holdfast.compiler.schedule import External
+from holdfast.compiler.schedule import External, Role
 from holdfast.model.closed_chain import ClosedChain
 
 # The fields of a state by the names of its arrays. The array names of a trunk's floating base begin with "floating",
@@ -70,11 +70,8 @@ def externals(
     inputs: Iterable[str], parameters: Iterable[str], outputs: Iterable[str], shape: Mapping[str, Shape]
 ) -> dict[str, External]:
     """Return a computation's arrays: inputs, then parameters, then outputs."""
-    return (
-        {name: External(shape[name], "input") for name in inputs}
-        | {name: External(shape[name], "parameter") for name in parameters}
-        | {name: External(shape[name], "output") for name in outputs}
-    )
+    roles: tuple[tuple[Role, Iterable[str]], ...] = (("input", inputs), ("parameter", parameters), ("output", outputs))
+    return {name: External(shape[name], role) for role, names in roles for name in names}
 
 
 def starts(sizes: Iterable[int]) -> list[int]:

@@ -21,10 +21,10 @@ from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
 
 # Users pass poses as wxyz_xyz; machine code reads rotation matrices, and origins if they matter.
-_POSES = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
+POSE_ARRAYS = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
 WRENCHES = ("link_wrench", "trunk_link_wrench")
 _INPUTS = ("object_wrench", *WRENCHES, *FLOATING)  # inputs that users pass like parameters
-_INTERNAL = {"generic_rank", LIMITS, CONTACTS, *(name for pair in _POSES.values() for name in pair)}
+_INTERNAL = {"generic_rank", LIMITS, CONTACTS, *(name for pair in POSE_ARRAYS.values() for name in pair)}
 
 
 def rank_number(generic_rank: int | None) -> Array:
@@ -89,7 +89,7 @@ def parse_parameters(
     shapes = {name: _shape(name, externals) for name in given}
     for name, shape in shapes.items():
         if shape is None:
-            known = [other for other in (*externals, *_POSES) if _shape(other, externals) is not None]
+            known = [other for other in (*externals, *POSE_ARRAYS) if _shape(other, externals) is not None]
             raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, known)}")
     found: dict[str, Array] = {}
     for name, value in _with_inertia(given, chain).items():
@@ -102,8 +102,8 @@ def parse_parameters(
             _require_still(name, a, chain)
         if name.endswith(("_mass", "_inertia")):
             _require_inertia(name, a)
-        if name in _POSES:
-            rotations, origins = _POSES[name]
+        if name in POSE_ARRAYS:
+            rotations, origins = POSE_ARRAYS[name]
             found[rotations], p = _from_quaternions(name, a)
             if origins in externals:
                 found[origins] = p
@@ -114,8 +114,8 @@ def parse_parameters(
 
 def _shape(name: str, externals: Mapping[str, External]) -> Shape | None:
     """Return the shape of a parameter that users may pass, or None if there is none of that name."""
-    if name in _POSES:
-        rotations = externals.get(_POSES[name][0])
+    if name in POSE_ARRAYS:
+        rotations = externals.get(POSE_ARRAYS[name][0])
         return None if rotations is None else (rotations.shape[0], 7)
     e = externals.get(name)
     passed = e is not None and name not in _INTERNAL and (e.role == "parameter" or name in _INPUTS)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import own_inputs
 from holdfast.compiled.bound_text import BoundText
 from holdfast.compiled.compiled_derivatives import options_of
-from holdfast.compiled.derivative_schedule import FOUND
+from holdfast.compiled.derivative_schedule import FOUND, Kind
 from holdfast.compiled.function import CompiledFunction
-from holdfast.compiled.kernels import compiling
+from holdfast.compiled.methods import ChainMethods
 from holdfast.compiled.not_compiled import require_holding
 from holdfast.compiled.possible_motion import possible
-from holdfast.compiled.structure import Options
 from holdfast.compiled.text_computation import TEXTS, TextRequest
 from holdfast.dynamics.closure_derivatives import by_grasps
 from holdfast.dynamics.derivatives import Derivatives, require_names
@@ -24,7 +23,6 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
-Kind = Literal["vjp", "jvp", "jacobian"]
 HOLDING = ("inverse_dynamics", "wrist_wrenches")  # functions that refuse wrenches of arms that hold nothing
 
 
@@ -38,18 +36,8 @@ def result_of(function: str, chain: ClosedChain, found: Sequence[Array]) -> Any:
     return x if x.ndim else float(x)
 
 
-class TextDerivatives:
-    """What the derivatives of a `CompiledChain`'s functions that solve nothing have in common.
-
-    Attributes:
-        chain: the chain.
-        options: the options with which it was compiled.
-        progress: whether to show that machine code is made.
-    """
-
-    chain: ClosedChain
-    options: Options
-    progress: bool = False
+class TextDerivatives(ChainMethods):
+    """What the derivatives of a `CompiledChain`'s functions that solve nothing have in common."""
 
     def _derived(
         self,
@@ -148,10 +136,9 @@ class TextDerivatives:
         require_names(what, by, known)
         results = tuple(name for name in text.results if name in of)
         request = TextRequest(function, kind, results, tuple(name for name in known if name in by))
-        made: dict[TextRequest, CompiledFunction] = self.__dict__.setdefault("_texts_made", {})
-        if request not in made:
-            options = options_of(self.options, request.arguments, True)
-            with compiling(self.chain, what, self.progress):
-                computation, shown_as = request.computation(self.chain), what if self.progress else ""
-                made[request] = CompiledFunction(request.name, self.chain, options, computation, shown_as)
-        return request, made[request]
+
+        def make() -> CompiledFunction:
+            options, shown_as = options_of(self.options, request.arguments, True), what if self.progress else ""
+            return CompiledFunction(request.name, self.chain, options, request.computation(self.chain), shown_as)
+
+        return request, self._code(request, what, make)
