@@ -64,7 +64,7 @@ class BoundDynamics(BoundCall):
 
     def _move(self, moving: CompiledChain) -> None:
         """Switch to the machine code for moving bases; the arrays remain the same."""
-        before, self._bound, self._externals = self._bound, moving.calls.bind(), moving.externals
+        before, self._bound, self._externals = self._bound, moving.bound(), moving.externals
         for name, x in before.arrays.items():
             if self._externals[name].role == "parameter":
                 self._bound.arrays[name][...] = x

@@ -24,6 +24,7 @@ from holdfast.compiled.kernels import compile_batch, compiling, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.result import CompiledResult
 from holdfast.compiled.structure import Options, Structure, optional_parameters, require_rank
+from holdfast.compiler.kernel import Bound
 from holdfast.compiler.targets import Builtin
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.methods import method_named
@@ -240,6 +241,10 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to unpickle the object: its machine code is loaded from the cache or compiled again."""
         return CompiledChain, (self.chain, self.options, self.generic_rank, self.progress)
+
+    def bound(self) -> Bound:
+        """Return the kernel bound to new arrays, with the chain's own parameters."""
+        return self.calls.bind()
 
     def set_generic_rank(self, generic_rank: int) -> None:
         """Store the generic rank, so that later calls can decide every status by themselves."""
