@@ -197,7 +197,8 @@ def _step(
         raise ModelError(f"export: scheme: expected 'rk4', 'midpoint' or '{IMEX.name}', got '{scheme}'")
     law, motions = held_torques(chain.joint_count), Environment(chain, base_motion).base_motion
     rollout = Rollout(chain, law, "rk4", generic_rank_of(compiled, state), motions, options)
-    systems: Any = rollout.start(**_arrays(chain, state), tau=np.zeros(chain.joint_count))
+    given: dict[str, Any] = {**_arrays(chain, state), "tau": np.zeros(chain.joint_count)}
+    systems: Any = rollout.start(**given)
     if not systems.running.all():
         raise StateError(f"export: state: expected one from which steps can begin; it {systems.status[0].value}")
     kernel = StepKernel(chain, law, tableau, rollout.generic_rank or 0, motions=motions, options=options)
