@@ -9,7 +9,7 @@ import pytest
 import holdfast
 from holdfast.bench import measure
 from holdfast.bench.clock import Effort, summary, timed
-from holdfast.bench.entries import Candidate, Entry, relative_error
+from holdfast.bench.entries import Candidate, Timed, relative_error
 from holdfast.bench.systems import make_system
 from tests.bench.tiny import EFFORT, exact_rival
 
@@ -99,7 +99,7 @@ def sleeper(name, seconds, evaluations=1, log=None):
             log.append((name, gc.isenabled()))
         time.sleep(seconds)
 
-    return Entry(name, "made up", sweep, evaluations, lambda: None)
+    return Timed(name, "made up", sweep, evaluations)
 
 
 def test_seconds_per_evaluation():

@@ -36,5 +36,5 @@ def exact_rival(system, name: str = "rival", error: float = 0.0, **options) -> C
     """Return a made-up peer whose answers are off by a relative error."""
     answers = reference(system)
     wrong = Answers(answers.qdd * (1.0 + error), answers.wrenches)
-    entry = Entry(name, "made up", lambda: None, system.states, lambda: wrong)
+    entry = Entry(name, "made up", lambda: None, system.states, answers=lambda: wrong)
     return Candidate(name, "made up", lambda truth: entry, **options)

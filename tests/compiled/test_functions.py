@@ -469,11 +469,11 @@ def test_made_when_needed():
     """Compiling a chain makes none of them; chains of one structure share them."""
     chain = chain_of(((3, "rigid"), (2, "ball")), seed=5)
     fast, other = holdfast.compile(chain), holdfast.compile(replace(chain, gravity=(0.0, 1.0, 2.0)))
-    assert "_functions" not in vars(fast)
+    assert "_codes" not in vars(fast)
     q = np.zeros(5)
     pose = [1, 0, 0, 0, 0, 0, 1]
     assert fast.potential_energy(q, pose) != other.potential_energy(q, pose)
-    assert set(vars(fast)["_functions"]) == {"potential_energy"}
+    assert set(vars(fast)["_codes"]) == {"potential_energy"}
     assert fast._function("potential_energy")._kernel is other._function("potential_energy")._kernel
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.spatial import rotation
+from tests.compiled.problems import given_by
 from tests.oracles.chain_derivatives import OUTPUTS
 from tests.systems.as_chain import Problem
 from tests.systems.bushed import bushed
@@ -55,11 +56,7 @@ def test_against_differences(trunk):
 def test_machine_code():
     """Products and the matrix are the reference's."""
     p, rng, of = held_by_rubber(False), np.random.default_rng(1), ("qdd", "grasp_wrench")
-    s, inputs = p.state, p.inputs.shaped(p.chain)
-    given = {"q": s.q, "qd": s.qd, "tau": p.tau, "object_pose": s.object_pose, "object_twist": s.object_twist}
-    acting = {"object_wrench": inputs.object_wrench, "link_wrench": inputs.link_wrenches}
-    acting |= {"base_twist": inputs.base_twists, "base_acceleration": inputs.base_accelerations}
-    given |= {name: x for name, x in acting.items() if x is not None}
+    s, given = p.state, given_by(p)
     fast, options = hf.compile(p.chain, parameters=("link_wrench",)), {"inputs": p.inputs, "check": False}
     cotangents = {"qdd": rng.normal(size=13), "grasp_wrench": rng.normal(size=(2, 6))}
     along = {"q": rng.normal(size=13), "object_pose": rng.normal(size=6)}

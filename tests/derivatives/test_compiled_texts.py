@@ -258,7 +258,7 @@ def test_interpreter(name, case, kind):
     along = {x: random.normal(size=shapes[x].shape) for x in by}
     options: dict[str, Any] = {"vjp": {"by": by, **cotangents}, "jvp": {"along": along}, "jacobian": {"by": by}}[kind]
     getattr(fast, f"{name}_{kind}")(*inputs_of(of), **options, **named)
-    (request, made), *others = vars(fast)["_texts_made"].items()
+    (request, made), *others = vars(fast)["_codes"].items()
     assert not others
     with_given = {f"{WITH}{x}": {**cotangents, **along}[x] for x in request.given}
     computation = request.computation(of.p.chain)

@@ -19,18 +19,23 @@ highlevel = pytest.importorskip("rosbags.highlevel", reason="needs rosbags: pip 
 typesys = pytest.importorskip("rosbags.typesys")
 
 
-@pytest.fixture(scope="module")
-def bag(tmp_path_factory):
-    """Messages by topic, as (time [ns], message)."""
-    path = tmp_path_factory.mktemp("mcap") / "run.mcap"
-    chain, run = lifted()
-    write_mcap(chain, run, path)
+def written(folder, *arguments):
+    """Return the messages of a run's file by topic, as (time [ns], message)."""
+    path = folder / "run.mcap"
+    chain, run, *more = arguments
+    write_mcap(chain, run, path, *more)
     store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     found = {}
     with highlevel.AnyReader([path], default_typestore=store) as reader:
         for connection, time, raw in reader.messages():
             found.setdefault(connection.topic, []).append((time, reader.deserialize(raw, connection.msgtype)))
     return found
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """The messages of a lift."""
+    return written(tmp_path_factory.mktemp("mcap"), *lifted())
 
 
 def test_topics(bag):
@@ -62,7 +67,7 @@ def test_transforms_lead_to_the_tips_and_wrenches_are_in_them(bag):
     """World to tip along the frames is where the contact is; the wrench turned back is the run's."""
     chain, run = lifted()
     for k, (_, message) in enumerate(bag["/tf"]):
-        frames = {t.child_frame_id: (t.header.frame_id, pose(t.transform)) for t in message.transforms}
+        frames = frames_of(message)
         assert len(frames) == len(message.transforms) == 1 + 2 + 2 * (1 + 7 + 1)
         for i, (name, grasp) in enumerate(chain.grasps.items()):
             tip, contact = (in_world(frames, frame) for frame in (f"{name}/tip", f"object/{name}"))
@@ -84,6 +89,11 @@ def pose(transform) -> Pose:
     return Pose(rotation.from_quaternion(np.array([r.w, r.x, r.y, r.z])), np.array([t.x, t.y, t.z]))
 
 
+def frames_of(message) -> dict[str, tuple[str, Pose]]:
+    """Return every frame's parent and its pose in it."""
+    return {t.child_frame_id: (t.header.frame_id, pose(t.transform)) for t in message.transforms}
+
+
 def in_world(frames, name) -> Pose:
     at = Pose.identity()
     while name != "world":
@@ -99,11 +109,7 @@ def test_moving_bases(tmp_path):
     def rising(t):
         return Pose.translation(-0.55, 0.0, 0.2 * t), np.zeros(6), np.zeros(6)
 
-    write_mcap(chain, run, tmp_path / "run.mcap", {"left": rising})
-    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
-    with highlevel.AnyReader([tmp_path / "run.mcap"], default_typestore=store) as reader:
-        tf = [(time, reader.deserialize(raw, c.msgtype)) for c, time, raw in reader.messages() if c.topic == "/tf"]
-    for time, message in tf:
+    for time, message in written(tmp_path, chain, run, {"left": rising})["/tf"]:
         (base,) = (t for t in message.transforms if t.child_frame_id == "left")
         assert base.transform.translation.z == pytest.approx(0.2e-9 * time)
 
@@ -114,12 +120,7 @@ def test_trunks(floating, tmp_path):
     arms = {"arms": 3, "grasps": "rigid", "joints": 7}
     p = still_base(4, 2, floating=floating, arms=arms, in_world=0.3)
     run = simulate(p.chain, p.state, lambda t, s, m: (p.tau, m), 0.01, 0.01, inputs=p.inputs)
-    write_mcap(p.chain, run, tmp_path / "run.mcap")
-    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
-    found = {}
-    with highlevel.AnyReader([tmp_path / "run.mcap"], default_typestore=store) as reader:
-        for connection, _, raw in reader.messages():
-            found.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    found = {topic: [message for _, message in rows] for topic, rows in written(tmp_path, p.chain, run).items()}
     assert found["/joint_states"][0].name == p.chain.joint_names()
     assert ("/base_pose" in found) is floating
     if floating:
@@ -127,7 +128,7 @@ def test_trunks(floating, tmp_path):
         o = at.orientation
         assert [o.w, o.x, o.y, o.z, at.position.x] == run.base_pose[1, :5].tolist()
     for k, message in enumerate(found["/tf"]):
-        frames = {t.child_frame_id: (t.header.frame_id, pose(t.transform)) for t in message.transforms}
+        frames = frames_of(message)
         assert frames["trunk"][0] == "world"
         for name in p.chain.names:
             tip, contact = (in_world(frames, frame) for frame in (f"{name}/tip", f"object/{name}"))
@@ -142,12 +143,8 @@ def test_anchors(tmp_path):
     """An anchor has no links: its tip hangs on its base, at the object's contact."""
     p = pinned(random_problem(4, arms=2, joints=7, grasps="rigid", moving_base=False), ("ball",), moving=False)
     run = simulate(p.chain, p.state, lambda t, s, m: (p.tau, m), 0.01, 0.01, inputs=p.inputs)
-    write_mcap(p.chain, run, tmp_path / "run.mcap")
-    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
-    with highlevel.AnyReader([tmp_path / "run.mcap"], default_typestore=store) as reader:
-        tf = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/tf"]
-    for message in tf:
-        frames = {t.child_frame_id: (t.header.frame_id, pose(t.transform)) for t in message.transforms}
+    for _, message in written(tmp_path, p.chain, run)["/tf"]:
+        frames = frames_of(message)
         assert frames["pin1/tip"][0] == "pin1"
         assert in_world(frames, "pin1/tip").p == pytest.approx(in_world(frames, "object/pin1").p, abs=1e-9)
 

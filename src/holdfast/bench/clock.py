@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.bench.entries import Entry
+from holdfast.bench.entries import Timed
 from holdfast.spatial.scalar import Array
 
 
@@ -27,9 +27,8 @@ class Effort:
 
 
 def timed(
-    entries: Sequence[Entry],
+    entries: Sequence[Timed],
     effort: Effort,
-    each_round: Callable[[], None] = lambda: None,
     now: Callable[[], float] = time.perf_counter,
 ) -> Array:
     """Return seconds per evaluation, (rounds, entries).
@@ -39,7 +38,6 @@ def timed(
     Args:
         entries: the entries to time.
         effort: duration of the measurement.
-        each_round: called after every round.
         now: the clock [s]; `time.process_time` excludes the time of other processes.
     """
     sweeps = [_calibrated(entry, effort.turn, now) for entry in entries]
@@ -48,11 +46,10 @@ def timed(
         for i in range(len(entries)):
             k = (i + r) % len(entries)
             seconds[r, k] = _seconds(entries[k], sweeps[k], now) / (sweeps[k] * entries[k].evaluations)
-        each_round()
     return seconds
 
 
-def _calibrated(entry: Entry, turn: float, now: Callable[[], float]) -> int:
+def _calibrated(entry: Timed, turn: float, now: Callable[[], float]) -> int:
     """Return the number of sweeps in a turn; this also warms up the entry."""
     _seconds(entry, 1, now)
     count = 1
@@ -61,7 +58,7 @@ def _calibrated(entry: Entry, turn: float, now: Callable[[], float]) -> int:
     return max(1, round(count * turn / spent))
 
 
-def _seconds(entry: Entry, sweeps: int, now: Callable[[], float]) -> float:
+def _seconds(entry: Timed, sweeps: int, now: Callable[[], float]) -> float:
     sweep, collecting = entry.sweep, gc.isenabled()
     gc.disable()  # like timeit
     try:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from holdfast.bench import entries
 from holdfast.bench.clock import Effort, summary, timed
-from holdfast.bench.entries import LIBRARY, Answers, Entry, answers_of
+from holdfast.bench.entries import LIBRARY, NAMES, Timed
 from holdfast.bench.pinocchio_peer import PinocchioModel
 from holdfast.bench.systems import System
 from holdfast.dynamics.derivatives import (
@@ -23,11 +22,8 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 BATCH = 1024  # states in one call
-FEWEST, MOST = (
-    64,
-    1 << 21,
-)  # least number of states, and most numbers in a result: batches of large Jacobians are smaller
-NAMES = ("q", "qd", "tau", "object_pose", "object_twist")
+FEWEST = 64  # states in one call at least, because
+MOST = 1 << 21  # numbers in a result at most: batches of large Jacobians are smaller
 OF = ("qdd", "grasp_wrench", "object_acceleration")
 MATRIX = {"of": ("qdd", "grasp_wrench"), "by": ("q", "qd", "tau")}
 VJP, JVP, JACOBIAN = "VJP", "JVP", "Jacobian"
@@ -72,7 +68,7 @@ def compare(system: System, fast: Any, effort: Effort, *, matrix: bool, pinocchi
     return records
 
 
-class Way:
+class Way(NamedTuple):
     """One entry for one kind of derivatives.
 
     Attributes:
@@ -83,10 +79,11 @@ class Way:
         truth: function that returns the same without machine code.
     """
 
-    def __init__(
-        self, what: str, way: str, entry: Entry, first: Callable[[], Array], truth: Callable[[], Array]
-    ) -> None:
-        self.what, self.way, self.entry, self.first, self.truth = what, way, entry, first, truth
+    what: str
+    way: str
+    entry: Timed
+    first: Callable[[], Array]
+    truth: Callable[[], Array]
 
     def error(self) -> float:
         """Return the error of the derivatives at the first state relative to the largest entry."""
@@ -108,18 +105,13 @@ class DerivativeRequest:
         chain, random = system.chain, np.random.default_rng(0)
         shapes = {"qdd": (chain.joint_count,), "grasp_wrench": (len(chain.arms), 6), "object_acceleration": (6,)}
         sizes = {name: chain.joint_count if name in ("q", "qd", "tau") else 6 for name in NAMES}
-        self.kind = {VJP: "vjp", JVP: "jvp", JACOBIAN: "jacobian"}[what]
-        self.names: dict[str, Any] = {VJP: {"by": NAMES}, JVP: {"of": OF}, JACOBIAN: MATRIX}[what]
-        self.parts: list[Any] = {
-            VJP: [*NAMES],
-            JVP: [*OF],
-            JACOBIAN: [(of, by) for of in MATRIX["of"] for by in MATRIX["by"]],
-        }[what]
-        self.numbers: dict[str, Array] = {
-            VJP: {name: random.normal(size=shape) for name, shape in shapes.items()},
-            JVP: {name: random.normal(size=size) for name, size in sizes.items()},
-            JACOBIAN: {},
-        }[what]
+        rows: dict[str, tuple[str, dict[str, Any], Sequence[Any], dict[str, Any]]] = {
+            VJP: ("vjp", {"by": NAMES}, NAMES, shapes),
+            JVP: ("jvp", {"of": OF}, OF, sizes),
+            JACOBIAN: ("jacobian", MATRIX, [(of, by) for of in MATRIX["of"] for by in MATRIX["by"]], {}),
+        }
+        self.kind, self.names, self.parts, drawn = rows[what]
+        self.numbers = {name: random.normal(size=shape) for name, shape in drawn.items()}
 
     def of_many(self, count: int) -> dict[str, Any]:
         """Return the keyword arguments of one call for a number of systems; for a single system if it is 0."""
@@ -150,10 +142,7 @@ def call(system: System, fast: Any, what: str) -> Way:
         for state in states:
             solve(*state, **given, out=out)
 
-    def answers() -> Answers:
-        return answers_of([solve(*state, **given).result for state in states])
-
-    entry = Entry(f"{what}, call", LIBRARY, sweep, system.states, answers, "arrays in, result re-used")
+    entry = Timed(f"{what}, call", LIBRARY, sweep, system.states, "arrays in, result re-used")
     return Way(what, "call", entry, lambda: request.flat(solve(*states[0], **given)), lambda: request.reference(system))
 
 
@@ -172,15 +161,11 @@ def bound(system: System, fast: Any, what: str) -> Way:
         for step in made:
             step()
 
-    def answers() -> Answers:
-        sweep()
-        return answers_of([one.found.result for one in made])
-
     def first() -> Array:
         made[0]()
         return request.flat(made[0].found)
 
-    entry = Entry(f"{what}, bound", LIBRARY, sweep, system.states, answers, "bound, one for each state")
+    entry = Timed(f"{what}, bound", LIBRARY, sweep, system.states, "bound, one for each state")
     return Way(what, "bound", entry, first, lambda: request.reference(system))
 
 
@@ -194,12 +179,8 @@ def batch(system: System, fast: Any, what: str) -> Way:
     def sweep() -> None:
         solve(*arrays, **given, out=out)
 
-    def answers() -> Answers:
-        found = solve(*arrays, **given, out=out).result
-        return Answers(np.array(found.qdd[: system.states]), np.array(found.grasp_wrench[: system.states]))
-
     note = f"one call for {count}, result re-used, one thread"
-    entry = Entry(f"{what}, batch", LIBRARY, sweep, count, answers, note)
+    entry = Timed(f"{what}, batch", LIBRARY, sweep, count, note)
 
     def first() -> Array:
         return request.flat(solve(*arrays, **given, out=out), 0)
@@ -229,11 +210,8 @@ def peer(system: System) -> Way:
             solve(model, data, q, v, tau, welds, weld_data)
             differentiate(model, data, welds, weld_data)
 
-    def evaluate(q: Array, v: Array, tau: Array) -> Array:
-        return solve(model, data, q, v, tau, welds, weld_data)
-
     def first() -> Array:
-        evaluate(*inputs[0])
+        solve(model, data, *inputs[0], welds, weld_data)
         return np.ravel(np.array(differentiate(model, data, welds, weld_data)[2])[:n, :n])
 
     def truth() -> Array:
@@ -241,6 +219,5 @@ def peer(system: System) -> Way:
         state = State(q, qd, pose, twist)
         return np.ravel(forward_dynamics_jacobian(system.chain, state, tau, of=["qdd"], by=["tau"])["qdd", "tau"])
 
-    answers = functools.partial(posed.answers, evaluate, weld_data)
-    entry = Entry(THEIRS, "pinocchio", sweep, system.states, answers, "object free, mu = 0; error of d qdd / d tau")
+    entry = Timed(THEIRS, "pinocchio", sweep, system.states, "object free, mu = 0; error of d qdd / d tau")
     return Way(JACOBIAN, "call", entry, first, truth)

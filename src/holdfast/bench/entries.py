@@ -29,25 +29,34 @@ class Answers:
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
-    """One way to compute forward dynamics, ready to be timed.
+class Timed:
+    """One way to compute something, ready to be timed.
 
     Attributes:
         name: short name, unique within a system.
         library: name of the library.
         sweep: evaluates every state once, and passes the inputs as a caller has to.
         evaluations: number of evaluations in a sweep.
-        answers: computes every state and returns the results.
         note: the settings, and what the entry leaves out.
-        floor: True if it leaves out the grasps, so that it is a lower bound and not a competitor.
     """
 
     name: str
     library: str
     sweep: Callable[[], object]
     evaluations: int
-    answers: Callable[[], Answers]
     note: str = ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Entry(Timed):
+    """One way to compute forward dynamics, ready to be timed and compared.
+
+    Attributes:
+        answers: computes every state and returns the results.
+        floor: True if it leaves out the grasps, so that it is a lower bound and not a competitor.
+    """
+
+    answers: Callable[[], Answers]
     floor: bool = False
 
 
@@ -89,29 +98,40 @@ def each_state(system: System) -> list[tuple[Array, ...]]:
     return [tuple(array[k].copy() for array in system.arrays) for k in range(system.states)]
 
 
+def each_base(system: System) -> list[dict[str, Array]]:
+    """Return the pose and twist of a floating base in every state, by the names of the arguments; empty without one."""
+    return [{name: x[k].copy() for name, x in system.base_arrays.items()} for k in range(system.states)]
+
+
 LIBRARY = "holdfast"
+NAMES = ("q", "qd", "tau", "object_pose", "object_twist")
 PUBLIC, BIND, BIND_COPYING = "forward_dynamics", "bind", "bind, copying"
 
 
 def public(system: System, fast: Any) -> Entry:
-    """Return the checked call with five arrays and a reused result."""
-    states, solve = each_state(system), fast.forward_dynamics
-    out = solve(*states[0])
+    """Return the checked call with arrays and a reused result."""
+    states, bases, solve = each_state(system), each_base(system), fast.forward_dynamics
+    out, rows = solve(*states[0], **bases[0]), list(zip(states, bases, strict=True))
+    floating = [(*state, *base.values()) for state, base in rows if base]
 
-    def sweep() -> None:
-        for q, qd, tau, pose, twist in states:
-            solve(q, qd, tau, pose, twist, out=out)
+    def sweep() -> None:  # written out, like a loop of a caller
+        if floating:
+            for q, qd, tau, pose, twist, base_pose, base_twist in floating:
+                solve(q, qd, tau, pose, twist, floating_pose=base_pose, floating_twist=base_twist, out=out)
+        else:
+            for q, qd, tau, pose, twist in states:
+                solve(q, qd, tau, pose, twist, out=out)
 
     def answers() -> Answers:
-        return answers_of([solve(*state) for state in states])
+        return answers_of([solve(*state, **base) for state, base in rows])
 
-    return Entry(PUBLIC, LIBRARY, sweep, system.states, answers, "five arrays, result re-used")
+    return Entry(PUBLIC, LIBRARY, sweep, system.states, "arrays in, result re-used", answers=answers)
 
 
 def bind(system: System, fast: Any) -> Entry:
-    """Return the bound calls, one for each state, bound to five arrays of the caller."""
-    names = ("q", "qd", "tau", "object_pose", "object_twist")
-    bound = [fast.bind(**dict(zip(names, state, strict=True))) for state in each_state(system)]
+    """Return the bound calls, one for each state, bound to arrays of the caller."""
+    pairs = zip(each_state(system), each_base(system), strict=True)
+    bound = [fast.bind(**dict(zip(NAMES, state, strict=True)), **base) for state, base in pairs]
 
     def sweep() -> None:
         for step in bound:
@@ -121,7 +141,7 @@ def bind(system: System, fast: Any) -> Entry:
         sweep()
         return answers_of([step.result for step in bound])
 
-    return Entry(BIND, LIBRARY, sweep, system.states, answers, "tied to each state's own five arrays")
+    return Entry(BIND, LIBRARY, sweep, system.states, "tied to each state's own arrays", answers=answers)
 
 
 def bind_copying(system: System, fast: Any) -> Entry:
@@ -150,19 +170,20 @@ def bind_copying(system: System, fast: Any) -> Entry:
             wrenches.append(bound.result.grasp_wrench.copy())
         return Answers(np.array(qdd), np.array(wrenches))
 
-    return Entry(BIND_COPYING, LIBRARY, sweep, system.states, answers, "five arrays copied into its own")
+    return Entry(BIND_COPYING, LIBRARY, sweep, system.states, "five arrays copied into its own", answers=answers)
 
 
 def batch(system: System, fast: Any, size: int) -> Entry:
     """Return one call for a batch of states, on one thread."""
-    arrays, solve = system.repeated(size).arrays, fast.forward_dynamics
-    out = solve(*arrays)
+    repeated, solve = system.repeated(size), fast.forward_dynamics
+    arrays, base = repeated.arrays, repeated.base_arrays
+    out = solve(*arrays, **base)
 
     def sweep() -> None:
-        solve(*arrays, out=out)
+        solve(*arrays, out=out, **base)
 
     def answers() -> Answers:
-        found = solve(*arrays)
+        found = solve(*arrays, **base)
         return Answers(np.array(found.qdd), np.array(found.grasp_wrench))
 
-    return Entry(f"batch of {size}", LIBRARY, sweep, size, answers, "one call, result re-used, one thread")
+    return Entry(f"batch of {size}", LIBRARY, sweep, size, "one call, result re-used, one thread", answers=answers)

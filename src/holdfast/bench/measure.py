@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,9 +21,7 @@ ALONE = 300e6  # entries of at least so many bytes are built, timed beside ours,
 MARGIN = 1.3  # ratio of the memory that must be free to that of an entry
 
 
-def measure_system(
-    system: System, fast: Any, peers: Sequence[Candidate], effort: Effort, each_round: Callable[[], None] = lambda: None
-) -> dict[str, Any]:
+def measure_system(system: System, fast: Any, peers: Sequence[Candidate], effort: Effort) -> dict[str, Any]:
     """Return the record of one system: agreement and times of this library and every peer.
 
     Args:
@@ -31,7 +29,6 @@ def measure_system(
         fast: its chain as machine code.
         peers: the entries of other libraries; the first one, if exact, gives the reference solution.
         effort: duration of the measurement.
-        each_round: function that is called after rounds, for progress.
     """
     own = [make(system, fast) for make in (entries.public, entries.bind, entries.bind_copying)]
     truth: Answers | None = None
@@ -47,15 +44,15 @@ def measure_system(
                 built.append(entry)
                 truth = truth or entry.answers()
         truth = truth or reference(system)
-        seconds = timed([*own, *built], effort, each_round)
+        seconds = timed([*own, *built], effort)
         for k, entry in enumerate(own):
             rows[entry.name].append(seconds[:, k])
         for k, entry in enumerate(built, len(own)):
-            records.append(_record(entry, truth, seconds[:, k], dict(zip(rows, seconds.T[: len(own)], strict=True))))
+            records.append(record_of(entry, truth, seconds[:, k], dict(zip(rows, seconds.T[: len(own)], strict=True))))
         del built
         gc.collect()
     assert truth is not None  # there is at least one group, even without peers
-    ours = [_record(entry, truth, np.concatenate(rows[entry.name]), {}) for entry in own]
+    ours = [record_of(entry, truth, np.concatenate(rows[entry.name]), {}) for entry in own]
     chain = system.chain
     return {
         "name": system.name,
@@ -71,7 +68,7 @@ def measure_system(
 def reference(system: System) -> Answers:
     """Return the results of this library's reference implementation, without machine code."""
     found = []
-    for q, qd, tau, pose, twist, *base in zip(*system.arrays, *system.base_arrays, strict=True):
+    for q, qd, tau, pose, twist, *base in zip(*system.arrays, *system.base_arrays.values(), strict=True):
         found.append(forward_dynamics(system.chain, State(q, qd, pose, twist, *base), tau))
     return answers_of(found)
 
@@ -97,13 +94,16 @@ def _built(candidate: Candidate, truth: Answers | None, skipped: list[dict[str, 
     return None
 
 
-def _record(entry: Entry, truth: Answers, seconds: Array, ours: dict[str, Array]) -> dict[str, Any]:
-    """Return an entry's record; its results are computed again after the timing, because some entries have state."""
+def record_of(entry: Entry, truth: Answers, seconds: Array, ours: dict[str, Array]) -> dict[str, Any]:
+    """Return an entry's record, with its time relative to others from the same rounds.
+
+    Its results are computed again after the timing, because some entries have state; of a batch the first ones count.
+    """
     got = entry.answers()
-    error = relative_error(got.qdd, truth.qdd)
+    error = relative_error(got.qdd[: len(truth.qdd)], truth.qdd)
     wrench_error = None
     if got.wrenches is not None and truth.wrenches is not None:
-        wrench_error = relative_error(got.wrenches, truth.wrenches)
+        wrench_error = relative_error(got.wrenches[: len(truth.wrenches)], truth.wrenches)
     return {
         "name": entry.name,
         "library": entry.library,

@@ -35,9 +35,8 @@ def mj_forward(system: System, solver: str, jacobian: str, truth: Answers | None
     """Return `mj_forward` with one solver; its accelerations are those of a soft weld."""
     mujoco: Any = import_module("mujoco")
     model = mujoco.MjModel.from_xml_string(mjcf(system.chain, solver, jacobian))
-    model.opt.disableflags |= (
-        mujoco.mjtDisableBit.mjDSBL_ISLAND
-    )  # there is one island; searching for more costs 5 to 10 %
+    # there is one island; searching for more costs 5 to 10 %
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     data = mujoco.MjData(model)
     qpos, qvel, applied, qacc = data.qpos, data.qvel, data.qfrc_applied, data.qacc
     forward, rows, n = mujoco.mj_forward, inputs(system), system.chain.joint_count
@@ -58,7 +57,7 @@ def mj_forward(system: System, solver: str, jacobian: str, truth: Answers | None
         return Answers(np.array(found))
 
     note = f"weld of impedance {HARDEST}, its hardest; no grasp wrenches compared"
-    return Entry(_name(solver, jacobian), LIBRARY, sweep, system.states, answers, note)
+    return Entry(_name(solver, jacobian), LIBRARY, sweep, system.states, note, answers=answers)
 
 
 def _name(solver: str, jacobian: str) -> str:

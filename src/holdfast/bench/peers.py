@@ -29,9 +29,8 @@ class Peer:
 
 
 PEERS = (
-    Peer(
-        "pinocchio", "pin", "lcaba", pinocchio_peer.candidates
-    ),  # comes first, because it gives the reference solution
+    # comes first, because it gives the reference solution
+    Peer("pinocchio", "pin", "lcaba", pinocchio_peer.candidates),
     Peer("mujoco", "mujoco-core", "mj_forward", mujoco_peer.candidates),
 )
 

@@ -76,7 +76,7 @@ def cholesky(system: System, form: Form, truth: Answers | None) -> Entry:
 
     note = "mu = 0" if form == "free" else f"mu = 0; {MISSING_WRENCH}"
     answers = functools.partial(posed.answers, evaluate, weld_data)
-    return Entry(f"constraintDynamics, {form}", LIBRARY, sweep, system.states, answers, note)
+    return Entry(f"constraintDynamics, {form}", LIBRARY, sweep, system.states, note, answers=answers)
 
 
 def lcaba(system: System, form: Form, truth: Answers | None) -> Entry:
@@ -121,7 +121,7 @@ def lcaba(system: System, form: Form, truth: Answers | None) -> Entry:
     evaluate, sweep = prepared(mu, iterations)
     note = f"mu = {mu:g}, {iterations} iterations" + ("" if form == "free" else f"; {MISSING_WRENCH}")
     answers = functools.partial(posed.answers, evaluate)
-    return Entry(f"lcaba, {form}", LIBRARY, sweep, system.states, answers, note)
+    return Entry(f"lcaba, {form}", LIBRARY, sweep, system.states, note, answers=answers)
 
 
 def fewest_iterations(
@@ -155,7 +155,7 @@ def aba(system: System, truth: Answers | None) -> Entry:
             solve(model, data, q, v, tau)
 
     answers = functools.partial(posed.answers, functools.partial(solve, model, data))
-    return Entry("aba, no grasps", LIBRARY, sweep, system.states, answers, "grasps left out", floor=True)
+    return Entry("aba, no grasps", LIBRARY, sweep, system.states, "grasps left out", answers=answers, floor=True)
 
 
 Form = Literal["free", "tree"]
@@ -183,8 +183,8 @@ class PinocchioModel:
         frames = {name: se3(grasp.frame) for name, grasp in chain.grasps.items()}
         holder = next(iter(chain.arms))
         if form == "free":
-            body, origin = self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "object"), pin.SE3()
-            origin.setIdentity()
+            origin = pin.SE3.Identity()
+            body = self.model.addJoint(0, pin.JointModelFreeFlyer(), origin, "object")
         else:
             body, origin = last[holder], tips[holder] * frames[holder].inverse()
         held = chain.held_object
@@ -220,7 +220,7 @@ class PinocchioModel:
 
     def wrenches(self, weld_data: Any, k: int) -> Array:
         """Return (arms, 6) grasp wrenches at state k; NaN for the arm whose hand the object is part of."""
-        chain, R = self.system.chain, _rotation(self.system, k)
+        chain, R = self.system.chain, rotation.from_quaternion(self.system.object_pose[k, :4])
         found = np.full((len(chain.arms), 6), np.nan)
         for name, data in zip(self.welded, weld_data, strict=True):
             world = R @ chain.grasps[name].frame.R
@@ -281,7 +281,3 @@ def add_arm(model: Any, arm: Arm, name: str, parent: int = 0) -> int:
         inertia = pin.Inertia(link.mass, np.array(link.com), np.array(link.inertia))
         model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
     return parent
-
-
-def _rotation(system: System, k: int) -> Array:
-    return rotation.from_quaternion(system.object_pose[k, :4])

@@ -64,9 +64,10 @@ class System:
         return self.q, self.qd, self.tau, self.object_pose, self.object_twist
 
     @property
-    def base_arrays(self) -> tuple[Array, ...]:
-        """Pose and twist of a floating base, whose first axis is the state; empty without one."""
-        return tuple(x for x in (self.base_pose, self.base_twist) if x is not None)
+    def base_arrays(self) -> dict[str, Array]:
+        """Pose and twist of a floating base by the names of the arguments, as `arrays`; empty without one."""
+        given = {"floating_pose": self.base_pose, "floating_twist": self.base_twist}
+        return {name: x for name, x in given.items() if x is not None}
 
     @property
     def states(self) -> int:
@@ -75,8 +76,8 @@ class System:
 
     def repeated(self, count: int) -> System:
         """Return the system with its states repeated in turn until there are `count`."""
-        q, qd, tau, pose, twist = (np.resize(array, (count, array.shape[1])) for array in self.arrays)
-        return replace(self, q=q, qd=qd, tau=tau, object_pose=pose, object_twist=twist)
+        given = {name: x for name, x in vars(self).items() if isinstance(x, np.ndarray)}
+        return replace(self, **{name: np.resize(x, (count, x.shape[1])) for name, x in given.items()})
 
 
 def make_system(arm_count: int, joint_count: int, states: int | None = None, seed: int = 0) -> System:

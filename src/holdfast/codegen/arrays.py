@@ -97,10 +97,10 @@ _MEANINGS = {
 }
 
 
-def fields_of(externals: Iterable[str], forbidden: Iterable[str] = ()) -> dict[str, str]:
+def fields_of(externals: Iterable[str]) -> dict[str, str]:
     """Return the C names of arrays, without prefix where possible."""
     found: dict[str, str] = {}
-    taken = {"workspace", *_KEYWORDS, *forbidden}
+    taken = {"workspace", *_KEYWORDS}
     for name in externals:
         field = name.removeprefix(LAST).removeprefix(CONTROL).replace(".", "_")
         while field in taken:

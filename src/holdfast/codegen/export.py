@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -262,9 +261,5 @@ def _source(name: str, found: Sequence[ExportedFunction], target: ObjectTarget) 
 
 
 def _filled(template: str, values: Mapping[str, str]) -> bytes:
-    return _template(template).substitute(values).encode()
-
-
-@functools.cache
-def _template(name: str) -> Template:
-    return Template((Path(__file__).parent / "templates" / f"{name}.in").read_text())
+    text = (Path(__file__).parent / "templates" / f"{template}.in").read_text()
+    return Template(text).substitute(values).encode()

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, get_args
 
 import numpy as np
 
 from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.compiled_derivatives import options_of
-from holdfast.compiled.derivative_schedule import UNITS
+from holdfast.compiled.derivative_schedule import UNITS, Kind
+from holdfast.compiled.externals import state_fields
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED
@@ -22,6 +23,7 @@ from holdfast.control.controller import ControlLaw, Controller, held_torques
 from holdfast.dynamics.rank import closed_near, constraint_rank, generic_rank_near
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.rollout import Rollout
@@ -32,8 +34,7 @@ from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-Kind = Literal["vjp", "jvp", "jacobian"]
-DERIVATIVES: dict[str, Kind] = {f"forward_dynamics_{kind}": kind for kind in ("vjp", "jvp", "jacobian")}
+DERIVATIVES: dict[str, Kind] = {f"forward_dynamics_{kind}": kind for kind in get_args(Kind)}
 STEP = "step"
 EXPORTED = ("forward_dynamics", *COMPUTATIONS, *DERIVATIVES, STEP)
 
@@ -123,7 +124,7 @@ def exported_function(
     if name == STEP:
         return _step(compiled, state, scheme, base_motion or {})
     chain, rank = compiled.chain, generic_rank_of(compiled, state)
-    own = parameters_of(chain, rank) | {"object_pose": np.eye(7)[0]} | ({} if state is None else _arrays(state))
+    own = parameters_of(chain, rank) | {"object_pose": np.eye(7)[0]} | _arrays(chain, state)
     if name == "forward_dynamics":
         structure = Structure(chain, compiled.options)
         return _function(name, forward_externals(structure), lambda: forward_schedule(structure), own, _ANSWERS)
@@ -173,11 +174,10 @@ def _function(
     return ExportedFunction(name, summary or _SUMMARIES[name], externals, schedule, own, statuses or {})
 
 
-def _arrays(state: State) -> dict[str, Array]:
-    """Return a state as arrays with the names of the machine code."""
-    of_base = {} if state.base_pose is None else {"floating_pose": state.base_pose, "floating_twist": state.base_twist}
-    own = {"q": state.q, "qd": state.qd, "object_pose": state.object_pose, "object_twist": state.object_twist}
-    return {name: np.asarray(x) for name, x in (own | of_base).items()}
+def _arrays(chain: ClosedChain, state: State | None) -> dict[str, Array]:
+    """Return a state as arrays with the names of the machine code; none without a state."""
+    given = {name: getattr(state, field, None) for name, field in state_fields(chain).items()}
+    return {name: np.asarray(x) for name, x in given.items() if x is not None}
 
 
 def _step(
@@ -197,11 +197,8 @@ def _step(
         raise ModelError(f"export: scheme: expected 'rk4', 'midpoint' or '{IMEX.name}', got '{scheme}'")
     law, motions = held_torques(chain.joint_count), Environment(chain, base_motion).base_motion
     rollout = Rollout(chain, law, "rk4", generic_rank_of(compiled, state), motions, options)
-    names = {"q": "q", "qd": "qd", "object_pose": "object_pose", "object_twist": "object_twist"}
-    given = {name: getattr(state, field) for name, field in names.items()}
-    if chain.floats:
-        given |= {"floating_pose": state.base_pose, "floating_twist": state.base_twist}
-    systems: Any = rollout.start(**given, tau=np.zeros(chain.joint_count))
+    given: dict[str, Any] = {**_arrays(chain, state), "tau": np.zeros(chain.joint_count)}
+    systems: Any = rollout.start(**given)
     if not systems.running.all():
         raise StateError(f"export: state: expected one from which steps can begin; it {systems.status[0].value}")
     kernel = StepKernel(chain, law, tableau, rollout.generic_rank or 0, motions=motions, options=options)

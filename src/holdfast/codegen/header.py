@@ -135,7 +135,8 @@ class CFunction:
         """Return the function that starts a run at another state."""
         field = {name.removeprefix(LAST): self.fields[name] for name in self.of.externals if name.startswith(LAST)}
         sizes = {self.fields[name]: e.size for name, e in self.of.externals.items()}
-        zero = [field[name] for name in ("work", "count", "code")]
+        begin = {"work": "0.0", "count": "0.0", "worst_margin": "INFINITY"}
+        fresh = [(field[name], value) for name, value in begin.items() if name in field]
         return [
             "",
             "/* Begin at the state that memory holds, which must nearly close the grasps: it is moved onto them. */",
@@ -146,12 +147,7 @@ class CFunction:
             f"    memory->{self.fields['step']}[0] = 0.0;",
             f"    const int64_t status = {self.name}(arrays);",
             f"    memory->{self.fields['step']}[0] = step;",
-            *[f"    for (int k = 0; k < {sizes[x]}; k++) memory->{x}[k] = 0.0;" for x in zero[:2]],
-            *[
-                f"    for (int k = 0; k < {sizes[x]}; k++) memory->{x}[k] = INFINITY;"
-                for x in (field.get("worst_margin"),)
-                if x
-            ],
+            *[f"    for (int k = 0; k < {sizes[x]}; k++) memory->{x}[k] = {value};" for x, value in fresh],
             "    return status;",
             "}",
         ]

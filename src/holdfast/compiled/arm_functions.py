@@ -185,20 +185,8 @@ def _by_arm(f: Callable[[Arm, Array], Array], chain: ClosedChain, x: Given, arms
     return concatenate(each(f, arms, [x["q"][part] for part in chain.arm_joints]))
 
 
-def _kinetic_energy(chain: ClosedChain, x: Given) -> Found:
-    return {"energy": total_kinetic_energy(chain, traced_state(chain, x), traced_inputs(chain, x))}
-
-
-def _potential_energy(chain: ClosedChain, x: Given) -> Found:
-    return {"energy": total_potential_energy(chain, traced_state(chain, x))}
-
-
 def _momentum(chain: ClosedChain, x: Given) -> Found:
     return {"momentum": total_momentum(chain, traced_state(chain, x), traced_inputs(chain, x), x["about"])}
-
-
-def _centre_of_mass(chain: ClosedChain, x: Given) -> Found:
-    return {"centre_of_mass": centre_of_mass(chain, traced_state(chain, x))}
 
 
 def _accounts(chain: ClosedChain, x: Given) -> Found:
@@ -210,10 +198,6 @@ def _accounts(chain: ClosedChain, x: Given) -> Found:
         "mass_moment": total_mass_moment(chain, state),
         "tip_R": _by_arm(lambda arm, q: forward_kinematics(arm, q).tip.R.ravel(), chain, x),
     }
-
-
-def _object_mobility(chain: ClosedChain, x: Given) -> Found:
-    return {"object_mobility": object_mobility(chain, traced_state(chain, x))}
 
 
 def _tip_poses(chain: ClosedChain, x: Given) -> Found:
@@ -282,13 +266,13 @@ COMPUTATIONS: dict[str, Computation] = {
     "kinetic_energy": Computation(
         STATE,
         (*_OBJECT, "base_R", "base_twist"),
-        _kinetic_energy,
+        lambda chain, x: {"energy": total_kinetic_energy(chain, traced_state(chain, x), traced_inputs(chain, x))},
         whole={"energy": ()},
     ),
     "potential_energy": Computation(
         ("q", "object_pose"),
         ("gravity", *_OBJECT, "base_R", "base_p"),
-        _potential_energy,
+        lambda chain, x: {"energy": total_potential_energy(chain, traced_state(chain, x))},
         whole={"energy": ()},
         elastic=True,
     ),
@@ -301,13 +285,13 @@ COMPUTATIONS: dict[str, Computation] = {
     "centre_of_mass": Computation(
         ("q", "object_pose"),
         (*_OBJECT, "base_R", "base_p"),
-        _centre_of_mass,
+        lambda chain, x: {"centre_of_mass": centre_of_mass(chain, traced_state(chain, x))},
         whole={"centre_of_mass": (3,)},
     ),
     "object_mobility": Computation(
         ("q", "object_pose"),
         (*_OBJECT, "base_R", "base_p", "grasp_R", "grasp_p"),
-        _object_mobility,
+        lambda chain, x: {"object_mobility": object_mobility(chain, traced_state(chain, x))},
         whole={"object_mobility": (6, 6)},
         by_grasp=True,
     ),

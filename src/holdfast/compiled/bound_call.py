@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.compiled import statuses
 from holdfast.compiled.calls import Calls
-from holdfast.compiled.parameters import parse_parameters
+from holdfast.compiled.parameters import parse_parameters, rank_number
 from holdfast.compiled.result import UNDECIDED, CompiledResult
 from holdfast.dynamics.result import Status
 from holdfast.errors import StateError
@@ -42,8 +42,7 @@ class BoundCall:
             return Status.OK
         if code == UNDECIDED:
             statuses.resolve_undecided(self._compiled, self._bound.arrays, self._written)
-            self._bound.arrays["generic_rank"][...] = float(self._compiled.generic_rank or 0)
-            self._bound.prepare()
+            self._bound.set({"generic_rank": rank_number(self._compiled.generic_rank or 0)})
             self.run()
         return self._written.status
 
@@ -57,6 +56,4 @@ class BoundCall:
         for name, x in found.items():
             if x.ndim > len(self._externals[name].shape):
                 raise StateError(f"set: {name}: expected numbers of one system, got a batch of {len(x)}")
-        for name, x in found.items():
-            self._bound.arrays[name][...] = x
-        self._bound.prepare()
+        self._bound.set(found)

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from holdfast.compiled.arrays import Addresses
+from holdfast.compiled.parameters import rank_number
 from holdfast.compiled.result import CompiledResult, ResultLayout
 from holdfast.compiler.kernel import Bound, Kernel
 from holdfast.spatial.scalar import Array
@@ -21,7 +22,7 @@ class Calls:
 
     Attributes:
         kernel: the machine code.
-        own: the chain's own values for arrays that a call does not give, by name. Call `prepare` after changing one.
+        own: the chain's own values for arrays that a call does not give, by name.
         layout: the layout of the results.
     """
 
@@ -29,9 +30,7 @@ class Calls:
         """Store the kernel and those of the chain's own values that the kernel reads."""
         self.kernel, self._bound, self._lock = kernel, kernel.bind(), threading.Lock()
         self.own = {name: x for name, x in self._bound.arrays.items() if name in own}
-        for name, x in self.own.items():
-            x[...] = own[name]
-        self.prepare()
+        self._bound.set({name: own[name] for name in self.own})
         self.layout = ResultLayout(kernel.externals)
         self._addresses = Addresses(kernel.externals, self.own)
         self._parameters = frozenset(name for name, e in kernel.externals.items() if e.role == "parameter")
@@ -65,15 +64,14 @@ class Calls:
         """Return a table with the chain's own values for all arrays."""
         return np.array(self._bound.table)
 
-    def prepare(self) -> None:
-        """Recompute what depends only on the chain's own parameters."""
-        self._bound.prepare()
+    def set_rank(self, generic_rank: int | None) -> None:
+        """Let statuses be decided by the chain's generic rank, if it is known."""
+        self._bound.set({"generic_rank": rank_number(generic_rank)})
 
     def bind(self) -> Bound:
         """Return the kernel bound to new arrays, which hold the chain's own values."""
         bound = self.kernel.bind()
-        for name, x in self.own.items():
-            bound.arrays[name][...] = x
+        bound.set(self.own)
         return bound
 
     def _apart(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
@@ -83,9 +81,7 @@ class Calls:
             spare.use({name: result.array(name) for name in self.layout.shapes})
             before = {name: own[name] for name in (*self._changed, "generic_rank")}
             self._changed = [name for name in found if name in own]
-            for name, x in (before | dict(found)).items():
-                spare.arrays[name][...] = x
-            spare.prepare()
+            spare.set(before | dict(found))
             return spare.run() == 0
 
     @cached_property

@@ -25,7 +25,6 @@ from holdfast.compiled.parameters import parameters_of, parse_parameters, requir
 from holdfast.compiled.result import CompiledResult
 from holdfast.compiled.structure import Options, Structure, optional_parameters, require_rank
 from holdfast.compiler.kernel import Bound
-from holdfast.compiler.schedule import External
 from holdfast.compiler.targets import Builtin
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.methods import method_named
@@ -100,6 +99,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
         chain: the chain.
         options: the options with which it was compiled.
         generic_rank: the rank of the grasp constraint away from singular configurations, or None while unknown.
+        externals: the arrays that forward dynamics reads and writes, by name.
         calls: the calls of the machine code of forward dynamics.
         progress: whether to show that machine code is made.
     """
@@ -107,24 +107,24 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
     def __init__(self, chain: ClosedChain, options: Options, generic_rank: int | None, progress: bool = False) -> None:
         self.chain, self.options, self.generic_rank, self.progress = chain, options, generic_rank, progress
         structure = Structure(chain, options)
-        self._externals = forward_externals(structure)
-        code = kernel("forward", structure, self._externals, lambda: forward_schedule(structure))
+        self.externals = forward_externals(structure)
+        code = kernel("forward", structure, self.externals, lambda: forward_schedule(structure))
         self.calls = Calls(code, parameters_of(chain, generic_rank))
         by_name = FLOATING if chain.floats else ()
         inputs = *_INPUTS, *by_name  # these come first among the external arrays
-        self._shapes = [(name, self._externals[name].shape) for name in inputs]
+        self._shapes = [(name, self.externals[name].shape) for name in inputs]
         self._builtin = Builtin(
             code.single_address,
             self.calls.own_table(),
             [shape for _, shape in self._shapes],
-            self._forward,
+            self.forward_dynamics,
             "forward_dynamics",
             "(q, qd, tau, object_pose, object_twist, *, out=None, threads=1, **parameters)",
             _DOC,
             inputs,
             len(by_name),
         )
-        # The builtin runs calls that repeat `out` in machine code and passes all others to `_forward`.
+        # The builtin runs calls that repeat `out` in machine code and passes all others to the method.
         self.forward_dynamics = self._builtin.function  # type: ignore[method-assign]
 
     def forward_dynamics(
@@ -167,7 +167,35 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
             StateError: A shape is wrong; for a single system, also if a number is not finite.
             SingularChainError: The configuration of a single system is singular.
         """
-        return self._forward(q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters)
+        if not self.options.base_motion and any(name in parameters for name in MOVING):
+            result = self.moving.forward_dynamics(
+                q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters
+            )
+            if self.generic_rank is None and self.moving.generic_rank is not None:
+                self.set_generic_rank(self.moving.generic_rank)
+            return result
+        given = [q, qd, tau, object_pose, object_twist]
+        if self.chain.floats:
+            require_inputs(FLOATING, parameters)
+            given += [parameters.pop(name) for name in FLOATING]
+        found = {name: arrays.floats(name, x, shape) for (name, shape), x in zip(self._shapes, given, strict=True)}
+        if parameters:
+            found |= parse_parameters(parameters, self.externals, self.chain)
+        batch = arrays.batch_of(found, self.externals)
+        arrays.require_threads(threads)
+        result = CompiledResult(self.chain, self.calls.layout, batch) if out is None else out
+        if out is not None:
+            arrays.require_fit(out, self.chain, batch)
+            if batch is None and len(found) == len(self._shapes):
+                self._builtin.expect(out, out.memory, self.calls.row(found, result)[len(found) :])
+        if batch is not None:
+            compile_batch(self.calls.kernel, self.chain, "the dynamics", self.progress)
+        if not self.calls(found, result, threads):
+            found = self.calls.own | found | _origins(parameters)
+            statuses.resolve_undecided(self, found, result)
+            if batch is None:
+                statuses.require_answer(self, found, result)
+        return result
 
     def bind(self, **arrays_or_parameters: Any) -> BoundDynamics:
         """Return forward dynamics bound to fixed arrays: a call without arguments, for control loops.
@@ -214,52 +242,6 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
         """Return how to unpickle the object: its machine code is loaded from the cache or compiled again."""
         return CompiledChain, (self.chain, self.options, self.generic_rank, self.progress)
 
-    def _forward(
-        self,
-        q: Any,
-        qd: Any,
-        tau: Any,
-        object_pose: Any,
-        object_twist: Any,
-        *,
-        out: CompiledResult | None = None,
-        threads: int = 1,
-        **parameters: Any,
-    ) -> CompiledResult:
-        """Run the calls that the builtin does not handle; see `forward_dynamics`."""
-        if not self.options.base_motion and any(name in parameters for name in MOVING):
-            result = self.moving._forward(q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters)
-            if self.generic_rank is None and self.moving.generic_rank is not None:
-                self.set_generic_rank(self.moving.generic_rank)
-            return result
-        given = [q, qd, tau, object_pose, object_twist]
-        if self.chain.floats:
-            require_inputs(FLOATING, parameters)
-            given += [parameters.pop(name) for name in FLOATING]
-        found = {name: arrays.floats(name, x, shape) for (name, shape), x in zip(self._shapes, given, strict=True)}
-        if parameters:
-            found |= parse_parameters(parameters, self._externals, self.chain)
-        batch = arrays.batch_of(found, self._externals)
-        arrays.require_threads(threads)
-        result = CompiledResult(self.chain, self.calls.layout, batch) if out is None else out
-        if out is not None:
-            arrays.require_fit(out, self.chain, batch)
-            if batch is None and len(found) == len(self._shapes):
-                self._builtin.expect(out, out.memory, self.calls.row(found, result)[len(found) :])
-        if batch is not None:
-            compile_batch(self.calls.kernel, self.chain, "the dynamics", self.progress)
-        if not self.calls(found, result, threads):
-            found = self.calls.own | found | _origins(parameters)
-            statuses.resolve_undecided(self, found, result)
-            if batch is None:
-                statuses.require_answer(self, found, result)
-        return result
-
-    @property
-    def externals(self) -> dict[str, External]:
-        """The arrays that forward dynamics reads and writes, by name."""
-        return self._externals
-
     def bound(self) -> Bound:
         """Return the kernel bound to new arrays, with the chain's own parameters."""
         return self.calls.bind()
@@ -267,8 +249,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
     def set_generic_rank(self, generic_rank: int) -> None:
         """Store the generic rank, so that later calls can decide every status by themselves."""
         self.generic_rank = generic_rank
-        self.calls.own["generic_rank"][...] = float(generic_rank)
-        self.calls.prepare()
+        self.calls.set_rank(generic_rank)
 
 
 def _origins(parameters: Mapping[str, Any]) -> dict[str, Array]:

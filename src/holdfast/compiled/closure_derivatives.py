@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 from holdfast.compiled.text_derivatives import TextDerivatives
-from holdfast.dynamics.closure_derivatives import MOTION, RESIDUALS, by_grasps
+from holdfast.dynamics.closure_derivatives import MOTION, RESIDUALS
 from holdfast.dynamics.derivatives import Derivatives
-from holdfast.errors import StateError
-from holdfast.model import checks
 
 
 class ClosureDerivatives(TextDerivatives):
@@ -52,9 +49,8 @@ class ClosureDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        given = {name: x for name, x in zip(RESIDUALS, (position, velocity), strict=True) if x is not None}
-        inputs, collected = (q, qd, object_pose, object_twist), partial(by_grasps, self.chain)
-        return self._derived("closure", "vjp", inputs, tuple(given), by, given, parameters, threads, collected)
+        cotangents = {"position": position, "velocity": velocity}
+        return self._vjp("closure", (q, qd, object_pose, object_twist), cotangents, by, parameters, threads)
 
     def closure_jvp(
         self,
@@ -86,9 +82,7 @@ class ClosureDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        checks.instance(along, Mapping, "closure_jvp: along", StateError)
-        inputs, collected = (q, qd, object_pose, object_twist), partial(by_grasps, self.chain)
-        return self._derived("closure", "jvp", inputs, RESIDUALS, along, along, parameters, threads, collected)
+        return self._jvp("closure", (q, qd, object_pose, object_twist), along, parameters, threads)
 
     def closure_jacobian(
         self,
@@ -120,5 +114,4 @@ class ClosureDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        inputs, collected = (q, qd, object_pose, object_twist), partial(by_grasps, self.chain)
-        return self._derived("closure", "jacobian", inputs, of, by, {}, parameters, threads, collected)
+        return self._derived("closure", "jacobian", (q, qd, object_pose, object_twist), of, by, {}, parameters, threads)

@@ -123,7 +123,7 @@ class CompiledDerivatives:
             of_state = len(STATE_AND_TORQUES)
             given = *given[:of_state], *(parameters.pop(name) for name in FLOATING), *given[of_state:]
         if self._rank != self._compiled.generic_rank:
-            self._set_rank(self._compiled.generic_rank)
+            self._set_rank()
         if parameters or threads > 1:
             return self._checked(*given, out=out, threads=threads, parameters=parameters)
         return self._builtin.function(*given, out=out)
@@ -154,14 +154,13 @@ class CompiledDerivatives:
         if not self.calls(found, out.result, threads):
             self._resolve_undecided(found, out.result)
             if self._rank != compiled.generic_rank:
-                self._set_rank(compiled.generic_rank)
+                self._set_rank()
         return out
 
-    def _set_rank(self, generic_rank: int | None) -> None:
+    def _set_rank(self) -> None:
         """Let the status be decided by the generic rank that the chain has been found to have."""
-        self._rank = generic_rank
-        self.calls.own["generic_rank"][...] = -1.0 if generic_rank is None else float(generic_rank)
-        self.calls.prepare()
+        self._rank = self._compiled.generic_rank
+        self.calls.set_rank(self._rank)
 
     def _resolve_undecided(self, found: Mapping[str, Array], result: CompiledResult) -> None:
         """Resolve undecided statuses, and reject derivatives of forces that are not unique.

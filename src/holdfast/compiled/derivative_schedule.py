@@ -25,6 +25,7 @@ from holdfast.dynamics.spring_rates import pushed, spring_rates, with_pulled
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.model.closed_chain import ClosedChain
 
+Kind = Literal["vjp", "jvp", "jacobian"]
 WITH = "with."  # the prefix of the names of cotangents of results and tangents of arguments
 FOUND = "found."  # the prefix of the names of derivatives
 UNITS = "units"  # the identity, whose rows are the directions of a Jacobian's columns
@@ -40,7 +41,7 @@ class Request(NamedTuple):
         arguments: the arguments by which they are differentiated.
     """
 
-    kind: Literal["vjp", "jvp", "jacobian"]
+    kind: Kind
     results: tuple[str, ...]
     arguments: tuple[str, ...]
 

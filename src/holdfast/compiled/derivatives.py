@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, get_args
 
 from holdfast.compiled.bound_derivatives import BoundDerivatives
 from holdfast.compiled.compiled_derivatives import CompiledDerivatives, Derivatives
-from holdfast.compiled.derivative_schedule import Request
+from holdfast.compiled.derivative_schedule import Kind, Request
 from holdfast.compiled.externals import MOVING
-from holdfast.compiled.kernels import compiling
-from holdfast.compiled.structure import Options
+from holdfast.compiled.methods import ChainMethods
 from holdfast.dynamics.closed.forward_derivatives import arguments_of, results_of
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
 
 
-class ChainDerivatives:
+class ChainDerivatives(ChainMethods):
     """The methods of a `CompiledChain` that compute derivatives; their machine code is made when first needed.
 
     They are the partial derivatives of the map (q, qd, tau, object_pose, object_twist, ...) -> results, in which each
@@ -28,16 +26,7 @@ class ChainDerivatives:
     (.., 6) [rotation vector; shift]: R -> exp(rotation vector) R about the pose's own origin, along world axes for
     the object and the bases and along the object's axes for grasps. Inertias vary as symmetric matrices. Every method
     also returns forward dynamics, as `result`.
-
-    Attributes:
-        chain: the chain.
-        options: the options with which it was compiled.
-        progress: whether to show that machine code is made.
     """
-
-    chain: ClosedChain
-    options: Options
-    progress: bool = False
 
     def forward_dynamics_vjp(
         self,
@@ -168,7 +157,7 @@ class ChainDerivatives:
 
     def bind_derivatives(
         self,
-        kind: Literal["vjp", "jvp", "jacobian"],
+        kind: Kind,
         *,
         of: Sequence[str] = ("qdd", "grasp_wrench"),
         by: Sequence[str] = STATE_AND_TORQUES,
@@ -185,14 +174,12 @@ class ChainDerivatives:
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        if kind not in ("vjp", "jvp", "jacobian"):
+        if kind not in get_args(Kind):
             raise StateError(f"bind_derivatives: expected vjp, jvp or jacobian, got {checks.short(kind)}")
         code = self._derivatives(kind, of, by, arrays_or_parameters)
         return BoundDerivatives(self, code, arrays_or_parameters)  # type: ignore[arg-type]
 
-    def derivative_request(
-        self, kind: Literal["vjp", "jvp", "jacobian"], of: Sequence[str], by: Sequence[str]
-    ) -> Request:
+    def derivative_request(self, kind: Kind, of: Sequence[str], by: Sequence[str]) -> Request:
         """Return the request for some derivatives, after checking the names.
 
         Raises:
@@ -210,28 +197,26 @@ class ChainDerivatives:
         return Request(kind, tuple(n for n in results if n in of), tuple(n for n in arguments if n in by))
 
     def _derivatives(
-        self,
-        kind: Literal["vjp", "jvp", "jacobian"],
-        of: Sequence[str],
-        by: Sequence[str],
-        parameters: Mapping[str, Any],
+        self, kind: Kind, of: Sequence[str], by: Sequence[str], parameters: Mapping[str, Any]
     ) -> CompiledDerivatives:
         """Return the compiled derivatives; they are compiled when first requested."""
         moving = not parameters.keys().isdisjoint(MOVING)
-        known: dict[Any, CompiledDerivatives] = self._derivatives_made
+        known: dict[Any, CompiledDerivatives] = self._asked
         try:
             asked = kind, type(of), tuple(of), type(by), tuple(by), moving  # types, because a text is no list of names
             return known[asked]
         except (KeyError, TypeError):  # asked for the first time, or no names
             request = self.derivative_request(kind, of, by)
-        if (request, moving) not in known:
-            with compiling(self.chain, f"forward_dynamics_{kind}", self.progress):
-                known[request, moving] = CompiledDerivatives(self, request, moving)  # type: ignore[arg-type]
-        known[kind, type(of), tuple(of), type(by), tuple(by), moving] = known[request, moving]
-        return known[request, moving]
+            asked = kind, type(of), tuple(of), type(by), tuple(by), moving
+
+        def make() -> CompiledDerivatives:
+            return CompiledDerivatives(self, request, moving)  # type: ignore[arg-type]
+
+        found = known[asked] = self._code((request, moving), f"forward_dynamics_{kind}", make)
+        return found
 
     @cached_property
-    def _derivatives_made(self) -> dict[Any, CompiledDerivatives]:
+    def _asked(self) -> dict[Any, CompiledDerivatives]:
         return {}
 
     @cached_property

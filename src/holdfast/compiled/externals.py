@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from itertools import accumulate
 
 from holdfast.compiler.program import Shape
-from holdfast.compiler.schedule import External
+from holdfast.compiler.schedule import External, Role
 from holdfast.model.closed_chain import ClosedChain
 
 # The fields of a state by the names of its arrays. The array names of a trunk's floating base begin with "floating",
@@ -37,46 +37,27 @@ def shapes(chain: ClosedChain) -> dict[str, Shape]:
     n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
     of_arms = sum(arm.joint_count for arm in chain.arms.values())
     bodies = 0 if chain.trunk is None else len(chain.trunk.bodies)
-    return {
-        "q": (n,),
-        "qd": (n,),
-        "qdd": (n,),
-        "tau": (n,),
-        "object_pose": (7,),
-        "object_twist": (6,),
-        "object_acceleration": (6,),
-        "object_wrench": (6,),
-        "link_wrench": (of_arms, 6),
-        "grasp_wrench": (l, 6),
-        "base_wrench": (l, 6),
-        "contact_acceleration": (chain.contact_freedom_count,),
-        "gravity": (3,),
-        "about": (3,),
-        "joint_limits": (4, n),
-        "contact": (g, 6),
-        "object_mass": (),
-        "object_com": (3,),
-        "object_inertia": (3, 3),
-        "link_mass": (of_arms,),
-        "link_com": (of_arms, 3),
-        "link_inertia": (of_arms, 3, 3),
-        "base_R": (l, 3, 3),
-        "base_p": (l, 3),
-        "base_twist": (l, 6),
-        "base_acceleration": (l, 6),
-        "grasp_R": (g, 3, 3),
-        "grasp_p": (g, 3),
-        "floating_pose": (7,),
-        "floating_twist": (6,),
-        "trunk_base_twist": (6,),
-        "trunk_base_acceleration": (6,),
-        "trunk_link_wrench": (bodies, 6),
-        "trunk_link_mass": (bodies,),
-        "trunk_link_com": (bodies, 3),
-        "trunk_link_inertia": (bodies, 3, 3),
-        "trunk_base_wrench": (6,),
-        "floating_acceleration": (6,),
-    }
+    by_shape: list[tuple[Shape, tuple[str, ...]]] = [
+        ((), ("object_mass",)),
+        ((3,), ("gravity", "about", "object_com")),
+        ((3, 3), ("object_inertia",)),
+        ((6,), ("object_twist", "object_acceleration", "object_wrench")),
+        ((6,), ("floating_twist", "floating_acceleration", *TRUNK_BASE_MOTION, "trunk_base_wrench")),
+        ((7,), ("object_pose", "floating_pose")),
+        ((n,), ("q", "qd", "qdd", "tau")),
+        ((4, n), ("joint_limits",)),
+        ((chain.contact_freedom_count,), ("contact_acceleration",)),
+        ((l, 6), ("grasp_wrench", "base_wrench", *BASE_MOTION)),
+        ((g, 6), ("contact",)),
+        ((of_arms, 6), ("link_wrench",)),
+        ((bodies, 6), ("trunk_link_wrench",)),
+    ]
+    found = {name: shape for shape, names in by_shape for name in names}
+    for prefix, count in (("base", l), ("grasp", g)):
+        found |= {f"{prefix}_R": (count, 3, 3), f"{prefix}_p": (count, 3)}
+    for names, count in ((LINKS, of_arms), (TRUNK_LINKS, bodies)):
+        found |= zip(names, ((count,), (count, 3), (count, 3, 3)), strict=True)
+    return found
 
 
 def link_rows(chain: ClosedChain) -> dict[str, slice]:
@@ -89,11 +70,8 @@ def externals(
     inputs: Iterable[str], parameters: Iterable[str], outputs: Iterable[str], shape: Mapping[str, Shape]
 ) -> dict[str, External]:
     """Return a computation's arrays: inputs, then parameters, then outputs."""
-    return (
-        {name: External(shape[name], "input") for name in inputs}
-        | {name: External(shape[name], "parameter") for name in parameters}
-        | {name: External(shape[name], "output") for name in outputs}
-    )
+    roles: tuple[tuple[Role, Iterable[str]], ...] = (("input", inputs), ("parameter", parameters), ("output", outputs))
+    return {name: External(shape[name], role) for role, names in roles for name in names}
 
 
 def starts(sizes: Iterable[int]) -> list[int]:

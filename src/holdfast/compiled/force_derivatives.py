@@ -7,10 +7,8 @@ from typing import Any
 
 from holdfast.compiled.text_derivatives import TextDerivatives
 from holdfast.dynamics.derivatives import Derivatives
-from holdfast.errors import StateError
 from holdfast.forces.force_derivatives import OF_JOINTS, OF_MARGINS, OF_WRISTS
 from holdfast.forces.margins import JointMargins
-from holdfast.model import checks
 
 
 class ForceDerivatives(TextDerivatives):
@@ -46,8 +44,8 @@ class ForceDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        given, inputs = {"grasp_margins": grasp_margins}, (object_pose, grasp_wrench)
-        return self._derived("grasp_margins", "vjp", inputs, tuple(given), by, given, parameters, threads)
+        cotangents = {"grasp_margins": grasp_margins}
+        return self._vjp("grasp_margins", (object_pose, grasp_wrench), cotangents, by, parameters, threads)
 
     def grasp_margins_jvp(
         self, object_pose: Any, grasp_wrench: Any, *, along: Mapping[str, Any], threads: int = 1, **parameters: Any
@@ -68,9 +66,7 @@ class ForceDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        checks.instance(along, Mapping, "grasp_margins_jvp: along", StateError)
-        results, inputs = ("grasp_margins",), (object_pose, grasp_wrench)
-        return self._derived("grasp_margins", "jvp", inputs, results, along, along, parameters, threads)
+        return self._jvp("grasp_margins", (object_pose, grasp_wrench), along, parameters, threads)
 
     def grasp_margins_jacobian(
         self,
@@ -98,8 +94,7 @@ class ForceDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        inputs = object_pose, grasp_wrench
-        return self._derived("grasp_margins", "jacobian", inputs, of, by, {}, parameters, threads)
+        return self._derived("grasp_margins", "jacobian", (object_pose, grasp_wrench), of, by, {}, parameters, threads)
 
     def joint_margins_vjp(
         self,
@@ -133,11 +128,8 @@ class ForceDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        margins = zip(JointMargins._fields, (position, rate, effort), strict=True)
-        given = {name: x for name, x in margins if x is not None}
-        return self._derived(
-            "joint_margins", "vjp", (q, qd, tau), tuple(given), by, given, parameters, threads, JointMargins
-        )
+        cotangents = {"position": position, "rate": rate, "effort": effort}
+        return self._vjp("joint_margins", (q, qd, tau), cotangents, by, parameters, threads)
 
     def joint_margins_jvp(
         self, q: Any, qd: Any, tau: Any, *, along: Mapping[str, Any], threads: int = 1, **parameters: Any
@@ -160,10 +152,7 @@ class ForceDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        checks.instance(along, Mapping, "joint_margins_jvp: along", StateError)
-        return self._derived(
-            "joint_margins", "jvp", (q, qd, tau), JointMargins._fields, along, along, parameters, threads, JointMargins
-        )
+        return self._jvp("joint_margins", (q, qd, tau), along, parameters, threads)
 
     def joint_margins_jacobian(
         self,
@@ -193,7 +182,7 @@ class ForceDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        return self._derived("joint_margins", "jacobian", (q, qd, tau), of, by, {}, parameters, threads, JointMargins)
+        return self._derived("joint_margins", "jacobian", (q, qd, tau), of, by, {}, parameters, threads)
 
     def wrist_wrenches_vjp(
         self,
@@ -221,8 +210,8 @@ class ForceDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong, or an arm that holds nothing has a wrench.
         """
-        given = {"wrist_wrenches": wrist_wrenches}
-        return self._derived("wrist_wrenches", "vjp", (q, grasp_wrench), tuple(given), by, given, parameters, threads)
+        cotangents = {"wrist_wrenches": wrist_wrenches}
+        return self._vjp("wrist_wrenches", (q, grasp_wrench), cotangents, by, parameters, threads)
 
     def wrist_wrenches_jvp(
         self, q: Any, grasp_wrench: Any, *, along: Mapping[str, Any], threads: int = 1, **parameters: Any
@@ -243,9 +232,7 @@ class ForceDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong, or an arm that holds nothing has a wrench.
         """
-        checks.instance(along, Mapping, "wrist_wrenches_jvp: along", StateError)
-        results = ("wrist_wrenches",)
-        return self._derived("wrist_wrenches", "jvp", (q, grasp_wrench), results, along, along, parameters, threads)
+        return self._jvp("wrist_wrenches", (q, grasp_wrench), along, parameters, threads)
 
     def wrist_wrenches_jacobian(
         self,

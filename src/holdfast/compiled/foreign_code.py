@@ -10,6 +10,7 @@ import numpy as np
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.derivative_schedule import FOUND
 from holdfast.compiled.externals import MOVING
+from holdfast.compiled.parameters import rank_number
 from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
 from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External
@@ -105,5 +106,4 @@ def handler() -> Any:
 
 def _judged(own: Mapping[str, Array], compiled: CompiledChain) -> dict[str, Array]:
     """Return a copy of the chain's own values, including the generic rank by which the status is decided."""
-    rank = -1.0 if compiled.generic_rank is None else float(compiled.generic_rank)
-    return {name: np.array(x) for name, x in own.items()} | {"generic_rank": np.array(rank)}
+    return {name: np.array(x) for name, x in own.items()} | {"generic_rank": rank_number(compiled.generic_rank)}

@@ -67,11 +67,8 @@ def forward(structure: Structure, given: Given) -> dict[str, Any]:
 
 def outputs_of(chain: ClosedChain, found: SolutionWithStatus) -> dict[str, Any]:
     """Return the outputs of forward dynamics by their names."""
-    outputs = {name: getattr(found.whole, name) for name in GUARDED}
-    if chain.trunk is not None:
-        outputs["trunk_base_wrench"] = found.whole.trunk_base_wrench
-    if chain.floats:
-        outputs["floating_acceleration"] = found.whole.base_acceleration
+    fields = {"floating_acceleration": "base_acceleration"}
+    outputs = {name: getattr(found.whole, fields.get(name, name)) for name in guarded_outputs(chain)}
     return outputs | {name: getattr(found, name) for name in ("rank", "status", "condition")}
 
 

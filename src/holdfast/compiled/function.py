@@ -80,16 +80,8 @@ class CompiledFunction:
                 finite, an angle exceeds 1e5 rad, a quaternion is not of unit length or a result overflows.
         """
         arrays.require_threads(threads)
-        inputs = {
-            name: arrays.floats(name.rpartition(".")[2], x, self.externals[name].shape)
-            for name, x in zip(self._inputs, given, strict=True)
-        }
         require_inputs(self._by_name, parameters)
-        named = {name: x for name, x in parameters.items() if name in self._by_name}
-        inputs |= {name: arrays.floats(name, x, self.externals[name].shape) for name, x in named.items()}
-        others = {name: x for name, x in parameters.items() if name not in named}
-        changed = parse_parameters(others, self.externals, self._chain) if others else {}
-        changed = {name: arrays.floats(name, x, self.externals[name].shape) for name, x in changed.items()}
+        inputs, changed = self._parsed({**dict(zip(self._inputs, given, strict=True)), **parameters})
         batch = arrays.batch_of(inputs | changed, self.externals)
         if batch is not None:
             return self._many(inputs, changed, batch, threads)
@@ -98,16 +90,24 @@ class CompiledFunction:
             raise wrong
         return self._single(inputs, changed)
 
+    def _parsed(self, given: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Return the inputs and the parameters that are given, as the arrays that machine code reads."""
+        inputs = {
+            name: arrays.floats(name.rpartition(".")[2], given[name], self.externals[name].shape)
+            for name in given
+            if name in self._called
+        }
+        others = {name: x for name, x in given.items() if name not in inputs}
+        return inputs, parse_parameters(others, self.externals, self._chain) if others else {}
+
     def _single(self, inputs: Mapping[str, Array], changed: Mapping[str, Array]) -> dict[str, Array]:
         """Run one system."""
         with self._lock:
             bound = self._spare if changed else self._bound
-            for name, x in (self._own | dict(changed)).items() if changed else ():
-                bound.arrays[name][...] = x
+            if changed:
+                bound.set(self._own | dict(changed))
             for name, x in inputs.items():
                 bound.arrays[name][...] = x
-            if changed:
-                bound.prepare()
             bound.run()
             return {name: self._required(bound.arrays[name].copy(), name) for name in self._results}
 
@@ -139,24 +139,17 @@ class CompiledFunction:
         Raises:
             StateError: A name is unknown, a shape is wrong or a parameter is not finite.
         """
-        shapes = {name: self.externals[name].shape for name in self._called}
-        found = {name: arrays.floats(name, x, shapes[name]) for name, x in given.items() if name in shapes}
-        found |= parse_parameters(
-            {name: x for name, x in given.items() if name not in shapes}, self.externals, self._chain
-        )
+        inputs, changed = self._parsed(given)
+        found = inputs | changed
         for name, x in found.items():
             if x.ndim > self._ranks[name]:
                 raise StateError(f"{name}: expected numbers of one system, got a batch of {len(x)}")
-        for name, x in found.items():
-            bound.arrays[name][...] = x
-        bound.prepare()
+        bound.set(found)
 
     def bind(self) -> Bound:
         """Return the kernel bound to new arrays, which hold the chain's own parameters."""
         bound = self._kernel.bind()
-        for name, x in self._own.items():
-            bound.arrays[name][...] = x
-        bound.prepare()
+        bound.set(self._own)
         return bound
 
     @cached_property

@@ -9,8 +9,6 @@ from holdfast.compiled.text_derivatives import TextDerivatives
 from holdfast.dynamics.derivatives import Derivatives
 from holdfast.dynamics.energy_derivatives import MOTION, PLACES
 from holdfast.dynamics.inverse_derivatives import MOTION_AND_FORCES
-from holdfast.errors import StateError
-from holdfast.model import checks
 
 
 class FunctionDerivatives(TextDerivatives):
@@ -54,10 +52,7 @@ class FunctionDerivatives(TextDerivatives):
             StateError: A name, shape or number is wrong, or a wrench or acceleration is not possible, as in
                 `inverse_dynamics`.
         """
-        given = {"tau": tau}
-        return self._derived(
-            "inverse_dynamics", "vjp", (q, qd, qdd, grasp_wrench), ("tau",), by, given, parameters, threads
-        )
+        return self._vjp("inverse_dynamics", (q, qd, qdd, grasp_wrench), {"tau": tau}, by, parameters, threads)
 
     def inverse_dynamics_jvp(
         self,
@@ -89,10 +84,7 @@ class FunctionDerivatives(TextDerivatives):
             StateError: A name, shape or number is wrong, or a wrench or acceleration is not possible, as in
                 `inverse_dynamics`.
         """
-        checks.instance(along, Mapping, "inverse_dynamics_jvp: along", StateError)
-        return self._derived(
-            "inverse_dynamics", "jvp", (q, qd, qdd, grasp_wrench), ("tau",), along, along, parameters, threads
-        )
+        return self._jvp("inverse_dynamics", (q, qd, qdd, grasp_wrench), along, parameters, threads)
 
     def inverse_dynamics_jacobian(
         self,
@@ -160,17 +152,8 @@ class FunctionDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        given = {"kinetic_energy": kinetic_energy}
-        return self._derived(
-            "kinetic_energy",
-            "vjp",
-            (q, qd, object_pose, object_twist),
-            ("kinetic_energy",),
-            by,
-            given,
-            parameters,
-            threads,
-        )
+        cotangents = {"kinetic_energy": kinetic_energy}
+        return self._vjp("kinetic_energy", (q, qd, object_pose, object_twist), cotangents, by, parameters, threads)
 
     def kinetic_energy_jvp(
         self,
@@ -201,17 +184,7 @@ class FunctionDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        checks.instance(along, Mapping, "kinetic_energy_jvp: along", StateError)
-        return self._derived(
-            "kinetic_energy",
-            "jvp",
-            (q, qd, object_pose, object_twist),
-            ("kinetic_energy",),
-            along,
-            along,
-            parameters,
-            threads,
-        )
+        return self._jvp("kinetic_energy", (q, qd, object_pose, object_twist), along, parameters, threads)
 
     def kinetic_energy_jacobian(
         self,
@@ -273,10 +246,8 @@ class FunctionDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        given = {"potential_energy": potential_energy}
-        return self._derived(
-            "potential_energy", "vjp", (q, object_pose), ("potential_energy",), by, given, parameters, threads
-        )
+        cotangents = {"potential_energy": potential_energy}
+        return self._vjp("potential_energy", (q, object_pose), cotangents, by, parameters, threads)
 
     def potential_energy_jvp(
         self,
@@ -303,10 +274,7 @@ class FunctionDerivatives(TextDerivatives):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        checks.instance(along, Mapping, "potential_energy_jvp: along", StateError)
-        return self._derived(
-            "potential_energy", "jvp", (q, object_pose), ("potential_energy",), along, along, parameters, threads
-        )
+        return self._jvp("potential_energy", (q, object_pose), along, parameters, threads)
 
     def potential_energy_jacobian(
         self,

@@ -8,14 +8,12 @@ from typing import Any, NamedTuple, NoReturn
 from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import CLOSED
 from holdfast.compiled.function import CompiledFunction
-from holdfast.compiled.kernels import compiling
+from holdfast.compiled.methods import ChainMethods
 from holdfast.compiled.not_compiled import missing, require_holding
 from holdfast.compiled.possible_motion import possible
-from holdfast.compiled.structure import Options
 from holdfast.dynamics.closure_derivatives import by_grasps
 from holdfast.dynamics.consistency import GraspResidual
 from holdfast.forces.margins import JointMargins
-from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
 
@@ -31,7 +29,7 @@ class Frames(NamedTuple):
     p: Array
 
 
-class ChainFunctions:
+class ChainFunctions(ChainMethods):
     """The methods of a `CompiledChain` besides forward dynamics and derivatives.
 
     All take one system or a batch: any argument or parameter may have a leading batch axis, and those without it are
@@ -41,16 +39,7 @@ class ChainFunctions:
     "scale" scales the chain's own with the mass. With a floating base, functions of its pose require floating_pose
     (7,), and functions of velocities also floating_twist (6,). Functions that take base_twist also take
     trunk_base_twist (6,) if the chain has a trunk that does not float.
-
-    Attributes:
-        chain: the chain.
-        options: the options with which it was compiled.
-        progress: whether to show that machine code is made.
     """
-
-    chain: ClosedChain
-    options: Options
-    progress: bool = False
 
     def inverse_dynamics(
         self, q: Any, qd: Any, qdd: Any, grasp_wrench: Any, *, threads: int = 1, **parameters: Any
@@ -360,12 +349,8 @@ class ChainFunctions:
 
     def _function(self, name: str) -> CompiledFunction:
         """Return a compiled computation; it is compiled when first requested."""
-        made: dict[str, CompiledFunction] = self.__dict__.setdefault("_functions", {})
-        if name not in made:
-            with compiling(self.chain, name, self.progress):
-                shown_as = name if self.progress else ""
-                made[name] = CompiledFunction(name, self.chain, self.options, shown_as=shown_as)
-        return made[name]
+        shown_as = name if self.progress else ""
+        return self._code(name, name, lambda: CompiledFunction(name, self.chain, self.options, shown_as=shown_as))
 
     def _matrices(self, name: str, q: Any, parameters: Mapping[str, Any], threads: int) -> dict[str, Array]:
         function = self._function(name)

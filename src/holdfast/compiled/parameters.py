@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import BASE_MOTION, FLOATING
+from holdfast.compiled.externals import BASE_MOTION, FLOATING, LINKS, MOVING, TRUNK_LINKS, shapes
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
@@ -21,47 +21,42 @@ from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
 
 # Users pass poses as wxyz_xyz; machine code reads rotation matrices, and origins if they matter.
-_POSES = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
+POSE_ARRAYS = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
 WRENCHES = ("link_wrench", "trunk_link_wrench")
 _INPUTS = ("object_wrench", *WRENCHES, *FLOATING)  # inputs that users pass like parameters
-_INTERNAL = {"generic_rank", LIMITS, CONTACTS, *(name for pair in _POSES.values() for name in pair)}
+_INTERNAL = {"generic_rank", LIMITS, CONTACTS, *(name for pair in POSE_ARRAYS.values() for name in pair)}
+
+
+def rank_number(generic_rank: int | None) -> Array:
+    """Return the generic rank as machine code reads it: a number, -1 if it is unknown."""
+    return np.array(-1.0 if generic_rank is None else float(generic_rank))
 
 
 def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Array]:
     """Return the chain's own parameters by name, with zeros for external wrenches and base motion."""
     arms, grasps, body = list(chain.arms.values()), list(chain.grasps.values()), chain.held_object
-    l, g = len(arms), len(grasps)
     links = [link for arm in arms for link in arm.links]
     bodies = () if chain.trunk is None else chain.trunk.bodies
-    return {
-        "object_wrench": np.zeros(6),
-        "link_wrench": np.zeros((len(links), 6)),
+    known = shapes(chain)
+    own = {
         "gravity": np.array(chain.gravity),
-        "about": np.zeros(3),
         LIMITS: np.array(joint_limits(chain)),
         CONTACTS: contacts_of(chain),
-        "generic_rank": np.array(-1.0 if generic_rank is None else float(generic_rank)),
-        "trunk_link_wrench": np.zeros((len(bodies), 6)),
-        "trunk_link_mass": np.array([body.mass for body in bodies]),
-        "trunk_link_com": np.array([body.com for body in bodies]).reshape(-1, 3),
-        "trunk_link_inertia": np.array([body.inertia for body in bodies]).reshape(-1, 3, 3),
+        "generic_rank": rank_number(generic_rank),
         "floating_pose": np.eye(7)[0],
-        "floating_twist": np.zeros(6),
-        "trunk_base_twist": np.zeros(6),
-        "trunk_base_acceleration": np.zeros(6),
         "object_mass": np.array(body.mass),
         "object_com": np.array(body.com),
         "object_inertia": np.array(body.inertia),
         "base_R": np.array([arm.base.R for arm in arms]),
         "base_p": np.array([arm.base.p for arm in arms]),
-        "base_twist": np.zeros((l, 6)),
-        "base_acceleration": np.zeros((l, 6)),
-        "grasp_R": np.array([grasp.frame.R for grasp in grasps]).reshape(g, 3, 3),
-        "grasp_p": np.array([grasp.frame.p for grasp in grasps]).reshape(g, 3),
-        "link_mass": np.array([link.mass for link in links]),
-        "link_com": np.array([link.com for link in links]).reshape(-1, 3),
-        "link_inertia": np.array([link.inertia for link in links]).reshape(-1, 3, 3),
+        "grasp_R": np.array([grasp.frame.R for grasp in grasps]),
+        "grasp_p": np.array([grasp.frame.p for grasp in grasps]),
     }
+    for names, of_bodies in ((LINKS, links), (TRUNK_LINKS, bodies)):
+        numbers = ([getattr(x, part) for x in of_bodies] for part in ("mass", "com", "inertia"))
+        own |= {name: np.array(x) for name, x in zip(names, numbers, strict=True)}
+    zero = {name: np.zeros(known[name]) for name in ("about", "object_wrench", *WRENCHES, "floating_twist", *MOVING)}
+    return zero | {name: x.reshape(known.get(name, ())) for name, x in own.items()}
 
 
 def require_inputs(names: Iterable[str], given: Collection[str]) -> None:
@@ -94,7 +89,7 @@ def parse_parameters(
     shapes = {name: _shape(name, externals) for name in given}
     for name, shape in shapes.items():
         if shape is None:
-            known = [other for other in (*externals, *_POSES) if _shape(other, externals) is not None]
+            known = [other for other in (*externals, *POSE_ARRAYS) if _shape(other, externals) is not None]
             raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, known)}")
     found: dict[str, Array] = {}
     for name, value in _with_inertia(given, chain).items():
@@ -107,8 +102,8 @@ def parse_parameters(
             _require_still(name, a, chain)
         if name.endswith(("_mass", "_inertia")):
             _require_inertia(name, a)
-        if name in _POSES:
-            rotations, origins = _POSES[name]
+        if name in POSE_ARRAYS:
+            rotations, origins = POSE_ARRAYS[name]
             found[rotations], p = _from_quaternions(name, a)
             if origins in externals:
                 found[origins] = p
@@ -119,8 +114,8 @@ def parse_parameters(
 
 def _shape(name: str, externals: Mapping[str, External]) -> Shape | None:
     """Return the shape of a parameter that users may pass, or None if there is none of that name."""
-    if name in _POSES:
-        rotations = externals.get(_POSES[name][0])
+    if name in POSE_ARRAYS:
+        rotations = externals.get(POSE_ARRAYS[name][0])
         return None if rotations is None else (rotations.shape[0], 7)
     e = externals.get(name)
     passed = e is not None and name not in _INTERNAL and (e.role == "parameter" or name in _INPUTS)

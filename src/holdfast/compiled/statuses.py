@@ -13,7 +13,7 @@ from holdfast.compiled.faults import fault, largest_positions
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, CompiledResult
 from holdfast.dynamics import rank
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
-from holdfast.errors import HoldfastError, ModelError
+from holdfast.errors import ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -87,15 +87,7 @@ def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: 
         if compiled.generic_rank is not None and result.rank > compiled.generic_rank:
             chain, state = system(compiled.chain, found, 0)
             rank.require_trusted(chain_at_rest(chain, state), state, rank.Pivots(result.rank, np.inf))
-        raise reason(compiled.chain, found)
-
-
-def reason(chain: ClosedChain, found: Mapping[str, Array]) -> HoldfastError:
-    """Return the error that says why the results of one system are not finite."""
-    wrong = fault(found, largest_positions(chain))
-    if wrong is not None:
-        return wrong
-    return ModelError(
-        "the accelerations are not finite: an arm's mass matrix is singular here, or sizes overflow; holdfast."
-        "forward_dynamics on the same state names the arm and the joint"
-    )
+        raise fault(found, largest_positions(compiled.chain)) or ModelError(
+            "the accelerations are not finite: an arm's mass matrix is singular here, or sizes overflow; holdfast."
+            "forward_dynamics on the same state names the arm and the joint"
+        )

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from holdfast.compiled.arm_functions import COMPUTATIONS, Computation, own_inputs, traced_case
-from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, derivative_shapes
+from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Kind, derivative_shapes
 from holdfast.compiled.externals import LINKS, shapes
 from holdfast.compiled.recorded_loops import recorded_loops
 from holdfast.compiled.traced_chain import Given
@@ -38,7 +38,7 @@ class TextRequest(NamedTuple):
     """
 
     function: str
-    kind: Literal["vjp", "jvp", "jacobian"]
+    kind: Kind
     results: tuple[str, ...]
     arguments: tuple[str, ...]
 

@@ -2,47 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Literal, get_args
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, get_args
 
 from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import own_inputs
 from holdfast.compiled.bound_text import BoundText
 from holdfast.compiled.compiled_derivatives import options_of
-from holdfast.compiled.derivative_schedule import FOUND
+from holdfast.compiled.derivative_schedule import FOUND, Kind
 from holdfast.compiled.function import CompiledFunction
-from holdfast.compiled.kernels import compiling
+from holdfast.compiled.methods import ChainMethods
 from holdfast.compiled.not_compiled import require_holding
 from holdfast.compiled.possible_motion import possible
-from holdfast.compiled.structure import Options
 from holdfast.compiled.text_computation import TEXTS, TextRequest
+from holdfast.dynamics.closure_derivatives import by_grasps
 from holdfast.dynamics.derivatives import Derivatives, require_names
 from holdfast.errors import StateError
+from holdfast.forces.margins import JointMargins
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
-Kind = Literal["vjp", "jvp", "jacobian"]
 HOLDING = ("inverse_dynamics", "wrist_wrenches")  # functions that refuse wrenches of arms that hold nothing
 
 
-def number_or_array(x: Array) -> Any:
-    """Return an array, or the number that it is if it has no axes."""
+def result_of(function: str, chain: ClosedChain, found: Sequence[Array]) -> Any:
+    """Return a function's result, made of its results in order; a number if that is an array without axes."""
+    if function == "closure":
+        return by_grasps(chain, *found)
+    if function == "joint_margins":
+        return JointMargins(*found)
+    (x,) = found
     return x if x.ndim else float(x)
 
 
-class TextDerivatives:
-    """What the derivatives of a `CompiledChain`'s functions that solve nothing have in common.
-
-    Attributes:
-        chain: the chain.
-        options: the options with which it was compiled.
-        progress: whether to show that machine code is made.
-    """
-
-    chain: ClosedChain
-    options: Options
-    progress: bool = False
+class TextDerivatives(ChainMethods):
+    """What the derivatives of a `CompiledChain`'s functions that solve nothing have in common."""
 
     def _derived(
         self,
@@ -54,7 +49,6 @@ class TextDerivatives:
         given: Mapping[str, Any],
         parameters: Mapping[str, Any],
         threads: int,
-        collected: Callable[..., Any] = number_or_array,
     ) -> Derivatives:
         """Return derivatives of a function; their machine code is made when first requested.
 
@@ -67,9 +61,7 @@ class TextDerivatives:
             given: cotangents by result, or tangents by argument.
             parameters: the parameters of this call, by the names that users know.
             threads: the number of threads for a batch.
-            collected: makes the function's result of its results, in order.
         """
-        text = TEXTS[function]
         if "grasp_wrench" in own_inputs(function, self.chain):
             inputs = *inputs[:-1], arrays.floats("grasp_wrench", inputs[-1], (len(self.chain.arms), 6))
         if function in HOLDING:
@@ -78,12 +70,32 @@ class TextDerivatives:
         found = code((*inputs, *(given[name] for name in request.given)), parameters, threads)
         if function == "inverse_dynamics":
             found = possible(self.chain, inputs[-1], found)
-        result = collected(*(found.pop(name) for name in text.results))
+        result = result_of(function, self.chain, [found.pop(name) for name in TEXTS[function].results])
         parts: dict[Any, Any] = {name.removeprefix(FOUND): x for name, x in found.items()}
         if kind == "jacobian":
             names = [tuple(name.split(".")) for name in parts]
             parts = {(of, by): request.matrix(self.chain, of, by, parts[f"{of}.{by}"]) for of, by in names}
         return Derivatives(result, parts)
+
+    def _vjp(
+        self,
+        function: str,
+        inputs: Sequence[Any],
+        cotangents: Mapping[str, Any],
+        by: Sequence[str],
+        parameters: Mapping[str, Any],
+        threads: int,
+    ) -> Derivatives:
+        """Return gradients; of several cotangents, those that are None are left out."""
+        given = {name: x for name, x in cotangents.items() if x is not None or len(cotangents) == 1}
+        return self._derived(function, "vjp", inputs, tuple(given), by, given, parameters, threads)
+
+    def _jvp(
+        self, function: str, inputs: Sequence[Any], along: Any, parameters: Mapping[str, Any], threads: int
+    ) -> Derivatives:
+        """Return directional derivatives of all results."""
+        checks.instance(along, Mapping, f"{function}_jvp: along", StateError)
+        return self._derived(function, "jvp", inputs, TEXTS[function].results, along, along, parameters, threads)
 
     def bind_derivatives_of(
         self,
@@ -124,10 +136,9 @@ class TextDerivatives:
         require_names(what, by, known)
         results = tuple(name for name in text.results if name in of)
         request = TextRequest(function, kind, results, tuple(name for name in known if name in by))
-        made: dict[TextRequest, CompiledFunction] = self.__dict__.setdefault("_texts_made", {})
-        if request not in made:
-            options = options_of(self.options, request.arguments, True)
-            with compiling(self.chain, what, self.progress):
-                computation, shown_as = request.computation(self.chain), what if self.progress else ""
-                made[request] = CompiledFunction(request.name, self.chain, options, computation, shown_as)
-        return request, made[request]
+
+        def make() -> CompiledFunction:
+            options, shown_as = options_of(self.options, request.arguments, True), what if self.progress else ""
+            return CompiledFunction(request.name, self.chain, options, request.computation(self.chain), shown_as)
+
+        return request, self._code(request, what, make)

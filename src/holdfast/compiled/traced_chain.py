@@ -76,7 +76,9 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
     for i, (name, arm) in enumerate(chain.arms.items()):
         key = structure.type_of[name]
         constant = of_type.get(key) or of_type.setdefault(key, _with_constants(arm, structure))
-        made = _with_links(structure, constant, given, links_of[name])
+        made = constant
+        if structure.by_links and structure.options.link_inertia:
+            made = constant.of(links=_traced_links(*(given[parameter][links_of[name]] for parameter in LINKS)))
         arms[name] = replace(made, base=_pose(given, "base", i), name="")
     held = enumerate(chain.grasps.items() if structure.by_grasp else ())
     grasps = {name: replace(grasp, frame=_pose(given, "grasp", i)) for i, (name, grasp) in held}
@@ -135,13 +137,6 @@ def traced_inputs(chain: ClosedChain, given: Given) -> Inputs:
 def _pose(given: Given, what: str, i: int) -> Pose:
     R, p = given.get(f"{what}_R"), given.get(f"{what}_p")
     return Pose.unchecked(np.eye(3) if R is None else R[i], np.zeros(3) if p is None else p[i])
-
-
-def _with_links(structure: Structure, arm: Arm, given: Given, joints: slice) -> Arm:
-    """Return the arm; its link inertias are replaced by traced parameters if the options ask for it."""
-    if not structure.by_links or not structure.options.link_inertia:
-        return arm
-    return arm.of(links=_traced_links(*(given[name][joints] for name in LINKS)))
 
 
 def _traced_links(masses: Array, coms: Array, inertias: Array) -> tuple[Link, ...]:

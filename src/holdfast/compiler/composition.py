@@ -64,12 +64,9 @@ class Composition:
         flat = self._flat(f, items)
         found: list[Any] = [None] * len(items)
         left = set(range(len(items)))
-        for group, places in self._homes(flat, scanned=False).items():
-            signs = {(flat[j][1], self._signature(flat[j][0], group, i)) for i, j in places.items()}
-            if len(places) == group.count and len(signs) == 1:
-                order = [places[i] for i in range(group.count)]
-                left -= set(order)
-                self._go_on(group, f, [items[j] for j in order], [flat[j] for j in order], found, order)
+        for group, order in self._complete(flat, scanned=False).items():
+            left -= set(order)
+            self._go_on(group, f, [items[j] for j in order], [flat[j] for j in order], found, order)
         by_type: dict[Hashable, list[int]] = {}
         for j in sorted(left):
             by_type.setdefault(flat[j][1], []).append(j)
@@ -183,17 +180,12 @@ class Composition:
 
     def _all_again(self, flat: Sequence[tuple[list[Leaf], Hashable]]) -> list[tuple[TracedGroup, int]] | None:
         """Return every item's group and index if the items are exactly those of an earlier scan, in any order."""
-        homes = self._homes(flat, scanned=True)
-        turns = {group.turns for group in homes}
-        if len(turns) != 1 or sum(map(len, homes.values())) != len(flat):
-            return None
-        if any(len(places) != group.count for group, places in homes.items()):
-            return None
+        groups = self._complete(flat, scanned=True)
+        turns = {group.turns for group in groups}
         known = {group for group in self.groups if group.turns in turns}
-        signs = {g: {(flat[j][1], self._signature(flat[j][0], g, i)) for i, j in p.items()} for g, p in homes.items()}
-        if known != set(homes) or any(len(of_one) != 1 for of_one in signs.values()):
+        if len(turns) != 1 or known != set(groups) or sum(map(len, groups.values())) != len(flat):
             return None
-        found = {j: (group, i) for group, places in homes.items() for i, j in places.items()}
+        found = {j: (group, i) for group, order in groups.items() for i, j in enumerate(order)}
         return [found[j] for j in range(len(flat))]
 
     # ---- regions ----
@@ -203,14 +195,22 @@ class Composition:
         of_body, body = self._values.leaves(f)
         return [(found + of_body, (key, body)) for found, key in map(self._values.leaves, items)]
 
-    def _homes(self, flat: Sequence[tuple[list[Leaf], Hashable]], scanned: bool) -> dict[TracedGroup, dict[int, int]]:
-        """Return the items by the group, and the index in it, that the first node of each is an image of."""
+    def _complete(self, flat: Sequence[tuple[list[Leaf], Hashable]], scanned: bool) -> dict[TracedGroup, list[int]]:
+        """Return the groups of which all items are among these, made of the same region nodes, and which they are.
+
+        An item is of the group, and has the index in it, that its first node is an image of.
+        """
         homes: dict[TracedGroup, dict[int, int]] = {}
         for j, (leaves, _) in enumerate(flat):
             home = self._home(leaves[0]) if leaves else None
             if home is not None and (home[0].turns is not None) == scanned:
                 homes.setdefault(home[0], {})[home[1]] = j
-        return homes
+        found = {}
+        for group, places in homes.items():
+            signs = {(flat[j][1], self._signature(flat[j][0], group, i)) for i, j in places.items()}
+            if len(places) == group.count and len(signs) == 1:
+                found[group] = [places[i] for i in range(group.count)]
+        return found
 
     def _home(self, leaf: Leaf) -> tuple[TracedGroup, int] | None:
         """Return the group, and the index in it, that the first node of a leaf is an image of."""

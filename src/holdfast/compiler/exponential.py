@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from holdfast.compiler.trigonometry import ROUNDER, polynomial
+
 _LOG_2 = (0.6931471805599453, 2.3190468138462996e-17)  # log 2 rounded to a double, and the remainder
-_ROUNDER = 1.5 * 2.0**52  # adding and subtracting it rounds x to an integer if |x| < 2^51
 _LARGEST = 709.782712893384  # log of the largest double
 _SMALLEST = -708.3964185322641  # log of the smallest normal double
 _FLAT = 20.0  # above this tanh rounds to 1
@@ -39,16 +40,13 @@ def tanh(x: Value) -> Value:
 
 def _reduced(x: Value) -> tuple[Value, Value, Value]:
     """Return n, r, and the correction to add to r."""
-    n = x.fma(1.0 / _LOG_2[0], _ROUNDER) - _ROUNDER
+    n = x.fma(1.0 / _LOG_2[0], ROUNDER) - ROUNDER
     return n, n.fma(-_LOG_2[0], x), n * -_LOG_2[1]
 
 
 def _less_one(r: Value, rest: Value) -> Value:
     """Return e^(r + rest) - 1."""
-    series = r.fma(_SERIES[-1], _SERIES[-2])
-    for c in reversed(_SERIES[:-2]):
-        series = series.fma(r, c)
-    square = r * r
+    series, square = polynomial(_SERIES, r), r * r
     rest = rest.fma(square.fma(series, r), rest)  # rest * e^r, to first order in rest
     return r + square.fma(series, rest)
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from holdfast.compiler.trigonometry import polynomial
+
 _FROM_HALF, _FROM_ONE = 0.25, 0.75  # t above which c is 1/2, or 1
 _LARGE, _SMALLER, _LARGER = 2.0**500, 2.0**-128, 2.0**128  # scales with which no sum overflows and no error underflows
 # Angles as sums of two doubles.
@@ -67,7 +69,5 @@ def _of_quotient(small: Value, large: Value, c: Value) -> tuple[Value, Value]:
     u = numerator / denominator
     rest = (u.fma(-denominator, numerator) - u * missing) / denominator
     z = u * u
-    series = z.fma(_SERIES[-1], _SERIES[-2])
-    for coefficient in reversed(_SERIES[:-2]):
-        series = series.fma(z, coefficient)
+    series = polynomial(_SERIES, z)
     return u, (z * u).fma(series, rest)

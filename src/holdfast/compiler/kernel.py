@@ -180,8 +180,8 @@ class Kernel(BatchKernel):
         """
         assert self._key, "a kernel without a key cannot be named by other processes"
         with self._compiling:
-            codes = foreign_call.Codes(self._code, self._batch_code, self.lanes)
-        return foreign_call.publish(self._key, codes, self.externals, status, open_status)
+            batch = self._batch_code
+        return foreign_call.publish(self._key, self._code, batch, self.lanes, self.externals, status, open_status)
 
     def _single_source(self) -> tuple[str, cpu.Notes]:
         text, arena = single_module(self.schedule, self.lanes)
@@ -219,6 +219,12 @@ class Bound:
         self.arrays |= arrays
         for name, x in arrays.items():
             self.table[self._places[name]] = address_of(x)
+
+    def set(self, values: Mapping[str, np.ndarray]) -> None:
+        """Write numbers into some of the arrays, and compute what depends on parameters only."""
+        for name, x in values.items():
+            self.arrays[name][...] = x
+        self.prepare()
 
     def prepare(self) -> None:
         """Compute what depends on parameters only."""

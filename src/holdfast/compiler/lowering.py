@@ -6,7 +6,7 @@ is fused with it into one operation that rounds once: fma(a, b, c) = a b + c.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from holdfast.compiler import exponential, inverse_tangent, trigonometry
@@ -29,8 +29,16 @@ def expand(program: Program) -> Program:
     """Return the program with sin, cos, exp, tanh and arctan2 expanded; without any of them, it is the same object."""
     if not any(program.counts[kind] for kind in _WRITTEN):
         return program
-    graph = Graph()
-    values = _replayed(program, graph, _WRITTEN)
+    graph, values = Graph(), list[Value]()
+    for kind, places, number in program.instructions:
+        if kind == "input":
+            values.append(graph.input())
+        elif kind == "constant":
+            values.append(graph.constant(number))
+        elif kind in _WRITTEN:
+            values.append(_WRITTEN[kind](*[values[p] for p in places]))
+        else:  # copied unchanged, because it was simplified when it was traced
+            values.append(graph.make(kind, *[values[p] for p in places]))
     return _folded(_program(program, graph, values))
 
 
@@ -60,39 +68,18 @@ def _folded(program: Program) -> Program:
 
 def _program(like: Program, graph: Graph, values: list[Value]) -> Program:
     """Return the program with the inputs and outputs of another, whose instructions have these values."""
-    return program_of(graph, like.input_shapes, [_result(graph, values, output) for output in like.outputs])
+
+    def node(place: int) -> Node:
+        x = values[place]
+        return x if isinstance(x, Node) else graph.constant(x)
+
+    return program_of(graph, like.input_shapes, [(shape, [*map(node, places)]) for shape, places in like.outputs])
 
 
 def lowered(program: Program, fused: bool = True) -> Program:
     """Return the program that interpreter and machine run: expanded, then fused."""
     program = expand(program)
     return fuse(program) if fused else program
-
-
-def _replayed(program: Program, graph: Graph, written: Mapping[str, Callable[..., Value]]) -> list[Value]:
-    """Return the node of every instruction in a new graph, in which the operations of `written` are expanded.
-
-    The others are copied unchanged, because they were simplified when they were traced.
-    """
-    values: list[Value] = []
-    for kind, places, number in program.instructions:
-        if kind == "input":
-            values.append(graph.input())
-        elif kind == "constant":
-            values.append(graph.constant(number))
-        elif kind in written:
-            values.append(written[kind](*[values[p] for p in places]))
-        else:
-            values.append(graph.make(kind, *[values[p] for p in places]))
-    return values
-
-
-def _result(graph: Graph, values: list[Value], output: Output) -> tuple[tuple[int, ...], list[Node]]:
-    return output.shape, [_node(graph, values[p]) for p in output.places]
-
-
-def _node(graph: Graph, x: Value) -> Node:
-    return x if isinstance(x, Node) else graph.constant(x)
 
 
 def fuse(program: Program) -> Program:

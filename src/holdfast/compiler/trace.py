@@ -76,14 +76,12 @@ def as_node(graph: Graph, x: Any) -> Node:
 
 
 def _result(graph: Graph, number: int, result: Any) -> tuple[Shape, list[Node]]:
-    entries = np.asarray(result, dtype=object)
-    return entries.shape, [_output(graph, number, x) for x in entries.flat]
-
-
-def _output(graph: Graph, number: int, x: Any) -> Node:
-    if isinstance(x, Node) and x.graph is not graph:
-        raise CompileError(f"trace: result {number} holds a value of another trace")
-    try:
-        return as_node(graph, x)
-    except (TypeError, ValueError) as error:
-        raise CompileError(f"trace: expected numbers in result {number}, got {x!r}") from error
+    entries, nodes = np.asarray(result, dtype=object), []
+    for x in entries.flat:
+        if isinstance(x, Node) and x.graph is not graph:
+            raise CompileError(f"trace: result {number} holds a value of another trace")
+        try:
+            nodes.append(as_node(graph, x))
+        except (TypeError, ValueError) as error:
+            raise CompileError(f"trace: expected numbers in result {number}, got {x!r}") from error
+    return entries.shape, nodes

@@ -15,7 +15,7 @@ LARGEST_ARGUMENT = 1e5  # [rad]
 _TWO_OVER_PI = 0.6366197723675814
 # pi/2 to 160 bits: each part is the double nearest to the remainder of the parts before it.
 _HALF_PI = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)
-_ROUNDER = 1.5 * 2.0**52  # adding and subtracting it rounds x to an integer if |x| < 2^51
+ROUNDER = 1.5 * 2.0**52  # adding and subtracting it rounds x to an integer if |x| < 2^51
 
 # Coefficients of (sin r / r - 1) / z and (cos r - 1 + z/2) / z^2 with z = r^2, interpolated at Chebyshev points of
 # [0, (pi/4)^2] in 60 digits, then rounded. The relative errors of sin and cos are 2.0e-17 and 1.2e-18.
@@ -57,7 +57,7 @@ def cos(x: Value) -> Value:
 
 def _reduced(x: Value) -> tuple[Value, Value, Value]:
     """Return r, the correction to add to r, and n mod 4."""
-    n = x.fma(_TWO_OVER_PI, _ROUNDER) - _ROUNDER
+    n = x.fma(_TWO_OVER_PI, ROUNDER) - ROUNDER
     first = n.fma(-_HALF_PI[0], x)  # exact, because it is a multiple of 2^-53 (for |x| > pi/4) below 1
     # first - n _HALF_PI[1] is split into r + rest: the product and its rounding error, then Fast2Sum, which is exact
     # because `first` is a multiple of the product's last bit.
@@ -66,7 +66,7 @@ def _reduced(x: Value) -> tuple[Value, Value, Value]:
     r = first - product
     rest = (first - r) - product
     rest = n.fma(-_HALF_PI[2], rest - product_error)
-    quarter = n.fma(0.25, -0.375) + _ROUNDER - _ROUNDER  # floor(n / 4)
+    quarter = n.fma(0.25, -0.375) + ROUNDER - ROUNDER  # floor(n / 4)
     quadrant = quarter.fma(-4.0, n)
     return (abs(x) <= LARGEST_ARGUMENT).where(r, math.nan), rest, quadrant
 
@@ -75,7 +75,7 @@ def _sine(r: Value, rest: Value) -> Value:
     """Return sin(r + rest) = r + (r^3 S(z) + rest cos r)."""
     z = r * r
     half = z.fma(-0.5, 1.0)  # cos r, accurate enough for the small factor `rest`
-    return r + (z * r).fma(_polynomial(_SINE, z), rest * half)
+    return r + (z * r).fma(polynomial(_SINE, z), rest * half)
 
 
 def _cosine(r: Value, rest: Value) -> Value:
@@ -83,10 +83,10 @@ def _cosine(r: Value, rest: Value) -> Value:
     z = r * r
     half = 0.5 * z
     whole = 1.0 - half
-    return whole + (((1.0 - whole) - half) + (z * z).fma(_polynomial(_COSINE, z), -(r * rest)))
+    return whole + (((1.0 - whole) - half) + (z * z).fma(polynomial(_COSINE, z), -(r * rest)))
 
 
-def _polynomial(coefficients: tuple[float, ...], z: Value) -> Value:
+def polynomial(coefficients: tuple[float, ...], z: Value) -> Value:
     """Return the polynomial by Horner's rule."""
     result = z.fma(coefficients[-1], coefficients[-2])
     for c in reversed(coefficients[:-2]):

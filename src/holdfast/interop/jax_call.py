@@ -109,16 +109,13 @@ def batched(run: Run, ranks: Sequence[int]) -> Callable[..., tuple[Any, ...]]:
     """Return the call for one system; its vmap, also a nested one, is one call for a batch."""
     custom_vmap, jnp = require_jax().custom_batching.custom_vmap, jax_numpy()
 
-    def has_systems(array: Any, rank: int) -> bool:
-        return array.ndim > rank
-
     @custom_vmap
     def one(*arrays: Any) -> tuple[Any, ...]:
         return run(None, arrays)
 
     @custom_vmap
     def many(*arrays: Any) -> tuple[Any, ...]:
-        return run(next(len(x) for x, rank in zip(arrays, ranks, strict=True) if has_systems(x, rank)), arrays)
+        return run(next(len(x) for x, rank in zip(arrays, ranks, strict=True) if x.ndim > rank), arrays)
 
     @one.def_vmap
     def _(size: int, batched: Sequence[bool], *arrays: Any) -> Any:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.derivative_schedule import WITH, derivative_shapes
 from holdfast.compiled.externals import FLOATING
 from holdfast.compiled.foreign_code import derivative_code, forward_code
+from holdfast.compiled.parameters import POSE_ARRAYS
 from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.dynamics.linear_text import POSES
@@ -19,7 +20,6 @@ from holdfast.interop.jax_call import Route, available_route, operation
 from holdfast.interop.jax_import import require_jax
 from holdfast.interop.jax_pose import pose_gradient, pose_tangent, rotation_and_origin
 
-_POSES = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
 _FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")
 
 
@@ -100,18 +100,16 @@ class JaxFunction:
     @cached_property
     def _vjp(self) -> Any:
         """Machine code of the gradient, compiled when JAX first takes one."""
-        self._require_unique_forces()
-        code = derivative_code(self._compiled, "vjp", self.of, self._names)
-        return self._operation_of(code, self.of)
+        return self._derivative("vjp", self.of)
 
     @cached_property
     def _jvp(self) -> Any:
         """Machine code of the directional derivative, compiled when JAX first takes one."""
-        self._require_unique_forces()
-        code = derivative_code(self._compiled, "jvp", self.of, self._names)
-        return self._operation_of(code, self._names)
+        return self._derivative("jvp", self._names)
 
-    def _operation_of(self, code: Any, with_names: Sequence[str]) -> Any:
+    def _derivative(self, kind: Literal["vjp", "jvp"], with_names: Sequence[str]) -> Any:
+        self._require_unique_forces()
+        code = derivative_code(self._compiled, kind, self.of, self._names)
         arrays = (*self._arrays_of(self._names), *(f"{WITH}{name}" for name in with_names))
         return operation(self._compiled, code, [name for name in arrays if name in code.externals], self.route)
 
@@ -130,14 +128,14 @@ class JaxFunction:
 
     def _arrays_of(self, names: Sequence[str]) -> list[str]:
         """Return the names of arguments in the machine code."""
-        return [own for name in names for own in _POSES.get(name, (name,))]
+        return [own for name in names for own in POSE_ARRAYS.get(name, (name,))]
 
     def _arrays(self, values: Sequence[Any]) -> dict[str, Any]:
         """Return arguments with the names of the machine code."""
         found: dict[str, Any] = {}
         for name, x in self._named(values):
-            if name in _POSES:
-                found |= zip(_POSES[name], rotation_and_origin(x), strict=True)
+            if name in POSE_ARRAYS:
+                found |= zip(POSE_ARRAYS[name], rotation_and_origin(x), strict=True)
             else:
                 found[name] = x
         return found

@@ -24,9 +24,8 @@ from holdfast.simulation.rollout.tape import MEMORY, STEP, Tape, arguments_of
 from holdfast.simulation.rollout.varied_step import CONTROL
 from holdfast.spatial.scalar import Array
 
-Host = Callable[
-    [Mapping[str, Array]], tuple[Array, ...]
-]  # function of arrays of systems, (systems, ...) each, that returns such arrays
+# A function of arrays of systems, (systems, ...) each, that returns such arrays.
+Host = Callable[[Mapping[str, Array]], tuple[Array, ...]]
 RUNNING = "running"  # arrays of systems that have values at the end of every step
 
 

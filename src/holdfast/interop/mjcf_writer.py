@@ -296,13 +296,8 @@ def _add_joint(body: Element, name: str, joint: Joint, frame: Pose) -> None:
 
 def _add_inertial(body: Element, inertial: Link | HeldObject) -> None:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertial.inertia
-    _add(
-        body,
-        "inertial",
-        mass=repr(inertial.mass),
-        pos=digits(inertial.com),
-        fullinertia=digits([xx, yy, zz, xy, xz, yz]),
-    )
+    full = digits([xx, yy, zz, xy, xz, yz])
+    _add(body, "inertial", mass=repr(inertial.mass), pos=digits(inertial.com), fullinertia=full)
 
 
 def _add_solids(body: Element, solids: list[Primitive], frame: Pose) -> None:

@@ -118,7 +118,7 @@ class Layout:
     def accesses(self, call: Call) -> tuple[list[Access], list[Access]]:
         """Return how the function of a stage's phase accesses its inputs and its outputs; memories are last in both."""
         stage = self._group(call.group).stage
-        memory = self._memory_access(call.group)
+        memory = Access(max(self.systems, self.width[call.group]))
         known = [port for phase in stage.inputs[: call.phase + 1] for port in phase]
         later = len(stage.input_ports) - len(known)
         inputs = [self.access(call.group, port) for port in known] + [Access()] * later + [memory] * call.phase
@@ -145,10 +145,6 @@ class Layout:
             return [*read, *written, *([None] if made.scratch else [])]
 
         return [found(item) for item in self.blocks(call.group, call.items)]
-
-    def _memory_access(self, group: str) -> Access:
-        """Return how a stage's function accesses its memory."""
-        return Access(max(self.systems, self.width[group]))
 
     def _memory(self, group: str, phase: int, item: int) -> Address:
         """Return the address of the memory that a phase keeps for an item."""

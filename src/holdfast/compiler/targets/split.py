@@ -85,9 +85,7 @@ class SplitProgram(NamedTuple):
         return [*pointers, "scratch"] if self.scratch else pointers
 
 
-def split(
-    program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], longest: int = LONGEST
-) -> SplitProgram:
+def split(program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access]) -> SplitProgram:
     """Return a program as one part, or as several parts if it is long.
 
     Args:
@@ -95,9 +93,8 @@ def split(
         lanes: how many systems or items are computed side by side.
         inputs: how each input array is accessed.
         outputs: how each output array is accessed.
-        longest: the largest number of instructions of one part.
     """
-    pieces = by_length(program, longest)
+    pieces = by_length(program, LONGEST)
     sizes = [math.prod(shape) for shape in program.input_shapes]
     of_array = [k for k, size in enumerate(sizes) for _ in range(size)]
     used = {of_array[a] for p in pieces.programs for i in p.instructions for a in i.args if a < len(of_array)}

@@ -7,6 +7,7 @@ The structure `arrays` holds the addresses of the external arrays and of the wor
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, Schedule
@@ -91,16 +92,13 @@ class _Writer:
         inputs, outputs = self.layout.accesses(call)
         key = (id(stage), call.phase, tuple(inputs), tuple(outputs))
         if key not in self._known:
-            name = f"{self._prefix}_{_identifier(stage.name)}_{call.phase}_{len(self._known)}"
+            own = re.sub(r"\W", "_", stage.name)
+            name = f"{self._prefix}_{own}_{call.phase}_{len(self._known)}"
             made = function(name, stage.pieces.programs[call.phase], inputs, outputs)
             self.functions += made.lines
             self.scratch = max(self.scratch, made.split.scratch)
             self._known[key] = made
         return self._known[key]
-
-
-def _identifier(name: str) -> str:
-    return "".join(c if c.isalnum() else "_" for c in name)
 
 
 def _status(schedule: Schedule, status: str, fields: Mapping[str, str]) -> list[str]:

@@ -14,7 +14,7 @@ import hashlib
 import math
 import threading
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -33,26 +33,22 @@ _records: dict[int, np.ndarray] = {}  # by key; each is laid out as %record in `
 _kept: list[object] = []  # keeps the objects alive whose addresses have been published
 
 
-class Codes(NamedTuple):
-    """A kernel's machine code.
-
-    Attributes:
-        single: the code with the functions `single` and `prepare`.
-        batch: the code with the function `batch`.
-        lanes: how many systems `batch` computes side by side.
-    """
-
-    single: cpu.Code
-    batch: cpu.Code
-    lanes: int
-
-
-def publish(name: str, codes: Codes, externals: Mapping[str, External], status: str, open_status: float) -> int:
+def publish(
+    name: str,
+    single: cpu.Code,
+    batch: cpu.Code,
+    lanes: int,
+    externals: Mapping[str, External],
+    status: str,
+    open_status: float,
+) -> int:
     """Register a kernel so that XLA's programs can call it; return its key.
 
     Args:
         name: identifies the kernel in every process.
-        codes: its machine code.
+        single: its machine code with the functions `single` and `prepare`.
+        batch: its machine code with the function `batch`.
+        lanes: how many systems `batch` computes side by side.
         externals: the arrays that it reads and writes, results last.
         status: the name of the array that holds the status.
         open_status: the status of a system that is undecided; all its results become NaN.
@@ -61,9 +57,13 @@ def publish(name: str, codes: Codes, externals: Mapping[str, External], status: 
     key = int.from_bytes(digest[:8], "little") >> 1  # an int64, positive
     with _LOCK:
         if key not in _records:
-            _records[key] = _record(codes, externals, status, open_status)
+            addresses = [single.addresses["single"], single.addresses["prepare"], batch.address]
+            memory = [8 * code.notes["arena"] + _ALIGNMENT for code in (single, batch)]
+            arrays = [x for external in externals.values() for x in (len(external.shape), external.size)]
+            known = [len(externals), list(externals).index(status), int(np.float64(open_status).view(np.int64))]
+            _records[key] = np.array([*addresses, lanes, *memory, 0, 0, *known, *arrays], dtype=np.int64)
             table = np.array([len(_records), *(x for k, r in _records.items() for x in (k, r.ctypes.data))])
-            _kept.extend((codes, table))
+            _kept.extend((single, batch, table))
             ctypes.CFUNCTYPE(None, ctypes.c_void_p)(_code().addresses["publish"])(table.ctypes.data)
     return key
 
@@ -72,15 +72,6 @@ def capsule() -> Any:
     """Return a Python capsule of the function that XLA calls (`XLA_FFI_Handler` of its C interface)."""
     make = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
     return make(("PyCapsule_New", ctypes.pythonapi))(_code().address, None, None)
-
-
-def _record(codes: Codes, externals: Mapping[str, External], status: str, open_status: float) -> np.ndarray:
-    addresses = codes.single.addresses
-    memory = [8 * code.notes["arena"] + _ALIGNMENT for code in (codes.single, codes.batch)]
-    head = [addresses["single"], addresses["prepare"], codes.batch.address, codes.lanes, *memory, 0, 0]
-    arrays = [x for external in externals.values() for x in (len(external.shape), external.size)]
-    known = [len(externals), list(externals).index(status), int(np.float64(open_status).view(np.int64))]
-    return np.array([*head, *known, *arrays], dtype=np.int64)
 
 
 @functools.cache

@@ -6,13 +6,14 @@ bit for bit.
 
 from __future__ import annotations
 
+import functools
 import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from holdfast.compiler.program import Program
 from holdfast.compiler.targets.signs import signs_to_keep
-from holdfast.compiler.targets.split import LONGEST, Access, Number, Part, SplitProgram, split
+from holdfast.compiler.targets.split import Access, Number, Part, SplitProgram, split
 
 # A number in memory that has not been used for so many operations is loaded again. LLVM would keep it in a register, or
 # rather write it to the stack, a second time, because more numbers are in use than there are registers.
@@ -22,10 +23,6 @@ _FAR = 64
 # nothing is written. LLVM need not order such loads and stores then, for which it takes time that grows with the square
 # of their number: a third of its time for arms of 96 joints. In programs of few parts there is nothing to gain.
 _BEFORE, _FEW = ".before", 4
-
-_BINARY = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
-_FUNCTIONS = {"absolute": "fabs", "sqrt": "sqrt"}
-_COMPARISONS = {"less": "olt", "less_equal": "ole"}
 
 
 class Function(NamedTuple):
@@ -51,11 +48,9 @@ class Function(NamedTuple):
         ]
 
 
-def function(
-    name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], longest: int = LONGEST
-) -> Function:
+def function(name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access]) -> Function:
     """Return a program as one function, or several if it is long; for the arguments see `split`."""
-    found = split(program, lanes, inputs, outputs, longest)
+    found = split(program, lanes, inputs, outputs)
     lines: list[str] = []
     parameters: dict[str, list[str]] = {}
     known = [*found.parameters, *(pointer + _BEFORE for pointer in found.parameters)]
@@ -70,7 +65,7 @@ def function(
 def declarations(lanes: int) -> list[str]:
     """Return the declarations of the intrinsics that functions on so many lanes call."""
     T = number_type(lanes)
-    functions = [f"declare {T} @llvm.{name}.{_suffix(lanes)}({T})" for name in _FUNCTIONS.values()]
+    functions = [f"declare {T} @llvm.{name}.{_suffix(lanes)}({T})" for name in ("fabs", "sqrt")]
     functions += ["declare double @llvm.arithmetic.fence.f64(double)"] if lanes == 1 else []
     return [*functions, f"declare {T} @llvm.fma.{_suffix(lanes)}({T}, {T}, {T})"]
 
@@ -95,12 +90,27 @@ def splat(name: str, scalar: str, lanes: int) -> list[str]:
     ]
 
 
-def _truth_type(lanes: int) -> str:
-    return "i1" if lanes == 1 else f"<{lanes} x i1>"
-
-
 def _suffix(lanes: int) -> str:
     return "f64" if lanes == 1 else f"v{lanes}f64"
+
+
+@functools.cache
+def _operations(lanes: int) -> dict[str, str]:
+    """Return the text of every operation on numbers or vectors, with %s for its operands."""
+    T, suffix = number_type(lanes), _suffix(lanes)
+    return {
+        "add": f"fadd {T} %s, %s",
+        "subtract": f"fsub {T} %s, %s",
+        "multiply": f"fmul {T} %s, %s",
+        "divide": f"fdiv {T} %s, %s",
+        "negate": f"fneg {T} %s",
+        "absolute": f"call {T} @llvm.fabs.{suffix}({T} %s)",
+        "sqrt": f"call {T} @llvm.sqrt.{suffix}({T} %s)",
+        "fma": f"call {T} @llvm.fma.{suffix}({T} %s, {T} %s, {T} %s)",
+        "less": f"fcmp olt {T} %s, %s",
+        "less_equal": f"fcmp ole {T} %s, %s",
+        "select": f"select {'i1' if lanes == 1 else f'<{lanes} x i1>'} %s, {T} %s, {T} %s",
+    }
 
 
 def _body(part: Part, lanes: int, before: str) -> tuple[list[str], set[str]]:
@@ -110,10 +120,9 @@ def _body(part: Part, lanes: int, before: str) -> tuple[list[str], set[str]]:
     numbers of earlier parts are read end with `before`.
     """
     program, sources, wanted = part.program, part.sources, part.wanted
-    T, truth, suffix = number_type(lanes), _truth_type(lanes), _suffix(lanes)
-    kept = (
-        signs_to_keep(program, False) if lanes == 1 else set[int]()
-    )  # vectors have no instruction that would be wrong
+    T, operations = number_type(lanes), _operations(lanes)
+    # Vectors have no instruction that would be wrong.
+    kept = signs_to_keep(program, of_operands=False) if lanes == 1 else set[int]()
     lines: list[str] = []
     names: dict[int, str] = {}
     now = first_operation = program.input_size
@@ -158,25 +167,12 @@ def _body(part: Part, lanes: int, before: str) -> tuple[list[str], set[str]]:
         kind, args, _ = program.instructions[place]
         now = place
         if kind != "constant":
-            x = [read(a) for a in args]
+            x = tuple([read(a) for a in args])
             name = names[place] = f"%v{place}"
-            if kind in _BINARY:
-                text = f"{_BINARY[kind]} {T} {x[0]}, {x[1]}"
-            elif kind == "fma":
-                text = f"call {T} @llvm.fma.{suffix}({T} {x[0]}, {T} {x[1]}, {T} {x[2]})"
-            elif kind in _FUNCTIONS:
-                text = f"call {T} @llvm.{_FUNCTIONS[kind]}.{suffix}({T} {x[0]})"
-            elif kind in _COMPARISONS:
-                text = f"fcmp {_COMPARISONS[kind]} {T} {x[0]}, {x[1]}"
-            elif kind == "select":
-                text = f"select {truth} {x[0]}, {T} {x[1]}, {T} {x[2]}"
-            else:
-                assert kind == "negate", kind
-                if place in kept:
-                    lines.append(f"  {name}.kept = call double @llvm.arithmetic.fence.f64(double {x[0]})")
-                    x = [f"{name}.kept"]
-                text = f"fneg {T} {x[0]}"
-            lines.append(f"  {name} = {text}")
+            if place in kept:
+                lines.append(f"  {name}.kept = call double @llvm.arithmetic.fence.f64(double {x[0]})")
+                x = (f"{name}.kept",)
+            lines.append(f"  {name} = {operations[kind] % x}")
         if place in wanted:
             store(place)
     return lines, pointers

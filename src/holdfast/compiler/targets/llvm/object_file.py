@@ -76,7 +76,9 @@ def object_file(modules: Sequence[str], target: ObjectTarget) -> ObjectFile:
         machine = known.create_target_machine(
             cpu=target.made_for.cpu, features=target.made_for.feature_text, opt=2, reloc="pic", codemodel="small"
         )
-        whole = _linked([_parsed(_with_own_fma(text, target), machine, target) for text in modules])
+        whole, *others = [_parsed(_with_own_fma(text, target), machine, target) for text in modules]
+        for other in others:
+            whole.link_in(other)
         assembly = machine.emit_assembly(whole.clone())
         return ObjectFile(machine.emit_object(whole), stack_needed(assembly))
 
@@ -89,13 +91,6 @@ def _parsed(text: str, machine: Any, target: ObjectTarget) -> Any:
     except RuntimeError as error:
         raise CompileError(f"LLVM refuses the program: {error}") from error
     return module
-
-
-def _linked(modules: list[Any]) -> Any:
-    first, *others = modules
-    for other in others:
-        first.link_in(other)
-    return first
 
 
 def _with_own_fma(text: str, target: ObjectTarget) -> str:
@@ -148,11 +143,8 @@ def stack_needed(assembly: str) -> dict[str, int]:
         label = _FUNCTION.match(line)
         if label and not label[1].startswith("."):
             name = label[1]
-            own[name], below[name], called[name] = (
-                8,
-                0,
-                set(),
-            )  # the return address; ARM keeps it in a register until it calls
+            own[name] = 8  # the return address; ARM keeps it in a register until it calls
+            below[name], called[name] = 0, set()
         elif name:
             own[name] += _taken(line)
             below[name] = max([below[name], *map(int, _BELOW.findall(line))])

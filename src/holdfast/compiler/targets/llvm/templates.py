@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from pathlib import Path
 from string import Template
 
@@ -10,9 +9,4 @@ from string import Template
 def filled(name: str, **values: object) -> str:
     """Return the template `name.ll` of this folder with every `$name` replaced; a list is a value of several lines."""
     texts = {key: "\n".join(value) if isinstance(value, list) else value for key, value in values.items()}
-    return _template(name).substitute(texts)
-
-
-@functools.cache
-def _template(name: str) -> Template:
-    return Template(Path(__file__).with_name(f"{name}.ll").read_text())
+    return Template(Path(__file__).with_name(f"{name}.ll").read_text()).substitute(texts)
