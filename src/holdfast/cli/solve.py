@@ -14,6 +14,7 @@ from rich.table import Table
 
 from holdfast.cli import REFUSED
 from holdfast.cli.console import stdout, with_progress
+from holdfast.cli.options import CaseFile, Format, Name, OptionalName, Switch
 from holdfast.cli.standard import read_input
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.consistency import require_closed, require_rates
@@ -245,8 +246,21 @@ def _triple(vector) -> str:
     return ", ".join(f"{x:+.6g}" for x in vector)
 
 
-def solve(file: Path, case: str | None, method: str, format: str) -> int:
-    """Print the answers of one or all methods to one or all cases.
+def solve(
+    file: CaseFile,
+    case: OptionalName = None,
+    method: Name = "sequential",
+    format: Format = "table",
+    json: Switch = False,
+) -> int:
+    """Solve forward dynamics problems: joint accelerations, grasp forces, object acceleration.
+
+    Args:
+        file: problem cases, JSON; - for stdin.
+        case: solve only this one.
+        method: an algorithm (`holdfast methods` lists them), or `all`.
+        format: a table, or one JSON document.
+        json: the same as --format json.
 
     Returns:
         0 if anything was solved, else 3.
@@ -258,7 +272,7 @@ def solve(file: Path, case: str | None, method: str, format: str) -> int:
     found: list[Answer] = []
     for problem in with_progress(chosen_cases(file, case), "solving"):
         found += answers(problem, methods)
-    if format == "json":
+    if json or format == "json":
         print_json([answer.as_json() for answer in found])
     else:
         print_answers(found)
