@@ -19,9 +19,10 @@ from holdfast.cli.streams import say
 from holdfast.errors import ResultError, SceneError
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.io.export import export_csv, export_parquet, occurrences_path
-from holdfast.io.files import require_file
-from holdfast.io.result_meta import ResultMeta, kept_robots
+from holdfast.io.files import make_folder, require_file
+from holdfast.io.result_meta import SCENE, ResultMeta
 from holdfast.io.result_reader import Result, load_result
+from holdfast.io.result_reader import setting_of as setting_in
 from holdfast.model.anchor import Anchor
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
@@ -31,7 +32,7 @@ from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.scenario.build import LARGEST_FILE, Scenario, load_scene, parse_scene
+from holdfast.scenario.build import LARGEST_FILE, Scenario, parse_scene
 from holdfast.scenario.robots import RobotFiles
 from holdfast.simulation.setting import Setting
 from holdfast.simulation.summary import summarise
@@ -81,42 +82,17 @@ def recorded(folder: Path, trust_xacro: bool = False) -> tuple[Setting, Result]:
 
 
 def setting_of(result: Result, trust_xacro: bool = False) -> Setting:
-    """Return the chain of a run, from the model in its folder if the run was made in Python, else from its scene.
+    """Return the setting of a run; print on stderr if its scene no longer describes the simulated model.
 
     Raises:
-        ResultError: the model cannot be read, or as for `scenario_of`.
-        SceneError, ClosureError: as for `scenario_of`.
+        ResultError, SceneError, ClosureError: as for `Result.setting`.
     """
     if result.keeps_model:
         return result.setting
-    scenario = scenario_of(result, trust_xacro)
-    return Setting(scenario.chain, scenario.options.get("base_motion", {}), scenario.name)
-
-
-def scenario_of(result: Result, trust_xacro: bool = False) -> Scenario:
-    """Return a result's scenario with the robots stored in its folder; print on stderr if the model has changed.
-
-    Folders written by holdfast 0.1 contain no robots, which are then loaded from their original files.
-
-    Args:
-        result: the run.
-        trust_xacro: expand xacro files of a folder that contains no robots.
-
-    Raises:
-        ResultError: scene.toml describes another chain, or a robot is not the one that was simulated.
-        SceneError, ClosureError: scene.toml, or a robot file that it names, can no longer be read.
-    """
-    scene, meta = result.folder / "scene.toml", result.meta
-    robots = kept_robots(result.folder, meta.robots)
-    scenario = load_scene(scene, meta.scene_folder or None, trust_xacro=trust_xacro, robots=robots)
-    joints = scenario.chain.joint_names()
-    if joints != meta.joints:
-        raise ResultError(
-            f"{scene}: not the scene of this run: expected the joints {', '.join(meta.joints)}, got {', '.join(joints)}"
-        )
-    if fingerprint(scenario.chain) != meta.model_sha256:
-        complain(f"{scene}: no longer describes the simulated model; has a robot file changed?")
-    return scenario
+    found = setting_in(result.folder, result.meta, trust_xacro)
+    if fingerprint(found.chain) != result.meta.model_sha256:
+        complain(f"{result.folder / SCENE}: no longer describes the simulated model; has a robot file changed?")
+    return found
 
 
 def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[ClosedChain, Result]:
@@ -191,10 +167,7 @@ def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, 
     names = labels(results, MOST_RUNS)
     runs = [chain_for_figures(folder, trust_xacro) for folder in results]
     place = out or (results[0] if len(runs) == 1 else COMPARISON)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as cause:
-        raise ResultError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
+    make_folder(place)
     if len(runs) == 1:
         written = save_plots(runs[0][0], runs[0][1].trajectory, place)
     else:

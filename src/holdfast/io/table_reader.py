@@ -32,8 +32,7 @@ def read_table(path: str | PathLike[str]) -> dict[str, Array]:
     try:
         columns = readers[path.suffix.lower()](path)
     except (OSError, ValueError) as cause:  # ValueError: a name that no file system takes
-        said = reason_of(cause) if isinstance(cause, OSError) else str(cause)
-        raise ResultError(f"{one_line(str(path), 80)}: cannot be read: {said}") from cause
+        raise ResultError(f"{one_line(str(path), 80)}: cannot be read: {reason_of(cause)}") from cause
     return {title.partition(" [")[0].strip(): column for title, column in columns.items()}
 
 
