@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import asdict
 
 import numpy as np
 
@@ -84,28 +85,5 @@ def _diagnosis(case: Case) -> Diagnosis | str:
 def _as_json(name: str, outcome: Diagnosis | str) -> dict[str, object]:
     if isinstance(outcome, str):
         return {"name": name, "status": "refused", "reason": outcome}
-    return {
-        "name": name,
-        "status": outcome.status,
-        "reason": None,
-        "mobility": outcome.mobility,
-        "rank": outcome.rank,
-        "generic_rank": outcome.generic_rank,
-        "rows": outcome.rows,
-        "condition": outcome.condition if math.isfinite(outcome.condition) else None,
-        "lost_directions": [
-            {
-                "arm": lost.arm,
-                "kind": lost.kind,
-                "axis": lost.axis.tolist(),
-                "point": lost.point.tolist(),
-                "strength": lost.strength,
-                "words": lost.words,
-            }
-            for lost in outcome.lost_directions
-        ],
-        "anchors": list(outcome.anchors),
-        "indeterminate_forces": [
-            {"words": force.words, "wrenches": force.wrenches.tolist()} for force in outcome.indeterminate_forces
-        ],
-    }
+    condition = outcome.condition if math.isfinite(outcome.condition) else None
+    return {"name": name, "status": outcome.status, "reason": None, **asdict(outcome), "condition": condition}

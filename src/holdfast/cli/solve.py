@@ -22,7 +22,8 @@ from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.methods import METHODS
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import MethodNotApplicable, ModelError, SceneError, SingularChainError, StateError
-from holdfast.io.case_file import Case, ExpectedData, parse_cases
+from holdfast.io.case_data import ExpectedData
+from holdfast.io.case_file import Case, parse_cases
 from holdfast.io.files import one_line
 from holdfast.io.typed import refusal
 from holdfast.model import checks
@@ -181,7 +182,7 @@ def named_cases(text: bytes, source: str, name: str | None) -> list[Case]:
 
 def print_json(items: Sequence[dict[str, object]]) -> None:
     """Print a JSON list on stdout, one item per line; it must not contain NaN or infinity."""
-    lines = [json.dumps(item, allow_nan=False) for item in items]
+    lines = [json.dumps(item, allow_nan=False, default=np.ndarray.tolist) for item in items]
     print("[" + ",\n ".join(lines) + "]")
 
 
