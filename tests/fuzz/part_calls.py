@@ -9,17 +9,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast import control, dynamics
-from tests.fuzz.calls import (
-    Later,
-    call,
-    everything,
-    fixed,
-    named,
-    numbers_of,
-    rigid,
-    state_of,
-    stay,
-)
+from tests.fuzz.calls import Later, call, everything, fixed, named, numbers_of, rigid, state_of, stay
 
 # Parts.
 
