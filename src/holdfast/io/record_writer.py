@@ -23,7 +23,6 @@ import numpy as np
 from holdfast.errors import ResultError
 from holdfast.io.files import file_path, make_folder, remove, write_atomically
 from holdfast.io.model_data import model_text
-from holdfast.io.record_meta import RECORD, RecordMeta, meta_of_record
 from holdfast.io.replaced_folder import replaced_folder, require_free
 from holdfast.io.result_chunk import write_arrays
 from holdfast.io.result_folder import PATIENCE
@@ -33,7 +32,52 @@ from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.spatial.scalar import Array
 
+RECORD = "record.npz"
 LARGEST_PIECE = 16 * 2**20  # bytes that wait until they are flushed
+
+
+class RecordMeta(msgspec.Struct, forbid_unknown_fields=True):
+    """How a record was made.
+
+    Attributes:
+        format, format_version: which layout this is.
+        holdfast: the version that wrote it.
+        step: h [s]; None of a record that was put together from arrays.
+        every: steps from one record to the next.
+        duration: requested duration [s].
+        options: of `Rollout.step`.
+        names: of the recorded arrays.
+        pieces: number of records in each piece.
+        complete: whether the rollout reached its end.
+    """
+
+    format: str = "holdfast-record"
+    format_version: int = 1
+    holdfast: str = ""
+    step: float | None = None
+    every: int = 1
+    duration: float = 0.0
+    options: dict[str, Any] = {}
+    names: list[str] = []
+    pieces: list[int] = []
+    complete: bool = True
+
+
+def meta_of_record(arguments: RolloutArguments | None) -> RecordMeta:
+    """Return the content of the record's metadata before its first record; of arrays alone without `arguments`."""
+    from holdfast import __version__
+
+    if arguments is None:
+        return RecordMeta(holdfast=__version__)
+    options = {name: x if x is None or np.isfinite(x) else None for name, x in arguments.options.items()}
+    return RecordMeta(
+        holdfast=__version__,
+        step=arguments.step,
+        every=arguments.every,
+        duration=arguments.duration,
+        options=options,
+        complete=False,
+    )
 
 
 class RecordWriter:

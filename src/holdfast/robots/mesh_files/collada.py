@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 import numpy as np
 
 from holdfast.robots.mesh_files.limits import MOST_TRIANGLES, MeshFault, numbers, require_triangles
+from holdfast.robots.mesh_files.mesh import Mesh
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 
@@ -31,7 +31,7 @@ def read_collada(content: bytes) -> tuple[Array, Array]:
     """
     root = parse_collada(content)
     vertices, faces, base, seen = [], [], 0, 0
-    read: dict[str, list[Surface]] = {}
+    read: dict[str, list[Mesh]] = {}
     by_id = {e.get("id", ""): e for e in root.iter() if e.tag in ("geometry", "node", "visual_scene")}
     for geometry, transform in _placed(_scene(root, by_id), by_id, np.diag([*3 * [_metres(root)], 1.0])):
         if geometry not in read:
@@ -172,19 +172,7 @@ def parse_collada(content: bytes) -> Element:
 MOST_OFFSET = 64  # numbers per corner: indices of its vertex, normal, texture, ...
 
 
-class Surface(NamedTuple):
-    """A surface of triangles.
-
-    Attributes:
-        vertices: (V, 3).
-        faces: (F, 3).
-    """
-
-    vertices: Array
-    faces: Array
-
-
-def surfaces(geometry: Element) -> list[Surface]:
+def surfaces(geometry: Element) -> list[Mesh]:
     """Return the surfaces of a geometry; empty for lines and splines.
 
     Raises:
@@ -208,12 +196,12 @@ def surfaces(geometry: Element) -> list[Surface]:
     return found
 
 
-def _surface(points: Array, faces: Array) -> Surface:
+def _surface(points: Array, faces: Array) -> Mesh:
     """Return the faces with only the points that they use, because the surface may be used many times."""
     if faces.min() < 0 or faces.max() >= len(points):
         raise MeshFault(f"expected faces of its {len(points)} vertices, got one of others")
     used, indices = np.unique(faces, return_inverse=True)
-    return Surface(points[used], indices.reshape(-1, 3))
+    return Mesh(points[used], indices.reshape(-1, 3))
 
 
 def _corner(part: Element) -> tuple[int, int, str]:
