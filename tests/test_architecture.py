@@ -60,7 +60,7 @@ ON_CALL = {
     "simulation/rollout/record.py": {"io"},
     "simulation/rollout/recording.py": {"io"},
     "simulation/simulate.py": {"io"},
-    "io/run_setting.py": {"scenario"},
+    "io/result_reader.py": {"scenario"},
     "sweeps/result.py": {"view"},
 }
 HEAVY = {"scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath"}

@@ -67,7 +67,8 @@ ROWS: dict[type[msgspec.Struct], list[list[str]]] = {
 def own_keys(struct) -> dict[str, msgspec.structs.FieldInfo]:
     """Return the keys of a structure by name, without those that it has from another one of the page."""
     keys = {key.name: key for key in msgspec.structs.fields(struct)}
-    return {name: key for name, key in keys.items() if not any(hasattr(above, name) for above in struct.__bases__)}
+    above = STRUCTS & {*struct.__bases__}
+    return {name: key for name, key in keys.items() if not any(hasattr(one, name) for one in above)}
 
 
 def test_every_table():

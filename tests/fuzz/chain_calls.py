@@ -9,23 +9,17 @@ import numpy as np
 
 import holdfast as hf
 from holdfast import dynamics, forces
-from tests.fuzz.calls import (
-    PROBLEMS,
-    Later,
-    call,
-    inputs_of,
-    numbers_of,
-    state_of,
-)
+from tests.fuzz.calls import PROBLEMS, Later, call, inputs_of, numbers_of, state_of
 from tests.systems.as_chain import Problem
 
 
-def of_chain(
-    name: str, ask: Callable[..., Any], /, among: tuple[str, ...] = tuple(PROBLEMS), **more: Callable[[Problem], Any]
-) -> None:
-    """Add a call for each problem: ask(chain, state, **more), states and inputs as numbers."""
+def of_chain(ask: Callable[..., Any], /, among: tuple[str, ...] = tuple(PROBLEMS), name: str = "", **more: Any) -> None:
+    """Add a call for each problem: ask(chain, state, **more), states and inputs as numbers.
+
+    What is a function in `more` makes the argument for a problem.
+    """
     for which, problem in ((one, PROBLEMS[one]) for one in among):
-        given = {key: Later(lambda make=make, problem=problem: make(problem())) for key, make in more.items()}
+        given = {key: Later(lambda x=x, problem=problem: x(problem())) if callable(x) else x for key, x in more.items()}
         given["chain"] = Later(lambda problem=problem: problem().chain)
         given["state"] = Later(lambda problem=problem: numbers_of(problem().state))
 
@@ -34,7 +28,7 @@ def of_chain(
                 others["inputs"] = inputs_of(others["inputs"])
             return ask(chain, state_of(state), **others)
 
-        call(f"{name} ({which})", **given)(make)
+        call(f"{name or ask.__name__} ({which})", **given)(make)
 
 
 def _tau(p: Problem) -> np.ndarray:
@@ -57,157 +51,86 @@ def _base(p: Problem) -> np.ndarray | None:
     return np.array(p.solved().base_acceleration) if p.chain.floats else None
 
 
-def _result(p: Problem) -> Any:
-    return p.solved()
+def _of_q(p: Problem) -> dict[str, Any]:
+    return {"q": _qdd(p)}
 
 
-def _no(p: Problem) -> bool:
-    return False
+def _project(*given: Any, **more: Any) -> Any:
+    return hf.project(*given, **more)[0]
 
 
-def _push(p: Problem) -> np.ndarray:
-    return np.ones(6)
+def _after_release(chain: Any, state: Any, arm: Any) -> Any:
+    return dynamics.momentum(dynamics.release(chain, arm), state)
 
 
-def _names(*names: str) -> Callable[[Problem], list[str]]:
-    return lambda p: list(names)
+SOLVED: dict[str, Any] = {"result": lambda p: p.solved()}
+PUSH, FIXED = np.ones(6), ("fixed",)
+NEEDED = {"qdd": _qdd, "grasp_wrench": _wrench, "inputs": _inputs, "base_acceleration": _base}  # by inverse dynamics
+FREE = ["q", "qd", "tau", "object_pose", "object_twist", "gravity", "object_mass", "grasp_pose"]
 
+of_chain(hf.forward_dynamics, tau=_tau, inputs=_inputs, check=False)
+of_chain(hf.forward_dynamics, name="forward_dynamics checked", tau=_tau, inputs=_inputs, method="sequential")
+of_chain(hf.diagnose)
+of_chain(hf.close, hold_object=False)
+of_chain(_project, name="project", inputs=_inputs)
+of_chain(dynamics.project_velocity, inputs=_inputs, hold_object=False, hold_base=False)
+of_chain(dynamics.closure, inputs=_inputs)
+of_chain(dynamics.contact_attitudes, parameters="quaternion")
+of_chain(dynamics.kinetic_energy, inputs=_inputs)
+of_chain(dynamics.potential_energy)
+of_chain(dynamics.centre_of_mass)
+of_chain(dynamics.momentum, about=np.zeros(3), inputs=_inputs)
+of_chain(dynamics.momentum_rate, **SOLVED, inputs=_inputs)
+of_chain(dynamics.power, tau=_tau, **SOLVED, inputs=_inputs)
+of_chain(dynamics.motion_basis)
+of_chain(dynamics.object_inertia)
+of_chain(dynamics.object_mobility)
+of_chain(hf.assembly.assembly_report)
+of_chain(hf.holding_torques, FIXED, acceleration=np.zeros(6), internal=3.0)
+of_chain(hf.holding_torques, FIXED, "holding_torques idle", undriven=lambda p: [p.chain.joint_names()[0]])
+of_chain(hf.inverse_dynamics, **NEEDED)
+of_chain(hf.regressor, qdd=_qdd, object_acceleration=PUSH, inputs=_inputs, base_acceleration=_base)
+of_chain(hf.linearise, FIXED, tau=_tau, inputs=_inputs, check=False)
+of_chain(hf.linearise, FIXED, "linearise a step", tau=_tau, inputs=_inputs, step=1e-3, scheme="rk4")
+of_chain(forces.grasp_margins, grasp_wrench=_wrench)
+of_chain(forces.joint_margins, tau=_tau)
+of_chain(forces.split, grasp_wrench=_wrench, length=0.5)
+of_chain(forces.largest_margin, **SOLVED, inputs=_inputs)
+of_chain(forces.margin_range, **SOLVED)
+of_chain(forces.wrist_wrenches, **SOLVED)
+of_chain(forces.last_joint_wrenches, **SOLVED)
+of_chain(_after_release, name="momentum of a release", arm="arm1")
 
-of_chain("forward_dynamics", hf.forward_dynamics, tau=_tau, inputs=_inputs, check=_no)
-of_chain("forward_dynamics checked", hf.forward_dynamics, tau=_tau, inputs=_inputs, method=lambda p: "sequential")
-of_chain("diagnose", hf.diagnose)
-of_chain("close", hf.close, hold_object=_no)
-of_chain("project", lambda *x, **more: hf.project(*x, **more)[0], inputs=_inputs)
-of_chain("project_velocity", dynamics.project_velocity, inputs=_inputs, hold_object=_no, hold_base=_no)
-of_chain("closure", dynamics.closure, inputs=_inputs)
-of_chain("contact_attitudes", dynamics.contact_attitudes, parameters=lambda p: "quaternion")
-of_chain("kinetic_energy", dynamics.kinetic_energy, inputs=_inputs)
-of_chain("potential_energy", dynamics.potential_energy)
-of_chain("centre_of_mass", dynamics.centre_of_mass)
-of_chain("momentum", dynamics.momentum, about=lambda p: np.zeros(3), inputs=_inputs)
-of_chain("momentum_rate", dynamics.momentum_rate, result=_result, inputs=_inputs)
-of_chain("power", dynamics.power, tau=_tau, result=_result, inputs=_inputs)
-of_chain("motion_basis", dynamics.motion_basis)
-of_chain("object_inertia", dynamics.object_inertia)
-of_chain("object_mobility", dynamics.object_mobility)
-of_chain("assembly_report", hf.assembly.assembly_report)
-of_chain("holding_torques", hf.holding_torques, ("fixed",), acceleration=lambda p: np.zeros(6), internal=lambda p: 3.0)
-of_chain("holding_torques idle", hf.holding_torques, ("fixed",), undriven=lambda p: [p.chain.joint_names()[0]])
+of_chain(hf.forward_dynamics_vjp, tau=_tau, qdd=_qdd, grasp_wrench=_wrench, by=FREE, inputs=_inputs, check=False)
+ALONG: dict[str, Any] = {"along": lambda p: {"q": _qdd(p), "object_pose": PUSH, "gravity": np.ones(3)}}
+of_chain(hf.forward_dynamics_jvp, tau=_tau, **ALONG, check=False)
+of_chain(hf.inverse_dynamics_vjp, **NEEDED, tau=_tau, by=["q", "qd"])
+of_chain(hf.inverse_dynamics_jvp, **NEEDED, along=_of_q)
+of_chain(hf.inverse_dynamics_jacobian, **NEEDED, of=["tau"], by=["q", "grasp_wrench"])
 of_chain(
-    "inverse_dynamics", hf.inverse_dynamics, qdd=_qdd, grasp_wrench=_wrench, inputs=_inputs, base_acceleration=_base
-)
-of_chain("regressor", hf.regressor, qdd=_qdd, object_acceleration=_push, inputs=_inputs, base_acceleration=_base)
-of_chain("linearise", hf.linearise, ("fixed",), tau=_tau, inputs=_inputs, check=_no)
-of_chain(
-    "linearise a step", hf.linearise, ("fixed",), tau=_tau, inputs=_inputs, step=lambda p: 1e-3, scheme=lambda p: "rk4"
-)
-of_chain("grasp_margins", forces.grasp_margins, grasp_wrench=_wrench)
-of_chain("joint_margins", forces.joint_margins, tau=_tau)
-of_chain("split", forces.split, grasp_wrench=_wrench, length=lambda p: 0.5)
-of_chain("largest_margin", forces.largest_margin, result=_result, inputs=_inputs)
-of_chain("margin_range", forces.margin_range, result=_result)
-of_chain("wrist_wrenches", forces.wrist_wrenches, result=_result)
-of_chain("last_joint_wrenches", forces.last_joint_wrenches, result=_result)
-of_chain(
-    "momentum of a release",
-    lambda chain, state, arm: dynamics.momentum(dynamics.release(chain, arm), state),
-    arm=lambda p: "arm1",
-)
-of_chain(
-    "forward_dynamics_vjp",
-    hf.forward_dynamics_vjp,
-    tau=_tau,
-    qdd=_qdd,
-    grasp_wrench=_wrench,
-    by=_names("q", "qd", "tau", "object_pose", "object_twist", "gravity", "object_mass", "grasp_pose"),
-    inputs=_inputs,
-    check=_no,
-)
-of_chain(
-    "forward_dynamics_jvp",
-    hf.forward_dynamics_jvp,
-    tau=_tau,
-    along=lambda p: {"q": _qdd(p), "object_pose": np.ones(6), "gravity": np.ones(3)},
-    check=_no,
-)
-of_chain(
-    "forward_dynamics_jacobian",
-    hf.forward_dynamics_jacobian,
-    ("fixed",),
-    tau=_tau,
-    of=_names("qdd", "grasp_wrench"),
-    by=_names("q", "tau"),
-    check=_no,
-)
-of_chain(
-    "inverse_dynamics_vjp",
-    hf.inverse_dynamics_vjp,
-    base_acceleration=_base,
-    inputs=_inputs,
-    qdd=_qdd,
-    grasp_wrench=_wrench,
-    tau=_tau,
-    by=_names("q", "qd"),
-)
-of_chain(
-    "inverse_dynamics_jvp",
-    hf.inverse_dynamics_jvp,
-    base_acceleration=_base,
-    inputs=_inputs,
-    qdd=_qdd,
-    grasp_wrench=_wrench,
-    along=lambda p: {"q": _qdd(p)},
-)
-of_chain(
-    "inverse_dynamics_jacobian",
-    hf.inverse_dynamics_jacobian,
-    base_acceleration=_base,
-    inputs=_inputs,
-    qdd=_qdd,
-    grasp_wrench=_wrench,
-    of=_names("tau"),
-    by=_names("q", "grasp_wrench"),
-)
-of_chain(
-    "closure_vjp",
     dynamics.closure_vjp,
-    by=_names("q", "object_pose"),
+    by=["q", "object_pose"],
     position=lambda p: np.ones(len(dynamics.closure_jacobian(p.chain, p.state, of=["position"])["position", "q"])),
 )
-of_chain("closure_jvp", dynamics.closure_jvp, along=lambda p: {"q": _qdd(p), "object_twist": np.ones(6)})
-of_chain("closure_jacobian", dynamics.closure_jacobian, of=_names("position", "velocity"), by=_names("q", "qd"))
-of_chain("kinetic_energy_vjp", dynamics.kinetic_energy_vjp, by=_names("q", "qd"), kinetic_energy=lambda p: 1.0)
-of_chain("kinetic_energy_jvp", dynamics.kinetic_energy_jvp, along=lambda p: {"q": _qdd(p)})
-of_chain("kinetic_energy_jacobian", dynamics.kinetic_energy_jacobian, of=_names("kinetic_energy"), by=_names("q"))
-of_chain("potential_energy_vjp", dynamics.potential_energy_vjp, by=_names("q"), potential_energy=lambda p: 1.0)
-of_chain("potential_energy_jvp", dynamics.potential_energy_jvp, along=lambda p: {"q": _qdd(p), "gravity": np.ones(3)})
-of_chain("potential_energy_jacobian", dynamics.potential_energy_jacobian, of=_names("potential_energy"), by=_names("q"))
+of_chain(dynamics.closure_jvp, along=lambda p: {"q": _qdd(p), "object_twist": PUSH})
+of_chain(dynamics.closure_jacobian, of=["position", "velocity"], by=["q", "qd"])
+of_chain(dynamics.kinetic_energy_vjp, by=["q", "qd"], kinetic_energy=1.0)
+of_chain(dynamics.kinetic_energy_jvp, along=_of_q)
+of_chain(dynamics.kinetic_energy_jacobian, of=["kinetic_energy"], by=["q"])
+of_chain(dynamics.potential_energy_vjp, by=["q"], potential_energy=1.0)
+of_chain(dynamics.potential_energy_jvp, along=lambda p: {"q": _qdd(p), "gravity": np.ones(3)})
+of_chain(dynamics.potential_energy_jacobian, of=["potential_energy"], by=["q"])
 of_chain(
-    "grasp_margins_vjp",
     forces.grasp_margins_vjp,
     grasp_wrench=_wrench,
-    by=_names("grasp_wrench"),
+    by=["grasp_wrench"],
     grasp_margins=lambda p: np.ones(len(p.chain.arms)),
 )
-of_chain(
-    "grasp_margins_jvp", forces.grasp_margins_jvp, grasp_wrench=_wrench, along=lambda p: {"object_pose": np.ones(6)}
-)
-of_chain(
-    "grasp_margins_jacobian",
-    forces.grasp_margins_jacobian,
-    grasp_wrench=_wrench,
-    of=_names("grasp_margins"),
-    by=_names("grasp_wrench"),
-)
-of_chain("joint_margins_vjp", forces.joint_margins_vjp, tau=_tau, by=_names("q", "tau"), effort=_qdd)
-of_chain("joint_margins_jvp", forces.joint_margins_jvp, tau=_tau, along=lambda p: {"tau": _qdd(p)})
-of_chain("joint_margins_jacobian", forces.joint_margins_jacobian, tau=_tau, of=_names("effort"), by=_names("tau"))
-of_chain("wrist_wrenches_vjp", forces.wrist_wrenches_vjp, result=_result, by=_names("q"), wrist_wrenches=_wrench)
-of_chain("wrist_wrenches_jvp", forces.wrist_wrenches_jvp, result=_result, along=lambda p: {"q": _qdd(p)})
-of_chain(
-    "wrist_wrenches_jacobian",
-    forces.wrist_wrenches_jacobian,
-    result=_result,
-    of=_names("wrist_wrenches"),
-    by=_names("q"),
-)
+of_chain(forces.grasp_margins_jvp, grasp_wrench=_wrench, along={"object_pose": PUSH})
+of_chain(forces.grasp_margins_jacobian, grasp_wrench=_wrench, of=["grasp_margins"], by=["grasp_wrench"])
+of_chain(forces.joint_margins_vjp, tau=_tau, by=["q", "tau"], effort=_qdd)
+of_chain(forces.joint_margins_jvp, tau=_tau, along=lambda p: {"tau": _qdd(p)})
+of_chain(forces.joint_margins_jacobian, tau=_tau, of=["effort"], by=["tau"])
+of_chain(forces.wrist_wrenches_vjp, **SOLVED, by=["q"], wrist_wrenches=_wrench)
+of_chain(forces.wrist_wrenches_jvp, **SOLVED, along=_of_q)
+of_chain(forces.wrist_wrenches_jacobian, **SOLVED, of=["wrist_wrenches"], by=["q"])

@@ -11,12 +11,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.interop import jacobian_operator, to_jax
-from tests.fuzz.calls import (
-    Later,
-    call,
-    everything,
-    fixed,
-)
+from tests.fuzz.calls import Later, call, everything, fixed
 
 # Machine code.
 

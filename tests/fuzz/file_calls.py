@@ -16,14 +16,7 @@ from holdfast.identification import Recording, base_parameters, load_recording
 from holdfast.interop import load_mjcf_trunk, to_mjcf
 from holdfast.robots import load_urdf_trunk
 from holdfast.sweeps import NearPose, Normal, Uniform
-from tests.fuzz.calls import (
-    Later,
-    call,
-    everything,
-    fixed,
-    rigid,
-    state_of,
-)
+from tests.fuzz.calls import Later, call, everything, fixed, rigid, state_of
 from tests.fuzz.run_calls import law, run, still
 from tests.gym.problems import short_carry
 from tests.robots.test_urdf_trunk import FREE_FINGERS, HANDS, HEAVY_BASE

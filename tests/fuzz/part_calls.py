@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,17 +10,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast import control, dynamics
-from tests.fuzz.calls import (
-    Later,
-    call,
-    everything,
-    fixed,
-    named,
-    numbers_of,
-    rigid,
-    state_of,
-    stay,
-)
+from tests.fuzz.calls import Later, call, everything, fixed, named, numbers_of, rigid, state_of, stay
 
 # Parts.
 
@@ -62,33 +53,21 @@ def _spring(chain: Any, state: Any, **given: Any) -> Any:
     return dynamics.potential_energy(sprung, state_of(state))
 
 
-@call(
+def _shown(kind: Callable[..., Any]) -> Callable[..., str]:
+    return lambda **given: repr(kind(**given))
+
+
+call(
     "bushing",
     kind="bushing",
     frame=np.array(POSE),
     stiffness=np.diag([1.0, 2.0, 3.0, 40.0, 50.0, 60.0]),
     damping=np.ones(6),
-)
-def _bushing(**given: Any) -> Any:
-    return repr(hf.Grasp(**given))
-
-
-@call("grasp by subspace", kind="subspace", frame=np.array(POSE), motion=np.eye(6)[:, [2, 5]])
-def _subspace(**given: Any) -> Any:
-    return repr(hf.Grasp(**given))
-
-
-@call("screw", kind="screw", frame=np.array(POSE), pitch=0.01)
-def _screw(**given: Any) -> Any:
-    return repr(hf.Grasp(**given))
-
-
-@call("Anchor", base=np.array(POSE), tip=np.array(POSE), name="pin")
-def _anchor(**given: Any) -> Any:
-    return repr(hf.Anchor(**given))
-
-
-@call(
+)(_shown(hf.Grasp))
+call("grasp by subspace", kind="subspace", frame=np.array(POSE), motion=np.eye(6)[:, [2, 5]])(_shown(hf.Grasp))
+call("screw", kind="screw", frame=np.array(POSE), pitch=0.01)(_shown(hf.Grasp))
+call("Anchor", base=np.array(POSE), tip=np.array(POSE), name="pin")(_shown(hf.Anchor))
+call(
     "State",
     q=np.zeros(4),
     qd=np.zeros(4),
@@ -96,12 +75,8 @@ def _anchor(**given: Any) -> Any:
     object_twist=np.zeros(6),
     base_pose=np.array(POSE),
     base_twist=np.zeros(6),
-)
-def _state(**given: Any) -> Any:
-    return repr(hf.State(**given))
-
-
-@call(
+)(_shown(hf.State))
+call(
     "ClosedChain",
     arms=Later(lambda: dict(everything().chain.arms)),
     held_object=Later(lambda: everything().chain.held_object),
@@ -110,9 +85,7 @@ def _state(**given: Any) -> Any:
     trunk=Later(lambda: everything().chain.trunk),
     mounts=Later(lambda: dict(everything().chain.mounts)),
     springs=Later(lambda: list(everything().chain.springs)),
-)
-def _chain(**given: Any) -> Any:
-    return repr(hf.ClosedChain(**given))
+)(_shown(hf.ClosedChain))
 
 
 @call(

@@ -9,17 +9,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast import control
-from tests.fuzz.calls import (
-    Later,
-    call,
-    everything,
-    fixed,
-    inputs_of,
-    numbers_of,
-    rigid,
-    state_of,
-    stay,
-)
+from tests.fuzz.calls import Later, call, everything, fixed, inputs_of, numbers_of, rigid, state_of, stay
 
 # Laws and runs.
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast import ModelError, SceneError
-from holdfast.robots.urdf import load_urdf, load_urdf_arms, read_urdf, urdf_chain
+from holdfast.robots.urdf import load_urdf, load_urdf_arms, load_urdf_trunk, read_urdf, urdf_chain
 from tests.robots.two_armed import TWO_ARMED
 
 ARM = {"base": "torso", "tip": "left_grasp", "lock_others": True}
@@ -157,3 +157,13 @@ def test_unknown_words_become_notes():
     assert "link 'left_lower': text 'stray', not read" in notes
     assert "plugin 'p': unknown element, not read" in notes
     assert not any("gazebo" in note or "transmission" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("read", "given"),
+    [(urdf_chain, ()), (load_urdf_arms, ({"left": ("torso", "left_hand")},)), (load_urdf_trunk, (["left_hand"],))],
+)
+def test_no_such_option(read, given):
+    """A keyword that no reader of URDF files has is refused as Python refuses it."""
+    with pytest.raises(TypeError, match="unexpected keyword argument 'lock_other'"):
+        read(TWO_ARMED, *given, lock_other=True)

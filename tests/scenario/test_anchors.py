@@ -6,8 +6,7 @@ import pytest
 import holdfast as hf
 from holdfast.cli import main
 from holdfast.dynamics import closure
-from holdfast.scenario.build import load_scene
-from tests.scenario.test_build import refusal
+from tests.scenario.test_build import loaded, refusal
 from tests.systems.problems import largest_gaps
 
 SCENE = """
@@ -40,13 +39,6 @@ position = [0.1, 0, 0]
 rpy = [0, -1.5707963267948966, 0]
 """
 )
-
-
-def loaded(tmp_path, text):
-    """Return the scenario of a text."""
-    path = tmp_path / "scene.toml"
-    path.write_text(text)
-    return load_scene(path)
 
 
 def test_where_its_grasp_is(tmp_path):

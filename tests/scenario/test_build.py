@@ -14,7 +14,7 @@ from holdfast.control.object_tracking import ObjectTracking
 from holdfast.dynamics import closure
 from holdfast.io.typed import Location
 from holdfast.robots import PANDA_HOME
-from holdfast.scenario.build import load_scene
+from holdfast.scenario.build import Scenario, load_scene
 from holdfast.scenario.joints import body
 from holdfast.scenario.scene import BodyData
 from holdfast.simulation.runge_kutta import SCHEMES
@@ -43,6 +43,13 @@ LEFT_ARM = TEXT[TEXT.index('[[arms]]\nname = "left"') : TEXT.index('[[arms]]\nna
 def changed(old: str, new: str) -> str:
     assert old in TEXT, old
     return TEXT.replace(old, new, 1)
+
+
+def loaded(folder: Path, text: str) -> Scenario:
+    """Return the scenario of a text."""
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return load_scene(path)
 
 
 def refusal(path: Path, text: str | bytes, longest: int = 600) -> str:
@@ -95,24 +102,20 @@ def test_defaults(tmp_path):
 
 def test_springs(tmp_path):
     """Between link, object and world as said; an impossible one is refused with its place."""
-    path = tmp_path / "sprung.toml"
-    path.write_text(TEXT + SPRINGS)
-    first, second = load_scene(path).chain.springs
+    first, second = loaded(tmp_path, TEXT + SPRINGS).chain.springs
     assert (first.a.body, first.a.link, first.b.body, first.b.link) == ("left", 6, "object", None)
     assert (first.stiffness, first.length, first.damping) == (40.0, 0.2, 1.5)
     assert second.a.body == "world" and (second.a.point == [0, 0, 2]).all() and second.length == second.damping == 0.0
-    said = refusal(path, TEXT + SPRINGS.replace("link = 6", "link = 7"))
+    said = refusal(tmp_path / "bad.toml", TEXT + SPRINGS.replace("link = 6", "link = 7"))
     assert "$.springs[0]: arm 'left': link: expected a number from 0 to 6, got 7" in said
-    assert "$.springs[1]" in refusal(path, TEXT + SPRINGS.replace('"world"', '"wall"'))
+    assert "$.springs[1]" in refusal(tmp_path / "bad.toml", TEXT + SPRINGS.replace('"world"', '"wall"'))
 
 
 def test_one_sided_contacts_tips_and_tools(tmp_path):
     """Friction, rpy attitudes and tools reach the model."""
-    path = tmp_path / "ball.toml"
     text = changed('kind = "rigid"', 'kind = "ball"\ncontact = { mu = 0.6 }')
     text = text.replace('robot = "panda"', 'robot = "panda"\ntip = { position = [0, 0, 0.1], rpy = [0, 0, 1.5] }', 1)
-    path.write_text(text)
-    chain = load_scene(path).chain
+    chain = loaded(tmp_path, text).chain
     contact = chain.grasps["left"].contact
     assert contact is not None
     assert contact.mu == 0.6
@@ -151,9 +154,7 @@ def test_everything_that_can_be_said(tmp_path):
     )
     sway = "base_motion = { shift = { amplitude = [0.01, 0, 0], frequency = [1, 0, 0] }, smooth_start = 0.2 }\n"
     text = text.replace("[object]", sway + "\n[object]", 1) + MORE
-    path = tmp_path / "all.toml"
-    path.write_text(text)
-    options = load_scene(path).options
+    options = loaded(tmp_path, text).options
     release, attach = options["events"]
     assert (release.t, release.arm) == (0.5, "right")
     assert (attach.t, attach.arm, attach.here, attach.grasp.kind) == (1.0, "right", True, "ball")
@@ -185,9 +186,7 @@ def with_schedule(old="", new=""):
 
 def test_schedule(tmp_path):
     """A torque schedule, added to gravity compensation."""
-    path = tmp_path / "schedule.toml"
-    path.write_text(with_schedule())
-    scenario = load_scene(path)
+    scenario = loaded(tmp_path, with_schedule())
     before, after = (scenario.controller(t, scenario.state, None)[0] for t in (0.4, 0.6))
     assert after - before == pytest.approx([1.2, *12 * [0.0], 3.0])
 
@@ -372,9 +371,7 @@ def through(t: str = "1.5", more: str = "", beside: str = "") -> str:
 
 def test_a_path_through_poses(tmp_path):
     """The object begins where it is, passes the poses at their times, and rests at the last."""
-    path = tmp_path / "scene.toml"
-    path.write_text(through(beside="begin = 0.2\n"))
-    scenario = load_scene(path)
+    scenario = loaded(tmp_path, through(beside="begin = 0.2\n"))
     assert isinstance(scenario.controller, ObjectTracking)
     at = scenario.controller.path
     assert at(0.1).pose.p == pytest.approx([0, 0, 0.72], abs=1e-12)
@@ -415,13 +412,10 @@ def test_paths_refused(tmp_path, text, message):
 )
 def test_round_objects(tmp_path, solid, expected):
     """Solids of uniform density, drawn as what they are where their middle is the origin; links too."""
-    path = tmp_path / "scene.toml"
-    path.write_text(changed("box = [0.3, 0.2, 0.2]", solid))
-    held = load_scene(path).chain.held_object
+    held = loaded(tmp_path, changed("box = [0.3, 0.2, 0.2]", solid)).chain.held_object
     assert np.array_equal(held.inertia, expected.inertia)
     assert held.shape == expected.shape
-    path.write_text(changed("box = [0.3, 0.2, 0.2]", f"{solid}\ncom = [0, 0, 0.01]"))
-    aside = load_scene(path).chain.held_object
+    aside = loaded(tmp_path, changed("box = [0.3, 0.2, 0.2]", f"{solid}\ncom = [0, 0, 0.01]")).chain.held_object
     assert np.array_equal(aside.inertia, expected.inertia)
     assert aside.shape is None
     link = body(convert({"mass": 3.0} | tomllib.loads(solid), BodyData), Location("link"))
@@ -448,6 +442,5 @@ def test_round_objects_refused(tmp_path, solid, message):
 def test_every_scheme(tmp_path):
     """Each scheme that a run knows can be asked for in a scene."""
     for scheme in SCHEMES:
-        path = tmp_path / f"{scheme}.toml"
-        path.write_text(changed("[simulation]", f'[simulation]\nscheme = "{scheme}"'))
-        assert load_scene(path).options["scheme"] == scheme
+        text = changed("[simulation]", f'[simulation]\nscheme = "{scheme}"')
+        assert loaded(tmp_path, text).options["scheme"] == scheme

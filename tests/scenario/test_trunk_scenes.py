@@ -10,7 +10,7 @@ from holdfast.dynamics import closure
 from holdfast.model.fingerprint import fingerprint
 from holdfast.scenario.build import load_scene
 from tests.robots.two_armed import TWO_ARMED
-from tests.scenario.test_build import refusal
+from tests.scenario.test_build import loaded, refusal
 from tests.systems.problems import largest_gaps
 
 TORSO = """
@@ -66,13 +66,6 @@ MOVING = """[trunk]
 floating = { mass = 200, box = [1, 1, 1] }
 twist = [0.01, 0.02, -0.03, 0.1, 0.05, 0]"""
 FLYER = TORSO.replace("[trunk]", MOVING).replace("box = [0.3,", "twist = [0, 0, 0.1, 0.2, 0, 0], box = [0.3,")
-
-
-def loaded(tmp_path, text):
-    """Return the scenario of a text."""
-    path = tmp_path / "scene.toml"
-    path.write_text(text)
-    return load_scene(path)
 
 
 def test_joints_and_mounts(tmp_path):

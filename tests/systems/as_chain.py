@@ -9,7 +9,8 @@ import numpy as np
 from holdfast import ClosedChain, Inputs, Pose, State, forward_dynamics
 from holdfast.dynamics import ForwardResult, tip_pose
 from holdfast.io import typed
-from holdfast.io.case_file import CaseData, build_case
+from holdfast.io.case_data import CaseData
+from holdfast.io.case_file import build_case
 
 
 @dataclass(frozen=True)

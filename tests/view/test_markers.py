@@ -5,9 +5,10 @@ import pytest
 
 from holdfast import ClosedChain, Grasp, HeldObject, Pose
 from holdfast.robots import panda
+from holdfast.robots.visuals import equivalent_box
 from holdfast.spatial import rotation
 from holdfast.view.figure_style import DANGER, GREEN, rgb
-from holdfast.view.markers import arrow_scale, box_lines, cone_colour, cone_lines, equivalent_box, struts
+from holdfast.view.markers import arrow_scale, box_lines, cone_colour, cone_lines, struts
 from holdfast.view.playback import playback_of_run
 from tests.view.runs import lifted
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from json import dumps
 
 from rich.console import Console
 from rich.table import Table
@@ -10,6 +10,7 @@ from rich.table import Table
 from holdfast.bench import tables
 from holdfast.bench.run import FULL, QUICK, run
 from holdfast.cli.console import stdout
+from holdfast.cli.options import Switch
 from holdfast.cli.streams import say
 from holdfast.progress import progress_bar
 
@@ -17,12 +18,17 @@ ABREAST = 7  # systems in a batch
 ONLY_ON_THE_PAGE = (tables.settings, tables.growth)
 
 
-def bench(as_json: bool, quick: bool) -> int:
-    """Measure, and print tables or one JSON document."""
+def bench(json: Switch = False, quick: Switch = False) -> int:
+    """Compare the speed of forward dynamics with other libraries, which must give the same results.
+
+    Args:
+        json: print one JSON document instead of tables.
+        quick: measure only a few small sizes, in half a minute instead of several minutes.
+    """
     with progress_bar("measuring", say=say, time_left=False) as show:
         document = run(QUICK if quick else FULL, lambda doing, part: show(part, doing))
-    if as_json:
-        print(json.dumps(document, indent=1))
+    if json:
+        print(dumps(document, indent=1))
         return 0
     console = stdout()
     for make in tables.ALL:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import asdict
 
 import numpy as np
 
 from holdfast.cli import REFUSED
 from holdfast.cli.console import stdout, with_progress
+from holdfast.cli.options import Changes, Diagnosed, Format, OptionalName, Switch
 from holdfast.cli.results import opened_scene
 from holdfast.cli.solve import chosen_cases, named_cases, print_json
 from holdfast.cli.standard import is_standard, read_stdin
@@ -24,15 +24,23 @@ from holdfast.io.case_file import Case
 BEGINS_JSON = re.compile(rb"\s*(\{|\[\s*[{\]])")  # TOML never begins like this, because a table's name follows `[`
 
 
-def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool, changes: Sequence[str] = ()) -> int:
-    """Print the diagnosis of a scene's initial state, or of one or all cases; singular states are diagnosed too.
+def diagnose(
+    file: Diagnosed,
+    case: OptionalName = None,
+    format: Format = "table",
+    json: Switch = False,
+    changes: Changes = (),
+    trust_xacro: Switch = False,
+) -> int:
+    """Report mobility, rank, lost directions and indeterminate forces of a scene's initial state, or of problem cases.
 
     Args:
-        file: a scene (.toml), or problem cases; `-` for either on stdin.
-        case: the name of the only case to diagnose.
-        format: "table" or "json".
-        trust_xacro: expand xacro files that the scene names.
-        changes: values for keys of the scene, as `key=value`.
+        file: a scene (.toml), or problem cases (JSON); - for stdin.
+        case: diagnose only this one.
+        format: a report as text (table), or one JSON document.
+        json: the same as --format json.
+        changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
 
     Returns:
         0 if anything was diagnosed, else 3.
@@ -53,7 +61,7 @@ def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool, chang
             raise SceneError(f"--set: expected a scene, whose keys it sets, got the problem cases {file}")
         cases = chosen_cases(file, case) if given is None else named_cases(given, "stdin", case)
         found = [(problem.name, _diagnosis(problem)) for problem in with_progress(cases, "diagnosing")]
-    if format == "json":
+    if json or format == "json":
         print_json([_as_json(name, outcome) for name, outcome in found])
     else:
         console = stdout()
@@ -77,28 +85,5 @@ def _diagnosis(case: Case) -> Diagnosis | str:
 def _as_json(name: str, outcome: Diagnosis | str) -> dict[str, object]:
     if isinstance(outcome, str):
         return {"name": name, "status": "refused", "reason": outcome}
-    return {
-        "name": name,
-        "status": outcome.status,
-        "reason": None,
-        "mobility": outcome.mobility,
-        "rank": outcome.rank,
-        "generic_rank": outcome.generic_rank,
-        "rows": outcome.rows,
-        "condition": outcome.condition if math.isfinite(outcome.condition) else None,
-        "lost_directions": [
-            {
-                "arm": lost.arm,
-                "kind": lost.kind,
-                "axis": lost.axis.tolist(),
-                "point": lost.point.tolist(),
-                "strength": lost.strength,
-                "words": lost.words,
-            }
-            for lost in outcome.lost_directions
-        ],
-        "anchors": list(outcome.anchors),
-        "indeterminate_forces": [
-            {"words": force.words, "wrenches": force.wrenches.tolist()} for force in outcome.indeterminate_forces
-        ],
-    }
+    condition = outcome.condition if math.isfinite(outcome.condition) else None
+    return {"name": name, "status": outcome.status, "reason": None, **asdict(outcome), "condition": condition}

@@ -11,15 +11,20 @@ from rich.table import Table
 
 from holdfast.bench.machine import processor
 from holdfast.cli.console import print_document, stdout
+from holdfast.cli.options import Switch
 
 # as /proc/cpuinfo and sysctl spell them; asimd is ARM's name for NEON
 FEATURES = {"avx2": "avx2", "avx512": "avx512f", "fma": "fma", "neon": "asimd"}
 
 
-def doctor(as_json: bool) -> int:
-    """Print versions, processor and optional packages as a table, or as a JSON document with the same entries."""
+def doctor(json: Switch = False) -> int:
+    """Report versions, processor features and optional packages.
+
+    Args:
+        json: print one JSON document instead of a table.
+    """
     lines = dict(_lines())
-    if as_json:
+    if json:
         print_document(lines)
         return 0
     table = Table("what", "found", show_header=False)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 from holdfast.cli.console import print_document, stdout
+from holdfast.cli.options import Changes, Folder, Names, OptionalName, SceneFile, Switch
 from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.standard import refuse_standard
 from holdfast.cli.streams import say
-from holdfast.codegen.export import ExportedCode, export_c
+from holdfast.codegen.export import ExportedCode
+from holdfast.codegen.export import export_c as write_code
 from holdfast.codegen.functions import exported_function, exported_law
 from holdfast.compiled.chain import CompiledChain, compile
 from holdfast.errors import MethodNotApplicable, StateError
@@ -19,39 +22,38 @@ CONTROL = "control"  # the function of the scene's controller
 BY_DEFAULT = ("forward_dynamics", "inverse_dynamics", "step", CONTROL)
 
 
-def export_code(
-    scene: Path,
-    out: Path | None,
-    name: str | None,
-    functions: Sequence[str],
-    target: str,
-    source: bool,
-    scheme: str,
-    of: Sequence[str],
-    by: Sequence[str],
-    overwrite: bool,
-    changes: Sequence[str],
-    as_json: bool,
-    trust_xacro: bool,
+def export_c(
+    scene: SceneFile,
+    out: Folder = None,
+    name: OptionalName = None,
+    function: Names = (),
+    target: Literal["x86-64-v2", "x86-64-v3", "x86-64-v4", "aarch64"] = "x86-64-v3",
+    source: Switch = False,
+    scheme: Literal["rk4", "midpoint", "imex"] = "rk4",
+    of: Names = (),
+    by: Names = (),
+    overwrite: bool = False,
+    changes: Changes = (),
+    json: Switch = False,
+    trust_xacro: Switch = False,
 ) -> int:
-    """Write computations of a scene's chain, and its controller, as code that runs without Python; return 0.
-
-    What takes its time is said on stderr.
+    """Write a scene's dynamics, a time step and its controller as C or object files that run without Python.
 
     Args:
-        scene: the scene file; `-` for stdin.
-        out: the folder; `code/<scene's name>` if None.
-        name: prefix of all names in C; made from the scene's name if None.
-        functions: functions to export; if empty, those of `BY_DEFAULT` that this chain and its controller support.
-        target: the processor.
-        source: whether to write C11 instead of an object file.
-        scheme: integration scheme of a step.
-        of: results to differentiate.
-        by: arguments by which to differentiate.
-        overwrite: replace an earlier export there.
-        changes: changes `key=value` of the scene.
-        as_json: print one JSON document on stdout instead of a table.
-        trust_xacro: expand xacro files that the scene names.
+        scene: the scene, TOML; - for stdin.
+        out: the folder to write; by default code/<scene>.
+        name: prefix of all names in C; by default the scene's name.
+        function: one of forward_dynamics, inverse_dynamics, project, step, control (the scene's controller),
+            forward_dynamics_jacobian and others, which the documentation lists; may be repeated.
+        target: the processor of the Linux system for which object files are compiled.
+        source: write C11 instead of an object file.
+        scheme: integration scheme of a step; imex for joints with stiff springs or dampers.
+        of: a result to differentiate, by default qdd; may be repeated.
+        by: an argument by which to differentiate, by default q, qd and tau; may be repeated.
+        overwrite: replace an earlier export.
+        changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
+        json: print one JSON document instead of a table.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
 
     Raises:
         HoldfastError: the input is invalid, or this chain or controller does not support a function.
@@ -60,9 +62,9 @@ def export_code(
     folder = Path("code") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes)
     compiled = compile(scenario.chain)
-    requested = list(functions) or _those_there_are(scenario, compiled, scheme)
+    requested = list(function) or _those_there_are(scenario, compiled, scheme)
     laws = {CONTROL: scenario.controller} if CONTROL in requested else {}
-    made = export_c(
+    made = write_code(
         compiled,
         folder,
         name=_prefix(scene_name(scene)) if name is None else name,
@@ -71,14 +73,14 @@ def export_code(
         target=target,
         source=source,
         state=scenario.state,
-        of=tuple(of),
-        by=tuple(by),
+        of=of or ("qdd",),
+        by=by or ("q", "qd", "tau"),
         scheme=scheme,
         base_motion=scenario.options.get("base_motion"),
         overwrite=overwrite,
         progress=True,
     )
-    _report(made, as_json)
+    _report(made, json)
     return 0
 
 

@@ -13,14 +13,16 @@ import numpy as np
 from holdfast.cli import complain
 from holdfast.cli.console import print_document, stdout
 from holdfast.cli.folders import labels, require_one_place
+from holdfast.cli.options import Folder, OutFile, ResultFolders, Switch, TableFormat
 from holdfast.cli.standard import is_standard, read_input, refuse_standard, write_stdout
 from holdfast.cli.streams import say
 from holdfast.errors import ResultError, SceneError
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.io.export import export_csv, export_parquet, occurrences_path
-from holdfast.io.files import require_file
-from holdfast.io.result_meta import ResultMeta, kept_robots
+from holdfast.io.files import make_folder, require_file
+from holdfast.io.result_meta import SCENE, ResultMeta
 from holdfast.io.result_reader import Result, load_result
+from holdfast.io.result_reader import setting_of as setting_in
 from holdfast.model.anchor import Anchor
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
@@ -30,7 +32,7 @@ from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.scenario.build import LARGEST_FILE, Scenario, load_scene, parse_scene
+from holdfast.scenario.build import LARGEST_FILE, Scenario, parse_scene
 from holdfast.scenario.robots import RobotFiles
 from holdfast.simulation.setting import Setting
 from holdfast.simulation.summary import summarise
@@ -80,42 +82,17 @@ def recorded(folder: Path, trust_xacro: bool = False) -> tuple[Setting, Result]:
 
 
 def setting_of(result: Result, trust_xacro: bool = False) -> Setting:
-    """Return the chain of a run, from the model in its folder if the run was made in Python, else from its scene.
+    """Return the setting of a run; print on stderr if its scene no longer describes the simulated model.
 
     Raises:
-        ResultError: the model cannot be read, or as for `scenario_of`.
-        SceneError, ClosureError: as for `scenario_of`.
+        ResultError, SceneError, ClosureError: as for `Result.setting`.
     """
     if result.keeps_model:
         return result.setting
-    scenario = scenario_of(result, trust_xacro)
-    return Setting(scenario.chain, scenario.options.get("base_motion", {}), scenario.name)
-
-
-def scenario_of(result: Result, trust_xacro: bool = False) -> Scenario:
-    """Return a result's scenario with the robots stored in its folder; print on stderr if the model has changed.
-
-    Folders written by holdfast 0.1 contain no robots, which are then loaded from their original files.
-
-    Args:
-        result: the run.
-        trust_xacro: expand xacro files of a folder that contains no robots.
-
-    Raises:
-        ResultError: scene.toml describes another chain, or a robot is not the one that was simulated.
-        SceneError, ClosureError: scene.toml, or a robot file that it names, can no longer be read.
-    """
-    scene, meta = result.folder / "scene.toml", result.meta
-    robots = kept_robots(result.folder, meta.robots)
-    scenario = load_scene(scene, meta.scene_folder or None, trust_xacro=trust_xacro, robots=robots)
-    joints = scenario.chain.joint_names()
-    if joints != meta.joints:
-        raise ResultError(
-            f"{scene}: not the scene of this run: expected the joints {', '.join(meta.joints)}, got {', '.join(joints)}"
-        )
-    if fingerprint(scenario.chain) != meta.model_sha256:
-        complain(f"{scene}: no longer describes the simulated model; has a robot file changed?")
-    return scenario
+    found = setting_in(result.folder, result.meta, trust_xacro)
+    if fingerprint(found.chain) != result.meta.model_sha256:
+        complain(f"{result.folder / SCENE}: no longer describes the simulated model; has a robot file changed?")
+    return found
 
 
 def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[ClosedChain, Result]:
@@ -170,14 +147,14 @@ def _named(meta: ResultMeta) -> ClosedChain:
     return ClosedChain(arms, HeldObject(1.0, np.eye(3)), grasps)
 
 
-def plot(folders: Sequence[Path], out: Path | None, trust_xacro: bool, as_json: bool = False) -> int:
-    """Draw every figure of a run, or figures that compare several; print on stderr what incomplete runs lack.
+def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, trust_xacro: Switch = False) -> int:
+    """Draw the figures of a run: wrenches, margins, torques, load share, closure and energy; or compare several runs.
 
     Args:
-        folders: the result folders.
-        out: folder for the figures; if None the result folder of one run, `results/comparison` of several.
-        trust_xacro: expand xacro files of a result that contains no robots.
-        as_json: print a JSON document instead of lines.
+        results: the result folder; of several, the runs are drawn over each other.
+        out: the folder for the figures; without it the result folder, or results/comparison for several.
+        json: print one JSON document instead of lines.
+        trust_xacro: expand the xacro files of a result of holdfast 0.1, which does not contain its robots.
 
     Returns:
         0.
@@ -187,38 +164,40 @@ def plot(folders: Sequence[Path], out: Path | None, trust_xacro: bool, as_json: 
         MissingExtra: matplotlib is not installed.
     """
     refuse_standard(out, "--out")
-    names = labels(folders, MOST_RUNS)
-    runs = [chain_for_figures(folder, trust_xacro) for folder in folders]
-    place = out or (folders[0] if len(runs) == 1 else COMPARISON)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as cause:
-        raise ResultError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
+    names = labels(results, MOST_RUNS)
+    runs = [chain_for_figures(folder, trust_xacro) for folder in results]
+    place = out or (results[0] if len(runs) == 1 else COMPARISON)
+    make_folder(place)
     if len(runs) == 1:
         written = save_plots(runs[0][0], runs[0][1].trajectory, place)
     else:
         known = [replace(result.trajectory, setting=Setting(chain)) for chain, result in runs]
         written = write_figures(compare_runs(dict(zip(names, known, strict=True))), place)
     files = [str(place / name) for name in written]
-    if as_json:
-        print_document({"results": [str(folder) for folder in folders], "files": files})
-    for file in () if as_json else files:
+    if json:
+        print_document({"results": [str(folder) for folder in results], "files": files})
+    for file in () if json else files:
         stdout().print(f"look at {file}", soft_wrap=True)
     return 0
 
 
 def export(
-    folders: Sequence[Path], format: str, out: Path | None, overwrite: bool, trust_xacro: bool, as_json: bool = False
+    results: ResultFolders = (),
+    format: TableFormat = "csv",
+    out: OutFile = None,
+    overwrite: bool = False,
+    json: Switch = False,
+    trust_xacro: Switch = False,
 ) -> int:
-    """Write runs as tables; print on stderr what is missing if a run is incomplete.
+    """Write runs as tables, for pandas, Excel, Matlab and others, or as ROS 2 messages.
 
     Args:
-        folders: the result folders.
-        format: csv, parquet, or mcap (ROS 2 messages).
-        out: the file for one run, `-` for stdout; `trajectory.<format>` in the result folder if None.
+        results: the result folders.
+        format: csv; parquet (pip install 'holdfast[parquet]'); mcap, ROS 2 messages (pip install 'holdfast[ros]').
+        out: the file to write, - for stdout; by default trajectory.csv, .parquet or .mcap in the result folder.
         overwrite: replace existing files.
-        trust_xacro: expand xacro files of a result that contains no robots.
-        as_json: print a JSON list instead of lines.
+        json: print one JSON document instead of lines.
+        trust_xacro: as for `plot`; only MCAP files need the robots.
 
     Returns:
         0.
@@ -227,28 +206,28 @@ def export(
         ResultError: there is no result, or a file exists already.
         MissingExtra: the format is parquet without pyarrow, or mcap without mcap-ros2-support.
     """
-    require_one_place(folders, out)
+    require_one_place(results, out)
     if is_standard(out):
-        return _export_to_stdout(folders[0], format, trust_xacro, as_json)
-    results = [(load_result(folder), folder / f"trajectory.{format}" if out is None else out) for folder in folders]
-    for _, path in results:
+        return _export_to_stdout(results[0], format, trust_xacro, json)
+    loaded = [(load_result(folder), folder / f"trajectory.{format}" if out is None else out) for folder in results]
+    for _, path in loaded:
         require_file(path)
         present = [one for one in (path, occurrences_path(path)) if os.path.lexists(one)]
         if present and not overwrite:
             raise ResultError(f"{present[0]}: exists already; try --overwrite, or another --out")
     documents = []
-    for result, path in results:
+    for result, path in loaded:
         written = _write_table(result, format, path, trust_xacro)
         if result.note:
             complain(f"{result.folder}: {result.note}")
         files = [str(one) for one in written]
         documents.append({"result": str(result.folder), "files": files, "samples": result.samples})
-        if as_json:
+        if json:
             continue
         stdout().print(f"{path}: {result.samples} samples", soft_wrap=True)
         for log in written[1:]:
             stdout().print(f"{log}: events", soft_wrap=True)
-    if as_json:
+    if json:
         print_document(documents)
     return 0
 
@@ -274,13 +253,13 @@ def _write_table(result: Result, format: str, path: Path, trust_xacro: bool) -> 
     return {"csv": export_csv, "parquet": export_parquet}[format](result, path)
 
 
-def summary(folders: Sequence[Path], trust_xacro: bool, as_json: bool) -> int:
-    """Print the summaries of runs; print on stderr what is missing if a run is incomplete.
+def summary(results: ResultFolders = (), json: Switch = False, trust_xacro: Switch = False) -> int:
+    """Print the summaries of runs: closure, energy, momentum, peak wrenches, margins, events.
 
     Args:
-        folders: the result folders.
-        trust_xacro: expand xacro files of a result that contains no robots.
-        as_json: print a JSON list instead of tables.
+        results: the result folders.
+        json: print one JSON document instead of tables.
+        trust_xacro: as for `plot`.
 
     Returns:
         0.
@@ -288,10 +267,10 @@ def summary(folders: Sequence[Path], trust_xacro: bool, as_json: bool) -> int:
     Raises:
         ResultError, SceneError, ClosureError: as for `setting_of`.
     """
-    require_one_place(folders, None)
-    runs = [(folder, *recorded(folder, trust_xacro)) for folder in folders]
+    require_one_place(results, None)
+    runs = [(folder, *recorded(folder, trust_xacro)) for folder in results]
     found = [(f, result.complete, summarise(setting.chain, result.trajectory)) for f, setting, result in runs]
-    if as_json:
+    if json:
         print_document([{"result": str(f), "complete": whole, "summary": asdict(one)} for f, whole, one in found])
         return 0
     for folder, _, one in found:

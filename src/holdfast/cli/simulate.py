@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
 from holdfast.cli import INTERRUPTED, REFUSED, complain
 from holdfast.cli.console import print_document, stdout
+from holdfast.cli.options import Changes, Folder, SceneFile, Seconds, Switch
 from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.standard import refuse_standard
 from holdfast.cli.streams import say
@@ -26,30 +26,30 @@ from holdfast.view.summary_table import summary_table
 
 
 def simulate(
-    scene: Path,
-    out: Path | None = None,
+    scene: SceneFile,
+    out: Folder = None,
     overwrite: bool = False,
-    with_plots: bool = True,
-    resume: bool = False,
-    trust_xacro: bool = False,
-    sample_time: float | None = None,
-    delay: float | None = None,
-    changes: Sequence[str] = (),
-    as_json: bool = False,
+    resume: Switch = False,
+    plots: bool = True,
+    sample_time: Seconds = None,
+    delay: Seconds = None,
+    changes: Changes = (),
+    json: Switch = False,
+    trust_xacro: Switch = False,
 ) -> int:
-    """Simulate a scene; print progress on stderr and a summary on stdout, and write everything to the result folder.
+    """Simulate a scene and write a result folder.
 
     Args:
-        scene: the scene file; `-` for stdin.
-        out: result folder; `results/<scene's name>` if None.
-        overwrite: replace an earlier result there.
-        with_plots: write the plots too.
-        resume: continue an interrupted run of the same scene there.
-        trust_xacro: expand xacro files that the scene names.
-        sample_time: sample time of the controller [s]; the scene's if None.
-        delay: delay from a sample until its torques act [s]; the scene's if None.
-        changes: changes `key=value` of the scene.
-        as_json: print one JSON document on stdout instead of the summary table.
+        scene: the scene, TOML; - for stdin.
+        out: the result folder to write.
+        overwrite: replace an existing result folder.
+        resume: continue a run that was interrupted or killed; the result is identical to the bit.
+        plots: draw the plots too (needs matplotlib); `holdfast plot` draws them later.
+        sample_time: sample time of the controller, whose torques are held in between; by default the scene's.
+        delay: delay from a sample until its torques act; by default the scene's.
+        changes: set a key of the scene, such as simulation.step=0.001 or arms.left.q="[0, 0.5]"; may be repeated.
+        json: print one JSON document instead of the summary table.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
 
     Returns:
         0; 3 if the run was stopped by an event such as a slipping grasp; 130 if the user interrupted it. In both cases
@@ -67,7 +67,7 @@ def simulate(
     scenario = opened_scene(scene, trust_xacro, changes)
     requested = {name: x for name, x in (("sample_time", sample_time), ("delay", delay)) if x is not None}
     scenario = replace(scenario, options=scenario.options | requested)
-    if with_plots:
+    if plots:
         _require_plots()
     robots = scenario.sources
     home = str(scene.parent.resolve()) if robots else ""
@@ -85,24 +85,24 @@ def simulate(
     except (ClosureError, SingularChainError, StateError) as cause:
         raise type(cause)(f"{scene}: {cause}") from cause
     if run is None:
-        return _interrupted(scenario, writer, as_json)
+        return _interrupted(scenario, writer, json)
     happened = run.occurrences
     if writer.start is not None:  # the first part is on disk
         writer.flush()
         run = replace(load_result(folder).trajectory, stopped=run.stopped)
     summary = summarise(scenario.chain, run)
     writer.finish(summary, stopped=run.stopped, occurrences=happened)
-    if not as_json:
+    if not json:
         stdout().print(summary_table(summary))
     if run.stopped is not None:
         complain(f"{scene}: {run.stopped}")
-    if not as_json:
+    if not json:
         _point_to(folder, "summary.json")
-    plots = save_plots(scenario.chain, run, folder) if with_plots else []
-    if as_json:
-        files = [str(folder / name) for name in ("summary.json", *plots)]
+    drawn = save_plots(scenario.chain, run, folder) if plots else []
+    if json:
+        files = [str(folder / name) for name in ("summary.json", *drawn)]
         print_document(_document(folder, summary, run.stopped, files))
-    for name in () if as_json else plots:
+    for name in () if json else drawn:
         _point_to(folder, name)
     return 0 if run.stopped is None else REFUSED
 

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from holdfast.cli import REFUSED
 from holdfast.cli.console import stdout, with_progress
+from holdfast.cli.options import CaseFile, Format, Name, OptionalName, Switch
 from holdfast.cli.standard import read_input
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.consistency import require_closed, require_rates
@@ -21,7 +22,8 @@ from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.methods import METHODS
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import MethodNotApplicable, ModelError, SceneError, SingularChainError, StateError
-from holdfast.io.case_file import Case, ExpectedData, parse_cases
+from holdfast.io.case_data import ExpectedData
+from holdfast.io.case_file import Case, parse_cases
 from holdfast.io.files import one_line
 from holdfast.io.typed import refusal
 from holdfast.model import checks
@@ -180,7 +182,7 @@ def named_cases(text: bytes, source: str, name: str | None) -> list[Case]:
 
 def print_json(items: Sequence[dict[str, object]]) -> None:
     """Print a JSON list on stdout, one item per line; it must not contain NaN or infinity."""
-    lines = [json.dumps(item, allow_nan=False) for item in items]
+    lines = [json.dumps(item, allow_nan=False, default=np.ndarray.tolist) for item in items]
     print("[" + ",\n ".join(lines) + "]")
 
 
@@ -245,8 +247,21 @@ def _triple(vector) -> str:
     return ", ".join(f"{x:+.6g}" for x in vector)
 
 
-def solve(file: Path, case: str | None, method: str, format: str) -> int:
-    """Print the answers of one or all methods to one or all cases.
+def solve(
+    file: CaseFile,
+    case: OptionalName = None,
+    method: Name = "sequential",
+    format: Format = "table",
+    json: Switch = False,
+) -> int:
+    """Solve forward dynamics problems: joint accelerations, grasp forces, object acceleration.
+
+    Args:
+        file: problem cases, JSON; - for stdin.
+        case: solve only this one.
+        method: an algorithm (`holdfast methods` lists them), or `all`.
+        format: a table, or one JSON document.
+        json: the same as --format json.
 
     Returns:
         0 if anything was solved, else 3.
@@ -258,7 +273,7 @@ def solve(file: Path, case: str | None, method: str, format: str) -> int:
     found: list[Answer] = []
     for problem in with_progress(chosen_cases(file, case), "solving"):
         found += answers(problem, methods)
-    if format == "json":
+    if json or format == "json":
         print_json([answer.as_json() for answer in found])
     else:
         print_answers(found)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from rich.table import Table
 
 from holdfast.cli import INTERRUPTED, complain
 from holdfast.cli.console import print_document, stdout
+from holdfast.cli.options import Address, Changes, Folder, Number, Swept, Switch
 from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.standard import is_standard, refuse_standard
 from holdfast.cli.streams import say
@@ -22,26 +22,26 @@ LEVELS = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "largest": 1.0
 
 
 def sweep(
-    target: Path,
-    out: Path | None,
-    workers: int,
-    cluster: str | None,
-    run: int | None,
-    changes: Sequence[str],
-    as_json: bool,
-    trust_xacro: bool,
+    target: Swept,
+    out: Folder = None,
+    workers: int = 1,
+    cluster: Address = None,
+    run: Number = None,
+    changes: Changes = (),
+    json: Switch = False,
+    trust_xacro: Switch = False,
 ) -> int:
-    """Simulate the missing runs of a sweep; print progress on stderr and a summary on stdout.
+    """Run or continue the sweep that a scene describes: many runs, whose results are written to a folder.
 
     Args:
-        target: a scene with a `[sweep]` table, `-` for stdin; or the folder of a sweep.
-        out: the folder of a scene's sweep; `results/<scene's name>_sweep` if None.
+        target: a scene with a [sweep] table, - for stdin; or the folder of a sweep.
+        out: the folder of the scene's sweep; runs that it already contains are not repeated.
         workers: number of processes on this computer.
-        cluster: address of a Dask scheduler, or `local`; None for no cluster.
-        run: number of a run to repeat instead, which is written as a result folder inside the sweep's.
-        changes: changes `key=value` of the scene.
-        as_json: print one JSON document on stdout instead of tables.
-        trust_xacro: expand xacro files that the scene names.
+        cluster: address of a Dask scheduler, tcp://...; or local for a Dask cluster of these workers.
+        run: repeat only this run, and write it as a result folder inside the sweep's, for view and plot.
+        changes: set a key of the scene, such as sweep.count=1000; may be repeated.
+        json: print one JSON document instead of tables.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
 
     Returns:
         0, even if runs failed, which the summary counts; 130 if the user interrupted the sweep.
@@ -62,7 +62,7 @@ def sweep(
             raise SceneError(
                 f"--run: expected the folder of a sweep, got {target}; try holdfast sweep {folder} --run {run}"
             )
-        return _again(load_sweep(folder), run, workers, cluster, as_json)
+        return _again(load_sweep(folder), run, workers, cluster, json)
     scenario = kept_scene(target) if is_folder else opened_scene(target, trust_xacro, changes)
     try:
         with progress_bar(f"sweeping {scenario.name}", say=say, time_left=False) as show:
@@ -71,7 +71,7 @@ def sweep(
     except KeyboardInterrupt:
         complain(f"interrupted; what was finished is in {folder}, and the same command continues from there")
         return INTERRUPTED
-    _report(found, as_json)
+    _report(found, json)
     return 0
 
 

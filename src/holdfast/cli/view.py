@@ -10,6 +10,7 @@ from pathlib import Path
 
 from holdfast.cli.console import print_document, stdout
 from holdfast.cli.folders import labels
+from holdfast.cli.options import Changes, OutFile, Switch, Targets
 from holdfast.cli.results import opened_scene, recorded
 from holdfast.cli.standard import is_standard, write_stdout
 from holdfast.cli.streams import say
@@ -28,26 +29,26 @@ LAST_PORT = 65535
 
 
 def view(
-    targets: Sequence[Path],
-    page: Path | None,
-    port: int,
-    rate: float,
-    overwrite: bool,
-    trust_xacro: bool,
-    changes: Sequence[str] = (),
-    as_json: bool = False,
+    targets: Targets = (),
+    export: OutFile = None,
+    port: int = 0,
+    rate: float = 30.0,
+    overwrite: bool = False,
+    changes: Changes = (),
+    json: Switch = False,
+    trust_xacro: Switch = False,
 ) -> int:
-    """Show runs, or closed initial states of scenes, until the user presses Ctrl-C; or write them as an HTML file.
+    """Show a run, or the initial state of a scene, in the browser; Ctrl-C ends it.
 
     Args:
-        targets: result folders or scene files, `-` for a scene on stdin; of several, one is chosen in the page.
-        page: the HTML file to write, `-` for stdout; None to serve the viewer instead.
-        port: the port of the viewer; 0 for any free port.
+        targets: a result folder, or a scene file, - for a scene on stdin; of several, one is chosen in the page.
+        export: write one HTML file that can be opened from disk instead; - for stdout.
+        port: the port of the viewer, on this machine only; 0 for any free port.
         rate: number of frames shown per second of the run.
-        overwrite: replace an existing file.
-        trust_xacro: expand xacro files that a scene names.
-        changes: changes `key=value` of a scene.
-        as_json: print one JSON document on stdout instead of lines.
+        overwrite: replace an existing HTML file.
+        changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
+        json: print one JSON document instead of lines.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
 
     Returns:
         0, also after Ctrl-C, which ends the viewer.
@@ -57,30 +58,30 @@ def view(
     """
     if not 0 <= port <= LAST_PORT:
         raise ModelError(f"port: expected 0 (any that is free) to {LAST_PORT}, got {port}")
-    if is_standard(page) and as_json:
+    if is_standard(export) and json:
         raise ResultError("--export -: stdout takes the page or, with --json, a report; try one of them")
-    if page is not None and not is_standard(page) and os.path.lexists(page) and not overwrite:
-        raise ResultError(f"{page}: exists already; try --overwrite, or another --export")
+    if export is not None and not is_standard(export) and os.path.lexists(export) and not overwrite:
+        raise ResultError(f"{export}: exists already; try --overwrite, or another --export")
     titles = labels(targets, MOST_PAGES, "RESULT|SCENE")
     playbacks = [_playback(target, rate, trust_xacro, changes) for target in targets]
     if len(playbacks) > 1:
         playbacks = [replace(one, title=title) for one, title in zip(playbacks, titles, strict=True)]
-    if page is not None and is_standard(page):
+    if export is not None and is_standard(export):
         write_stdout(lambda path: export_page(playbacks, path), "page.html")
         return 0
-    if page is not None:
-        export_page(playbacks, page)
+    if export is not None:
+        export_page(playbacks, export)
         frames, runs = sum(map(len, playbacks)), f"{len(playbacks)} runs, " if len(playbacks) > 1 else ""
-        if as_json:
-            print_document({"file": str(page), "bytes": page.stat().st_size, "moments": frames})
+        if json:
+            print_document({"file": str(export), "bytes": export.stat().st_size, "moments": frames})
             return 0
-        size, plural = page.stat().st_size / 2**20, "" if frames == 1 else "s"
-        stdout().print(f"{page}: {size:.1f} MiB, {runs}{frames} frame{plural}", soft_wrap=True)
+        size, plural = export.stat().st_size / 2**20, "" if frames == 1 else "s"
+        stdout().print(f"{export}: {size:.1f} MiB, {runs}{frames} frame{plural}", soft_wrap=True)
         return 0
     try:
-        watch(playbacks, _announce_json if as_json else _announce, port)
+        watch(playbacks, _announce_json if json else _announce, port)
     except KeyboardInterrupt:
-        if not as_json:
+        if not json:
             stdout().print("closed")
     return 0
 

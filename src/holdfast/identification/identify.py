@@ -25,7 +25,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.simulation.trajectory import Trajectory
-from holdfast.spatial.inertia import of_parameters
+from holdfast.spatial.inertia import about_origin, of_parameters
 from holdfast.spatial.log_cholesky import numbers_of
 from holdfast.spatial.scalar import Array
 
@@ -123,17 +123,13 @@ def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
     if flags["gravity"] and not chain.gravity.any():
         raise ModelError("identify: gravity: expected a chain with gravity, whose size is known; got none")
     try:
-        numbers_of(of_parameters(np.concatenate([[chain.held_object.mass], np.zeros(3), _moments(chain.held_object)])))
+        numbers_of(about_origin(chain.held_object.mass, np.zeros(3), chain.held_object.inertia))
     except ValueError as cause:
         raise ModelError(
             "identify: object: expected principal moments of which any two sum to more than the third; got a flat or an"
             " impossible body; try HeldObject.box with three edges as a first guess"
         ) from cause
     return Settings(by, flags["sensor_bias"], flags["gravity"])
-
-
-def _moments(body: HeldObject) -> Array:
-    return body.inertia[np.triu_indices(3)]
 
 
 def _require(chain: ClosedChain, one: Recording, by: str) -> None:

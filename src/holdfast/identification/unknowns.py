@@ -58,7 +58,8 @@ class Unknowns:
     @property
     def start(self) -> Array:
         """Theta of the model."""
-        return np.concatenate([numbers_of(plain_body(self.model)), self.model[10:]])
+        # of the model, c and so m c are 0
+        return np.concatenate([numbers_of(of_parameters(self.model[:10])), self.model[10:]])
 
     def linear(self, theta: Array) -> Array:
         """Return x of theta."""
@@ -133,10 +134,3 @@ def plain_parameters(numbers: Array) -> Array:
     c = numbers[7:]
     about_c = body.I - body.m * (dot(c, c) * np.eye(3) - outer(c, c))
     return concatenate([array([body.m]), c, RigidInertia(body.m, body.h, about_c).parameters[4:]])
-
-
-def plain_body(plain: Array) -> RigidInertia:
-    """Return the inertia about the origin for given m, c and I about c."""
-    m, c = float(plain[0]), plain[1:4]
-    I = of_parameters(plain[:10]).I
-    return RigidInertia(m, m * c, I + m * (c @ c * np.eye(3) - np.outer(c, c)))

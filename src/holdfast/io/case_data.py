@@ -15,11 +15,23 @@ class _Strict(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """Base of the file's structures."""
 
 
-class BaseData(_Strict):
-    """Pose and prescribed motion of an arm's base, world axes."""
+class PoseData(_Strict):
+    """A pose in the world."""
 
     R: Matrix3
     p: Vector3
+
+
+class TwistData(_Strict):
+    """A velocity, world axes."""
+
+    omega: Vector3
+    v: Vector3
+
+
+class BaseData(PoseData, kw_only=True):
+    """Pose and prescribed motion of an arm's base, world axes."""
+
     omega: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
     v: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
     omega_dot: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -79,20 +91,6 @@ class ArmData(_Strict):
     parent: int | None = None
 
 
-class PoseData(_Strict):
-    """A pose in the world."""
-
-    R: Matrix3
-    p: Vector3
-
-
-class TwistData(_Strict):
-    """A velocity, world axes."""
-
-    omega: Vector3
-    v: Vector3
-
-
 class TrunkData(_Strict):
     """A trunk: like an arm on a base, or beginning with a floating joint, whose body `pose` and `twist` are of."""
 
@@ -106,14 +104,12 @@ class TrunkData(_Strict):
     twist: TwistData | None = None
 
 
-class ObjectData(_Strict):
+class ObjectData(PoseData, kw_only=True):
     """The object, its pose (R, p of point C) and velocity."""
 
     mass: float
     com: Vector3
     inertia: Matrix3
-    R: Matrix3
-    p: Vector3
     omega: Vector3
     v: Vector3
     wrench: Vector6 | None = None

@@ -14,18 +14,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.errors import SceneError
-from holdfast.io import typed
-from holdfast.io.case_data import (
-    ArmData,
-    CaseData,
-    CaseFileData,
-    ExpectedData,
-    FloatingData,
-    GraspData,
-    JointData,
-    LinkData,
-    TrunkData,
-)
+from holdfast.io import case_data, typed
 from holdfast.io.files import file_path
 from holdfast.io.typed import Location
 from holdfast.model import checks
@@ -63,7 +52,7 @@ class Case:
     tau: Array
     inputs: Inputs
     rates: Array | None
-    expected: ExpectedData | None
+    expected: case_data.ExpectedData | None
 
 
 def load_cases(path: str | PathLike[str]) -> list[Case]:
@@ -91,7 +80,7 @@ def parse_cases(text: bytes, source: str) -> list[Case]:
     """
     data = typed.parse_json(text, source)
     if isinstance(data, dict) and ("cases" in data or not data.keys() & {"name", "object", "arms"}):
-        items = typed.convert(data, CaseFileData, source).cases
+        items = typed.convert(data, case_data.CaseFileData, source).cases
         listed = [(f"$.cases[{i}]", item) for i, item in enumerate(items)]
     elif isinstance(data, list):
         listed = [(f"$[{i}]", item) for i, item in enumerate(data)]
@@ -102,7 +91,7 @@ def parse_cases(text: bytes, source: str) -> list[Case]:
     cases = []
     first: dict[str, str] = {}
     for root, item in listed:
-        case = build_case(typed.convert(item, CaseData, source, root), source, root)
+        case = build_case(typed.convert(item, case_data.CaseData, source, root), source, root)
         if case.name in first:
             raise Location(source, root + ".name").refuse(
                 f"duplicate name {case.name!r}, first used at {first[case.name]}"
@@ -112,7 +101,8 @@ def parse_cases(text: bytes, source: str) -> list[Case]:
     return cases
 
 
-def build_case(data: CaseData, source: str = "case", root: str = "$") -> Case:
+@np.errstate(all="ignore")  # of numbers near the end of float64's range: what overflows is refused, not warned of
+def build_case(data: case_data.CaseData, source: str = "case", root: str = "$") -> Case:
     """Return a case from its typed data.
 
     The format gives no attitude to a tip: each tip frame is taken to agree with its
@@ -121,12 +111,7 @@ def build_case(data: CaseData, source: str = "case", root: str = "$") -> Case:
     Raises:
         SceneError: with the JSON path of the first fault.
     """
-    # numbers near the end of float64's range overflow below: what comes of it is refused, not warned of
-    with np.errstate(all="ignore"):
-        return _build(data, Location(source, root))
-
-
-def _build(data: CaseData, at: Location) -> Case:
+    at = Location(source, root)
     if not data.arms:
         raise (at / "arms").refuse("expected at least one arm, got none")
     arms, grasps, mounts = {}, {}, {}
@@ -161,7 +146,7 @@ def _build(data: CaseData, at: Location) -> Case:
     return Case(data.name, chain, state, tau, inputs, rates, data.expected)
 
 
-def _arm(data: ArmData, at: Location, drives: dict[str, list[float]]) -> Arm:
+def _arm(data: case_data.ArmData, at: Location, drives: dict[str, list[float]]) -> Arm:
     """Return an arm; `drives` holds what the tags say of its joints."""
     joints = [_joint(joint, at / "joints" / k) for k, joint in enumerate(data.joints)]
     for key, values in drives.items():
@@ -174,13 +159,13 @@ def _arm(data: ArmData, at: Location, drives: dict[str, list[float]]) -> Arm:
         return Arm(joints, links, Pose(np.eye(3), np.array(data.tip)), _pose(data.base, "base", at))
 
 
-def _joint(data: JointData, at: Location) -> Joint:
+def _joint(data: case_data.JointData, at: Location) -> Joint:
     with at.refusals():
         placement = Pose(checks.rotation_matrix(data.R0, "joint: R0"), np.array(data.p0))
         return Joint(data.type, np.array(data.axis), placement, armature=data.armature, damping=data.damping)
 
 
-def _link(data: LinkData, at: Location) -> Link:
+def _link(data: case_data.LinkData, at: Location) -> Link:
     with at.refusals():
         return Link(data.mass, np.array(data.com), np.array(data.inertia))
 
@@ -190,27 +175,29 @@ def _pose(data: Any, key: str, at: Location) -> Pose:
         return Pose(checks.rotation_matrix(data.R, f"{key}: R"), np.array(data.p))
 
 
-def _require_lengths(data: ArmData | TrunkData, keys: tuple[str, ...], count: int, at: Location) -> None:
+def _require_lengths(
+    data: case_data.ArmData | case_data.TrunkData, keys: tuple[str, ...], count: int, at: Location
+) -> None:
     for key in keys:
         if len(getattr(data, key)) != count:
             raise (at / key).refuse(f"expected {count} entries, one per joint, got {len(getattr(data, key))}")
 
 
-def _floats(data: TrunkData) -> bool:
+def _floats(data: case_data.TrunkData) -> bool:
     """Return whether a trunk begins with a floating joint."""
     return bool(data.joints) and isinstance(data.joints[0], dict) and data.joints[0].get("type") == "floating"
 
 
-def _trunk(data: TrunkData, at: Location) -> Trunk:
+def _trunk(data: case_data.TrunkData, at: Location) -> Trunk:
     """Return the trunk; a floating joint's link is its first."""
     floats = _floats(data)
     if floats:
-        typed.convert(data.joints[0], FloatingData, at.source, (at / "joints" / 0).path)
+        typed.convert(data.joints[0], case_data.FloatingData, at.source, (at / "joints" / 0).path)
     joints = []
     for k, joint in enumerate(data.joints):
         if k or not floats:
             where = at / "joints" / k
-            joints.append(_joint(typed.convert(joint, JointData, where.source, where.path), where))
+            joints.append(_joint(typed.convert(joint, case_data.JointData, where.source, where.path), where))
     links = [_link(link, at / "links" / k) for k, link in enumerate(data.links)]
     if len(links) != len(data.joints):
         raise (at / "links").refuse(f"expected {len(data.joints)} entries, one per joint, got {len(links)}")
@@ -225,7 +212,7 @@ def _trunk(data: TrunkData, at: Location) -> Trunk:
         return Trunk(joints, links, _pose(data.base, "base", at))
 
 
-def _floating(data: TrunkData | None, at: Location) -> tuple[Array | None, Array | None]:
+def _floating(data: case_data.TrunkData | None, at: Location) -> tuple[Array | None, Array | None]:
     """Return pose and twist of a floating base, None without one."""
     if data is None or data.pose is None or data.twist is None:
         return None, None
@@ -243,7 +230,7 @@ def _mount(parent: int, trunk: Trunk | None, at: Location) -> int | str:
     return BASE if parent < first else parent - first
 
 
-def _inputs(data: CaseData, at: Location) -> Inputs:
+def _inputs(data: case_data.CaseData, at: Location) -> Inputs:
     """Return base motion and external wrenches."""
     wrench = data.object.wrench
     if isinstance(data.tags, dict) and "object_wrench" in data.tags:
@@ -269,7 +256,7 @@ def _wrenches(given: list[list[float] | None]) -> Array:
     return np.array([[0.0] * 6 if one is None else one for one in given])
 
 
-def _drives(data: CaseData, at: Location) -> list[dict[str, list[float]]]:
+def _drives(data: case_data.CaseData, at: Location) -> list[dict[str, list[float]]]:
     """Return per arm what the tags say of its drives: `armature` and `damping`, per arm and joint."""
     found: list[dict[str, list[float]]] = [{} for _ in data.arms]
     for key in ("armature", "damping"):
@@ -285,7 +272,7 @@ def _drives(data: CaseData, at: Location) -> list[dict[str, list[float]]]:
     return found
 
 
-def _grasp(data: GraspData, at: Location) -> Grasp:
+def _grasp(data: case_data.GraspData, at: Location) -> Grasp:
     """Return the grasp with its contact frame: hinge axis along x, soft finger's tangents x, y."""
     listed = GRASP_KINDS[data.type].listed_axes
     if len(data.h_object) != listed:
@@ -321,7 +308,7 @@ def _with_tip_attitudes(motion: ChainMotion) -> ClosedChain:
     return replace(motion.chain, arms={**given, **arms})
 
 
-def _check_expected(data: CaseData, at: Location) -> None:
+def _check_expected(data: case_data.CaseData, at: Location) -> None:
     """Refuse an answer whose shape is not the problem's."""
     if data.expected is None:
         return

@@ -7,19 +7,21 @@ import io
 from collections.abc import Callable, Iterable, Iterator
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 import numpy as np
 
-from holdfast.errors import MissingExtra, ResultError
+from holdfast.errors import ResultError
 from holdfast.io.columns import TEXTS, Cell, Column, columns, occurrence_columns, occurrence_row, rows
 from holdfast.io.files import file_path, remove, write_atomically
 from holdfast.io.result_meta import ResultMeta
 from holdfast.io.result_reader import Result
 from holdfast.io.save_run import meta_of
+from holdfast.io.table_reader import pyarrow
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 
+Parts = Callable[[], Iterable[Trajectory]]  # the pieces of a run
 Rows = Array | list[list[Cell]]
 # (file, titles and units, blocks of rows) -> None: writes one table
 TableWriter = Callable[[IO[bytes], list[Column], Iterable[Rows]], None]
@@ -40,7 +42,7 @@ def export_csv(result: Result | Trajectory, path: str | PathLike[str]) -> list[P
         ResultError: a file cannot be written, or the result can no longer be read.
         StateError: the run does not contain its chain, or has no samples.
     """
-    return _export(_source(result), path, _write_csv)
+    return _export(*_source(result), path, _write_csv)
 
 
 def export_parquet(result: Result | Trajectory, path: str | PathLike[str]) -> list[Path]:
@@ -57,25 +59,21 @@ def export_parquet(result: Result | Trajectory, path: str | PathLike[str]) -> li
         ResultError: a file cannot be written, or the result can no longer be read.
         StateError: the run does not contain its chain, or has no samples.
     """
-    try:
-        import pyarrow as arrow  # pyright: ignore[reportMissingImports]
-        from pyarrow import parquet  # pyright: ignore[reportMissingImports]
-    except ImportError as cause:
-        raise MissingExtra("Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") from cause
+    arrow, parquet = pyarrow()
 
-    source = _source(result)
+    meta, parts = _source(result)
 
     def write(file: IO[bytes], head: list[Column], blocks: Iterable[Rows]) -> None:
         kinds = [arrow.string() if column.name in TEXTS else arrow.float64() for column in head]
         fields = [arrow.field(c.title, kind, metadata={"unit": c.unit}) for c, kind in zip(head, kinds, strict=True)]
-        schema = arrow.schema(fields, metadata={"scene": source.meta.scene, **source.meta.versions})
+        schema = arrow.schema(fields, metadata={"scene": meta.scene, **meta.versions})
         with parquet.ParquetWriter(file, schema) as table:
             for block in blocks:
                 by_column = np.ascontiguousarray(block.T) if isinstance(block, np.ndarray) else zip(*block, strict=True)
                 entries = [arrow.array(given, kind) for given, kind in zip(by_column, kinds, strict=True)]
                 table.write_table(arrow.Table.from_arrays(entries, schema=schema))
 
-    return _export(source, path, write)
+    return _export(meta, parts, path, write)
 
 
 def occurrences_path(path: Path) -> Path:
@@ -83,29 +81,17 @@ def occurrences_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}_occurrences{path.suffix}")
 
 
-class _Source(NamedTuple):
-    """The run from which tables are made.
-
-    Attributes:
-        meta: metadata of the run.
-        parts: function that yields the run piece by piece.
-    """
-
-    meta: ResultMeta
-    parts: Callable[[], Iterable[Trajectory]]
-
-
-def _export(source: _Source, given: str | PathLike[str], write: TableWriter) -> list[Path]:
+def _export(meta: ResultMeta, parts: Parts, given: str | PathLike[str], write: TableWriter) -> list[Path]:
     path = file_path(given, "path")
-    meta, log = source.meta, occurrences_path(path)
+    log = occurrences_path(path)
     happened: list[list[Cell]] = []
 
     def blocks() -> Iterator[Rows]:
-        for part in source.parts():
+        for part in parts():
             happened.extend(occurrence_row(one, meta) for one in part.occurrences)
             yield rows(part)
 
-    head = columns(meta, next(iter(source.parts())))
+    head = columns(meta, next(iter(parts())))
     write_atomically(path, lambda file: write(file, head, blocks()))
     if not happened:
         remove(log)  # from an earlier export
@@ -114,7 +100,7 @@ def _export(source: _Source, given: str | PathLike[str], write: TableWriter) -> 
     return [path, log]
 
 
-def _source(run: Any) -> _Source:
+def _source(run: Any) -> tuple[ResultMeta, Parts]:
     """Return the metadata and the pieces of a run.
 
     Raises:
@@ -122,11 +108,11 @@ def _source(run: Any) -> _Source:
         StateError: the run does not contain its chain, or has no samples.
     """
     if isinstance(run, Result):
-        return _Source(run.meta, run.parts)
+        return run.meta, run.parts
     if isinstance(run, Trajectory):
         setting = run.require_setting()
         require_run_of(setting.chain, run)
-        return _Source(meta_of(setting), lambda: [run])
+        return meta_of(setting), lambda: [run]
     raise ResultError(
         "expected a run, as simulate(...) or load_result(folder) returns it, got a"
         f" {type(run).__name__}{'. Try load_result of it' if isinstance(run, str | PathLike) else ''}"

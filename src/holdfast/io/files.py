@@ -68,13 +68,24 @@ def names_in(folder: Path, what: str) -> list[str]:
     try:
         return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
     except (OSError, ValueError) as cause:
-        reason = reason_of(cause) if isinstance(cause, OSError) else str(cause)
-        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: cannot be {what}: {reason}") from cause
+        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: cannot be {what}: {reason_of(cause)}") from cause
 
 
-def reason_of(cause: OSError) -> str:
-    """Return why a file cannot be read or written, as the operating system says it."""
-    return cause.strerror or str(cause)
+def make_folder(folder: Path) -> None:
+    """Create a folder, and those above it, unless they are there.
+
+    Raises:
+        ResultError: it cannot be created.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as cause:
+        raise _unwritable(folder, reason_of(cause)) from cause
+
+
+def reason_of(cause: OSError | ValueError) -> str:
+    """Return why a file cannot be read or written: as the operating system says it, or why no system takes its name."""
+    return getattr(cause, "strerror", None) or str(cause)
 
 
 def write_atomically(path: Path, content: bytes | Callable[[IO[bytes]], object]) -> None:

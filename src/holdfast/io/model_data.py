@@ -59,6 +59,11 @@ def model_data(value: Any) -> Any:
     return value
 
 
+def model_text(chain: ClosedChain) -> bytes:
+    """Return a chain as the JSON text that `model_of` reads."""
+    return msgspec.json.encode(model_data(chain)) + b"\n"
+
+
 def model_of(text: bytes, source: str) -> ClosedChain:
     """Return the chain of a JSON text.
 

@@ -15,7 +15,7 @@ from holdfast.compiled.externals import state_fields
 from holdfast.errors import ResultError, StateError
 from holdfast.io.files import LONGEST_NAME, file_path, one_line
 from holdfast.io.model_data import model_of
-from holdfast.io.record_meta import RECORD, RecordMeta
+from holdfast.io.record_writer import RECORD, RecordMeta
 from holdfast.io.result_chunk import Damage, read_arrays
 from holdfast.io.result_meta import MODEL, read_bytes
 from holdfast.io.stored_arrays import STATUSES, StoredArrays, piece_name, read_piece

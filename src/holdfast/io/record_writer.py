@@ -21,10 +21,9 @@ import msgspec
 import numpy as np
 
 from holdfast.errors import ResultError
-from holdfast.io.files import file_path, names_in, reason_of, remove, write_atomically
-from holdfast.io.model_data import model_data
-from holdfast.io.record_meta import RECORD, RecordMeta, meta_of_record
-from holdfast.io.replaced_folder import replaced_folder
+from holdfast.io.files import file_path, make_folder, remove, write_atomically
+from holdfast.io.model_data import model_text
+from holdfast.io.replaced_folder import replaced_folder, require_free
 from holdfast.io.result_chunk import write_arrays
 from holdfast.io.result_folder import PATIENCE
 from holdfast.io.result_meta import MODEL
@@ -33,7 +32,52 @@ from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.spatial.scalar import Array
 
+RECORD = "record.npz"
 LARGEST_PIECE = 16 * 2**20  # bytes that wait until they are flushed
+
+
+class RecordMeta(msgspec.Struct, forbid_unknown_fields=True):
+    """How a record was made.
+
+    Attributes:
+        format, format_version: which layout this is.
+        holdfast: the version that wrote it.
+        step: h [s]; None of a record that was put together from arrays.
+        every: steps from one record to the next.
+        duration: requested duration [s].
+        options: of `Rollout.step`.
+        names: of the recorded arrays.
+        pieces: number of records in each piece.
+        complete: whether the rollout reached its end.
+    """
+
+    format: str = "holdfast-record"
+    format_version: int = 1
+    holdfast: str = ""
+    step: float | None = None
+    every: int = 1
+    duration: float = 0.0
+    options: dict[str, Any] = {}
+    names: list[str] = []
+    pieces: list[int] = []
+    complete: bool = True
+
+
+def meta_of_record(arguments: RolloutArguments | None) -> RecordMeta:
+    """Return the content of the record's metadata before its first record; of arrays alone without `arguments`."""
+    from holdfast import __version__
+
+    if arguments is None:
+        return RecordMeta(holdfast=__version__)
+    options = {name: x if x is None or np.isfinite(x) else None for name, x in arguments.options.items()}
+    return RecordMeta(
+        holdfast=__version__,
+        step=arguments.step,
+        every=arguments.every,
+        duration=arguments.duration,
+        options=options,
+        complete=False,
+    )
 
 
 class RecordWriter:
@@ -51,7 +95,7 @@ class RecordWriter:
             ResultError: it is in use.
         """
         self.folder = file_path(folder, "folder")
-        _require_free(self.folder, overwrite)
+        require_free(self.folder, overwrite, "record", RECORD, "overwrite=True")
         self.started = False
         self._arguments, self._last, self._stopped = arguments, arguments.systems, np.zeros(0)
         self._meta, self._times = meta_of_record(arguments), list[Array]()
@@ -98,12 +142,8 @@ class RecordWriter:
 
     def _begin(self) -> None:
         """Make the folder that of this record, without records yet; an earlier record there goes."""
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except (OSError, ValueError) as cause:
-            reason = reason_of(cause) if isinstance(cause, OSError) else str(cause)
-            raise ResultError(f"{self.folder}: cannot be written: {reason}") from cause
-        chain = msgspec.json.encode(model_data(self._last.chain)) + b"\n"
+        make_folder(self.folder)
+        chain = model_text(self._last.chain)
         self._commit(self._meta)  # first, so that the folder is known as ours before anything else is in it
         remove(*self.folder.glob("records_*.npz"), *self.folder.glob("*.npz.part"))
         write_atomically(self.folder / MODEL, chain)
@@ -117,8 +157,8 @@ class RecordWriter:
 def save_record(record: RolloutRecord, folder: str | PathLike[str], overwrite: bool = False) -> Path:
     """Write a record as a folder, and return the folder; see `RolloutRecord.save`."""
     place = file_path(folder, "folder")
-    _require_free(place, overwrite)
-    chain = msgspec.json.encode(model_data(record.systems.chain)) + b"\n"
+    require_free(place, overwrite, "record", RECORD, "overwrite=True")
+    chain = model_text(record.systems.chain)
     with replaced_folder(place, is_of_a_record) as new:
         write_atomically(new / MODEL, chain)
         pieces = list[int]()
@@ -155,16 +195,6 @@ def write_head(
 def is_of_a_record(path: Path) -> bool:
     """Return whether a file's name is one of those in folders of records."""
     return path.name in (RECORD, MODEL) or fnmatchcase(path.name, "records_*.npz")
-
-
-def _require_free(place: Path, overwrite: bool) -> None:
-    names = names_in(place, "a folder of a record")
-    if names in ([], [f"{RECORD}.part"]):  # a writer died before it wrote anything
-        return
-    if RECORD not in names:
-        raise ResultError(f"{place}: expected a new or empty folder, or an earlier record; found '{names[0]}' in it")
-    if not overwrite:
-        raise ResultError(f"{place}: holds an earlier record; try overwrite=True")
 
 
 def _of(systems: RolloutSystems, name: str) -> dict[str, Array]:

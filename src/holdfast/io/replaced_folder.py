@@ -1,4 +1,4 @@
-"""A folder that is replaced as a whole: written beside its place, then moved there."""
+"""A folder that takes the place of an earlier one, if there is one: whether it may, and how it does as a whole."""
 
 from __future__ import annotations
 
@@ -10,7 +10,31 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from holdfast.errors import ResultError
-from holdfast.io.files import LONGEST_NAME, one_line, reason_of
+from holdfast.io.files import LONGEST_NAME, names_in, one_line, reason_of
+from holdfast.io.result_meta import read_bytes
+
+
+def require_free(folder: Path, overwrite: bool, kind: str, mark: str, advice: str, says: bytes = b"") -> None:
+    """Refuse a folder that holds anything, unless it is an earlier one of its kind to be replaced.
+
+    Args:
+        folder: the folder.
+        overwrite: whether an earlier one may be replaced.
+        kind: what it holds, "result" or "record".
+        mark: name of the file by which an earlier one is known.
+        advice: what to try if there is an earlier one.
+        says: what stands in that file.
+
+    Raises:
+        ResultError: saying what is there.
+    """
+    names = names_in(folder, f"a {kind} folder")
+    if names in ([], [f"{mark}.part"]):  # a writer died before it wrote anything
+        return
+    if mark not in names or (says and says not in read_bytes(folder / mark)):
+        raise ResultError(f"{folder}: expected a new or empty folder, or an earlier {kind}; found '{names[0]}' in it")
+    if not overwrite:
+        raise ResultError(f"{folder}: holds an earlier {kind}; try {advice}")
 
 
 @contextmanager
@@ -37,8 +61,7 @@ def replaced_folder(folder: Path, is_ours: Callable[[Path], bool]) -> Iterator[P
         beside, aside = (place.with_name(f"{place.name}.{token}{end}.part") for end in ("", ".old"))
         beside.mkdir(parents=True)
     except (OSError, ValueError) as cause:
-        reason = reason_of(cause) if isinstance(cause, OSError) else str(cause)
-        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: cannot be written: {reason}") from cause
+        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: cannot be written: {reason_of(cause)}") from cause
     try:
         yield beside
         _swap(place, beside, aside)

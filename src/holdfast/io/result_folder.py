@@ -28,7 +28,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from holdfast.errors import ResultError
-from holdfast.io.files import reason_of, remove, write_atomically
+from holdfast.io.files import make_folder, remove, write_atomically
+from holdfast.io.replaced_folder import require_free
 from holdfast.io.result_chunk import Damage, cut_chunk, read_arrays, read_chunk, stray_chunks, write_arrays, write_chunk
 from holdfast.io.result_meta import (
     BASES,
@@ -36,6 +37,7 @@ from holdfast.io.result_meta import (
     FORMAT_VERSION,
     META,
     MODEL,
+    SCENE,
     CheckpointRecord,
     ResultMeta,
     differences,
@@ -56,7 +58,7 @@ from holdfast.simulation.trajectory import UNITS, Occurrence, Trajectory, array_
 CHUNK = 1000  # samples that wait until they are flushed
 PATIENCE = 5.0  # seconds after which fewer are
 RESULT_FILES = (
-    "scene.toml",
+    SCENE,
     "robot_*.urdf",
     "summary.json",
     MODEL,
@@ -103,7 +105,7 @@ class ResultWriter:
         Raises:
             ResultError: the folder is in use.
         """
-        require_free(folder, overwrite, advice)
+        require_free(folder, overwrite, "result", META, advice, FORMAT.encode())
         self.folder = folder
         self.start: Checkpoint | None = None
         self._scene = scene_text.encode("utf-8")
@@ -217,15 +219,10 @@ class ResultWriter:
 
     def _begin(self) -> None:
         """Make the folder that of this run, without samples yet; an earlier result there goes."""
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as cause:
-            raise ResultError(f"{self.folder}: cannot be written: {reason_of(cause)}") from cause
-        except ValueError as cause:  # a name that no file system takes
-            raise ResultError(f"{str(self.folder)!r}: cannot be written: {cause}") from cause
+        make_folder(self.folder)
         self._write_meta(self._meta)  # first, so that the folder is known as ours before anything else is in it
         remove(*(path for pattern in RESULT_FILES for path in self.folder.glob(pattern)))
-        for name, content in {"scene.toml": self._scene, **self._files}.items():
+        for name, content in {SCENE: self._scene, **self._files}.items():
             write_atomically(self.folder / name, content)
         self._started = True
 
@@ -336,25 +333,6 @@ def _remove_the_rest(folder: Path, meta: ResultMeta) -> None:
     kept = meta.checkpoint.file if meta.checkpoint else None
     stray = [path for path in folder.glob("checkpoint_*.npz") if path.name != kept]
     remove(*stray_chunks(folder, len(meta.chunks)), *stray, *folder.glob("*.part"), folder / "summary.json")
-
-
-def require_free(folder: Path, overwrite: bool, advice: str) -> None:
-    """Refuse a folder that holds anything, unless it is an earlier result to be replaced.
-
-    Raises:
-        ResultError: saying what is there.
-    """
-    try:
-        names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-        earlier = META in names and FORMAT in read_bytes(folder / META).decode(errors="replace")
-    except OSError as cause:
-        raise ResultError(f"{folder}: cannot be a result folder: {reason_of(cause)}") from cause
-    if names in ([], [META + ".part"]):  # a writer died before it wrote anything
-        return
-    if not earlier:
-        raise ResultError(f"{folder}: expected a new or empty folder, or an earlier result; found '{names[0]}' in it")
-    if not overwrite:
-        raise ResultError(f"{folder}: holds an earlier result; try {advice}")
 
 
 def is_of_a_result(path: Path) -> bool:

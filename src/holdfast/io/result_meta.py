@@ -18,7 +18,7 @@ from holdfast.simulation.trajectory import Occurrence
 
 FORMAT = "holdfast-result"
 FORMAT_VERSION = 2
-META = "meta.json"
+META, SCENE = "meta.json", "scene.toml"
 MODEL, BASES = "model.json", "bases.npz"  # of a run made in Python: its chain, and how bases moved
 LARGEST_FILE = 64 * 2**20  # [bytes] of meta.json, scene.toml and a robot; samples lie elsewhere
 INTERRUPTED = "interrupted"  # the one `stopped` after which a run can go on

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.errors import ResultError
+from holdfast.errors import ResultError, StateError
 from holdfast.io.files import file_path
-from holdfast.io.result_chunk import Damage, chunk_name, read_chunk, stray_chunks
-from holdfast.io.result_meta import MODEL, ResultMeta, read_bytes, read_meta, sha256
-from holdfast.io.run_setting import setting_of
+from holdfast.io.model_data import model_of
+from holdfast.io.result_chunk import Damage, chunk_name, read_arrays, read_chunk, stray_chunks
+from holdfast.io.result_meta import BASES, MODEL, SCENE, ResultMeta, kept_robots, read_bytes, read_meta, sha256
+from holdfast.model.fingerprint import fingerprint
 from holdfast.simulation.run_outputs import RunOutputs
-from holdfast.simulation.setting import Setting
+from holdfast.simulation.setting import RecordedBase, Setting
 from holdfast.simulation.trajectory import OF_TRUNK, Trajectory, array_names
 
 
@@ -133,7 +134,7 @@ def load_result(folder: str | PathLike[str]) -> Result:
         notes.append(f"incomplete, up to t = {last_time:.6g} s of {meta.duration} s: {reason}")
     if unknown := [name for name in meta.units if name not in ours]:
         notes.append(f"written by holdfast {meta.versions.get('holdfast')}, its {', '.join(unknown)} are ignored")
-    scene = read_bytes(folder / "scene.toml")
+    scene = read_bytes(folder / SCENE)
     if sha256(scene) != meta.scene_sha256:
         notes.append("scene.toml is not the text of the simulated scene")
     notes += [f"{path.name} is not part of the run" for path in stray_chunks(folder, len(meta.chunks))]
@@ -155,3 +156,49 @@ def _whole_chunks(folder: Path, meta: ResultMeta) -> tuple[list[int], float, str
         counts.append(count)
         last_time, shapes = float(part.t[-1]), here
     return counts, last_time, ""
+
+
+def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Setting:
+    """Return the setting of a run: of the model that its folder keeps, or of its scene, which is read anew.
+
+    Folders written by holdfast 0.1 contain no robots, which are then loaded from their original files.
+
+    Args:
+        folder: the result folder.
+        meta: the content of its meta.json.
+        trust_xacro: expand xacro files of a folder that contains no robots.
+
+    Raises:
+        ResultError: the model, or how bases moved, cannot be read, or is of other joints.
+        SceneError, ClosureError: the scene, or a robot file that it names, cannot be read any more.
+    """
+    source = folder / MODEL
+    if keeps_model := source.exists():
+        chain, moved = model_of(read_bytes(source), str(source)), _bases(folder)
+    else:
+        from holdfast.scenario.build import load_scene
+
+        source, robots = folder / SCENE, kept_robots(folder, meta.robots)
+        scenario = load_scene(source, meta.scene_folder or None, trust_xacro=trust_xacro, robots=robots)
+        chain, moved = scenario.chain, scenario.options.get("base_motion", {})
+    if (joints := chain.joint_names()) != meta.joints:
+        raise ResultError(
+            f"{source}: not the {'chain' if keeps_model else 'scene'} of this run: expected the joints"
+            f" {', '.join(meta.joints)}, got {', '.join(joints)}"
+        )
+    if keeps_model and fingerprint(chain) != meta.model_sha256:
+        raise ResultError(f"{source}: expected the model that was simulated, got another one")
+    return Setting(chain, moved, meta.scene, meta.duration, meta.step, meta.options)
+
+
+def _bases(folder: Path) -> dict[str, RecordedBase]:
+    """Return how bases moved, by name; nothing where none did."""
+    path = folder / BASES
+    if not path.exists():
+        return {}
+    try:
+        arrays, names = read_arrays(path, "bases")
+        parts = ("t", "R", "p", "twist", "acceleration")
+        return {name: RecordedBase(*(arrays[f"{name}.{part}"] for part in parts)) for name in names}
+    except (Damage, KeyError, TypeError, StateError) as cause:
+        raise ResultError(f"{path}: cannot be read: {cause}") from cause

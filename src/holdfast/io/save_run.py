@@ -10,10 +10,10 @@ import msgspec
 import numpy as np
 
 from holdfast.io.files import file_path, write_atomically
-from holdfast.io.model_data import model_data
-from holdfast.io.replaced_folder import replaced_folder
-from holdfast.io.result_folder import CHUNK, ResultWriter, is_of_a_result, require_free, run_meta
-from holdfast.io.result_meta import BASES, INTERRUPTED, MODEL, ResultMeta
+from holdfast.io.model_data import model_text
+from holdfast.io.replaced_folder import replaced_folder, require_free
+from holdfast.io.result_folder import CHUNK, ResultWriter, is_of_a_result, run_meta
+from holdfast.io.result_meta import BASES, FORMAT, INTERRUPTED, META, MODEL, ResultMeta
 from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names
@@ -38,7 +38,7 @@ def save_run(run: Trajectory, folder: str | PathLike[str], overwrite: bool = Fal
         ResultError: the folder is in use or cannot be written.
     """
     place, setting = file_path(folder, "folder"), run.require_setting()
-    require_free(place, overwrite, ADVICE)
+    require_free(place, overwrite, "result", META, ADVICE, FORMAT.encode())
     with replaced_folder(place, is_of_a_result) as new:
         writer = ResultWriter(new, meta_of(setting), SCENE, files=_own_files(setting, run.t))
         for k, one in enumerate(_singles(run)):
@@ -104,7 +104,7 @@ class AppendedRun:
 
 def _own_files(setting: Setting, times: Array) -> dict[str, bytes]:
     """Return the chain, and how bases moved, as files."""
-    found = {MODEL: msgspec.json.encode(model_data(setting.chain)) + b"\n"}
+    found = {MODEL: model_text(setting.chain)}
     if not setting.base_motion:
         return found
     arrays = {}

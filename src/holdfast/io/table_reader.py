@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,8 +33,7 @@ def read_table(path: str | PathLike[str]) -> dict[str, Array]:
     try:
         columns = readers[path.suffix.lower()](path)
     except (OSError, ValueError) as cause:  # ValueError: a name that no file system takes
-        said = reason_of(cause) if isinstance(cause, OSError) else str(cause)
-        raise ResultError(f"{one_line(str(path), 80)}: cannot be read: {said}") from cause
+        raise ResultError(f"{one_line(str(path), 80)}: cannot be read: {reason_of(cause)}") from cause
     return {title.partition(" [")[0].strip(): column for title, column in columns.items()}
 
 
@@ -64,12 +64,23 @@ def _read_csv(path: Path) -> dict[str, Array]:
 
 def _read_parquet(path: Path) -> dict[str, Array]:
     """Return the columns of a Parquet file by title."""
-    try:
-        from pyarrow import ArrowException, parquet  # pyright: ignore[reportMissingImports]
-    except ImportError as cause:
-        raise MissingExtra("Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") from cause
+    arrow, parquet = pyarrow()
     try:
         table = parquet.read_table(path)
         return {title: table.column(title).to_numpy().astype(float) for title in table.column_names}
-    except (ArrowException, ValueError) as cause:
+    except (arrow.ArrowException, ValueError) as cause:
         raise ResultError(f"{path}: expected a Parquet table of numbers: {one_line(str(cause), 200)}") from cause
+
+
+def pyarrow() -> tuple[Any, Any]:
+    """Return the modules `pyarrow` and `pyarrow.parquet`.
+
+    Raises:
+        MissingExtra: pyarrow is not installed.
+    """
+    try:
+        import pyarrow as arrow  # pyright: ignore[reportMissingImports]
+        from pyarrow import parquet  # pyright: ignore[reportMissingImports]
+    except ImportError as cause:
+        raise MissingExtra("Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") from cause
+    return arrow, parquet

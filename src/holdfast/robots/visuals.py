@@ -13,6 +13,7 @@ from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.robots.primitive import Primitive, box, capsule, cylinder, sphere
 from holdfast.robots.recognise import builtin_of
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 THICKNESS = 0.035  # radius of a rod at the base, relative to the arm's length
@@ -67,12 +68,24 @@ def visuals_of_trunk(chain: ClosedChain) -> list[list[Primitive]]:
 
 
 def equal_box(body: Link | HeldObject, colour: str) -> Primitive:
-    """Return the solid box of uniform density with a body's mass and inertia: x^2 = 6 (Jyy + Jzz - Jxx) / m."""
-    moments, axes = np.linalg.eigh(body.inertia)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    squares = 6.0 / body.mass * (moments.sum() - 2 * moments)
-    edges = np.sqrt(np.maximum(squares, SMALLEST_EDGE**2))
-    return box(body.com, tuple(edges.tolist()), colour, axes)
+    """Return the solid box of uniform density with a body's mass and inertia."""
+    edges, at = equivalent_box(body)
+    return Primitive("box", at, edges.tolist(), colour)
+
+
+def equivalent_box(body: HeldObject | Link) -> tuple[Array, Pose]:
+    """Return edges (3,) [m] and pose, in the body's axes, of the uniform box with the same inertia.
+
+    x^2 = 6 (Jyy + Jzz - Jxx) / m along principal axes, about the mass centre.
+    """
+    J = body.inertia
+    if np.count_nonzero(J - np.diag(np.diag(J))) == 0:  # keep the axes' order
+        moments, axes = np.diag(J), np.eye(3)
+    else:
+        moments, axes = np.linalg.eigh(J)
+        axes = axes * np.linalg.det(axes)
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / body.mass
+    return np.sqrt(np.maximum(squares, SMALLEST_EDGE**2)), Pose(axes, body.com)
 
 
 def _of_kinematics(arm: Arm) -> list[list[Primitive]]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from holdfast.io.typed import Location
 from holdfast.model.held_object import HeldObject
-from holdfast.model.joint import UNBOUNDED, Joint
+from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Shape
 from holdfast.scenario.names import require_names
@@ -18,6 +17,11 @@ from holdfast.scenario.scene import BodyData, JointData, ObjectData
 from holdfast.spatial.scalar import Array
 
 MASSLESS_INERTIA = np.zeros((3, 3))
+LIMITS = ("position_limits", "rate_limit", "effort_limit")
+DRIVE = ("armature", "damping", "friction", "stiffness", "rest")
+SOLIDS: Mapping[str, Callable[..., HeldObject]] = {
+    solid.__name__: solid for solid in (HeldObject.box, HeldObject.sphere, HeldObject.cylinder)
+}
 
 
 def joints_and_links(data: Sequence[JointData], at: Location) -> tuple[list[Joint], list[Link]]:
@@ -61,42 +65,25 @@ def inertia_and_shape(data: BodyData | ObjectData, at: Location) -> tuple[Array,
     if len(given) != 1:
         expected = "box, sphere, cylinder or inertia"
         raise at.refuse(f"expected {expected}, got {' and '.join(given) if given else 'none of them'}")
-    for key in ("box", "cylinder"):
-        for i, length in enumerate(getattr(data, key) or ()):
-            if length <= 0:
-                raise (at / key / i).refuse(f"expected > 0, got {length:g}")
-    if data.sphere is not None and data.sphere <= 0:
-        raise (at / "sphere").refuse(f"expected > 0, got {data.sphere:g}")
-    if data.box is not None:
-        return HeldObject.box(data.mass, *data.box).inertia, None
-    if data.inertia is not None:
-        return np.array(data.inertia, dtype=float), None
-    if data.sphere is not None:
-        solid = HeldObject.sphere(data.mass, data.sphere)
-    else:
-        assert data.cylinder is not None
-        solid = HeldObject.cylinder(data.mass, *data.cylinder)
+    (key,) = given
+    value = getattr(data, key)
+    if key == "inertia":
+        return np.array(value, dtype=float), None
+    lengths, places = ((value,), [at / key]) if key == "sphere" else (value, [at / key / i for i in range(len(value))])
+    for length, place in zip(lengths, places, strict=True):
+        if length <= 0:
+            raise place.refuse(f"expected > 0, got {length:g}")
+    solid = SOLIDS[key](data.mass, *lengths)
     return solid.inertia, solid.shape
 
 
 def _given(data: BodyData | ObjectData) -> list[str]:
     """Return the keys given for the mass distribution: a solid or an inertia."""
-    return [key for key in ("box", "sphere", "cylinder", "inertia") if getattr(data, key) is not None]
+    return [key for key in (*SOLIDS, "inertia") if getattr(data, key) is not None]
 
 
 def _joint(data: JointData, at: Location) -> Joint:
+    limits = {key: given for key in LIMITS if (given := getattr(data, key)) is not None}
+    drive = {key: getattr(data, key) for key in DRIVE}
     with at.refusals():
-        return Joint(
-            data.kind,
-            np.array(data.axis),
-            pose(data, at),
-            data.name,
-            UNBOUNDED if data.position_limits is None else data.position_limits,
-            math.inf if data.rate_limit is None else data.rate_limit,
-            math.inf if data.effort_limit is None else data.effort_limit,
-            data.armature,
-            data.damping,
-            data.friction,
-            data.stiffness,
-            data.rest,
-        )
+        return Joint(data.kind, np.array(data.axis), pose(data, at), data.name, **limits, **drive)

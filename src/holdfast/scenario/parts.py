@@ -20,17 +20,9 @@ from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.spring import Spring, SpringEnd
 from holdfast.model.trunk import Trunk
+from holdfast.scenario import scene
 from holdfast.scenario.joints import inertia_and_shape
 from holdfast.scenario.poses import pose
-from holdfast.scenario.scene import (
-    GraspData,
-    GravityCompensationData,
-    ObjectData,
-    ObjectTrackingData,
-    PathData,
-    SpringData,
-    TorqueScheduleData,
-)
 from holdfast.spatial import rotation
 from holdfast.state import State
 
@@ -38,7 +30,7 @@ GAINS = ("squeeze", "joint_damping", "stiffness", "damping")
 MOST_COEFFICIENTS = 20  # of a polynomial; terms of higher order are lost in rounding
 
 
-def grasp(data: GraspData, at: Location) -> Grasp:
+def grasp(data: scene.GraspData, at: Location) -> Grasp:
     """Return a grasp."""
     frame = pose(data, at)
     contact = limits = None
@@ -54,14 +46,14 @@ def grasp(data: GraspData, at: Location) -> Grasp:
         return Grasp(data.kind, frame, contact, limits, data.pitch, motion, data.stiffness, data.damping)
 
 
-def spring(data: SpringData, arms: Mapping[str, Arm], trunk: Trunk | None, at: Location) -> Spring:
+def spring(data: scene.SpringData, arms: Mapping[str, Arm], trunk: Trunk | None, at: Location) -> Spring:
     """Return a spring whose ends are resolved to links of the arms or the trunk."""
     with at.refusals():
         a, b = (SpringEnd(end.body, end.point, end.link) for end in (data.a, data.b))
         return Spring(a, b, data.stiffness, data.length, data.damping).found(arms, trunk)
 
 
-def held_object(data: ObjectData, at: Location) -> HeldObject:
+def held_object(data: scene.ObjectData, at: Location) -> HeldObject:
     """Return the held object; a solid has uniform density and its centre at `com`."""
     com = np.array(data.com, dtype=float)
     with at.refusals():
@@ -70,7 +62,7 @@ def held_object(data: ObjectData, at: Location) -> HeldObject:
 
 
 def controller(
-    data: GravityCompensationData | ObjectTrackingData | TorqueScheduleData | None,
+    data: scene.GravityCompensationData | scene.ObjectTrackingData | scene.TorqueScheduleData | None,
     chain: ClosedChain,
     state: State,
     at: Location,
@@ -83,12 +75,12 @@ def controller(
     """
     if data is None:
         return TorqueSchedule([0.0], [np.zeros((chain.joint_count, 1))])
-    if isinstance(data, TorqueScheduleData):
+    if isinstance(data, scene.TorqueScheduleData):
         return _schedule(data, chain, state, at)
     for key in GAINS:
         if getattr(data, key, 0.0) < 0:
             raise (at / key).refuse(f"expected >= 0, got {getattr(data, key):g}")
-    if isinstance(data, GravityCompensationData):
+    if isinstance(data, scene.GravityCompensationData):
         with at.refusals():
             return GravityCompensation(chain, data.squeeze, data.joint_damping)
     if not chain.grasps:
@@ -98,7 +90,7 @@ def controller(
         return ObjectTracking(chain, path.at, data.squeeze, data.stiffness, data.damping, data.joint_damping)
 
 
-def object_path(data: PathData, state: State, at: Location) -> RestToRest | PoseSpline:
+def object_path(data: scene.PathData, state: State, at: Location) -> RestToRest | PoseSpline:
     """Return the path of the object, which begins at its initial pose.
 
     Raises:
@@ -134,7 +126,7 @@ def object_path(data: PathData, state: State, at: Location) -> RestToRest | Pose
         return PoseSpline(poses, [data.begin, *(via.t for via in data.through)])
 
 
-def _schedule(data: TorqueScheduleData, chain: ClosedChain, state: State, at: Location) -> TorqueSchedule:
+def _schedule(data: scene.TorqueScheduleData, chain: ClosedChain, state: State, at: Location) -> TorqueSchedule:
     names, tables = chain.joint_names(), []
     for i, piece in enumerate(data.pieces):
         here = at / "pieces" / i / "torques"

@@ -90,9 +90,14 @@ def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
     require_one_origin(data, at)
     base = Pose.identity() if data.base is None else pose(data.base, at / "base")
     if data.urdf is not None:
-        found = _of_file(data, files, base, at)
+        with file_refusals(at):
+            source = files.source(data.urdf, data.name)
+        links = chain_of_file(data.urdf, source, base, at)
+        found = Robot(links.arm, preferred_configuration(links.arm), source, links)
     elif data.joints is not None:
-        found = _of_joints(data, base, at)
+        parts = joints_and_links(data.joints, at / "joints")
+        with at.refusals():
+            found = _standing(Arm(*parts, base=base, name=data.name))
     elif data.anchor:
         found = Robot(Anchor(base, data.name), np.zeros(0))
     else:
@@ -195,18 +200,3 @@ def with_drives(data: UrdfData, chains: Sequence[Sequence[Joint]], at: Location)
 
 def _standing(arm: Arm) -> Robot:
     return Robot(arm, preferred_configuration(arm))
-
-
-def _of_file(data: ArmData, files: RobotFiles, base: Pose, at: Location) -> Robot:
-    assert data.urdf is not None
-    with file_refusals(at):
-        source = files.source(data.urdf, data.name)
-    links = chain_of_file(data.urdf, source, base, at)
-    return Robot(links.arm, preferred_configuration(links.arm), source, links)
-
-
-def _of_joints(data: ArmData, base: Pose, at: Location) -> Robot:
-    assert data.joints is not None
-    joints, links = joints_and_links(data.joints, at / "joints")
-    with at.refusals():
-        return _standing(Arm(joints, links, base=base, name=data.name))

@@ -49,12 +49,8 @@ class BaseMotionData(_Strict):
     smooth_start: float = 0.5
 
 
-class BodyData(_Strict):
-    """A rigid body: its mass and either a solid of uniform density centred at `com`, or the inertia about `com`.
-
-    All are in the body's axes. The solid is a box with three edges, a sphere with a radius, or a cylinder about z with
-    a radius and a length.
-    """
+class _Solid(_Strict):
+    """A mass, and a solid of uniform density centred at `com` or the inertia about `com`."""
 
     mass: float
     box: Vector3 | None = None
@@ -62,6 +58,15 @@ class BodyData(_Strict):
     cylinder: tuple[float, float] | None = None
     inertia: Matrix3 | None = None
     com: Vector3 = ZEROS
+
+
+class BodyData(_Solid, kw_only=True):
+    """A rigid body: its mass and either a solid of uniform density centred at `com`, or the inertia about `com`.
+
+    All are in the body's axes. The solid is a box with three edges, a sphere with a radius, or a cylinder about z with
+    a radius and a length.
+    """
+
     name: str = ""
 
 
@@ -152,18 +157,12 @@ class TrunkData(_Strict):
     base_motion: BaseMotionData | None = None
 
 
-class ObjectData(_Strict):
+class ObjectData(_Solid, kw_only=True):
     """The held object: its mass, a solid or an inertia about the mass centre, and its initial pose and twist.
 
     The solid is as in `BodyData`; `twist` is the initial [omega; v of its origin], world axes.
     """
 
-    mass: float
-    box: Vector3 | None = None
-    sphere: float | None = None
-    cylinder: tuple[float, float] | None = None
-    inertia: Matrix3 | None = None
-    com: Vector3 = ZEROS
     pose: PoseData = msgspec.field(default_factory=PoseData)
     twist: Twist = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 

@@ -15,20 +15,9 @@ from holdfast.model.closed_chain import TRUNK
 from holdfast.model.trunk import Trunk
 from holdfast.robots.urdf import UrdfChain, UrdfTrunkChain, urdf_trunk
 from holdfast.robots.urdf.source import Source
+from holdfast.scenario import robots
 from holdfast.scenario.joints import body, joints_and_links
 from holdfast.scenario.poses import pose
-from holdfast.scenario.robots import (
-    ORIGINS,
-    Robot,
-    RobotFiles,
-    built_in,
-    chain_of_file,
-    file_refusals,
-    finished,
-    require_one_origin,
-    starting_positions,
-    with_drives,
-)
 from holdfast.scenario.scene import ArmData, TrunkData
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
@@ -58,7 +47,7 @@ class SceneTrunk:
     base_pose: Pose | None = None
     base_twist: Array | None = None
     mounts: Mapping[str, str | int] = field(default_factory=FrozenDict)
-    arms: Mapping[str, Robot] = field(default_factory=FrozenDict)
+    arms: Mapping[str, robots.Robot] = field(default_factory=FrozenDict)
     source: Source | None = None
     links: UrdfTrunkChain | UrdfChain | None = None
 
@@ -69,7 +58,7 @@ class SceneTrunk:
         return () if found is None else found.notes
 
 
-def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: RobotFiles, at: Location) -> SceneTrunk:
+def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: robots.RobotFiles, at: Location) -> SceneTrunk:
     """Return the trunk at its initial pose.
 
     Args:
@@ -83,7 +72,7 @@ def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: RobotFiles, at:
         MissingExtra: its file is a xacro file, and xacrodoc is not installed.
     """
     here = at / TRUNK
-    require_one_origin(data, here)
+    robots.require_one_origin(data, here)
     base = pose(data.base, here / "base")
     floating = None if data.floating is None else body(data.floating, here / "floating")
     if floating is not None and floating.mass == 0.0:
@@ -97,12 +86,12 @@ def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: RobotFiles, at:
         with here.refusals():
             found = _at_rest(Trunk(*parts, base=base))
     elif data.robot is not None:
-        found = _at_rest(_carrying(built_in(data.robot, base, here)))
+        found = _at_rest(_carrying(robots.built_in(data.robot, base, here)))
     else:
         found = _at_rest(Trunk(base=base, floating=floating))
     if floating is not None:
         found = replace(found, trunk=replace(found.trunk, floating=floating))
-    found = replace(found, q=starting_positions(data.q, found.q, TRUNK, here))
+    found = replace(found, q=robots.starting_positions(data.q, found.q, TRUNK, here))
     return _where_it_floats(found, data, base, here)
 
 
@@ -129,24 +118,24 @@ def _carrying(arm: Arm) -> Trunk:
 
 
 def _of_file(
-    data: TrunkData, base: Pose, floats: bool, arms: Sequence[ArmData], files: RobotFiles, at: Location
+    data: TrunkData, base: Pose, floats: bool, arms: Sequence[ArmData], files: robots.RobotFiles, at: Location
 ) -> SceneTrunk:
     """Return a trunk from a URDF file; see `scene_trunk`."""
     urdf, here = data.urdf, at / TRUNK
     assert urdf is not None
-    with file_refusals(here):
+    with robots.file_refusals(here):
         source = files.source(urdf, TRUNK)
     if not urdf.tips:
         if urdf.floating:
             raise (here / "urdf" / "floating").refuse("expected tips of arms with it, got none; try trunk.floating")
-        links = chain_of_file(urdf, source, base, here)
+        links = robots.chain_of_file(urdf, source, base, here)
         return replace(_at_rest(_carrying(links.arm)), source=source, links=links)
     if urdf.tip is not None:
         raise (here / "urdf").refuse("expected tip or tips, got both")
     if floats:
         raise (here / "floating").refuse("expected none together with tips of a file; try urdf.floating")
     _require_arms_of_file(urdf.tips, arms, at)
-    with file_refusals(here):
+    with robots.file_refusals(here):
         links = urdf_trunk(
             source,
             urdf.tips,
@@ -158,19 +147,19 @@ def _of_file(
         )
     found = links.found
     names = list(found.arms)
-    own, *others = with_drives(urdf, [found.trunk.joints, *(arm.joints for arm in found.arms.values())], here)
+    own, *others = robots.with_drives(urdf, [found.trunk.joints, *(arm.joints for arm in found.arms.values())], here)
     trunk = replace(found.trunk, joints=own)
-    robots = {}
+    carried = {}
     for name, joints in zip(names, others, strict=True):
         (i,) = (i for i, arm in enumerate(arms) if arm.name == name)
         arm = replace(found.arms[name], joints=joints)
-        alone = Robot(arm, preferred_configuration(arm), source, links.chains[name])
-        robots[name] = finished(alone, arms[i], at / "arms" / i)
+        alone = robots.Robot(arm, preferred_configuration(arm), source, links.chains[name])
+        carried[name] = robots.finished(alone, arms[i], at / "arms" / i)
         if data.base_motion is not None and name not in found.mounts:
             raise (here / "base_motion").refuse(
                 f"expected none, as arm '{name}' is mounted on the base that would move"
             )
-    return replace(_at_rest(trunk), mounts=found.mounts, arms=FrozenDict(robots), source=source, links=links)
+    return replace(_at_rest(trunk), mounts=found.mounts, arms=FrozenDict(carried), source=source, links=links)
 
 
 def _require_arms_of_file(tips: Mapping[str, str], arms: Sequence[ArmData], at: Location) -> None:
@@ -180,7 +169,7 @@ def _require_arms_of_file(tips: Mapping[str, str], arms: Sequence[ArmData], at: 
         if name not in places:
             raise (at / TRUNK / "urdf" / "tips").refuse(f"no arm '{name}'.{checks.did_you_mean(name, places)}")
         arm = arms[places[name]]
-        for key in (*ORIGINS, *OWN_PLACE):
+        for key in (*robots.ORIGINS, *OWN_PLACE):
             if getattr(arm, key) not in (None, False):
                 where = at / "arms" / places[name] / key
                 raise where.refuse(f"expected none, as the arm is from the file of the trunk, {TRUNK}.urdf.tips")

@@ -10,11 +10,11 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk
-from holdfast.robots.visuals import arm_length, chain_length
+from holdfast.robots.visuals import arm_length, chain_length, equivalent_box
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
-from holdfast.view.markers import box_lines, equivalent_box
+from holdfast.view.markers import box_lines
 from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
 from holdfast.view.spring_ends import spring_ends

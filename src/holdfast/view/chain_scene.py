@@ -12,23 +12,14 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import Trunk
-from holdfast.robots.visuals import arm_length, chain_length, visuals_of, visuals_of_trunk
+from holdfast.robots.visuals import arm_length, chain_length, equivalent_box, visuals_of, visuals_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style, meshes
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.link_meshes import LinkMesh, meshes_of
-from holdfast.view.markers import (
-    ArrowScale,
-    arrow_scale,
-    coil,
-    cone_colour,
-    cone_lines,
-    equivalent_box,
-    one_two_five,
-    struts,
-)
+from holdfast.view.markers import ArrowScale, arrow_scale, coil, cone_colour, cone_lines, one_two_five, struts
 from holdfast.view.meshes import Mesh
 from holdfast.view.object_drawing import drawn_object
 from holdfast.view.playback import Playback

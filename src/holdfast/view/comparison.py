@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,8 @@ from holdfast.errors import StateError
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 from holdfast.view.base_travel import base_travel
-from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, COLUMN, DANGER, arm_style, new_figure
+from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, DANGER, arm_style, stacked_panels
+from holdfast.view.playback import torque_use
 from holdfast.view.plots import columns_of_panels, worst_gaps
 
 MOST_RUNS = len(ARM_COLOURS) * len(ARM_LINES)  # runs with distinct styles
@@ -22,7 +23,7 @@ HAND_ROWS = FORCE, MOMENT, INTERNAL, MARGIN, TORQUE = (
 LIMITS = {MARGIN: 0.0, TORQUE: 100.0}
 
 Runs = Mapping[str, Trajectory]
-Values = Callable[[Trajectory], Array]  # (samples,) of one run
+Curves = dict[str, Sequence[Array | None]]  # (samples,) of each run, None for those without, by label
 
 
 def compare_runs(runs: Runs) -> dict[str, Any]:
@@ -98,30 +99,29 @@ def _of_hand(run: Trajectory, name: str) -> dict[str, Array | None]:
     if name not in chain.names:
         return dict.fromkeys(HAND_ROWS)
     i = chain.names.index(name)
-    margin, limits = run.margin[:, i], np.array([joint.effort_limit for joint in chain.joints_of[name]])
+    margin, use = run.margin[:, i], torque_use(chain, name, run.tau)
     return {
         FORCE: np.linalg.norm(run.grasp_wrench[:, i, 3:], axis=1),
         MOMENT: np.linalg.norm(run.grasp_wrench[:, i, :3], axis=1),
         INTERNAL: np.linalg.norm(run.internal_wrench[:, i, 3:], axis=1),
         MARGIN: np.where(np.isfinite(margin), margin, np.nan) if np.isfinite(margin).any() else None,
-        TORQUE: 100 * np.abs(run.tau[:, chain.joints[name]] / limits).max(axis=1)
-        if np.isfinite(limits).any()
-        else None,
+        TORQUE: None if use is None else 100 * use,
     }
 
 
 def _object_figure(runs: Runs) -> Any:
     """Return the figure of the object's position and rotation."""
-    labels = ("x [m]", "y [m]", "z [m]", "turn [rad]")
-    parts: list[Values] = [lambda run, axis=axis: run.object_pose[:, 4 + axis] for axis in range(3)]
-    parts.append(lambda run: np.linalg.norm(base_travel(run.object_pose).turn, axis=1))
-    return _over_each_other(runs, labels, parts, 5.2)
+    poses = [run.object_pose for run in runs.values()]
+    parts: Curves = {f"{name} [m]": [pose[:, 4 + axis] for pose in poses] for axis, name in enumerate("xyz")}
+    parts["turn [rad]"] = [np.linalg.norm(base_travel(pose).turn, axis=1) for pose in poses]
+    return _over_each_other(runs, parts, 5.2)
 
 
 def _balance_figure(runs: Runs) -> Any:
     """Return the figure of the energies, and of the gaps after projection on a logarithmic axis."""
-    parts: list[Values] = [lambda run: run.kinetic, lambda run: run.imbalance]
-    figure = _over_each_other(runs, ("kinetic energy [J]", "imbalance [J]", "position gap\n[m or rad]"), parts, 4.6)
+    parts: Curves = {"kinetic energy [J]": [run.kinetic for run in runs.values()]}
+    parts["imbalance [J]"] = [run.imbalance for run in runs.values()]
+    figure = _over_each_other(runs, {**parts, "position gap\n[m or rad]": [None] * len(runs)}, 4.6)
     gap = figure.axes[-1]
     for i, run in enumerate(runs.values()):
         colour, line = arm_style(i)
@@ -129,17 +129,12 @@ def _balance_figure(runs: Runs) -> Any:
     return figure
 
 
-def _over_each_other(runs: Runs, labels: tuple[str, ...], parts: list[Values], height: float) -> Any:
-    """Return a figure with panels below each other, and draw a curve of every run in each of the first panels."""
-    with new_figure(COLUMN, height) as figure:
-        panels = figure.subplots(len(labels), 1, sharex=True)
-        for panel, label in zip(panels, labels, strict=True):
-            panel.set_ylabel(label)
-        for panel, values in zip(panels, parts, strict=False):
-            _draw(panel, runs, [values(run) for run in runs.values()])
-        panels[-1].set_xlabel("time [s]")
+def _over_each_other(runs: Runs, parts: Curves, height: float) -> Any:
+    """Return a figure with panels below each other, by label, and in each of them the curves of all runs."""
+    with stacked_panels(height, list(parts)) as (figure, panels):
+        for panel, curves in zip(panels, parts.values(), strict=True):
+            _draw(panel, runs, curves)
         _name_runs(figure, runs)
-        figure.align_ylabels()
     return figure
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from os import PathLike
 from typing import Any
 
-from holdfast.io.files import file_path, write_atomically
+from holdfast.io.files import file_path
 from holdfast.spatial.scalar import Array
-from holdfast.view.figure_style import BLUE, COLUMN, DPI, new_figure
+from holdfast.view.figure_style import BLUE, COLUMN, new_figure, write_figure
 
 
 def plot_distribution(title: str, values: Array, levels: Array, path: str | PathLike[str] | None) -> Any:
@@ -31,5 +31,5 @@ def plot_distribution(title: str, values: Array, levels: Array, path: str | Path
         panel.set_xlabel(title)
         panel.set_ylabel("share of the runs")
     if place is not None:
-        write_atomically(place, lambda file: figure.savefig(file, format="png", dpi=DPI))
+        write_figure(figure, place)
     return figure

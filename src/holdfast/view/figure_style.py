@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from holdfast.errors import MissingExtra
+from holdfast.io.files import write_atomically
 
 # Okabe and Ito (2008): distinct under every common colour blindness
 BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
@@ -18,6 +20,8 @@ BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
 COMPONENTS = (("x", BLUE, "-"), ("y", VERMILLION, "--"), ("z", GREEN, "-."))
 # arms: vermillion is kept for what slips or exceeds a limit, purple for internal forces
 ARM_COLOURS, ARM_LINES = (BLUE, ORANGE, SKY, GREEN, BLACK), ("-", "--", "-.", ":")
+# joints: no vermillion either
+JOINT_STYLES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, "-"), (PURPLE, "--"), (SKY, "-."), (BLUE, ":"))
 INTERNAL, DANGER = PURPLE, VERMILLION
 TRUNK_COLOUR = "#707883"  # grey: it belongs to no arm
 
@@ -50,6 +54,33 @@ def arm_style(index: int) -> tuple[str, str]:
 def rgb(colour: str) -> tuple[int, int, int]:
     """Return red, green and blue, 0 to 255, of a colour '#rrggbb'."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+@contextlib.contextmanager
+def stacked_panels(height: float, labels: Sequence[str], ratios: Sequence[float] | None = None) -> Iterator[Any]:
+    """Yield a figure of one column, and its panels over time, one below the other.
+
+    Args:
+        height: of the figure [inches].
+        labels: of the panels' axes.
+        ratios: heights of the panels relative to one another; equal ones by default.
+    """
+    with new_figure(COLUMN, height) as figure:
+        panels = figure.subplots(len(labels), 1, sharex=True, height_ratios=ratios)
+        for panel, label in zip(panels, labels, strict=True):
+            panel.set_ylabel(label)
+        panels[-1].set_xlabel("time [s]")
+        yield figure, panels
+        figure.align_ylabels()
+
+
+def write_figure(figure: Any, path: Path) -> None:
+    """Write a matplotlib figure as a PNG file.
+
+    Raises:
+        ResultError: the file cannot be written.
+    """
+    write_atomically(path, lambda file: figure.savefig(file, format="png", dpi=DPI))
 
 
 @contextlib.contextmanager

@@ -9,31 +9,12 @@ import numpy as np
 
 from holdfast.dynamics.constraint import length_scale
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.held_object import HeldObject
-from holdfast.model.link import Link
 from holdfast.robots.visuals import chain_length
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view.figure_style import DANGER, GREEN, ORANGE, rgb
 from holdfast.view.playback import Playback
-
-SMALLEST_EDGE = 1e-3  # m
-
-
-def equivalent_box(body: HeldObject | Link) -> tuple[Array, Pose]:
-    """Return edges (3,) [m] and pose, in the body's axes, of the uniform box with the same inertia.
-
-    x^2 = 6 (Jyy + Jzz - Jxx) / m along principal axes, about the mass centre.
-    """
-    J = body.inertia
-    if np.count_nonzero(J - np.diag(np.diag(J))) == 0:  # keep the axes' order
-        moments, axes = np.diag(J), np.eye(3)
-    else:
-        moments, axes = np.linalg.eigh(J)
-        axes = axes * np.linalg.det(axes)
-    squares = 6.0 * (moments.sum() - 2.0 * moments) / body.mass
-    return np.sqrt(np.maximum(squares, SMALLEST_EDGE**2)), Pose(axes, body.com)
 
 
 def box_lines(edges: Array) -> Array:

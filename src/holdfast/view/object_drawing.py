@@ -7,11 +7,12 @@ import numpy as np
 from holdfast.model.held_object import HeldObject
 from holdfast.model.visuals import Cylinder, Sphere
 from holdfast.robots.mesh_files.limits import MeshFault
+from holdfast.robots.visuals import equivalent_box
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view import meshes
 from holdfast.view.link_meshes import surface_of_object
-from holdfast.view.markers import box_lines, equivalent_box
+from holdfast.view.markers import box_lines
 from holdfast.view.meshes import Mesh
 
 AROUND = 48  # lines of a circle

@@ -97,8 +97,13 @@ class Playback:
 
     def torque_use(self, name: str) -> Array | None:
         """Return the largest |tau| over its limit of the joints of an arm, or of "trunk", (frames,); None without."""
-        limits = np.array([joint.effort_limit for joint in self.chain.joints_of[name]])
-        return np.abs(self.tau[:, self.chain.joints[name]] / limits).max(axis=1) if np.isfinite(limits).any() else None
+        return torque_use(self.chain, name, self.tau)
+
+
+def torque_use(chain: ClosedChain, name: str, tau: Array) -> Array | None:
+    """Return the largest |tau| over its limit of an arm's joints, or of those of "trunk", (samples,); None without."""
+    limits = np.array([joint.effort_limit for joint in chain.joints_of[name]])
+    return np.abs(tau[:, chain.joints[name]] / limits).max(axis=1) if np.isfinite(limits).any() else None
 
 
 def playback_of_run(

@@ -9,33 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.io.files import file_path, write_atomically
+from holdfast.io.files import file_path
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
-from holdfast.view import figure_style
+from holdfast.view import figure_style as style
 from holdfast.view.base_travel import base_travel
-from holdfast.view.figure_style import (
-    BLACK,
-    BLUE,
-    COLUMN,
-    COMPONENTS,
-    DANGER,
-    GREEN,
-    INTERNAL,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    arm_style,
-    new_figure,
-)
+from holdfast.view.figure_style import COLUMN, COMPONENTS, arm_style, new_figure, stacked_panels
 from holdfast.view.margin_figure import friction_margin_figure
 
 ARMS_ABREAST = 4
-# no vermillion: the limit has it
-JOINT_STYLES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, "-"), (PURPLE, "--"), (SKY, "-."), (BLUE, ":"))
 POINTS = 300  # as many as a column can show
 SMALLEST_GAP = 1e-18  # where a logarithmic axis shows a gap of 0
 
@@ -86,15 +70,10 @@ def write_figures(drawn: Mapping[str, Any], folder: str | PathLike[str]) -> list
     Raises:
         ResultError: a file cannot be written.
     """
-    names, place = [], file_path(folder, "folder")
+    place = file_path(folder, "folder")
     for name, figure in drawn.items():
-        names.append(f"{name}.png")
-
-        def draw(file: Any, figure: Any = figure) -> None:
-            figure.savefig(file, format="png", dpi=figure_style.DPI)
-
-        write_atomically(place / names[-1], draw)
-    return names
+        style.write_figure(figure, place / f"{name}.png")
+    return [f"{name}.png" for name in drawn]
 
 
 def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
@@ -116,7 +95,7 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     held = [i for i in range(len(chain.names)) if run.holding[:, i].any()]
     internal = run.internal_wrench[..., 3:]
     norms = (np.linalg.norm(part, axis=2) for part in (run.grasp_wrench[..., 3:] - internal, internal))
-    parts = list(zip(("motion part", "internal part"), norms, ("-", "--"), (BLACK, INTERNAL), strict=True))
+    parts = list(zip(("motion part", "internal part"), norms, ("-", "--"), (style.BLACK, style.INTERNAL), strict=True))
     with columns_of_panels(len(held), 4.2, 0.3, ("force [N]", "moment [N m]", "|force| [N]")) as (figure, columns):
         for i, (force, moment, split) in zip(held, columns, strict=True):
             force.set_title(_title(chain, i))
@@ -203,16 +182,16 @@ def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: An
     limits = np.array([joint.effort_limit for joint in joints])
     limited = np.isfinite(limits)
     use = np.where(limited, 100 * np.abs(tau) / limits, 0.0)
-    first = np.argsort(-(use if limited.any() else np.abs(tau)).max(axis=0), kind="stable")[: len(JOINT_STYLES)]
+    first = np.argsort(-(use if limited.any() else np.abs(tau)).max(axis=0), kind="stable")[: len(style.JOINT_STYLES)]
     for k, joint in enumerate(joints):
         place = sorted(first).index(k) if k in first else None
-        colour, line = ("#bbbbbb", "-") if place is None else JOINT_STYLES[place]
+        colour, line = ("#bbbbbb", "-") if place is None else style.JOINT_STYLES[place]
         label = "_" if place is None else joint.name or f"joint{k + 1}"
         torque.plot(run.t, tau[:, k], linestyle=line, color=colour, label=label)
         if limited[k]:
             share.plot(run.t, use[:, k], linestyle=line, color=colour, label=label)
     if limited.any():
-        share.axhline(100.0, color=DANGER, linewidth=0.8)
+        share.axhline(100.0, color=style.DANGER, linewidth=0.8)
 
 
 def _label(chain: ClosedChain) -> str:
@@ -237,21 +216,12 @@ def base_motion_figure(run: Trajectory) -> Any:
         MissingExtra: matplotlib is not installed.
     """
     travel = base_travel(run.base_pose)
-    parts = (
-        ("shift [m]", travel.shift),
-        ("turn [rad]", travel.turn),
-        ("velocity [m/s]", run.base_twist[:, 3:]),
-        ("turning [rad/s]", run.base_twist[:, :3]),
-    )
-    with new_figure(COLUMN, 5.6) as figure:
-        panels = figure.subplots(len(parts), 1, sharex=True)
-        for panel, (label, values) in zip(panels, parts, strict=True):
+    labels = ("shift [m]", "turn [rad]", "velocity [m/s]", "turning [rad/s]")
+    with stacked_panels(5.6, labels) as (figure, panels):
+        for panel, values in zip(panels, (*travel, run.base_twist[:, 3:], run.base_twist[:, :3]), strict=True):
             for axis, (name, colour, line) in enumerate(COMPONENTS):
                 panel.plot(run.t, values[:, axis], line, color=colour, label=name)
-            panel.set_ylabel(label)
-        panels[-1].set_xlabel("time [s]")
         figure.legend(handles=panels[0].lines, loc="outside upper center", ncols=3, columnspacing=1.0)
-        figure.align_ylabels()
     return figure
 
 
@@ -271,19 +241,14 @@ def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:
     net = np.linalg.norm(run.grasp_wrench[..., 3:].sum(axis=1), axis=1)
     defined = run.load_share.any(axis=1, keepdims=True)  # there is a net force
     shares = np.where(defined, 100 * run.load_share, np.nan)
-    with new_figure(COLUMN, 3.2) as figure:
-        share, force = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1))
+    with stacked_panels(3.2, ("load share [%]", "net force [N]"), (1.6, 1)) as (figure, (share, force)):
         for i, name in enumerate(chain.names):
             if run.holding[:, i].any():
                 colour, line = arm_style(i)
                 share.plot(run.t, shares[:, i], linestyle=line, color=colour, label=name)
-        share.set_ylabel("load share [%]")
         share.set_ylim(*_wide_enough(shares))
-        force.plot(run.t, net, "-", color=BLACK)
-        force.set_ylabel("net force [N]")
+        force.plot(run.t, net, "-", color=style.BLACK)
         force.set_ylim(0, 1.08 * net.max() or 1.0)
-        force.set_xlabel("time [s]")
-        figure.align_ylabels()
         if share.lines:
             figure.legend(handles=share.lines, loc="outside upper center", ncols=4, columnspacing=1.0)
     return figure
@@ -308,24 +273,16 @@ def closure_and_energy_figure(run: Trajectory) -> Any:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    with new_figure(COLUMN, 6.4) as figure:
-        position, velocity, energy, balance = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1.6, 1))
-        for panel, gaps, label in (
-            (position, run.position_gap, "position gap\n[m or rad]"),
-            (velocity, run.velocity_gap, "velocity gap\n[m/s or rad/s]"),
-        ):
-            panel.semilogy(*worst_gaps(run.t, gaps[:, 0]), "--", color=VERMILLION, label="after the step")
-            panel.semilogy(*worst_gaps(run.t, gaps[:, 1]), "-", color=BLUE, label="after projection")
-            panel.set_ylabel(label)
+    labels = ("position gap\n[m or rad]", "velocity gap\n[m/s or rad/s]", "energy [J]", "imbalance [J]")
+    with stacked_panels(6.4, labels, (1, 1, 1.6, 1)) as (figure, (position, velocity, energy, balance)):
+        for panel, gaps in ((position, run.position_gap), (velocity, run.velocity_gap)):
+            panel.semilogy(*worst_gaps(run.t, gaps[:, 0]), "--", color=style.VERMILLION, label="after the step")
+            panel.semilogy(*worst_gaps(run.t, gaps[:, 1]), "-", color=style.BLUE, label="after projection")
         for values, line, colour, label in _energies(run):
             energy.plot(run.t, values, line, color=colour, label=label)
-        energy.set_ylabel("energy [J]")
-        balance.plot(run.t, run.imbalance, "-", color=BLACK)
-        balance.set_ylabel("imbalance [J]")
-        balance.set_xlabel("time [s]")
+        balance.plot(run.t, run.imbalance, "-", color=style.BLACK)
         for panel in (position, energy):
             panel.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=3, columnspacing=1.0)
-        figure.align_ylabels()
     return figure
 
 
@@ -342,10 +299,10 @@ def worst_gaps(t: Array, gaps: Array) -> tuple[Array, Array]:
 def _energies(run: Trajectory) -> list[tuple[Array, str, str, str]]:
     """Return the curves of the energy panel; works and impacts that stay zero are left out."""
     curves = [
-        (run.kinetic, "-", BLUE, "kinetic"),
-        (run.potential - run.potential[0], "--", VERMILLION, "potential, change"),
+        (run.kinetic, "-", style.BLUE, "kinetic"),
+        (run.potential - run.potential[0], "--", style.VERMILLION, "potential, change"),
     ]
-    styles = (("-.", GREEN), (":", ORANGE), (":", PURPLE), ("-.", SKY), ("-", BLACK))
+    styles = (("-.", style.GREEN), (":", style.ORANGE), (":", style.PURPLE), ("-.", style.SKY), ("-", style.BLACK))
     names = [*(f"work of {term}" for term in WORK_TERMS), "impacts"]
     for name, done, (line, colour) in zip(names, (*run.work.T, run.impact), styles, strict=True):
         if done.any():

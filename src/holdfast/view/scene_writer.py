@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,11 +134,9 @@ class SceneWriter:
         """Change the colour of lines."""
         self._nodes[name].colors = np.array(colour, dtype=np.uint8)
 
-    @contextmanager
-    def at_once(self) -> Iterator[None]:
-        """Send all changes within the context to viewers at the same time."""
-        with self.server.atomic():
-            yield
+    def at_once(self) -> AbstractContextManager[None]:
+        """Return a context within which all changes are sent to viewers at the same time."""
+        return self.server.atomic()
 
 
 @contextmanager

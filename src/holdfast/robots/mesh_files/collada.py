@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 import numpy as np
 
 from holdfast.robots.mesh_files.limits import MOST_TRIANGLES, MeshFault, numbers, require_triangles
+from holdfast.robots.mesh_files.mesh import Mesh
+from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 
 DEEPEST_NODE = 50  # levels of nested nodes, instances included
@@ -30,7 +31,7 @@ def read_collada(content: bytes) -> tuple[Array, Array]:
     """
     root = parse_collada(content)
     vertices, faces, base, seen = [], [], 0, 0
-    read: dict[str, list[Surface]] = {}
+    read: dict[str, list[Mesh]] = {}
     by_id = {e.get("id", ""): e for e in root.iter() if e.tag in ("geometry", "node", "visual_scene")}
     for geometry, transform in _placed(_scene(root, by_id), by_id, np.diag([*3 * [_metres(root)], 1.0])):
         if geometry not in read:
@@ -114,9 +115,7 @@ def _transform(part: Element) -> Array:
         length = math.hypot(x, y, z)
         if not 0.0 < length <= 1e9 or not abs(degrees) <= 1e9:
             raise MeshFault("rotate: expected an axis and an angle")
-        K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / length
-        s, c = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
-        found[:3, :3] += s * K + (1.0 - c) * (K @ K)
+        found[:3, :3] = rotation.exp(math.radians(degrees) / length * np.array([x, y, z]))
     return found
 
 
@@ -173,19 +172,7 @@ def parse_collada(content: bytes) -> Element:
 MOST_OFFSET = 64  # numbers per corner: indices of its vertex, normal, texture, ...
 
 
-class Surface(NamedTuple):
-    """A surface of triangles.
-
-    Attributes:
-        vertices: (V, 3).
-        faces: (F, 3).
-    """
-
-    vertices: Array
-    faces: Array
-
-
-def surfaces(geometry: Element) -> list[Surface]:
+def surfaces(geometry: Element) -> list[Mesh]:
     """Return the surfaces of a geometry; empty for lines and splines.
 
     Raises:
@@ -209,12 +196,12 @@ def surfaces(geometry: Element) -> list[Surface]:
     return found
 
 
-def _surface(points: Array, faces: Array) -> Surface:
+def _surface(points: Array, faces: Array) -> Mesh:
     """Return the faces with only the points that they use, because the surface may be used many times."""
     if faces.min() < 0 or faces.max() >= len(points):
         raise MeshFault(f"expected faces of its {len(points)} vertices, got one of others")
     used, indices = np.unique(faces, return_inverse=True)
-    return Surface(points[used], indices.reshape(-1, 3))
+    return Mesh(points[used], indices.reshape(-1, 3))
 
 
 def _corner(part: Element) -> tuple[int, int, str]:
@@ -256,23 +243,14 @@ def _faces(part: Element, stride: int) -> Array:
     lists = [numbers(p.text or "", int, "p") for p in part.findall("p")]
     count = _whole(part, "count", 0, 2**40)
     if part.tag == "polygons":
-        sizes, flat = (
-            np.array([len(one) // stride for one in lists], dtype=int),
-            np.concatenate([*lists, []]).astype(int),
-        )
+        sizes = np.array([len(one) // stride for one in lists], dtype=int)
+        flat = np.concatenate([*lists, []]).astype(int)
     else:
-        flat = lists[0] if lists else np.zeros(0, dtype=int)
         require_triangles(max(count, 1))
-        counts = part.find("vcount")
-        sizes = (
-            np.full(count, 3) if part.tag == "triangles" else numbers(getattr(counts, "text", "") or "", int, "vcount")
-        )
-    if (
-        len(sizes) != count
-        or (sizes < 1).any()
-        or (sizes > MOST_TRIANGLES).any()
-        or int(sizes.sum()) * stride != len(flat)
-    ):
+        flat = lists[0] if lists else np.zeros(0, dtype=int)
+        sizes = np.full(count, 3) if part.tag == "triangles" else numbers(part.findtext("vcount", ""), int, "vcount")
+    possible = len(sizes) == count and (sizes >= 1).all() and (sizes <= MOST_TRIANGLES).all()
+    if not possible or int(sizes.sum()) * stride != len(flat):
         raise MeshFault(f"{part.tag}: is damaged: expected {count} polygons of {stride} numbers a corner, got others")
     triangles = np.maximum(sizes - 2, 0)  # fewer than three corners have no surface
     require_triangles(max(int(triangles.sum()), 1))

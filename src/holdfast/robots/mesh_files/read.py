@@ -38,10 +38,8 @@ def read_mesh(filename: str, folder: Path) -> Mesh:
         with np.errstate(all="ignore"):  # invalid numbers and overflows are refused below
             vertices, faces = read(content)
         require_plain(vertices, faces)
-    except OSError as cause:
-        raise MeshFault(f"{path}: cannot be read: {cause.strerror or cause}") from cause
-    except MeshFault as cause:
-        raise MeshFault(f"{path}: cannot be read: {cause}") from cause
+    except (OSError, MeshFault) as cause:
+        raise MeshFault(f"{path}: cannot be read: {getattr(cause, 'strerror', None) or cause}") from cause
     return Mesh(vertices, faces)
 
 
@@ -78,10 +76,8 @@ def mesh_path(filename: str, folder: Path) -> Path:
         else:
             raise MeshFault(f"{shown}: expected a file name, file://, package:// or model://")
         found = next((path for path in candidates if path.is_file()), None)
-    except OSError as cause:
-        raise MeshFault(f"{shown}: {cause.strerror or 'cannot be read'}") from cause
-    except ValueError as cause:  # a name that is not allowed in file systems
-        raise MeshFault(f"{shown}: {cause}") from cause
+    except (OSError, ValueError) as cause:  # ValueError: a name that is not allowed in file systems
+        raise MeshFault(f"{shown}: {getattr(cause, 'strerror', None) or cause}") from cause
     if found is None:
         raise MeshFault(f"{shown}: no such file")
     return found

@@ -5,38 +5,34 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any, TypedDict, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
-from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, welded_link
 from holdfast.robots.urdf.document import quoted
-from holdfast.robots.urdf.path import Locks, checked_locks, ends, known_link, path_between, resting_position
-from holdfast.robots.urdf.reader import read_urdf
-from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported, shared
+from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
+from holdfast.robots.urdf.path import (
+    Locks,
+    checked_locks,
+    ends,
+    known_link,
+    path_between,
+    resting_position,
+)
+from holdfast.robots.urdf.refusals import hanging, refuse_loose, shared
 from holdfast.robots.urdf.robot import MOVING, UrdfRobot
 from holdfast.robots.urdf.source import Source
 from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
 
 SAME_PLACE = 1e-6  # [m] distance below which the origins of two frames are at the same place
+OF_JOINT = ("position_limits", "rate_limit", "effort_limit", "damping", "friction", "stiffness", "rest")
 UPRIGHT = 0.1  # [rad] largest angle between z and the direction to the tip
-
-
-class UrdfOptions(TypedDict, total=False):
-    """The keywords that `load_urdf`, `load_urdf_arms`, `urdf_chain` and `urdf_chains` share."""
-
-    locked: Mapping[str, float] | None
-    lock_others: bool
-    mount: Any
-    physical: bool
-    xacro_args: Mapping[str, str] | None
-    trust_xacro: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,21 +82,13 @@ def urdf_chain(
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf`.
     """
-    robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
-    held = checked_locks(robot, options.get("locked"))
-    start, end = ends(robot, base, tip, held)
+    robot = read_robot(path_or_text, options)
+    start, end = ends(robot, base, tip, checked_locks(robot, options.get("locked")))
     path = path_between(robot, start, end)
-    locks = Locks(robot, held, bool(options.get("lock_others")), frozenset(step.joint.name for step in path))
-    refuse_unsupported(locks, path)
+    locks = locks_of(robot, [path], options)
     folded = fold(start, path, locks)
     refuse_loose(locks, hanging(locks, folded))
     return chain_of(locks, folded, mount_of(options), options)
-
-
-def mount_of(options: UrdfOptions) -> Pose:
-    """Return the option `mount` as a pose; by default the world frame."""
-    mount = options.get("mount")
-    return Pose.identity() if mount is None else checks.pose(mount, "mount")
 
 
 def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
@@ -174,13 +162,7 @@ def _joint(body: WeldedBody) -> Joint:
             axis=joint.axis if down else 0.0 - joint.axis,
             placement=_plain(body.placement),
             name=joint.name,
-            position_limits=joint.position_limits,
-            rate_limit=joint.rate_limit,
-            effort_limit=joint.effort_limit,
-            damping=joint.damping,
-            friction=joint.friction,
-            stiffness=joint.stiffness,
-            rest=joint.rest,
+            **{quantity: getattr(joint, quantity) for quantity in OF_JOINT},
         )
 
 
@@ -202,17 +184,13 @@ def urdf_chains(
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf_arms`.
     """
-    robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
-    held = checked_locks(robot, options.get("locked"))
+    robot = read_robot(path_or_text, options)
     ends_of = _ends_of_arms(robot, arms)
     paths = {name: path_between(robot, *ends) for name, ends in ends_of.items()}
-    passed = frozenset(step.joint.name for path in paths.values() for step in path)
-    locks = Locks(robot, held, bool(options.get("lock_others")), passed)
-    for path in paths.values():
-        refuse_unsupported(locks, path)
+    locks = locks_of(robot, paths.values(), options)
     loose = shared(locks, ends_of)
     resting = {joint.name: resting_position(joint) for joint, _ in loose}
-    held_too = replace(locks, given={**resting, **held})  # so that one error lists all joints that would still move
+    held_too = replace(locks, given={**resting, **locks.given})  # so that one error lists all that still moves
     folds = {name: fold(base, paths[name], held_too) for name, (base, _) in ends_of.items()}
     loose += [one for folded in folds.values() for one in hanging(held_too, folded)]
     refuse_loose(locks, loose)
@@ -307,13 +285,7 @@ def load_urdf(
 def load_urdf_arms(
     path_or_text: str | PathLike[str],
     arms: Mapping[str, tuple[str, str]],
-    *,
-    locked: Mapping[str, float] | None = None,
-    lock_others: bool = False,
-    mount: Any = None,
-    physical: bool = True,
-    xacro_args: Mapping[str, str] | None = None,
-    trust_xacro: bool = False,
+    **options: Unpack[UrdfOptions],
 ) -> dict[str, Arm]:
     """Return several arms of one robot, each with its base at its place on the robot. O(arms links).
 
@@ -326,24 +298,10 @@ def load_urdf_arms(
     Args:
         path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).
         arms: names of base and tip link, by arm.
-        locked: as for `load_urdf`, for all arms.
-        lock_others: as for `load_urdf`.
-        mount: pose of the file's root link in the world (a Pose or wxyz_xyz); by default the world frame.
-        physical: as for `load_urdf`.
-        xacro_args: as for `load_urdf`.
-        trust_xacro: as for `load_urdf`.
+        **options: `locked`, `lock_others`, `physical`, `xacro_args` and `trust_xacro` as for `load_urdf`, for all arms;
+            `mount`, pose of the file's root link in the world (a Pose or wxyz_xyz), by default the world frame.
 
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf`.
     """
-    chains = urdf_chains(
-        path_or_text,
-        arms,
-        locked=locked,
-        lock_others=lock_others,
-        mount=mount,
-        physical=physical,
-        xacro_args=xacro_args,
-        trust_xacro=trust_xacro,
-    )
-    return {name: chain.arm for name, chain in chains.items()}
+    return {name: chain.arm for name, chain in urdf_chains(path_or_text, arms, **options).items()}

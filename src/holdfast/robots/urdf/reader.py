@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from os import PathLike
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from holdfast.model import checks
-from holdfast.model.joint import UNBOUNDED
 from holdfast.robots.urdf import attributes
 from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
 from holdfast.robots.urdf.planar import taken_apart
@@ -152,8 +151,7 @@ def _joint(element: Element) -> UrdfJoint:
     notes = list(attributes.unread_notes(element))
     kind = _kind(element)
     moving = kind in MOVING
-    position_limits, rate_limit, effort_limit = _limits(element, kind, notes) if moving else (UNBOUNDED, np.inf, np.inf)
-    damping, friction, stiffness, rest = _dynamics(element) if moving else (0.0, 0.0, 0.0, 0.0)
+    drive = {**_limits(element, kind, notes), **_dynamics(element), "mimic": _mimic(element)} if moving else {}
     return UrdfJoint(
         name=attributes.name(element),
         kind=kind,
@@ -161,16 +159,9 @@ def _joint(element: Element) -> UrdfJoint:
         child=attributes.name(element.required("child"), "link"),
         origin=attributes.pose(element.first("origin")),
         axis=_axis(element, notes) if moving or kind == PLANAR else np.array([1.0, 0.0, 0.0]),
-        position_limits=position_limits,
-        rate_limit=rate_limit,
-        effort_limit=effort_limit,
-        damping=damping,
-        friction=friction,
-        stiffness=stiffness,
-        rest=rest,
-        mimic=_mimic(element) if moving else None,
         element=element,
         notes=tuple(notes),
+        **drive,
     )
 
 
@@ -193,12 +184,13 @@ def _axis(element: Element, notes: list[str]) -> np.ndarray:
     return np.array([1.0, 0.0, 0.0])
 
 
-def _dynamics(element: Element) -> tuple[float, ...]:
-    """Return viscous damping, Coulomb friction, and a spring's stiffness and reference."""
+def _dynamics(element: Element) -> dict[str, float]:
+    """Return viscous damping, Coulomb friction, and a spring's stiffness and reference, if the file gives any."""
     if (dynamics := element.first("dynamics")) is None:
-        return 0.0, 0.0, 0.0, 0.0
-    sizes = (attributes.number(dynamics, key, 0.0, at_least=0.0) for key in ("damping", "friction", "spring_stiffness"))
-    return *sizes, attributes.number(dynamics, "spring_reference", 0.0)
+        return {}
+    keys = {"damping": "damping", "friction": "friction", "stiffness": "spring_stiffness"}
+    sizes = {name: attributes.number(dynamics, key, 0.0, at_least=0.0) for name, key in keys.items()}
+    return {**sizes, "rest": attributes.number(dynamics, "spring_reference", 0.0)}
 
 
 def _mimic(element: Element) -> Mimic | None:
@@ -210,8 +202,8 @@ def _mimic(element: Element) -> Mimic | None:
     return Mimic(followed, multiplier, offset)
 
 
-def _limits(element: Element, kind: str, notes: list[str]) -> tuple[tuple[float, float], float, float]:
-    """Return the limits of position, rate and effort, which are infinite if the file gives none.
+def _limits(element: Element, kind: str, notes: list[str]) -> dict[str, Any]:
+    """Return the limits of position, rate and effort, as far as the file gives them.
 
     Programs that write URDF files often use zeros for unknown values. Because a joint that cannot move would be a fixed
     joint, a rate, an effort or a range of zero means that there is no limit, and causes a note.
@@ -220,20 +212,20 @@ def _limits(element: Element, kind: str, notes: list[str]) -> tuple[tuple[float,
     if limit is None:
         if kind != "continuous":
             notes.append(element.message("no <limit>, taken as unlimited"))
-        return UNBOUNDED, math.inf, math.inf
-    rate, effort = (_bound(limit, key, notes) for key in ("velocity", "effort"))
+        return {}
+    found = {f"{name}_limit": _bound(limit, key, notes) for name, key in (("rate", "velocity"), ("effort", "effort"))}
     lower, upper = attributes.limit(limit, "lower"), attributes.limit(limit, "upper")
     if kind == "continuous":
         if lower is not None or upper is not None:
             notes.append(limit.message("lower, upper: not read, since a continuous joint has none"))
-        return UNBOUNDED, rate, effort
+        return found
     low, high = lower or 0.0, upper or 0.0  # the format defines 0 for a missing bound
     if low == high == 0.0:
         notes.append(limit.message("lower, upper: a range of 0, taken as unlimited"))
-        return UNBOUNDED, rate, effort
+        return found
     if low > high:
         raise limit.refuse(f"expected lower <= upper, got {low:g} and {high:g}")
-    return (low, high), rate, effort
+    return {**found, "position_limits": (low, high)}
 
 
 def _bound(limit: Element, key: str, notes: list[str]) -> float:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from holdfast.model.joint import UNBOUNDED
 from holdfast.model.joint_types import JOINT_TYPES
 from holdfast.robots.urdf.document import Element
 from holdfast.spatial.pose import Pose
@@ -76,6 +78,8 @@ class UrdfJoint:
         child: name of the link that it moves.
         origin: pose of the child frame in the parent frame at q = 0.
         axis: (3,) unit vector in child axes.
+        element: the <joint> element.
+        notes: notes on what was not read, or was interpreted differently from the file.
         position_limits: lowest and highest q [rad or m]; infinite if the file gives none.
         rate_limit: largest |qd| [rad/s or m/s]; infinite if the file gives none.
         effort_limit: largest |tau| [N m or N]; infinite if the file gives none.
@@ -84,8 +88,6 @@ class UrdfJoint:
         stiffness, rest: stiffness and rest position of a spring [N m/rad or N/m, rad or m], which many URDF files give
             with the names of SDF.
         mimic: the joint that it mimics, or None.
-        element: the <joint> element.
-        notes: notes on what was not read, or was interpreted differently from the file.
     """
 
     name: str
@@ -94,16 +96,16 @@ class UrdfJoint:
     child: str
     origin: Pose
     axis: Array
-    position_limits: tuple[float, float]
-    rate_limit: float
-    effort_limit: float
-    damping: float
-    friction: float
-    stiffness: float
-    rest: float
-    mimic: Mimic | None
     element: Element = field(repr=False)
     notes: tuple[str, ...]
+    position_limits: tuple[float, float] = UNBOUNDED
+    rate_limit: float = math.inf
+    effort_limit: float = math.inf
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    mimic: Mimic | None = None
 
     @property
     def is_fixed(self) -> bool:
@@ -189,11 +191,11 @@ def _moved_by(robot: UrdfRobot, link: str) -> str:
     length, force = ("m", "N") if not joint.turns else ("rad", "N m")
     low, high = joint.position_limits
     facts = [joint.kind]
-    if low > -float("inf") or high < float("inf"):
+    if joint.position_limits != UNBOUNDED:
         facts.append(f"{low:g} to {high:g} {length}")
-    if joint.rate_limit < float("inf"):
+    if joint.rate_limit < math.inf:
         facts.append(f"{joint.rate_limit:g} {length}/s")
-    if joint.effort_limit < float("inf"):
+    if joint.effort_limit < math.inf:
         facts.append(f"{joint.effort_limit:g} {force}")
     if joint.mimic is not None:
         facts.append(f"follows {joint.mimic.joint}")

@@ -69,10 +69,9 @@ def _read_bytes(path: str, name: str) -> bytes:
             raise OSError("is not a file" if Path(path).exists() else "no such file")
         with open(path, "rb") as file:
             return file.read(LARGEST_FILE + 1)
-    except OSError as cause:
-        raise SceneError(f"{name}: cannot be read: {cause.strerror or cause}") from cause
-    except ValueError as cause:  # a path that is not allowed in file systems
-        raise SceneError(f"{quoted(path)}: cannot be read: {cause}") from cause
+    except (OSError, ValueError) as cause:  # ValueError: a path that is not allowed in file systems
+        shown = name if isinstance(cause, OSError) else quoted(path)
+        raise SceneError(f"{shown}: cannot be read: {getattr(cause, 'strerror', None) or cause}") from cause
 
 
 def _expanded(path: str, xacro_args: dict[str, str], trusted: bool) -> Source:

@@ -11,11 +11,11 @@ from holdfast.model import checks
 from holdfast.model.trunk import BASE, Trunk
 from holdfast.robots.arms_on_trunk import ArmsOnTrunk, branching, mount_name, shared_counts
 from holdfast.robots.urdf.bodies import FoldedChain, fold, welded_link
-from holdfast.robots.urdf.chain import UrdfChain, UrdfOptions, chain_of, joints_and_links, mount_of, read_within
+from holdfast.robots.urdf.chain import UrdfChain, chain_of, joints_and_links, read_within
 from holdfast.robots.urdf.document import listed, quoted
-from holdfast.robots.urdf.path import Locks, PassedJoint, checked_locks, known_link, path_between
-from holdfast.robots.urdf.reader import read_urdf
-from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported
+from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
+from holdfast.robots.urdf.path import Locks, PassedJoint, known_link, path_between
+from holdfast.robots.urdf.refusals import hanging, refuse_loose
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.source import Source
 from holdfast.robots.urdf.visuals import visuals_of_bodies
@@ -97,17 +97,14 @@ def urdf_trunk(
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf_trunk`.
     """
-    robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
+    robot = read_robot(path_or_text, options)
     ends = _ends(robot, tips)
     start = robot.root if base is None else known_link(robot, base, "base")
     start, floats = _base(robot, start, ends, floating)
     if floats and options.get("mount") is not None:
         raise robot.element.refuse("mount: expected none, since the base floats: its pose is in the state")
     paths = {name: path_between(robot, start, tip) for name, tip in ends.items()}
-    passed = frozenset(step.joint.name for path in paths.values() for step in path)
-    locks = Locks(robot, checked_locks(robot, options.get("locked")), bool(options.get("lock_others")), passed)
-    for path in paths.values():
-        refuse_unsupported(locks, path)
+    locks = locks_of(robot, paths.values(), options)
     shared = _shared(locks, paths)
     if not floats and not any(shared.values()):
         pairs = ", ".join(f"{name!r}: ({quoted(start)}, {quoted(tip)})" for name, tip in ends.items())
@@ -121,7 +118,7 @@ def urdf_trunk(
         name: fold(shared[name][-1].beyond if shared[name] else start, path[len(_until(path, shared[name])) :], locks)
         for name, path in paths.items()
     }
-    loose = hanging(locks, common, "trunk", passed | _floating_above(robot, start))
+    loose = hanging(locks, common, "trunk", locks.on_path | _floating_above(robot, start))
     refuse_loose(locks, loose + [one for folded in folds.values() for one in hanging(locks, folded)])
     return _on_trunk(locks, common, folds, {name: len(steps) for name, steps in shared.items()}, options)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from holdfast.errors import SceneError
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Rgba, Shape, Sphere, Visual, Visuals
@@ -12,24 +12,14 @@ from holdfast.robots.urdf.document import Element
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.spatial.pose import Pose
 
+if TYPE_CHECKING:
+    from holdfast.robots.urdf.chain import UrdfChain
+    from holdfast.robots.urdf.trunk import UrdfTrunkChain
+
 Bodies = Sequence[Mapping[str, Pose]]
 
 
-class Chain(Protocol):
-    """A `UrdfChain` or a `UrdfTrunkChain`."""
-
-    @property
-    def robot(self) -> UrdfRobot:
-        """The links and joints in the file."""
-        ...
-
-    @property
-    def bodies(self) -> Bodies:
-        """Mappings from link name to pose: first of the links on the base, then of those welded to each link."""
-        ...
-
-
-def urdf_visuals(chain: Chain) -> tuple[tuple[Visual, ...], ...]:
+def urdf_visuals(chain: UrdfChain | UrdfTrunkChain) -> tuple[tuple[Visual, ...], ...]:
     """Return the visuals of the base and of each link of an arm, or of a trunk, N + 1 tuples. O(links).
 
     Poses are in the frame of the base or of arm link k, so a viewer moves the visuals of link k with it. Links that
