@@ -14,7 +14,6 @@ from holdfast.bench import rollout_entries
 from holdfast.bench.clock import Effort, timed
 from holdfast.bench.systems import make_system
 from holdfast.dynamics import closure
-from tests.simulation.rollout.problems import state_of
 
 pytestmark = pytest.mark.long
 
@@ -44,7 +43,7 @@ def test_a_million_steps(capsys):
         slowest, fastest = min(slowest, rate.min()), max(fastest, rate.max())
         position, velocity = max(position, systems.gap[:, 0].max()), max(velocity, systems.gap[:, 1].max())
     wall, busy = time.perf_counter() - begin, time.process_time() - worked
-    gaps = [gap for row in range(SYSTEMS) for gap in closure(motion.chain, state_of(systems, row)).values()]
+    gaps = [gap for row in range(SYSTEMS) for gap in closure(motion.chain, systems.state(row)).values()]
     last = max(float(np.abs(gap.position).max()) for gap in gaps)
     with capsys.disabled():
         print(

@@ -18,7 +18,7 @@ from tests.simulation.runs import adaptive, differences, fixed, kept, numbers, s
 from tests.systems.as_case import as_case
 from tests.systems.five_bar import FiveBar, five_bar_chain, five_bar_state
 
-MAKE = StagewiseStepper.of
+MAKE = StagewiseStepper
 ANGLES, RATES = (0.2, -0.5), (0.0, 0.0)  # of the five-bar linkage
 
 pytestmark = pytest.mark.long

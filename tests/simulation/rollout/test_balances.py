@@ -7,7 +7,7 @@ import pytest
 
 from holdfast.dynamics import closure, kinetic_energy, momentum, potential_energy
 from holdfast.simulation import Rollout, RolloutSystems
-from tests.simulation.rollout.problems import given_torques, problem, started, state_of, swinging
+from tests.simulation.rollout.problems import given_torques, problem, started, swinging
 
 DURATION = 0.08
 
@@ -23,7 +23,7 @@ def test_closure(name):
         assert systems.running.all()
         assert systems.gap.max() <= 1e-12
         assert (systems.drift[:, 0] <= 1e-4).all()
-    gaps = closure(chain, state_of(systems, 2)).values()
+    gaps = closure(chain, systems.state(2)).values()
     assert max(np.abs(gap.position).max() for gap in gaps) <= 1e-12
     assert max(np.abs(gap.velocity).max() for gap in gaps) <= 1e-12
 
@@ -38,7 +38,7 @@ def test_first_gap_is_reported():
 
 def energy(rollout: Rollout, systems: RolloutSystems, row: int) -> float:
     """Return T + V less the work done so far [J]."""
-    state = state_of(systems, row)
+    state = systems.state(row)
     total = kinetic_energy(rollout.chain, state) + potential_energy(rollout.chain, state)
     return float(total - systems.work[row].sum())
 
@@ -79,7 +79,7 @@ def test_released_object():
     systems = started(rollout, state, 1)
 
     def spin_and_push() -> np.ndarray:
-        at = state_of(systems, 0)
+        at = systems.state(0)
         arms = type(at)(at.q, 0.0 * at.qd, at.object_pose, at.object_twist)  # joints at rest carry none
         return momentum(chain, arms)
 

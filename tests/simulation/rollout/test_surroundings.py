@@ -45,7 +45,6 @@ from tests.simulation.rollout.problems import (
     generic_rank,
     numbers,
     problem,
-    state_of,
     swinging_law,
 )
 
@@ -120,7 +119,7 @@ def test_moving_bases(name, scheme):
     agree(systems, 0, run)
     assert systems.running.all() and systems.gap.max() <= 1e-12
     there = Environment(chain, bases).chain_at(STEPS * STEP)
-    gaps = closure(there, state_of(systems, 1)).values()
+    gaps = closure(there, systems.state(1)).values()
     assert max((np.abs(gap.position).max() for gap in gaps), default=0.0) <= 1e-12
     assert not np.allclose(systems.q[0], systems.q[1], rtol=0, atol=1e-9)
 
@@ -335,7 +334,7 @@ def test_long_steps_are_parted():
     whole = rollout.step(initial.copy(), step, steps=5)
     for row in range(len(speeds)):
         run = simulate(
-            chain, state_of(initial, row), law, 5 * step, step, largest_drift=limit, make_stepper=ReferenceStepper
+            chain, initial.state(row), law, 5 * step, step, largest_drift=limit, make_stepper=ReferenceStepper
         )
         agree(systems, row, run)
         assert systems.drift[row] == pytest.approx([run.position_gap[-1, 0], run.velocity_gap[-1, 0]], abs=1e-12)
@@ -363,7 +362,7 @@ def test_grasps_that_open_and_close():
     before = systems.copy()
     let_go = free.step(free.take_over(systems), step)
     gripped = held.take_over(let_go)
-    impact = kinetic_energy(chain, state_of(let_go, 1)) - kinetic_energy(chain, state_of(gripped, 1))
+    impact = kinetic_energy(chain, let_go.state(1)) - kinetic_energy(chain, gripped.state(1))
     end = held.step(gripped, step, steps=4)
     run = simulate(
         replace(chain, gravity=gravity),

@@ -24,7 +24,6 @@ from tests.simulation.rollout.problems import (
     elsewhere,
     generic_rank,
     numbers,
-    state_of,
     swinging_law,
 )
 from tests.simulation.rollout.test_surroundings import shaken
@@ -115,7 +114,7 @@ def test_bits_and_travel():
     law = ControlLaw(leaning(p.chain.joint_count).torque)
     rollout = compile_rollout(p.chain, law, scheme="midpoint")
     many = rollout.start(**elsewhere(p.chain, p.state, 5))
-    one = rollout.start(**arrays(state_of(many, 3)))
+    one = rollout.start(**arrays(many.state(3)))
     again = rollout.start(**elsewhere(p.chain, p.state, 5))
     other, there = pickle.loads(pickle.dumps((rollout, many)))
     rollout.step(many, STEP, steps=3)
@@ -140,15 +139,12 @@ def test_a_grip_in_flight():
     gripped = after.take_over(systems)
     assert gripped.running.all()
     run = simulate(
-        open_chain, state_of(systems, 0), law, 2e-3, 1e-3, events=[Attach(1e-3, name, p.chain.grasps[name], here=True)],
+        open_chain, systems.state(0), law, 2e-3, 1e-3, events=[Attach(1e-3, name, p.chain.grasps[name], here=True)],
         make_stepper=ReferenceStepper,
     )  # fmt: skip
     assert run.holding[-1].all()
-    size = np.abs(momentum(open_chain, state_of(systems, 0))).max()
-    assert (
-        np.abs(momentum(p.chain, state_of(gripped, 0)) - momentum(open_chain, state_of(systems, 0))).max()
-        < 1e-13 * size
-    )
+    size = np.abs(momentum(open_chain, systems.state(0))).max()
+    assert np.abs(momentum(p.chain, gripped.state(0)) - momentum(open_chain, systems.state(0))).max() < 1e-13 * size
 
 
 def test_states_of_the_base():
