@@ -11,7 +11,7 @@ from holdfast.compiler.needed import Needed
 from holdfast.compiler.node import Node
 from holdfast.compiler.region import Origin, Scan, Source, TracedGroup
 from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule, Wire
-from holdfast.compiler.stage import GraphPorts, Stage, Stages, inputs_of, made_of
+from holdfast.compiler.stage import GraphPorts, Stage, Stages, made_of
 from holdfast.compiler.trace import as_node
 from holdfast.compiler.values import Leaf
 
@@ -263,24 +263,21 @@ class Derivation:
         phase = {-1: 0} | {at: k + 1 for k, at in enumerate(when)}
         for put, at in zip(self.glue_outputs, ready, strict=True):
             self.glue.returned.append((phase[at], put.numbers, Wire(put.array, (put.place,))))
-        used = inputs_of([node for put in self.glue_outputs for node in put.numbers])
+        used = {node for node in known if node.kind == "input"}
         for name, nodes in self.given.items():
             if not used.isdisjoint(nodes):
                 at = 0 if self.externals[name].role == "parameter" else 1
                 self.glue.given.append((at, nodes, Wire(name, (0,))))
-        for group, items, nodes, known in self._seen(used):
+        for group, items, nodes, last in self._seen(used):
             array = self._returned(group, nodes)
-            at = next(k for k in when if k > self._last[group, known])
+            at = next(k for k in when if k > self._last[group, last])
             for i in items:
                 images = group.images[i]
                 self.glue.given.append((phase[at], tuple([images[n] for n in nodes]), Wire(array, (i,))))
         return when
 
     def _ready(self, nodes: Iterable[Node]) -> dict[Node, int]:
-        """Return for what the nodes of the glue are made of the phase call before which it is known.
-
-        What depends on parameters only has -1.
-        """
+        """Return for all that nodes are made of the phase call before which it is known, -1 for parameters only."""
         known: dict[Node, int] = {}
         for n in made_of(nodes):
             origin = self.traced.origins.get(n)

@@ -1,5 +1,7 @@
 """One arm's step of the object's filter, rigid or row by row, against the dense formulas."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -80,7 +82,7 @@ def test_independent_rows(seed, rank):
 def test_rows_seen_before():
     """A second arm that says the same and cannot yield adds no rank and no force of its own."""
     x, P, m, size, s = drawn(0, 4)
-    hard = m._replace(R=np.zeros((4, 4)), r=m.C @ np.arange(6.0))
+    hard = replace(m, R=np.zeros((4, 4)), r=m.C @ np.arange(6.0))
     x1, once, first = row_updates(x, factored(P, np.diag(P)), hard, size)
     x2, twice, second = row_updates(x1, once, hard, size)
     assert (first.kept, second.kept) == (4, 0)
