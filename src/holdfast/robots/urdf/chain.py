@@ -285,7 +285,13 @@ def load_urdf(
 def load_urdf_arms(
     path_or_text: str | PathLike[str],
     arms: Mapping[str, tuple[str, str]],
-    **options: Unpack[UrdfOptions],
+    *,
+    locked: Mapping[str, float] | None = None,
+    lock_others: bool = False,
+    mount: Any = None,
+    physical: bool = True,
+    xacro_args: Mapping[str, str] | None = None,
+    trust_xacro: bool = False,
 ) -> dict[str, Arm]:
     """Return several arms of one robot, each with its base at its place on the robot. O(arms links).
 
@@ -298,10 +304,16 @@ def load_urdf_arms(
     Args:
         path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).
         arms: names of base and tip link, by arm.
-        **options: `locked`, `lock_others`, `physical`, `xacro_args` and `trust_xacro` as for `load_urdf`, for all arms;
-            `mount`, pose of the file's root link in the world (a Pose or wxyz_xyz), by default the world frame.
+        locked: as for `load_urdf`, for all arms.
+        lock_others: as for `load_urdf`.
+        mount: pose of the file's root link in the world (a Pose or wxyz_xyz); by default the world frame.
+        physical: as for `load_urdf`.
+        xacro_args: as for `load_urdf`.
+        trust_xacro: as for `load_urdf`.
 
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf`.
     """
+    options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
+    options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro}
     return {name: chain.arm for name, chain in urdf_chains(path_or_text, arms, **options).items()}
