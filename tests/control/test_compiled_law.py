@@ -127,6 +127,8 @@ def test_batches_and_bound_calls_have_the_bits_of_single_ones():
         assert np.array_equal(bound.kept, one.memory)
     bound.keep()
     assert np.array_equal(bound.memory, bound.kept)
+    none = law.torques(times[:0], q[:0], qd[:0], *shared, gain=2.0, target=target[:0])
+    assert none.tau.shape == (0, N)
 
 
 def test_where_it_does_not_apply():

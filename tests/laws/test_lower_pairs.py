@@ -1,5 +1,7 @@
 """Universal, sliding, cylindrical, screwed and planar grasps, against joints in their places and their positions."""
 
+from dataclasses import replace
+
 import mpmath
 import msgspec
 import numpy as np
@@ -304,6 +306,13 @@ def test_no_group(name):
     motion, message = REFUSED[name]
     with pytest.raises(hf.ModelError, match=message):
         hf.Grasp("subspace", motion=motion)
+
+
+def test_the_lengths_of_columns_do_not_matter():
+    """Not even where their squares overflow or vanish."""
+    usual, odd = np.eye(6)[:, [2, 5]], np.eye(6)[:, [2, 5]] * [1e200, 1e-200]
+    given = [hf.Grasp("subspace", motion=motion).of_kind.given for motion in (usual, odd)]
+    assert given[0] == replace(given[1], columns=given[0].columns)
 
 
 def test_motion_and_kind():

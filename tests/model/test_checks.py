@@ -73,3 +73,11 @@ def test_triangle_inequality():
     with pytest.raises(ModelError, match=r"no mass distribution has principal moments 1, 2, 3\.1"):
         checks.rotational_inertia(impossible, "body")
     checks.rotational_inertia(impossible, "body", physical=False)
+
+
+def test_did_you_mean():
+    """The closest name is found in any case; long lists of names are cut, so that a message stays a line."""
+    assert checks.did_you_mean("Q ARM1/Joint1", ["q arm1/joint1", "q arm1/joint2"]) == " Did you mean 'q arm1/joint1'?"
+    assert checks.did_you_mean("x", ["left", "right"]) == " Known: left, right."
+    assert checks.did_you_mean("x", []) == " Known: none."
+    assert checks.did_you_mean("x", map(str, range(500))).endswith(", 39 and 460 more.")

@@ -183,7 +183,7 @@ class CompiledLaw:
         lead = () if batch is None else (batch,)
         out = {name: np.empty((*lead, *e.shape)) for name, e in self._externals.items() if e.role == "output"}
         compile_batch(self._kernel, self.chain, WHAT, self.progress)
-        self._kernel.run_arrays(found | out, batch or 1, threads)
+        self._kernel.run_arrays(found | out, 1 if batch is None else batch, threads)
         bad = None if batch is None else faulty(found, self._ranks, self._largest, batch)
         for x in out.values() if bad is not None else ():
             x[bad] = np.nan

@@ -23,6 +23,7 @@ from holdfast.spatial.scalar import Array
 
 ROUNDED = 1e-15  # vectors this close to unit length have been normalised before
 INERTIA_TOLERANCE = 1e-6  # relative violation of the triangle inequality that counts as rounding
+MOST_NAMED = 40  # names in a message that lists what is known
 
 
 def vector(value: Any, what: str, error: type[HoldfastError] = ModelError) -> Array:
@@ -146,7 +147,11 @@ def place(p: Any) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ' Did you mean ...?' with the closest known name, or a list of all known names."""
+    """Return ' Did you mean ...?' with the closest known name in any case, or a list of the known names."""
     known = list(known)
-    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
-    return f" Did you mean '{near[0]}'?" if near else f" Known: {', '.join(known) or 'none'}."
+    cases = {each.lower(): each for each in reversed(known)}
+    near = difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.5)
+    if near:
+        return f" Did you mean '{cases[near[0]]}'?"
+    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
+    return f" Known: {', '.join(known[:MOST_NAMED]) or 'none'}{more}."
