@@ -150,7 +150,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ' Did you mean ...?' with the closest known name in any case, or a list of the known names."""
     known = list(known)
     cases = {each.lower(): each for each in reversed(known)}
-    near = difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name.lower(), cases, n=1, cutoff=0.5) if isinstance(name, str) else []
     if near:
         return f" Did you mean '{cases[near[0]]}'?"
     more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
