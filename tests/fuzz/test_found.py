@@ -20,6 +20,13 @@ HUGE = hf.Inputs(base_twists=np.full((2, 6), 1e200))
 WHIRLED = hf.Inputs(base_twists=np.full((2, 6), 1e308))
 
 FOUND = {
+    "a base carried far away": (
+        lambda: hf.simulation.CarriedBase(
+            control.RestToRest(START, [1, 0, 0], turn=[0, 0, 1], duration=1.0), [1, 0, 0, 0, 1e308, 0.2, 0.3]
+        )(0.4),
+        hf.StateError,
+        "carried base: expected finite numbers",
+    ),
     "no chain": (lambda: dynamics.kinetic_energy(3, STATE), hf.ModelError, "chain: expected ClosedChain, got int"),
     "no state": (lambda: forces.split(CHAIN, {}, np.zeros((2, 6))), hf.StateError, "state: expected State, got dict"),
     "no inputs": (lambda: dynamics.closure(CHAIN, STATE, 1.0), hf.StateError, "inputs: expected Inputs, got float"),
@@ -105,6 +112,12 @@ def far(state: hf.State) -> hf.State:
 def test_far_away_without_a_warning(ask):
     """Where levers are infinite an answer need not mean much, but it is one (pytest makes errors of warnings)."""
     assert ask(WHOLE.chain, far(WHOLE.state)) is not None
+
+
+def test_large_regressors():
+    """Only the proportions of a regressor's numbers matter, also where their squares overflow."""
+    found = [base_parameters(np.full((3, 3), size), ["a", "b", "c"]).in_words() for size in (1.0, 1e200)]
+    assert found[0] == found[1] == ["a + 1 b + 1 c"]
 
 
 @pytest.mark.parametrize("what", FOUND)

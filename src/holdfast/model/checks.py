@@ -150,8 +150,9 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ' Did you mean ...?' with the closest known name in any case, or a list of the known names."""
     known = list(known)
     cases = {each.lower(): each for each in reversed(known)}
-    near = difflib.get_close_matches(name.lower(), cases, n=1, cutoff=0.5) if isinstance(name, str) else []
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
+    near += [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.8)]
     if near:
-        return f" Did you mean '{cases[near[0]]}'?"
+        return f" Did you mean '{near[0]}'?"
     more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
     return f" Known: {', '.join(known[:MOST_NAMED]) or 'none'}{more}."

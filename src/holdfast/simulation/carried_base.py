@@ -51,11 +51,17 @@ class CarriedBase(Frozen):
         return exact_fingerprint(self.motion) is not None
 
     def __call__(self, t: Scalar) -> tuple[Pose, Array, Array]:
-        """Return the pose, twist and acceleration of the base at time t, in world axes."""
+        """Return the pose, twist and acceleration of the base at time t, in world axes.
+
+        Raises:
+            StateError: numbers have overflowed.
+        """
         found, twist, acceleration = cast(Motion, self.motion)(t)
         under = found if isinstance(found, Pose) else Pose.unchecked_seven(array(found))
         twist, acceleration = array(twist), array(acceleration)
         at, omega = under @ self.frame, twist[:3]
         r = at.p - under.p
         a = acceleration[3:] + cross(acceleration[:3], r) + cross(omega, cross(omega, r))
-        return at, shift_twist(r, twist), concatenate([acceleration[:3], a])
+        found = concatenate([shift_twist(r, twist), acceleration[:3], a])
+        checks.finite(found, "carried base")
+        return at, found[:6], found[6:]
