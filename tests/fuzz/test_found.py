@@ -20,6 +20,11 @@ HUGE = hf.Inputs(base_twists=np.full((2, 6), 1e200))
 WHIRLED = hf.Inputs(base_twists=np.full((2, 6), 1e308))
 
 FOUND = {
+    "a length whose square overflows": (
+        lambda: forces.split(CHAIN, STATE, np.ones((2, 6)), length=1e308),
+        hf.StateError,
+        "split: expected finite numbers",
+    ),
     "a base carried far away": (
         lambda: hf.simulation.CarriedBase(
             control.RestToRest(START, [1, 0, 0], turn=[0, 0, 1], duration=1.0), [1, 0, 0, 0, 1e308, 0.2, 0.3]
@@ -112,6 +117,13 @@ def far(state: hf.State) -> hf.State:
 def test_far_away_without_a_warning(ask):
     """Where levers are infinite an answer need not mean much, but it is one (pytest makes errors of warnings)."""
     assert ask(WHOLE.chain, far(WHOLE.state)) is not None
+
+
+def test_turning_points_of_large_torques():
+    """They are where those of small ones are."""
+    found = [control.TorqueSchedule([0.0, 5.0], size * np.array([[[0.0, 1.0, -0.5]] * 2] * 2)) for size in (1.0, 1e308)]
+    assert np.array_equal(found[0].breakpoints, found[1].breakpoints)
+    assert 1.0 in found[0].breakpoints
 
 
 def test_large_regressors():

@@ -120,6 +120,7 @@ def _turning_points(coefficients: Array) -> list[float]:
     """Return the points at which a polynomial's slope vanishes, including double roots that rounding made complex."""
     if len(coefficients) < 3:
         return []
+    coefficients = np.ldexp(coefficients, -np.frexp(np.abs(coefficients).max())[1])  # slopes of large ones overflow
     slope = np.polynomial.Polynomial(coefficients).deriv().trim()
     if not np.isfinite(slope.coef).all() or slope.degree() < 1:
         return []

@@ -122,7 +122,7 @@ def motion_wrenches(places: list[ContactPlace], net: Array, length: float) -> Ar
     for grasp, axes, offset in places:
         K = array([rotate(axes, row) for row in grasp.transmission]).reshape(-1, 6)
         columns.append((K, array([shift_wrench(offset, row) for row in K]).reshape(-1, 6)))
-        weights.extend(scale**2 for scale in grasp.of_kind.row_scales(length))
+        weights.extend(scale * scale for scale in grasp.of_kind.row_scales(length))
     to_C = np.concatenate([at_C for _, at_C in columns]).T  # A^T K^T, (6, rows)
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
     root = np.sqrt(weights)

@@ -105,7 +105,14 @@ def estimate(system: Equations, unknowns: Unknowns, kinds: Array, given: Array |
     if correlation < max(CORRELATED, 3.0 / np.sqrt(e.size)):  # not significant
         correlation = 0.0
     to_x, to_plain = unknowns.slopes(theta)
-    change = (to_plain @ np.linalg.inv(to_x)) * unknowns.linear_sizes / unknowns.sizes[:, None]
+    try:
+        inverse = np.linalg.inv(to_x)
+    except np.linalg.LinAlgError as cause:
+        raise StateError(
+            "identify: expected a recording that some payload explains, got one whose estimate has no uncertainty in"
+            " float64; check the units and signs of the wrenches and torques"
+        ) from cause
+    change = (to_plain @ inverse) * unknowns.linear_sizes / unknowns.sizes[:, None]
     Z = null_space(fixed.T @ change)
     pull = np.einsum("srj,sr->j", J @ Z, e)  # zero unless the estimate is on the bound of possible bodies
     gain = float(pull @ np.linalg.solve(np.einsum("srj,srk->jk", J @ Z, J @ Z), pull))
