@@ -20,6 +20,11 @@ HUGE = hf.Inputs(base_twists=np.full((2, 6), 1e200))
 WHIRLED = hf.Inputs(base_twists=np.full((2, 6), 1e308))
 
 FOUND = {
+    "a path for ever": (
+        lambda: control.PoseSpline.at_speed([START, [1, 0, 0, 0, 1, 0, 0]], 5e-324, 1.0),
+        hf.ModelError,
+        "path",
+    ),
     "a length whose square overflows": (
         lambda: forces.split(CHAIN, STATE, np.ones((2, 6)), length=1e308),
         hf.StateError,

@@ -63,6 +63,7 @@ class PoseSpline(Frozen):
         self._require_short_ways()
 
     @staticmethod
+    @np.errstate(over="ignore")  # times that overflow are refused
     def at_speed(
         poses: Sequence[Pose | ArrayLike], speed: float, turn_rate: float, *, begin: float = 0.0
     ) -> PoseSpline:
