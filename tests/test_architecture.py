@@ -193,3 +193,12 @@ def test_the_model_loads_little():
     code = "import sys, holdfast as hf; hf.Arm, hf.ClosedChain, hf.State, hf.ModelError; print(*sys.modules)"
     loaded = {module.split(".")[1] for module in fresh(code).split() if module.startswith("holdfast.")}
     assert loaded == {"errors", "model", "spatial", "state"}
+
+
+def test_the_list_of_commands_loads_no_command():
+    """`holdfast --help` reads the commands' descriptions without importing what they run."""
+    code = "import sys; from holdfast.cli import main; main(['--help']); print(*sys.modules)"
+    *page, modules = fresh(code).splitlines()
+    assert any("Simulate a scene" in line for line in page)
+    loaded = {module.split(".")[1] for module in modules.split() if module.startswith("holdfast.")}
+    assert loaded == {"cli", "errors", "model", "progress", "spatial"}

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import functools
 import io
 import re
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import tyro
 
@@ -50,7 +53,9 @@ def run(arguments: list[str]) -> int:
     if not first.startswith("-") and first not in COMMANDS:
         raise SceneError(f"no command {first!r}.{checks.did_you_mean(first, COMMANDS)}")
     _refuse_repeated(arguments)
-    call = _parsed(arguments or ["--help"], [first] if first in COMMANDS else [*COMMANDS])
+    offered = _only_described if first in ("-h", "--help") else _later
+    commands = {name: offered(name) for name in ([first] if first in COMMANDS else COMMANDS)}
+    call = _parsed(arguments or ["--help"], commands)
     return call if isinstance(call, int) else call()
 
 
@@ -78,13 +83,13 @@ def _refuse_repeated(arguments: list[str]) -> None:
             raise SceneError(f"--{name}: expected once, got {' and '.join(times)}; try one of them, or two commands")
 
 
-def _parsed(arguments: list[str], commands: list[str]) -> Callable[[], int] | int:
+def _parsed(arguments: list[str], commands: dict[str, Callable[..., Any]]) -> Callable[[], int] | int:
     """Return the call of one of the commands for the arguments, or an exit code if there is nothing to call."""
     boxed = io.StringIO()
     try:
         with contextlib.redirect_stderr(boxed):
             return tyro.extras.subcommand_cli_from_dict(
-                {name: _later(name) for name in commands},
+                commands,
                 prog="holdfast",
                 description="Exact dynamics for several robot arms that jointly grasp one object.",
                 args=arguments,
@@ -104,10 +109,25 @@ def _unboxed(message: str) -> str:
 
 def _later(name: str) -> Callable[..., Callable[[], int]]:
     """Return a function of a command's signature that only prepares the call."""
-    command = getattr(import_module(f"holdfast.cli.{COMMANDS[name]}"), name.replace("-", "_"))
+    command = getattr(import_module(f"holdfast.cli.{COMMANDS[name]}"), _function(name))
 
     @functools.wraps(command)
     def prepared(*arguments: object, **options: object) -> Callable[[], int]:
         return functools.partial(command, *arguments, **options)
 
     return prepared
+
+
+def _only_described(name: str) -> Callable[[], None]:
+    """Return a function with a command's docstring, for the list of all commands, without importing its module."""
+    text = Path(__file__).with_name(f"{COMMANDS[name]}.py").read_text(encoding="utf-8")
+    found = {node.name: node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)}
+
+    def described() -> None: ...
+
+    described.__doc__ = ast.get_docstring(found[_function(name)])
+    return described
+
+
+def _function(name: str) -> str:
+    return name.replace("-", "_")

@@ -122,11 +122,8 @@ class CompiledFunction:
         """Run a batch; the results of systems with an invalid input are NaN."""
         results = {name: np.empty((batch, *shape)) for name, shape in self._results.items()}
         found = self._own | {**inputs, **changed, **results}
-        table = np.zeros((len(self.externals), 2), dtype=np.int64)
-        for row, (name, e) in zip(table, self.externals.items(), strict=True):
-            row[:] = found[name].ctypes.data, e.size if found[name].ndim > self._ranks[name] else 0
         compile_batch(self._kernel, self._chain, self._shown_as, bool(self._shown_as))
-        self._kernel.run_batch(table, batch, threads)
+        self._kernel.run_arrays(found, batch, threads)
         bad = faulty(inputs, self._ranks, self._largest, batch)
         if bad is not None:
             for x in results.values():

@@ -101,9 +101,8 @@ class Composition:
             self._call_turns(turns)
         first = _once(numbers_of(carry), kept[0][0])
         self.settle([x for x in first if isinstance(x, Node)])
-        numbers = {id(t): numbers_of(t.carry) for t in dict(zip(map(id, traversals), traversals, strict=True)).values()}
-        handed = tuple([_once(numbers[id(t)], classes) for t, (classes, _) in zip(traversals, kept[1:], strict=True)])
-        scan = Scan(first, tuple((g, i, t) for (g, i), t in zip(order, traversals, strict=True)), kept, handed)
+        handed = [_once(numbers_of(t.carry), classes) for t, (classes, _) in zip(traversals, kept[1:], strict=True)]
+        scan = Scan(first, tuple((g, i, t) for (g, i), t in zip(order, traversals, strict=True)), kept, tuple(handed))
         self.scans.append(scan)
         rows: dict[TracedGroup, list[tuple[int, int]]] = {}
         for j, (group, i) in enumerate(order):

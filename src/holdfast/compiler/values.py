@@ -47,14 +47,18 @@ class ItemLeaf(Sequence[Node]):
     Attributes:
         images: the images of the item.
         leaf: the leaf of what the loop's body has returned.
-        serials: the serial numbers of its nodes.
     """
 
-    __slots__ = ("_nodes", "images", "leaf", "serials")
+    __slots__ = ("_nodes", "images", "leaf")
 
-    def __init__(self, images: ImagesOf, leaf: Leaf, serials: tuple[int, ...]) -> None:
-        self.images, self.leaf, self.serials = images, leaf, serials
+    def __init__(self, images: ImagesOf, leaf: Leaf) -> None:
+        self.images, self.leaf = images, leaf
         self._nodes: tuple[Node, ...] | None = None
+
+    @property
+    def serials(self) -> tuple[int, ...]:
+        """The serial numbers of the nodes of `leaf`."""
+        return tuple([node.serial for node in self.leaf])
 
     def nodes(self) -> tuple[Node, ...]:
         """Return the nodes."""
@@ -98,7 +102,7 @@ class Values:
         self._static: dict[int, tuple[Any, int]] = {}  # objects without nodes, and the number of their key
         self._numbers: dict[Hashable, int] = {}
         self._known: dict[int, Known] = {}  # arrays, tuples and dataclasses with nodes
-        self._makers: dict[int, tuple[Any, list[Leaf], Maker, list[tuple[int, ...]]]] = {}
+        self._makers: dict[int, tuple[Any, list[Leaf], Maker]] = {}
         self._open: set[int] = set()  # functions being visited, which may close over themselves
 
     def leaves(self, value: Any) -> tuple[list[Leaf], Hashable]:
@@ -169,7 +173,7 @@ class Values:
 
     def replaced(self, value: Any, numbers: Iterable[Mapping[Node, Any]]) -> Any:
         """Return the value with other numbers in place of its traced nodes; `numbers` has one mapping per leaf."""
-        leaves, make, _ = self._maker_of(value)
+        leaves, make = self._maker_of(value)
         return make([[new[x] for x in leaf] for leaf, new in zip(leaves, numbers, strict=True)], False)
 
     def images(self, value: Any, images: ImagesOf) -> Any:
@@ -177,15 +181,14 @@ class Values:
 
         Its leaves and keys are known from that, and the fields of its dataclasses are made when they are first used.
         """
-        leaves, make, serials = self._maker_of(value)
-        return make([ItemLeaf(images, leaf, own) for leaf, own in zip(leaves, serials, strict=True)], True)
+        leaves, make = self._maker_of(value)
+        return make([ItemLeaf(images, leaf) for leaf in leaves], True)
 
-    def _maker_of(self, value: Any) -> tuple[list[Leaf], Maker, list[tuple[int, ...]]]:
-        """Return the leaves of a value, what makes it again, and the serial numbers of its nodes."""
+    def _maker_of(self, value: Any) -> tuple[list[Leaf], Maker]:
+        """Return the leaves of a value, and what makes it again."""
         if id(value) not in self._makers:
             leaves, _ = self.leaves(value)  # remembers the parts without nodes, which are not made again
-            serials = [tuple([getattr(node, "serial", -1) for node in leaf]) for leaf in leaves]
-            self._makers[id(value)] = value, leaves, self._maker(value, 0)[0], serials
+            self._makers[id(value)] = value, leaves, self._maker(value, 0)[0]
         return self._makers[id(value)][1:]
 
     def _maker(self, value: Any, begin: int) -> tuple[Maker, int]:
@@ -203,7 +206,8 @@ class Values:
             bound, end = self._maker(value.__self__, begin)
             return (lambda leaves, late: types.MethodType(value.__func__, bound(leaves, late))), end
         if isinstance(value, np.ndarray):
-            make, end = _array_maker(value, self.kind, begin), begin + 1
+            leaf = self._known[id(value)]
+            make, end = _array_maker(value, leaf.leaves[leaf.begin], begin), begin + 1
         else:
             parts, end = self._makers_in(_parts(value) or (), begin)
             make = _dataclass_maker(value, parts) if _fields(type(value)) else _container_maker(value, parts)
@@ -228,13 +232,13 @@ class Values:
         return makers, end
 
 
-def _array_maker(value: np.ndarray, kind: type, begin: int) -> Maker:
-    """Return what makes an array of the leaf `begin` again."""
+def _array_maker(value: np.ndarray, leaf: Leaf, begin: int) -> Maker:
+    """Return what makes an array again whose traced nodes are `leaf`, from the leaf `begin`."""
     entries, shape = value.ravel().tolist(), value.shape
-    places = {x: k for k, x in enumerate(dict.fromkeys([x for x in entries if isinstance(x, kind)]))}
-    if len(places) == len(entries):
+    if len(leaf) == len(entries):
         return lambda leaves, late: array_of(leaves[begin], shape)
-    known = [(places[x], None) if isinstance(x, kind) else (None, x) for x in entries]
+    places = {id(x): k for k, x in enumerate(leaf)}
+    known = [(places.get(id(x)), x) for x in entries]
     return lambda leaves, late: array_of([x if k is None else leaves[begin][k] for k, x in known], shape)
 
 

@@ -15,6 +15,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
 from holdfast.spatial.frozen import Frozen, frozen_property, read_only
+from holdfast.spatial.linalg import without_overflow
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -120,8 +121,7 @@ def _turning_points(coefficients: Array) -> list[float]:
     """Return the points at which a polynomial's slope vanishes, including double roots that rounding made complex."""
     if len(coefficients) < 3:
         return []
-    coefficients = np.ldexp(coefficients, -np.frexp(np.abs(coefficients).max())[1])  # slopes of large ones overflow
-    slope = np.polynomial.Polynomial(coefficients).deriv().trim()
+    slope = np.polynomial.Polynomial(without_overflow(coefficients)).deriv().trim()
     if not np.isfinite(slope.coef).all() or slope.degree() < 1:
         return []
     roots = slope.roots()

@@ -21,6 +21,7 @@ from scipy.linalg import qr, solve_triangular
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.linalg import without_overflow
 from holdfast.spatial.scalar import Array
 
 NEGLIGIBLE = 1e-6  # terms smaller than this, relative to a combination's largest one, are rounding (unit columns)
@@ -75,7 +76,7 @@ def base_parameters(matrix: ArrayLike, names: Sequence[str], tolerance: float = 
     if Y.ndim != 2 or Y.shape[1] != len(names) or not Y.size:
         raise ModelError(f"base_parameters: matrix: expected shape (rows, {len(names)}) as named, got {Y.shape}")
     tolerance = checks.number(tolerance, "base_parameters: tolerance", above=0.0)
-    Y = np.ldexp(Y, -np.frexp(np.abs(Y).max())[1])  # the squares of large numbers would overflow
+    Y = without_overflow(Y)
     sizes = np.linalg.norm(Y, axis=0)
     there = sizes > tolerance * sizes.max()
     unit = np.where(there, sizes, 1.0)

@@ -72,8 +72,11 @@ def _read_parquet(path: Path) -> dict[str, Array]:
         raise ResultError(f"{path}: expected a Parquet table of numbers: {one_line(str(cause), 200)}") from cause
 
 
-def pyarrow() -> tuple[Any, Any]:
+def pyarrow(need: str = "Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") -> tuple[Any, Any]:
     """Return the modules `pyarrow` and `pyarrow.parquet`.
+
+    Args:
+        need: the message if there is none.
 
     Raises:
         MissingExtra: pyarrow is not installed.
@@ -82,5 +85,5 @@ def pyarrow() -> tuple[Any, Any]:
         import pyarrow as arrow  # pyright: ignore[reportMissingImports]
         from pyarrow import parquet  # pyright: ignore[reportMissingImports]
     except ImportError as cause:
-        raise MissingExtra("Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") from cause
+        raise MissingExtra(need) from cause
     return arrow, parquet

@@ -151,7 +151,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     known = list(known)
     cases = {each.lower(): each for each in reversed(known)}
     near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
-    near += [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.8)]
+    near = near or [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.8)]
     if near:
         return f" Did you mean '{near[0]}'?"
     more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""

@@ -16,6 +16,7 @@ import numpy as np
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial import rotation
+from holdfast.spatial.linalg import without_overflow
 from holdfast.spatial.scalar import Array, Scalar, arctan2, concatenate, cos, sin
 from holdfast.spatial.vector import axial, cross
 
@@ -100,7 +101,7 @@ def motion_subspace(motion: Any) -> MotionSubspace:
     S = checks.numbers(motion, None, "grasp: motion")
     if S.ndim != 2 or len(S) != 6 or not 1 <= S.shape[1] <= 5:
         raise ModelError(f"grasp: motion: expected shape (6, k) with k from 1 to 5, got shape {S.shape}")
-    scaled = np.ldexp(S, -np.frexp(np.abs(S).max(axis=0))[1])  # the squares of large entries would overflow
+    scaled = without_overflow(S, axis=0)
     Q, sizes, _ = np.linalg.svd(scaled / np.maximum(np.linalg.norm(scaled, axis=0), 1e-300), full_matrices=False)
     if not sizes[-1] > CLOSED:
         raise ModelError("grasp: motion: expected linearly independent columns, got dependent ones")

@@ -5,7 +5,6 @@ The wrenches are constant, a function of time, or a function of time and state.
 
 from __future__ import annotations
 
-import copy
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
-from holdfast.spatial.frozen import FrozenDict
+from holdfast.spatial.frozen import FrozenDict, changed
 from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.state import Inputs, State
 
@@ -125,18 +124,14 @@ def motion_of(name: str, found: Any) -> tuple[Any, Array, Array]:
 
 def mounted(chain: ClosedChain, bases: Mapping[str, Any]) -> ClosedChain:
     """Return the chain with some bases at new poses; only these are checked, because this is called at every stage."""
-    moved, put = copy.copy(chain), object.__setattr__
-    arms = dict(chain.arms)
+    arms, trunk = dict(chain.arms), chain.trunk
     for name, base in bases.items():
         pose = checks.pose(base, f"base motion of '{name}'")
-        if name == TRUNK and chain.trunk is not None:
-            put(moved, "trunk", copy.copy(chain.trunk))
-            put(moved.trunk, "base", pose)
-            continue
-        arms[name] = copy.copy(arms[name])
-        put(arms[name], "base", pose)
-    put(moved, "arms", FrozenDict(arms))
-    return moved
+        if name == TRUNK and trunk is not None:
+            trunk = changed(trunk, base=pose)
+        else:
+            arms[name] = changed(arms[name], base=pose)
+    return changed(chain, arms=FrozenDict(arms), trunk=trunk)
 
 
 def take_state(given: GivenInputs) -> bool:

@@ -15,7 +15,6 @@ so that the stages of a step are the iterations of Newton's method for the rates
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -27,7 +26,7 @@ from holdfast.model.joint import Joint
 from holdfast.simulation.increment import OF_BODY, OF_WORK, moving_at, no_turns, turns_of, twists
 from holdfast.simulation.joint_friction import friction_slope, friction_torque, joint_friction
 from holdfast.simulation.runge_kutta import Tableau, weighted
-from holdfast.spatial.frozen import FrozenDict
+from holdfast.spatial.frozen import FrozenDict, changed
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
@@ -104,13 +103,12 @@ def imex_step(
 
 def with_armature(chain: ClosedChain, added: Array) -> ClosedChain:
     """Return the chain with `added`, (n,) in the order of q, added to the armatures of its joints [kg m^2 or kg]."""
-    made, put = copy.copy(chain), object.__setattr__
     of_arm = {name: added[part] for name, part in zip(chain.arms, chain.arm_joints, strict=True)}
     arms = {name: arm.of(_heavier(arm.joints, of_arm[name])) for name, arm in chain.arms.items()}
-    put(made, "arms", FrozenDict(arms))
-    if chain.trunk is not None and chain.trunk.joints:
-        put(made, "trunk", replace(chain.trunk, joints=_heavier(chain.trunk.joints, added[chain.joints[TRUNK]])))
-    return made
+    trunk = chain.trunk
+    if trunk is not None and trunk.joints:
+        trunk = replace(trunk, joints=_heavier(trunk.joints, added[chain.joints[TRUNK]]))
+    return changed(chain, arms=FrozenDict(arms), trunk=trunk)
 
 
 def _heavier(joints: Sequence[Joint], added: Array) -> list[Joint]:

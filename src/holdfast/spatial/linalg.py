@@ -157,3 +157,11 @@ def back_substitution(L: Array, b: Array) -> Array:
         known = sum((L[i, j] * rows[i] for i in range(j + 1, n)), start=0.0 * b[j])
         rows[j] = (b[j] - known) * reciprocal(L[j, j])
     return array(rows).reshape(b.shape)
+
+
+def without_overflow(x: Array, axis: int | None = None) -> Array:
+    """Return an array divided by a power of two, along an axis or as a whole, so that its largest entry is near 1.
+
+    No digit is lost, and the squares of the entries cannot overflow. For floats only.
+    """
+    return np.ldexp(x, -np.frexp(np.abs(x).max(axis=axis))[1])

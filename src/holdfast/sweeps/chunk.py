@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.errors import MissingExtra, ResultError
+from holdfast.errors import ResultError
 from holdfast.io.columns import labels_of
 from holdfast.io.save_run import meta_of
+from holdfast.io.table_reader import pyarrow
 from holdfast.simulation.rollout.record import RolloutRecord
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.setting import Setting
@@ -109,25 +110,20 @@ def encoded(columns: Mapping[str, Array], plan: str) -> bytes:
     Raises:
         MissingExtra: pyarrow is not installed.
     """
-    arrow, parquet = pyarrow()
+    arrow, parquet = parquet_modules()
     table = arrow.table({title: np.ascontiguousarray(x) for title, x in columns.items()})
     sink = arrow.BufferOutputStream()
     parquet.write_table(table.replace_schema_metadata({"plan": plan}), sink)
     return sink.getvalue().to_pybytes()
 
 
-def pyarrow() -> tuple[Any, Any]:
+def parquet_modules() -> tuple[Any, Any]:
     """Return pyarrow and its Parquet module.
 
     Raises:
         MissingExtra: pyarrow is not installed.
     """
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError as cause:
-        raise MissingExtra("sweeps keep their results in Parquet; try pip install 'holdfast[parquet]'") from cause
-    return pyarrow, parquet
+    return pyarrow("sweeps keep their results in Parquet; try pip install 'holdfast[parquet]'")
 
 
 def _titled(name: str, rows: Array) -> dict[str, Array]:

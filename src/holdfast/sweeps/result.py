@@ -16,7 +16,7 @@ from holdfast.simulation.rollout.arguments import whole_number
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.real_numbers import numbers
 from holdfast.spatial.scalar import Array
-from holdfast.sweeps.chunk import pyarrow
+from holdfast.sweeps.chunk import parquet_modules
 from holdfast.sweeps.plan import Plan
 from holdfast.sweeps.store import chunk_path
 
@@ -48,7 +48,7 @@ class Sweep:
     @property
     def columns(self) -> list[str]:
         """The titles of the columns: the run, its end, the drawn values, and the outputs with their units."""
-        _, parquet = pyarrow()
+        _, parquet = parquet_modules()
         return self._read(0, lambda path: parquet.read_schema(path).names)
 
     @property
@@ -69,7 +69,7 @@ class Sweep:
             StateError: there is no such column.
             ResultError: a file cannot be read.
         """
-        _, parquet = pyarrow()
+        _, parquet = parquet_modules()
         known = self.columns
         for title in columns:
             if title not in known:
@@ -205,7 +205,7 @@ class Sweep:
         return x
 
     def _read(self, k: int, read: Any) -> Any:
-        arrow, _ = pyarrow()
+        arrow, _ = parquet_modules()
         path = chunk_path(self.folder, k)
         try:
             return read(path)

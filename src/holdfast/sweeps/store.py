@@ -23,7 +23,7 @@ from typing import IO, Any
 
 from holdfast.errors import ResultError
 from holdfast.io.files import LONGEST_NAME, one_line, read_bounded, reason_of, write_atomically
-from holdfast.sweeps.chunk import Computed, pyarrow
+from holdfast.sweeps.chunk import Computed, parquet_modules
 from holdfast.sweeps.plan import Plan, digest_of
 
 MANIFEST, LOG, LOCK = "sweep.json", "log.jsonl", "lock"
@@ -95,7 +95,7 @@ class Store:
 
     def holds(self, k: int, rows: int) -> bool:
         """Return whether there is a readable file of chunk k that belongs to this plan."""
-        arrow, parquet = pyarrow()
+        arrow, parquet = parquet_modules()
         try:
             meta = parquet.read_metadata(chunk_path(self.folder, k))
         except (OSError, arrow.ArrowException):

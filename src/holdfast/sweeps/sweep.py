@@ -18,7 +18,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import reporting
 from holdfast.simulation.rollout.arguments import whole_number, whole_steps
 from holdfast.state import State
-from holdfast.sweeps.chunk import Computed, Task, pyarrow
+from holdfast.sweeps.chunk import Computed, Task, parquet_modules
 from holdfast.sweeps.cluster import LOCAL, computed_by_cluster, require_dask
 from holdfast.sweeps.plan import OUTPUTS, Plan, find_generic_rank, made_by, plan_of
 from holdfast.sweeps.progress import Progress
@@ -133,7 +133,7 @@ def carry_out(
     Raises:
         StateError, ResultError, MissingExtra: as for `sweep`.
     """
-    pyarrow()
+    parquet_modules()
     _require_workers(workers, cluster)
     whole_number("ahead", ahead, MOST_WORKERS)
     place = Store(file_path(store, "store"), plan)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -95,7 +95,7 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
     )
 
 
-def base_wrench(trunk: TrunkMotion, betas: list[Array], of_arms: Mapping[str, Array]) -> Array:
+def base_wrench(trunk: TrunkMotion, betas: Sequence[Array], of_arms: Mapping[str, Array]) -> Array:
     """Return the wrench of the base on the trunk, (6,) about the base origin, world axes; 0 for a floating base.
 
     Args:

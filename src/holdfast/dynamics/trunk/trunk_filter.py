@@ -12,7 +12,7 @@ subtracted from N or P (docs/theory/trunk.md).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -52,7 +52,7 @@ class TrunkSolution(NamedTuple):
 
     found: ObjectSolution
     trunk: TrunkAcceleration | None = None
-    betas: list[Array] = []  # noqa: RUF012
+    betas: Sequence[Array] = ()
     pivots: Array | None = None
 
     def of_columns(self, trunk: TrunkMotion | None, name: str) -> Array | None:

@@ -10,7 +10,7 @@ accelerations of these joints instead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -149,12 +149,12 @@ class TrunkMotion(NamedTuple):
                 reach = self.bodies[k].reach + reach
         return joints, twist_shift(reach) if floats else np.zeros((6, 0))
 
-    def under(self, name: str, betas: list[Array]) -> Array | None:
+    def under(self, name: str, betas: Sequence[Array]) -> Array | None:
         """Return beta at the base of an arm, (6,); None if it is not mounted on the trunk."""
         mount = self.mounts.get(name)
         return None if mount is None else shift_twist(mount.offset, betas[mount.body])
 
-    def of_columns(self, name: str, found: TrunkAcceleration, betas: list[Array]) -> Array | None:
+    def of_columns(self, name: str, found: TrunkAcceleration, betas: Sequence[Array]) -> Array | None:
         """Return the accelerations of an arm's columns, (c,); None if it is not mounted on the trunk."""
         mount = self.mounts.get(name)
         return None if mount is None else found.qdd if self.by_joints else betas[mount.body]

@@ -16,14 +16,7 @@ from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, welded_link
 from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
-from holdfast.robots.urdf.path import (
-    Locks,
-    checked_locks,
-    ends,
-    known_link,
-    path_between,
-    resting_position,
-)
+from holdfast.robots.urdf.path import Locks, checked_locks, ends, known_link, path_between, resting_position
 from holdfast.robots.urdf.refusals import hanging, refuse_loose, shared
 from holdfast.robots.urdf.robot import MOVING, UrdfRobot
 from holdfast.robots.urdf.source import Source
