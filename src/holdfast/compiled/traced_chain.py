@@ -28,6 +28,7 @@ from holdfast.model.link import Link
 from holdfast.model.spring import Spring
 from holdfast.model.trunk import Trunk
 from holdfast.spatial import rotation
+from holdfast.spatial.frozen import changed
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, loops, sqrt, where
 from holdfast.state import Inputs, State
@@ -79,14 +80,14 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
         made = constant
         if structure.by_links and structure.options.link_inertia:
             made = constant.of(links=_traced_links(*(given[parameter][links_of[name]] for parameter in LINKS)))
-        arms[name] = replace(made, base=_pose(given, "base", i), name="")
+        arms[name] = changed(made, base=_pose(given, "base", i), name="")
     held = enumerate(chain.grasps.items() if structure.by_grasp else ())
-    grasps = {name: replace(grasp, frame=_pose(given, "grasp", i)) for i, (name, grasp) in held}
+    grasps = {name: grasp.standing_at(_pose(given, "grasp", i)) for i, (name, grasp) in held}
     body = chain.held_object
     if "object_mass" in given:
         mass: Scalar = given["object_mass"][()]
         body = HeldObject(mass, given["object_inertia"], given["object_com"], physical=False)
-    other = object.__new__(ClosedChain)
+    other = object.__new__(ClosedChain)  # without the cached properties of the real chain
     gravity = given.get("gravity", np.zeros(3))
     own = {"arms": arms, "held_object": body, "grasps": grasps, "gravity": gravity, "mounts": chain.mounts}
     own["trunk"] = None if chain.trunk is None else _traced_trunk(chain.trunk, given)

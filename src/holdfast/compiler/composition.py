@@ -29,6 +29,8 @@ from holdfast.compiler.region import (
 )
 from holdfast.compiler.values import ItemLeaf, Leaf, Values, numbers_of, with_numbers
 
+Signature = tuple[Node | None, ...]
+
 
 class Composition:
     """The state of a function that is being traced.
@@ -101,7 +103,7 @@ class Composition:
             self._call_turns(turns)
         first = _once(numbers_of(carry), kept[0][0])
         self.settle([x for x in first if isinstance(x, Node)])
-        handed = [_once(numbers_of(t.carry), classes) for t, (classes, _) in zip(traversals, kept[1:], strict=True)]
+        handed = [_once(t.numbers, classes) for t, (classes, _) in zip(traversals, kept[1:], strict=True)]
         scan = Scan(first, tuple((g, i, t) for (g, i), t in zip(order, traversals, strict=True)), kept, tuple(handed))
         self.scans.append(scan)
         rows: dict[TracedGroup, list[tuple[int, int]]] = {}
@@ -142,8 +144,8 @@ class Composition:
                 done = self._traversal(region, group, i, f, x, flat[j], (handed, classes[at], at))
                 traversals.append(done)
                 kept.append((classes[at], at))
-                handed, at = done.carry, self._shape(done.carry)
-                seen = _classes(numbers_of(handed))
+                handed, at = done.carry, done.shape
+                seen = _classes(done.numbers)
                 known = classes.get(at)
                 classes[at] = seen if known is None else _classes(list(zip(known, seen, strict=True)))
                 if known is not None and classes[at] != known:
@@ -218,16 +220,16 @@ class Composition:
         origin = self.origins.get(leaf[0])
         return None if origin is None else (origin.group, origin.item)
 
-    def _signature(self, leaves: Sequence[Leaf], group: TracedGroup | None, item: int) -> tuple[tuple[int, ...], ...]:
-        """Return, for every node of an item, the serial of the region's node that it is an image of, or -1."""
+    def _signature(self, leaves: Sequence[Leaf], group: TracedGroup | None, item: int) -> tuple[Signature, ...]:
+        """Return, for every node of an item, the node of the group's region that it is an image of, or None."""
         signature = []
         for leaf in leaves:
             if isinstance(leaf, ItemLeaf):
                 same = leaf.images.group is group and leaf.images.item == item
-                signature.append(leaf.serials if same else (-1,) * len(leaf))
+                signature.append(tuple(leaf.leaf) if same else (None,) * len(leaf))
                 continue
             origins = map(self.origins.get, leaf)
-            own = [o.node.serial if o is not None and o.group is group and o.item == item else -1 for o in origins]
+            own = [o.node if o is not None and o.group is group and o.item == item else None for o in origins]
             signature.append(tuple(own))
         return tuple(signature)
 
@@ -258,14 +260,12 @@ class Composition:
             return region.further[what]
         graph, ports, numbers = region.graph, [], []
         for k, (leaf, own) in enumerate(zip(leaves, signature, strict=True)):
-            places = tuple([p for p, serial in enumerate(own) if serial < 0])
+            places = tuple([p for p, earlier in enumerate(own) if earlier is None])
             inputs = tuple([graph.input() for _ in places])
             if inputs:
                 ports.append(RegionInput(inputs, k, places))
             new = iter(inputs)
-            numbers.append(
-                {n: next(new) if serial < 0 else graph.nodes[serial] for n, serial in zip(leaf, own, strict=True)}
-            )
+            numbers.append({n: next(new) if earlier is None else earlier for n, earlier in zip(leaf, own, strict=True)})
         args, text = self._values.replaced((x, f), numbers)
         handed: tuple[Any, ...] = ()
         carried: Leaf = ()
@@ -281,7 +281,8 @@ class Composition:
         next_carry = None
         if carry is not None:
             next_carry, value = value
-        done = Traversal(value, tuple(ports), next_carry, carried, Region(graph))
+        numbers, shape = numbers_of(next_carry), self._shape(next_carry)
+        done = Traversal(value, tuple(ports), next_carry, numbers, shape, carried, Region(graph))
         region.further[what] = done
         return done
 

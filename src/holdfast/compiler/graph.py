@@ -54,12 +54,12 @@ class Graph:
 
     def known(self, kind: str, *args: Value) -> Node | None:
         """Return the node of an operation if it exists already, otherwise None."""
-        return self._known.get((kind, *map(SERIAL, self._nodes(args))))
+        return self._known.get((kind, *self._nodes(args)))
 
     def make(self, kind: str, *args: Value) -> Node:
         """Return the node of an operation without simplifying it."""
         nodes = self._nodes(args)
-        key = (kind, *map(SERIAL, nodes))
+        key = (kind, *nodes)
         node = self._known.get(key)
         if node is None:
             node = self._known[key] = Node(self, len(self.nodes), kind, nodes, 0.0)

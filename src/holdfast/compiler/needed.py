@@ -36,10 +36,10 @@ class Needed:
     def follow(self, results: Iterable[Node]) -> None:
         """Mark everything that the given nodes of the glue depend on."""
         seen: dict[TracedGroup | None, set[Node]] = {group: set() for group in (None, *self._like)}
-        elsewhere: list[tuple[TracedGroup | None, Node]] = [(None, node) for node in results]
+        elsewhere: list[tuple[TracedGroup | None, list[Node]]] = [(None, list(results))]
         while elsewhere:
-            group, node = elsewhere.pop()
-            known, here = seen[group], [node]
+            group, here = elsewhere.pop()
+            known = seen[group]
             while here:
                 node = here.pop()
                 if node not in known:
@@ -48,21 +48,21 @@ class Needed:
                     if node.kind == "input":
                         elsewhere += self._origin(node) if group is None else self._given_to(group, node)
 
-    def _origin(self, node: Node) -> list[tuple[TracedGroup | None, Node]]:
+    def _origin(self, node: Node) -> list[tuple[TracedGroup | None, list[Node]]]:
         """Return the group and the region node that an input of the glue is an image of, if it is one."""
         origin = self.traced.origins.get(node)
-        return [] if origin is None else [(self._first[origin.group], origin.node)]
+        return [] if origin is None else [(self._first[origin.group], [origin.node])]
 
-    def _given_to(self, group: TracedGroup, node: Node) -> list[tuple[TracedGroup | None, Node]]:
+    def _given_to(self, group: TracedGroup, node: Node) -> list[tuple[TracedGroup | None, list[Node]]]:
         """Mark an input of a region as needed; return the nodes that feed it in all groups of that region."""
         self.inputs[group].add(node)
         sources = [self._sources(*self._given[other][node]) for other in self._like[group]]
-        return [(maker and self._first[maker], x) for found in sources for maker, x in found]
+        return [(maker and self._first[maker], nodes) for found in sources for maker, nodes in found]
 
-    def _sources(self, source: Source, k: int) -> Iterable[tuple[TracedGroup | None, Node]]:
+    def _sources(self, source: Source, k: int) -> list[tuple[TracedGroup | None, list[Node]]]:
         """Return the nodes, with their groups, that feed input number `k` of a source in any item."""
         if source.numbers is not None:
-            return [(None, of_one[k]) for of_one in source.numbers]
+            return [(None, [of_one[k] for of_one in source.numbers])]
         scan = source.before
         assert scan is not None
         found: list[tuple[TracedGroup | None, Any]] = []
@@ -74,4 +74,4 @@ class Needed:
                     found.append((None, scan.first[k]))
                 else:
                     found.append((scan.order[j - 1][0], scan.handed[j - 1][k]))
-        return [(group, x) for group, x in found if isinstance(x, Node)]
+        return [(group, [x]) for group, x in found if isinstance(x, Node)]

@@ -31,6 +31,8 @@ class Traversal(NamedTuple):
         value: what the body returns for an item, made of nodes of the region.
         ports: the ports that it added to the region.
         carry: the carry that the body of a scan returns; None for `each`.
+        numbers: the numbers of that carry.
+        shape: the key of the rest of that carry.
         carried: the region's inputs for the carry that the body receives.
         after: the region as it is after this run.
     """
@@ -38,6 +40,8 @@ class Traversal(NamedTuple):
     value: Any
     ports: tuple[RegionInput, ...]
     carry: Any
+    numbers: list[Any]
+    shape: Hashable
     carried: Leaf
     after: Region
 

@@ -55,11 +55,6 @@ class ItemLeaf(Sequence[Node]):
         self.images, self.leaf = images, leaf
         self._nodes: tuple[Node, ...] | None = None
 
-    @property
-    def serials(self) -> tuple[int, ...]:
-        """The serial numbers of the nodes of `leaf`."""
-        return tuple([node.serial for node in self.leaf])
-
     def nodes(self) -> tuple[Node, ...]:
         """Return the nodes."""
         if self._nodes is None:
@@ -111,6 +106,10 @@ class Values:
         return found, self._key(value, found)
 
     def _key(self, value: Any, found: list[Leaf]) -> Hashable:
+        known = self._known.get(id(value))
+        if known is not None:
+            found += known.leaves[known.begin : known.end]
+            return known.key
         if isinstance(value, self.kind):
             found.append((value,))
             return "node"
@@ -123,10 +122,6 @@ class Values:
         static = self._static.get(id(value))
         if static is not None:
             return static[1]
-        known = self._known.get(id(value))
-        if known is not None:
-            found += known.leaves[known.begin : known.end]
-            return known.key
         before = len(found)
         key = self._made_of(value, found)
         if len(found) > before:

@@ -130,7 +130,7 @@ def mounted(chain: ClosedChain, bases: Mapping[str, Any]) -> ClosedChain:
         if name == TRUNK and trunk is not None:
             trunk = changed(trunk, base=pose)
         else:
-            arms[name] = changed(arms[name], base=pose)
+            arms[name] = arms[name].standing_at(pose)
     return changed(chain, arms=FrozenDict(arms), trunk=trunk)
 
 

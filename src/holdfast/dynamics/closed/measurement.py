@@ -50,7 +50,7 @@ class Measurement:
     @property
     def parallel(self) -> bool:
         """Whether the filter includes the arm by a parallel sum, before the others."""
-        return self.carried and self.most >= len(self.r)
+        return self.carried and self.most >= len(self.angular)
 
     def own_sizes(self) -> Array:
         """Return the sizes of the terms in the diagonal of R, (rows,)."""

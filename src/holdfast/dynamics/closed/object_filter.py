@@ -286,7 +286,7 @@ def initial_size(body: FreeBody, seen: list[Measurement]) -> Array:
     The mobility of a light object is limited to that of the arms, because P is of that size once the arms are included.
     Anchors, which do not move, and bushings, which have no rows, are left out.
     """
-    own, seen = own_size(body), [m for m in seen if m.most and len(m.r)]
+    own, seen = own_size(body), [m for m in seen if m.most and m.angular]
     if not seen:
         return own
     least = LEAST_MOBILE * own  # the angular mobility of sliding joints is zero
