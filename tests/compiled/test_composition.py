@@ -1,4 +1,4 @@
-"""Loops of a text while it is traced: the schedule that follows, against the text on floats."""
+"""Loops of a function while it is traced: the schedule that follows, against the function on floats."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -92,7 +92,7 @@ class Reading:
 
 
 def records(x):
-    """Return what loops over dataclasses find that the text between them uses, copies, mixes and hands on."""
+    """Return what loops over dataclasses find that the function between them uses, copies, mixes and hands on."""
 
     def read(q):
         return Reading(q + q[0], q[1], lambda s: s * q, Reading(q * q))
@@ -108,7 +108,7 @@ def records(x):
     return {"y": np.concatenate([*again, *scaled, *mixed, summed])}
 
 
-TEXTS = {
+FUNCTIONS = {
     "records": (records, {"arms": (len(ON), 3)}),
     "tree": (tree, {"arms": (len(ON), 3), "links": (7, 2), "root": (3,), "k": (2,)}),
     "chained": (chained, {"links": (5, 2), "b": (3,)}),
@@ -122,19 +122,19 @@ def numbers(shapes, seed):
 
 
 @pytest.mark.parametrize("lanes", [2, 4, 8])
-@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("name", FUNCTIONS)
 def test_same_bits(name, lanes):
-    """Interpreter, scalar code, lanes, batches and tails agree to the bit; the text on floats to rounding."""
-    text, shapes = TEXTS[name]
-    expected = text(numbers(shapes, 0))
+    """Interpreter, scalar code, lanes, batches and tails agree to the bit; the function on floats to rounding."""
+    function, shapes = FUNCTIONS[name]
+    expected = function(numbers(shapes, 0))
     externals = {what: External(shape, "parameter" if what == "k" else "input") for what, shape in shapes.items()}
     externals |= {what: External(np.shape(x), "output") for what, x in expected.items()}
-    schedule = traced(externals, text)
+    schedule = traced(externals, function)
     kernel = ArrayKernel(externals, lambda: schedule, lanes=lanes)
     systems = [numbers(shapes, seed) for seed in range(2 * lanes + 1)]
     found = [interpret_schedule(schedule, system) for system in systems]
     for system, read in zip(systems, found, strict=True):
-        for what, x in text(system).items():
+        for what, x in function(system).items():
             np.testing.assert_allclose(read[what], np.asarray(x), rtol=1e-12, atol=1e-12)
         assert all(np.array_equal(a, b) for a, b in zip(kernel(*system.values()), read.values(), strict=True))
     batch = kernel(*(np.stack([system[what] for system in systems]) for what in shapes))
@@ -146,7 +146,7 @@ def test_one_of_a_type_is_traced():
     """However many items there are; others of another constant are of another type."""
     traces = []
 
-    def text(x):
+    def function(x):
         def one(q, c):
             traces.append(c)
             return q * c
@@ -154,7 +154,7 @@ def test_one_of_a_type_is_traced():
         return {"y": np.concatenate(each(one, x["q"], [2.0, 3.0, 2.0, 2.0, 3.0]))}
 
     externals = {"q": External((5, 2), "input"), "y": External((10,), "output")}
-    schedule = traced(externals, text)
+    schedule = traced(externals, function)
     assert traces == [2.0, 3.0]
     assert sorted(group.count for group in schedule.groups.values()) == [2, 3]
     assert [wire.array for group in schedule.groups.values() for wire in group.wires.values()] == ["q", "y"] * 2
@@ -163,22 +163,22 @@ def test_one_of_a_type_is_traced():
 def test_the_line_is_named():
     """Of what cannot be traced, also inside a loop."""
 
-    def text(x):
+    def function(x):
         return {"y": np.concatenate(each(lambda q: q if q[0] > 0.0 else -q, x["q"]))}
 
     with pytest.raises(CompileError, match=r"test_composition.*each\(lambda q: q if q\[0\] > 0.0"):
-        traced({"q": External((5, 2), "input"), "y": External((10,), "output")}, text)
+        traced({"q": External((5, 2), "input"), "y": External((10,), "output")}, function)
 
 
 def test_truths_do_not_leave_a_loop():
     """They are no numbers."""
 
-    def text(x):
+    def function(x):
         found = each(lambda q: q[0] > 0.0, x["q"])
         return {"y": array([where(one, 1.0, 2.0) for one in found])}
 
     with pytest.raises(CompileError, match="truth of a comparison"):
-        traced({"q": External((5, 2), "input"), "y": External((5,), "output")}, text)
+        traced({"q": External((5, 2), "input"), "y": External((5,), "output")}, function)
 
 
 def test_long_texts():
@@ -189,25 +189,25 @@ def test_long_texts():
             x = x / (1.25 + x * x)
         return x
 
-    def text(x):
+    def function(x):
         return {"y": np.concatenate(each(lambda q: long(q) + long(x["q"][0]), x["q"]))}
 
     externals = {"q": External((2, 1), "input"), "y": External((2,), "output")}
-    found = interpret_schedule(traced(externals, text), {"q": np.array([[0.7], [-0.3]])})["y"]
-    expected = text({"q": np.array([[0.7], [-0.3]])})["y"]
+    found = interpret_schedule(traced(externals, function), {"q": np.array([[0.7], [-0.3]])})["y"]
+    expected = function({"q": np.array([[0.7], [-0.3]])})["y"]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_read_in_lanes_and_shared():
     """What one item after the other finds is read item by item, and one of it by all."""
 
-    def text(x):
+    def function(x):
         _, found = scan(lambda c, q: (c + q, c * q), np.zeros(2), x["q"])
         each_own = each(lambda q, own: q * own, x["q"], found)
         return {"y": np.concatenate(each_own + each(lambda q: q - found[1], x["q"]))}
 
     externals = {"q": External((5, 2), "input"), "y": External((20,), "output")}
-    schedule = traced(externals, text)
+    schedule = traced(externals, function)
     given = {"q": np.arange(10.0).reshape(5, 2) - 3.0}
-    assert np.array_equal(ArrayKernel(externals, lambda: schedule, lanes=4)(given["q"])[0], text(given)["y"])
-    assert np.array_equal(interpret_schedule(schedule, given)["y"], text(given)["y"])
+    assert np.array_equal(ArrayKernel(externals, lambda: schedule, lanes=4)(given["q"])[0], function(given)["y"])
+    assert np.array_equal(interpret_schedule(schedule, given)["y"], function(given)["y"])

@@ -25,9 +25,9 @@ KINDS = ["add", "subtract", "multiply", "divide", "fma", "select", "negate", "ab
 WEIGHTS = [6, 6, 8, 2, 4, 2, 2, 1, 1, 0.3]
 
 
-def stage(name: str, text: Callable, inputs: Sequence[Ports], outputs: Sequence[Sequence[str]]) -> Stage:
-    """Return the stage of a text that is given the inputs of all phases; it is cut by what is known when."""
-    program = trace(text, [shape for phase in inputs for shape in phase.values()])
+def stage(name: str, function: Callable, inputs: Sequence[Ports], outputs: Sequence[Sequence[str]]) -> Stage:
+    """Return the stage of a function that is given the inputs of all phases; it is cut by what is known when."""
+    program = trace(function, [shape for phase in inputs for shape in phase.values()])
     return stage_of(name, lowered(program, cpu.has_fma()), inputs, outputs, program.operation_count)
 
 

@@ -112,8 +112,8 @@ def test_by_phase(program, input_phases, late, values):
 
 def test_nothing_is_computed_twice():
     """Each operation is in one piece: as early as its inputs allow."""
-    text = lambda a, b: (np.sqrt(a) + a[0] * b, np.sqrt(a) @ b)  # noqa: E731
-    program = trace(text, [(3,), (3,)])
+    function = lambda a, b: (np.sqrt(a) + a[0] * b, np.sqrt(a) @ b)  # noqa: E731
+    program = trace(function, [(3,), (3,)])
     early, late = by_phase(program, [0, 1], [0, 2]).programs
     assert early.counts == {"sqrt": 3}
     assert early.counts + late.counts == program.counts
@@ -121,8 +121,8 @@ def test_nothing_is_computed_twice():
 
 def test_signs_and_truths_are_made_again():
     """What the later phase needs of a sign, a size or a comparison is the number below it."""
-    text = lambda a, b: ((a[0] * a[1] < 2.0).where(b[0], -(a[0] * a[1])) / abs(a[1]) + 3.0,)  # noqa: E731
-    pieces = by_phase(trace(text, [(2,), (1,)]), [0, 1], [0, 1])
+    function = lambda a, b: ((a[0] * a[1] < 2.0).where(b[0], -(a[0] * a[1])) / abs(a[1]) + 3.0,)  # noqa: E731
+    pieces = by_phase(trace(function, [(2,), (1,)]), [0, 1], [0, 1])
     assert pieces.memory == (1, 0)
     assert pieces.programs[0].counts == {"multiply": 1}
     assert pieces.programs[1].counts == {"less": 1, "negate": 1, "select": 1, "absolute": 1, "divide": 1, "add": 1}
@@ -140,13 +140,13 @@ def test_results_that_are_inputs_or_constants():
 def test_long_programs(length):
     """A long chain keeps one number a piece, whatever the length of the pieces."""
 
-    def text(x):
+    def function(x):
         y = x[0]
         for _ in range(500):
             y = y / (1.25 + y * y)
         return (y,)
 
-    program = trace(text, [(1,)])
+    program = trace(function, [(1,)])
     pieces = by_length(program, length)
     assert len(pieces.programs) == -(-(len(program.instructions) - 1) // length)
     assert max(pieces.memory) <= 2

@@ -117,13 +117,15 @@ def test_special_points(kernel, y, x, angle):
 
 
 @pytest.mark.parametrize(
-    "text", [lambda x: arctan2(x, 0.5), lambda x: arctan2(x, -0.5), lambda x: arctan2(-0.3, x)], ids=["x", "-x", "y"]
+    "function",
+    [lambda x: arctan2(x, 0.5), lambda x: arctan2(x, -0.5), lambda x: arctan2(-0.3, x)],
+    ids=["x", "-x", "y"],
 )
-def test_one_of_them_a_constant(text):
+def test_one_of_them_a_constant(function):
     """What depends on the constant alone is computed while the program is lowered."""
-    program = trace(lambda x: (text(x),), [(1,)])
+    program = trace(lambda x: (function(x),), [(1,)])
     x = np.array([0.7])
-    assert interpret(program, x)[0][0] == compile_program(program)(x[:, None])[0][0, 0] == pytest.approx(text(0.7))
+    assert interpret(program, x)[0][0] == compile_program(program)(x[:, None])[0][0, 0] == pytest.approx(function(0.7))
     instructions = expand(program).instructions
     for _, places, _ in instructions:
         assert not places or any(instructions[p][0] != "constant" for p in places)

@@ -158,12 +158,12 @@ def test_nothing_in_or_out():
 def test_long_programs():
     """More instructions than one block takes."""
 
-    def text(x):
+    def function(x):
         for k in range(2500):
             x = np.array([x[1] + 0.5 * x[0] * x[0], x[0] / (1.25 + x[1] * x[1])]) if k % 2 else x - x * x * 0.25
         return (x, x[0])
 
-    program = trace(text, [(2,)])
+    program = trace(function, [(2,)])
     assert len(program.instructions) > 10000
     kernel = compile_program(program)
     x = np.random.default_rng(1).uniform(0, 1, (9, 2))

@@ -13,20 +13,20 @@ from tests.compiler.programs import all_same_bits, programs
 X = np.array([1.0 + 2.0**-30, 1.0 + 2.0**-29, 3.0])
 
 
-def fused(text):
-    """Return the fused program of a text on three numbers."""
-    return fuse(trace(text, [(3,)]))
+def fused(function):
+    """Return the fused program of a function on three numbers."""
+    return fuse(trace(function, [(3,)]))
 
 
 def test_forms():
     """ab + c, ab - c, c - ab, and a constant factor: one operation, rounded once."""
     exact = float(2.0**-30 * 2.0**-29)
-    for text in (
+    for function in (
         lambda x: (x[0] * x[1] + (-1.0 - 3 * 2.0**-30),),
         lambda x: (x[0] * x[1] - (1.0 + 3 * 2.0**-30),),
     ):
-        assert fused(text).counts["fma"] == 1
-        assert interpret(trace(text, [(3,)]), X)[0] == exact
+        assert fused(function).counts["fma"] == 1
+        assert interpret(trace(function, [(3,)]), X)[0] == exact
     assert fused(lambda x: (x[2] - x[0] * x[1],)).counts == {"fma": 1, "negate": 1}
     assert fused(lambda x: (x[2] - 0.3 * x[1],)).counts == {"fma": 1}
     assert fused(lambda x: (x[0] * x[1] - x[2],)).counts == {"fma": 1, "negate": 1}

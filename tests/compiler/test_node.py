@@ -1,4 +1,4 @@
-"""Nodes in NumPy arrays, and what a text must not do with them."""
+"""Nodes in NumPy arrays, and what a function must not do with them."""
 
 import math
 from pathlib import Path
@@ -112,14 +112,14 @@ WRONG = [a_branch, a_sort, a_float, an_array, an_integer, an_index, an_equality,
 WRONG += [an_inverse, a_floor, a_write, an_argmax]
 
 
-@pytest.mark.parametrize("text", WRONG)
-def test_misuse_names_the_line(text):
+@pytest.mark.parametrize("function", WRONG)
+def test_misuse_names_the_line(function):
     """What would silently bake one value into the program is refused, with file, line and source."""
     source = Path(__file__).read_text().splitlines()
-    first = text.__code__.co_firstlineno
+    first = function.__code__.co_firstlineno
     line = next(n for n in range(first, first + 5) if "# wrong" in source[n - 1])
     with pytest.raises(CompileError) as caught:
-        trace(text, [(2,)])
+        trace(function, [(2,)])
     assert f"{__file__}:{line}: `" in str(caught.value)
 
 

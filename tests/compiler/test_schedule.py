@@ -74,9 +74,9 @@ def test_counts(count, lanes):
 def watched(small: int, large: int) -> Schedule:
     """Return a schedule that hands its inputs on: two of them guarded, one not, and a status."""
     shapes = {"small": (small,), "large": (large,), "free": (2,), "code": ()}
-    text = lambda *arrays: arrays  # noqa: E731
+    function = lambda *arrays: arrays  # noqa: E731
     names = tuple(f"{name}.out" for name in shapes)
-    copy = stage("copy", text, [shapes], [names])
+    copy = stage("copy", function, [shapes], [names])
     externals = {name: External(shape, "input") for name, shape in shapes.items()}
     externals |= {f"{name}.out": External(shape, "output") for name, shape in shapes.items()}
     group = Group(copy, 1, {name: Wire(name, (0,)) for name in externals}, side_by_side=False)

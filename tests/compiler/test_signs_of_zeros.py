@@ -21,7 +21,7 @@ from tests.compiler import emulated
 from tests.compiler.programs import compile_program, same_bits, schedule_of
 
 # Of a b + c the negative alone, both, the negative in another sum, and negatives of products and choices.
-TEXTS = [
+FUNCTIONS = [
     lambda a, b, c, d: (-(a * b + c),),
     lambda a, b, c, d: (a * b + c, -(a * b + c)),
     lambda a, b, c, d: (d * c - (a * b + c),),
@@ -72,8 +72,8 @@ def drawn(seed: int) -> Program:
 
 @cache
 def programs() -> list[Program]:
-    """Return the texts, and programs at random."""
-    written = [trace(lambda x, text=text: (np.array(text(*x)),), [(4,)]) for text in TEXTS]
+    """Return the functions as programs, and programs at random."""
+    written = [trace(lambda x, f=f: (np.array(f(*x)),), [(4,)]) for f in FUNCTIONS]
     return [*written, *(drawn(seed) for seed in range(25))]
 
 

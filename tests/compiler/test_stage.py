@@ -8,7 +8,7 @@ from tests.compiler.schedules import stage
 A, B, C = np.array([0.5, -1.25]), np.array([3.0]), np.array([[1.0, 2.0], [-0.5, 4.0]])
 
 
-def text(a, b, c):
+def function(a, b, c):
     """What is known of a comes first, what b adds next."""
     s = np.sin(a)
     t = s * b[0]
@@ -17,7 +17,7 @@ def text(a, b, c):
 
 def test_stage():
     """Ports by phase; each piece has what was known by then and the memories before it."""
-    made = stage("three", text, [{"a": (2,)}, {"b": (1,)}, {"c": (2, 2)}], [("aa", "two"), (), ("ct", "t")])
+    made = stage("three", function, [{"a": (2,)}, {"b": (1,)}, {"c": (2, 2)}], [("aa", "two"), (), ("ct", "t")])
     assert made.input_ports == ("a", "b", "c")
     assert made.outputs == ({"aa": (), "two": ()}, {}, {"ct": (2,), "t": (2,)})
     assert made.shapes == {"a": (2,), "b": (1,), "c": (2, 2), "aa": (), "two": (), "ct": (2,), "t": (2,)}

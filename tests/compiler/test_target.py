@@ -20,7 +20,7 @@ RUNNABLE = [*levels(fma=False), *levels(fma=True)]
 X = (np.random.default_rng(0).normal(size=5),)
 
 
-def text(x):
+def function(x):
     """Return sums of products, a quotient, and a sine with its reduction."""
     return x @ x, np.sin(x), x[0] * x[1] - x[2] / x[3]
 
@@ -32,7 +32,7 @@ def test_bits(level, how, monkeypatch):
     monkeypatch.setenv("HOLDFAST_CPU", level)
     monkeypatch.setenv("HOLDFAST_COMPILE", how)
     assert cpu.lanes() == LANES[level] and cpu.has_fma() == (level != "x86-64-v2")
-    program = trace(text, [(5,)])
+    program = trace(function, [(5,)])
     for fused in (True, False):
         kernel = compile_program(program, fused)
         assert kernel.lanes == LANES[level]
@@ -72,7 +72,7 @@ def test_unknown(name, monkeypatch):
     monkeypatch.setenv("HOLDFAST_CPU", name)
     expected = f"expected one of host, x86-64-v2, x86-64-v3, x86-64-v4, got {name!r}. Available on this machine: host"
     with pytest.raises(CompileError, match=re.escape(expected)):
-        compile_program(trace(text, [(5,)]))
+        compile_program(trace(function, [(5,)]))
 
 
 def test_compiled_quickly(monkeypatch, tmp_path):
@@ -96,7 +96,7 @@ def test_refused_rather_than_an_illegal_instruction(monkeypatch):
         monkeypatch.setenv("HOLDFAST_CPU", "x86-64-v3")
         expected = "HOLDFAST_CPU: x86-64-v3 needs bmi2, fma, which this processor lacks. Available: host, x86-64-v2"
         with pytest.raises(CompileError, match=re.escape(expected)):
-            compile_program(trace(text, [(5,)]))
+            compile_program(trace(function, [(5,)]))
     finally:
         cpu._target.cache_clear()
 

@@ -1,4 +1,4 @@
-"""Programs from texts."""
+"""Programs from functions."""
 
 import numpy as np
 import pytest
@@ -22,24 +22,24 @@ def test_results():
 def test_dead_and_shared():
     """What no result needs is dropped, unused inputs apart; what is computed twice is computed once."""
 
-    def text(x, y):
+    def function(x, y):
         x[0] / x[1]
         return (x[0] * x[1] + x[0] * x[1], x[1] * x[0])
 
-    program = trace(text, [(2,), (3,)])
+    program = trace(function, [(2,), (3,)])
     assert program.counts == {"multiply": 1, "add": 1}
     assert program.input_size == 5 and program.operation_count == 2
 
 
 def test_order():
-    """Operands come before their uses, and the same text gives the same program."""
+    """Operands come before their uses, and the same function gives the same program."""
 
-    def text(x):
+    def function(x):
         return (np.cumsum(x * x[::-1]), np.sqrt(x))
 
-    program = trace(text, [(6,)])
+    program = trace(function, [(6,)])
     assert all(a < place for place, i in enumerate(program.instructions) for a in i.args)
-    assert program == trace(text, [(6,)])
+    assert program == trace(function, [(6,)])
 
 
 def test_refusals():

@@ -73,6 +73,7 @@ def test_beyond(kernel, x):
 def test_shared_reduction():
     """sin and cos of one argument cost less than twice the sine."""
     one, both = (
-        expand(trace(text, [()])) for text in (lambda x: (np.sin(x[()]),), lambda x: (np.sin(x[()]), np.cos(x[()])))
+        expand(trace(function, [()]))
+        for function in (lambda x: (np.sin(x[()]),), lambda x: (np.sin(x[()]), np.cos(x[()])))
     )
     assert both.operation_count < one.operation_count + 5

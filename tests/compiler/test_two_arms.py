@@ -1,4 +1,4 @@
-"""A real text: two seven-joint arms hold a box, `sequential` with q, qd, tau, object pose and twist as inputs."""
+"""A real function: two seven-joint arms hold a box, `sequential` with q, qd, tau, object pose and twist as inputs."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def chain(kind: str) -> ClosedChain:
     return ClosedChain(ARMS, HeldObject.box(3.0, 0.4, 0.3, 0.2), grasps)
 
 
-def text(kind: str):
+def function(kind: str):
     """Return the algorithm as a function of arrays."""
     held = chain(kind)
 
@@ -51,17 +51,17 @@ SHAPES = [(14,), (14,), (14,), (7,), (6,)]
 @pytest.fixture(scope="module", params=["rigid", "ball"])
 def traced(request) -> tuple[str, Program, ArrayKernel]:
     """Grasp kind, program and kernel."""
-    program = trace(text(request.param), SHAPES)
+    program = trace(function(request.param), SHAPES)
     return request.param, program, compile_program(program)
 
 
 def test_against_floats(traced):
-    """The same text on floats agrees to 1e-11 of each result's size."""
+    """The same function on floats agrees to 1e-11 of each result's size."""
     kind, _, kernel = traced
     batch = states(11)
     results = kernel(*batch)
     for i in range(11):
-        for found, expected in zip(results, text(kind)(*(x[i] for x in batch)), strict=True):
+        for found, expected in zip(results, function(kind)(*(x[i] for x in batch)), strict=True):
             assert np.abs(found[i] - expected).max() <= 1e-11 * max(1.0, np.abs(expected).max())
 
 

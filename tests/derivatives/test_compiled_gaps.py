@@ -9,9 +9,9 @@ import pytest
 
 import holdfast as hf
 from holdfast.spatial import rotation
-from tests.derivatives.test_compiled_texts import Alone, called, fast_of, require_matrix, require_reference
-from tests.derivatives.test_texts import GRASPS
-from tests.derivatives.texts import FunctionCase, open_grasp
+from tests.derivatives.functions import FunctionCase, open_grasp
+from tests.derivatives.test_compiled_functions import Alone, called, fast_of, require_matrix, require_reference
+from tests.derivatives.test_functions import GRASPS
 from tests.systems.anchored import pinned
 from tests.systems.problems import random_problem, relative_gap
 

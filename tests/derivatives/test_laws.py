@@ -119,7 +119,7 @@ def test_scaling(seed):
 @pytest.mark.parametrize("trunk", mostly_long(TRUNKS, (None,)))
 @pytest.mark.parametrize("seed", mostly_long(range(2), (1,)))
 def test_reference_and_machine_code(seed, trunk):
-    """The reference forms trace the same texts: gradients, directions, the matrix, and the result beside."""
+    """The reference forms trace the same functions: gradients, directions, the matrix, and the result beside."""
     p, random = random_chain(400 + seed, trunk), np.random.default_rng(seed)
     fast, by = compiled(p), ("q", "qd", "tau", "object_pose", "object_twist")
     cotangents, directions = random_cotangents(p, random), random_directions(p, random, by)

@@ -14,13 +14,13 @@ from tests.derivatives.moved import moved_problem
 from tests.derivatives.stored import OF, columns, gaps, names, stored
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS, chain_derivatives
-from tests.oracles.dual_texts import text_derivatives
+from tests.oracles.dual_dynamics import dynamics_derivatives
 from tests.oracles.least_forces import least_force_derivatives
 from tests.systems.as_chain import Problem
 from tests.systems.problems import relative_gap
 
 TOLERANCE = 1e-11
-TEXTS = 1e-11  # measured: 3e-13
+FUNCTIONS = 1e-11  # measured: 3e-13
 USUAL = 5e-12  # measured: 1e-12, once 2.7e-12 with a heavy object, where the oracle is at 4e-14
 ROUNDING = 1e-12  # of a group's largest entry: blocks that are zero
 DIGITS = 40
@@ -77,14 +77,14 @@ def test_least_forces(name):
     assert max(off.values()) < TOLERANCE, off
 
 
-def worst_of_texts(p: Problem) -> float:
-    """Return how far the library's texts on dual numbers are from the oracle, values and every direction."""
-    ours, texts = chain_derivatives(p), text_derivatives(p)
-    worst = max(relative_gap(ours.values[of], texts.values[of], 1e-9) for of in ours.values)
+def worst_of_dynamics(p: Problem) -> float:
+    """Return how far the library's functions on dual numbers are from the oracle, values and every direction."""
+    ours, functions = chain_derivatives(p), dynamics_derivatives(p)
+    worst = max(relative_gap(ours.values[of], functions.values[of], 1e-9) for of in ours.values)
     for by in ours.at:
-        found, expected = ({of: which.block(of, by) for of in ours.values} for which in (ours, texts))
+        found, expected = ({of: which.block(of, by) for of in ours.values} for which in (ours, functions))
         off = dict(gaps(found, expected, ROUNDING))
-        assert max(off.values()) < TEXTS, (by, off)
+        assert max(off.values()) < FUNCTIONS, (by, off)
         worst = max(worst, *off.values())
     return worst
 
@@ -92,11 +92,11 @@ def worst_of_texts(p: Problem) -> float:
 @pytest.mark.parametrize("trunk", TRUNKS)
 @pytest.mark.parametrize("seed", mostly_long(range(4), (1,)))
 def test_texts_on_dual_numbers(seed, trunk):
-    """The library's own texts on dual numbers: any grasps, arms on trunks and free."""
+    """The library's own functions on dual numbers: any grasps, arms on trunks and free."""
     p = random_chain(seed, trunk)
-    worst = worst_of_texts(p)
+    worst = worst_of_dynamics(p)
     print(f"\n{trunk or 'bases'}, {', '.join(grasp.kind for grasp in p.chain.grasps.values())}: {worst:.1e}")
-    assert worst < TEXTS
+    assert worst < FUNCTIONS
 
 
 @pytest.mark.parametrize("trunk", mostly_long(TRUNKS, (None,)))
@@ -106,7 +106,7 @@ def test_off_the_constraint(trunk):
     apart, pose = random.normal(size=6), p.state.object_frame
     pose = Pose(rotation.exp(0.2 * apart[:3]) @ pose.R, pose.p + 0.05 * apart[3:])
     qd = p.state.qd + random.normal(size=p.chain.joint_count)
-    assert worst_of_texts(replace(p, state=replace(p.state, object_pose=pose.wxyz_xyz, qd=qd))) < TEXTS
+    assert worst_of_dynamics(replace(p, state=replace(p.state, object_pose=pose.wxyz_xyz, qd=qd))) < FUNCTIONS
 
 
 @pytest.mark.parametrize("trunk", TRUNKS)
@@ -126,6 +126,6 @@ def test_differences(trunk):
 @pytest.mark.parametrize("seed", mostly_long(range(3), (2,)))
 def test_texts_with_objects_of_usual_mass(seed, scale):
     """A hundredth to a hundred times the usual object: the filter's own derivatives hold."""
-    worst = worst_of_texts(random_chain(600 + seed, any_kind=False, object_scale=scale))
+    worst = worst_of_dynamics(random_chain(600 + seed, any_kind=False, object_scale=scale))
     print(f"\n{scale:.0e}: {worst:.1e}")
     assert worst < USUAL

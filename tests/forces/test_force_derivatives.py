@@ -1,6 +1,6 @@
 """Derivatives of margins and wrist wrenches: behind forward dynamics, at kinks, and what is refused.
 
-Differences and duality are with those of all texts (`tests/derivatives/test_texts.py`).
+Differences and duality are with those of all functions (`tests/derivatives/test_functions.py`).
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from tests.derivatives.functions import FIVE_POINTS, STEP, displaced, function_case
 from tests.derivatives.products import flat_direction, random_directions
-from tests.derivatives.texts import FIVE_POINTS, STEP, displaced, function_case
 from tests.systems.as_chain import Problem
 
 NAMES = ("grasp_margins", "wrist_wrenches")

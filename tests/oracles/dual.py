@@ -1,7 +1,7 @@
-"""A scalar with exact derivatives along many directions at once: texts run on it as they are.
+"""A scalar with exact derivatives along many directions at once: functions run on it as they are.
 
 Values and tangents are float64, or numbers of many digits. Like the one with a single slope in `tests.spatial.dual` it
-has no truth value and does not become a float, so that a text that branches, or loses derivatives, fails.
+has no truth value and does not become a float, so that a function that branches, or loses derivatives, fails.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Dual:
         return Condition(self.value <= value_of(other))
 
     def __bool__(self):
-        raise TypeError("a text asks for the truth of a scalar")
+        raise TypeError("a function asks for the truth of a scalar")
 
     def sin(self):
         """Return the sine."""

@@ -1,4 +1,4 @@
-"""The equations of a closed chain at given accelerations and forces, as what is missing in each: the oracle's text.
+"""The equations of a closed chain at given accelerations and forces, as what is missing in each: the oracle's function.
 
 Bodies move as plain kinematics says, accelerations included; each costs a wrench; what joints, floating base, grasps
 and object lack of it is what is missing. Of the library only the data of its models are read. With unknowns z
@@ -109,17 +109,17 @@ def missing(chain: ClosedChain, given: Given, z: np.ndarray, numbers: Arithmetic
         z: the unknowns.
         numbers: arithmetic; sine and cosine are the scalars' own.
     """
-    return _Text(chain, given, z, numbers).missing()
+    return _Equations(chain, given, z, numbers).missing()
 
 
 def relative_twists(chain: ClosedChain, given: Given, numbers: Arithmetic) -> np.ndarray:
     """Return what the object moves against the tips at every contact, (6 g,): all of it free where grasps hold."""
-    text = _Text(chain, given, numbers.array(np.zeros(unknowns(chain).size)), numbers)
-    strands = text.strands()
-    return np.concatenate([text.tip(name, strands[name])[1] for name in chain.grasps])
+    function = _Equations(chain, given, numbers.array(np.zeros(unknowns(chain).size)), numbers)
+    strands = function.strands()
+    return np.concatenate([function.tip(name, strands[name])[1] for name in chain.grasps])
 
 
-class _Text:
+class _Equations:
     """One evaluation."""
 
     def __init__(self, chain: ClosedChain, given: Given, z: np.ndarray, numbers: Arithmetic) -> None:

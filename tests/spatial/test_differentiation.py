@@ -1,4 +1,4 @@
-"""Derivatives of texts: every operation against differences, gradients of gradients, choices, what does not vary."""
+"""Derivatives of functions: operations against differences, gradients of gradients, choices, what does not vary."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from holdfast.spatial.linear import EachItem
 from holdfast.spatial.scalar import arctan2, clip, cos, exp, maximum, minimum, sin, sqrt, tanh, where
 
 STEP = 1e-6
-TEXTS = {
+FUNCTIONS = {
     "add": lambda a, b: a + b,
     "add a number": lambda a, b: 2.0 + a + 3.0 * b,
     "subtract": lambda a, b: a - b,
@@ -44,11 +44,11 @@ def difference(f, *x: float) -> list[float]:
     return found
 
 
-@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("at", [(0.7, 1.3), (1.9, 0.4)])
 def test_slopes(name, at):
     """Gradient and rates of each operation."""
-    f = TEXTS[name]
+    f = FUNCTIONS[name]
     expected = difference(f, *at)
     found = gradient(f, *at)
     assert [x.shape for x in found] == [(), ()]
@@ -74,13 +74,13 @@ def test_square_root_at_zero():
 
 def test_branch_taken():
     """Of two branches only the one taken has a part, and a condition none."""
-    f = lambda x, y: where(x < 1.0, x * y, 1e9 * x)  # noqa: E731  (as short as the texts above)
+    f = lambda x, y: where(x < 1.0, x * y, 1e9 * x)  # noqa: E731  (as short as the functions above)
     assert [float(g) for g in gradient(f, 0.5, 3.0)] == [3.0, 0.5]
     assert [float(g) for g in gradient(f, 2.0, 3.0)] == [1e9, 0.0]
 
 
 def test_gradient_of_a_gradient():
-    """The Hessian of a text, its rows and its product with a direction."""
+    """The Hessian of a function, its rows and its product with a direction."""
 
     def f(x):
         return sin(x[0]) * x[1] * x[1] + x[0] / x[1]
@@ -121,7 +121,7 @@ def test_what_does_not_depend():
 
 
 def test_only_what_matters_is_kept():
-    """Operations that no result depends on are not in the linear text."""
+    """Operations that no result depends on are not in the linear function."""
 
     def f(x):
         _ = [sin(x[k]) for k in range(3)]
@@ -174,19 +174,19 @@ def test_rules():
 
 
 def test_entries_of_a_result_depend_on_some_numbers_only():
-    """What is left of a text, loops by their rule included, has the same gradients by fewer numbers."""
+    """What is left of a function, loops by their rule included, has the same gradients by fewer numbers."""
 
     def half(x):
         return linearised(lambda x: (np.array([x[0] * x[1], sin(x[1])]),), x)
 
-    def text(x, scale):
+    def function(x, scale):
         given = [x[:2], x[2:4]]
         values = [np.array([bare(a)[0] * bare(a)[1], np.sin(bare(a)[1])], dtype=float) for a in given]
         rule = EachItem(tuple([half(bare(a).astype(float)) for a in given]))
         first, second = by_rule(values, rule, *given)
         return (np.array([first[0] * scale[0], first[1], second[0] + second[1], 1.0]),)
 
-    at = linearised(text, np.array([0.3, 0.7, 1.1, 0.2, 5.0]), np.array([2.0]))
+    at = linearised(function, np.array([0.3, 0.7, 1.1, 0.2, 5.0]), np.array([2.0]))
     rows = [np.concatenate(at.gradient(row)) for row in np.eye(4)]
     # An item of a loop stays whole, with all numbers that it depends on.
     for entries, places in ((slice(0, 2), (0, 1, 5)), (slice(1, 2), (0, 1)), (slice(2, 3), (2, 3)), (slice(3, 4), ())):

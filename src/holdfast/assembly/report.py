@@ -184,7 +184,7 @@ def _nearest_limit(joints: Sequence[Joint], q: Array) -> tuple[str, float, str]:
 
 
 def _at_limit(joint: str, margin: float, unit: str) -> str:
-    """Return how far the joint nearest to a limit is from it, in words; the arguments are those of the reports."""
+    """Describe how far the joint that is nearest to a limit is from it; the arguments are attributes of the reports."""
     if not joint:
         return "no joint limits"
     return f"{joint} " + ("is at its limit" if margin <= AT_LIMIT else f"nearest to a limit ({margin:.3g} {unit})")

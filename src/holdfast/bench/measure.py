@@ -17,8 +17,8 @@ from holdfast.dynamics.forward import forward_dynamics
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-ALONE = 300e6  # entries of at least so many bytes are built, timed beside ours, and freed before the next one
-MARGIN = 1.3  # ratio of the memory that must be free to that of an entry
+ALONE = 300e6  # entries of at least so many bytes are measured one at a time: built, timed beside ours, and freed
+MARGIN = 1.3  # an entry is measured if this many times its memory is free
 
 
 def measure_system(system: System, fast: Any, peers: Sequence[Candidate], effort: Effort) -> dict[str, Any]:

@@ -36,7 +36,7 @@ from holdfast.dynamics.energy import (
 )
 from holdfast.dynamics.inverse import torques_and_deciding
 from holdfast.dynamics.kinematics import link_frames
-from holdfast.dynamics.linear_text import Text
+from holdfast.dynamics.linearised_function import Differentiable
 from holdfast.dynamics.object_level import object_mobility
 from holdfast.dynamics.possible_motion import deciding
 from holdfast.dynamics.projection import after_step
@@ -164,9 +164,11 @@ def _torques(chain: ClosedChain, x: Given) -> Found:
     return dict(zip(("tau", *deciding(chain)), found, strict=True))
 
 
-def _of_text(text: Text) -> Callable[[ClosedChain, Given], Found]:
-    """Return the function that computes the results of a text, whose name is that of the computation."""
-    return lambda chain, x: dict(zip(text.results, text.of(traced_case(chain, x, text.name)), strict=True))
+def _of_function(function: Differentiable) -> Callable[[ClosedChain, Given], Found]:
+    """Return what computes the results of a differentiable function, for the computation of its name."""
+    return lambda chain, x: dict(
+        zip(function.results, function.compute(traced_case(chain, x, function.name)), strict=True)
+    )
 
 
 def _mass_matrices(chain: ClosedChain, x: Given) -> Found:
@@ -232,7 +234,7 @@ COMPUTATIONS: dict[str, Computation] = {
     "joint_margins": Computation(
         ("q", "qd", "tau"),
         (LIMITS,),
-        _of_text(OF_LIMITS),
+        _of_function(OF_LIMITS),
         whole=dict.fromkeys(OF_LIMITS.results, lambda chain: (chain.joint_count,)),
         by_links=False,
         unlimited=True,
@@ -240,7 +242,7 @@ COMPUTATIONS: dict[str, Computation] = {
     "grasp_margins": Computation(
         ("object_pose", "grasp_wrench"),
         (CONTACTS, "grasp_R"),
-        _of_text(MARGINS),
+        _of_function(MARGINS),
         whole={"grasp_margins": lambda chain: (len(chain.grasps),)},
         by_grasp=True,
         by_links=False,
@@ -249,7 +251,7 @@ COMPUTATIONS: dict[str, Computation] = {
     "wrist_wrenches": Computation(
         ("q", "grasp_wrench"),
         ("base_R",),
-        _of_text(WRISTS),
+        _of_function(WRISTS),
         whole={"wrist_wrenches": lambda chain: (len(chain.arms), 6)},
         by_links=False,
     ),
@@ -258,7 +260,7 @@ COMPUTATIONS: dict[str, Computation] = {
     "closure": Computation(
         STATE,
         ("base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
-        _of_text(CLOSURE),
+        _of_function(CLOSURE),
         {result: lambda _, kind, of=result: rows_of(kind, of) if kind else 0 for result in CLOSURE.results},
         by_grasp=True,
         by_links=False,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from holdfast.compiled.text_derivatives import TextDerivatives
+from holdfast.compiled.derivative_methods import DerivativeMethods
 from holdfast.dynamics.closure_derivatives import MOTION, RESIDUALS
 from holdfast.dynamics.derivatives import Derivatives
 
 
-class ClosureDerivatives(TextDerivatives):
+class ClosureDerivatives(DerivativeMethods):
     """The methods of a `CompiledChain` that differentiate `closure`.
 
     They are those of the reference of the same names, `holdfast.dynamics.closure_vjp` and so on, for one system or a

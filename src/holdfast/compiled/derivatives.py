@@ -203,7 +203,14 @@ class ChainDerivatives(ChainMethods):
         moving = not parameters.keys().isdisjoint(MOVING)
         known: dict[Any, CompiledDerivatives] = self._asked
         try:
-            asked = kind, type(of), tuple(of), type(by), tuple(by), moving  # types, because a text is no list of names
+            asked = (
+                kind,
+                type(of),
+                tuple(of),
+                type(by),
+                tuple(by),
+                moving,
+            )  # types, because a string is not a list of names
             return known[asked]
         except (KeyError, TypeError):  # asked for the first time, or no names
             request = self.derivative_request(kind, of, by)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from holdfast.compiled.text_derivatives import TextDerivatives
+from holdfast.compiled.derivative_methods import DerivativeMethods
 from holdfast.dynamics.derivatives import Derivatives
 from holdfast.forces.force_derivatives import OF_JOINTS, OF_MARGINS, OF_WRISTS
 from holdfast.forces.margins import JointMargins
 
 
-class ForceDerivatives(TextDerivatives):
+class ForceDerivatives(DerivativeMethods):
     """The methods of a `CompiledChain` that differentiate the margins of grasps and joints, and wrenches at wrists.
 
     They are those of the reference of the same names, `holdfast.forces.joint_margins_vjp` and so on, for one system or

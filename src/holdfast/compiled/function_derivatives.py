@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from holdfast.compiled.text_derivatives import TextDerivatives
+from holdfast.compiled.derivative_methods import DerivativeMethods
 from holdfast.dynamics.derivatives import Derivatives
 from holdfast.dynamics.energy_derivatives import MOTION, PLACES
 from holdfast.dynamics.inverse_derivatives import MOTION_AND_FORCES
 
 
-class FunctionDerivatives(TextDerivatives):
+class FunctionDerivatives(DerivativeMethods):
     """The methods of a `CompiledChain` that differentiate functions besides forward dynamics.
 
     They are those of the reference of the same names, `holdfast.inverse_dynamics_vjp` and so on, for one system or a

@@ -1,8 +1,8 @@
-"""Loops of a text that is made linear while it is traced: the derivative of a loop is a loop over the same items.
+"""Loops of a function that is linearised while it is traced: the derivative of a loop is a loop over the same items.
 
-Every item is made linear by itself, where the loop's body is traced. The record of the text around the loop gets one
+Every item is linearised by itself, where the loop's body is traced. The record of the function around the loop gets one
 entry for all items, whose rule carries rates and cotangents through them in a loop again. So derivatives have the loops
-of the text, and items of one type share their code.
+of the function, and items of one type share their code.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class OfItem(NamedTuple):
     Attributes:
         value: what it returns, with holes for the numbers that vary.
         numbers: those numbers.
-        linear: the body, made linear in the item's numbers that vary.
+        linear: the body, linearised in the item's numbers that vary.
     """
 
     value: Any
@@ -42,7 +42,7 @@ class OfItem(NamedTuple):
 
 
 class RecordedLoops:
-    """Takes the loops of a text on recorded numbers; the numbers beneath are traced by other loops.
+    """Runs the loops of a function on recorded numbers; the numbers beneath are traced by other loops.
 
     Attributes:
         traced: the loops that trace the numbers beneath.

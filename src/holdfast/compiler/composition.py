@@ -266,7 +266,7 @@ class Composition:
                 ports.append(RegionInput(inputs, k, places))
             new = iter(inputs)
             numbers.append({n: next(new) if earlier is None else earlier for n, earlier in zip(leaf, own, strict=True)})
-        args, text = self._values.replaced((x, f), numbers)
+        args, body = self._values.replaced((x, f), numbers)
         handed: tuple[Any, ...] = ()
         carried: Leaf = ()
         if carry is not None:
@@ -275,7 +275,7 @@ class Composition:
             handed = (with_numbers(carry[0], lambda _: carried[next(places)]),)
         self.inside = True
         try:
-            value = text(*handed, *args)
+            value = body(*handed, *args)
         finally:
             self.inside = False
         next_carry = None

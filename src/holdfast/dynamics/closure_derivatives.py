@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.consistency import GraspResidual, closure, residuals_at
 from holdfast.dynamics.derivatives import Derivatives
-from holdfast.dynamics.linear_text import Part, Text
-from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
+from holdfast.dynamics.function_derivatives import case_of, function_jacobian, function_jvp, function_vjp
+from holdfast.dynamics.linearised_function import Differentiable, Part
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_kinds import GraspKind
@@ -52,7 +52,7 @@ def closure_vjp(
         StateError: a name, shape or number is wrong.
     """
     given = {name: x for name, x in zip(RESIDUALS, (position, velocity), strict=True) if x is not None}
-    return text_vjp(CLOSURE, *_case(chain, state, inputs), by, given)
+    return function_vjp(CLOSURE, *_case(chain, state, inputs), by, given)
 
 
 def closure_jvp(
@@ -75,7 +75,7 @@ def closure_jvp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_jvp(CLOSURE, *_case(chain, state, inputs), along)
+    return function_jvp(CLOSURE, *_case(chain, state, inputs), along)
 
 
 def closure_jacobian(
@@ -101,7 +101,7 @@ def closure_jacobian(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_jacobian(CLOSURE, *_case(chain, state, inputs), of, by)
+    return function_jacobian(CLOSURE, *_case(chain, state, inputs), of, by)
 
 
 def _case(chain: ClosedChain, state: State, inputs: Inputs | None) -> tuple[VariedCase, dict[str, GraspResidual]]:
@@ -137,7 +137,7 @@ def rows_of(kind: GraspKind, result: str) -> int:
     return len(kind.position_rows if result == "position" else kind.transmitted)
 
 
-CLOSURE = Text(
+CLOSURE = Differentiable(
     "closure",
     (*MOTION, "grasp_pose", "base_pose", "base_twist", "floating_pose", "floating_twist", "trunk_base_twist"),
     RESIDUALS,

@@ -17,7 +17,7 @@ from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.least_forces import LeastForces, least_forces
-from holdfast.dynamics.linear_text import LinearText
+from holdfast.dynamics.linearised_function import LinearisedFunction
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.spring_rates import pushed, pushed_along, spring_rates, with_pulled
 from holdfast.dynamics.varied_case import VariedCase
@@ -224,14 +224,14 @@ def _finite(result: ForwardResult, parts: Mapping[Any, Array]) -> Derivatives:
 
 
 def _forward(
-    at: Point, tangents: Mapping[str, Array], springs: LinearText | None, least: LeastForces | None
+    at: Point, tangents: Mapping[str, Array], springs: LinearisedFunction | None, least: LeastForces | None
 ) -> dict[str, Array]:
     """Return the rates of change of all results."""
     return _along(at, {name: np.shape(x) for name, x in tangents.items()}, springs, least)(tangents)
 
 
 def _along(
-    at: Point, shapes: Mapping[str, tuple[int, ...]], springs: LinearText | None, least: LeastForces | None
+    at: Point, shapes: Mapping[str, tuple[int, ...]], springs: LinearisedFunction | None, least: LeastForces | None
 ) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
     """Return the rates of change of all results as a function of those of the arguments."""
     along = pushed_along(at, springs, shapes)
@@ -248,7 +248,7 @@ def _point(
     check: bool,
     generic_rank: int | None,
     names: Sequence[str],
-) -> tuple[Point, ForwardResult, LeastForces | None, LinearText | None]:
+) -> tuple[Point, ForwardResult, LeastForces | None, LinearisedFunction | None]:
     """Return the point, the result of forward dynamics, the smallest forces, and the springs' wrenches.
 
     The smallest forces are None if the forces are unique, the springs' wrenches if no named argument changes them.

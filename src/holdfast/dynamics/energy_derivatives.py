@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.derivatives import Derivatives
 from holdfast.dynamics.energy import total_kinetic_energy, total_potential_energy
-from holdfast.dynamics.linear_text import Text
-from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
+from holdfast.dynamics.function_derivatives import case_of, function_jacobian, function_jvp, function_vjp
+from holdfast.dynamics.linearised_function import Differentiable
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Scalar
@@ -52,7 +52,7 @@ def kinetic_energy_vjp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_vjp(KINETIC, *_case(KINETIC, chain, state, inputs), by, {"kinetic_energy": kinetic_energy})
+    return function_vjp(KINETIC, *_case(KINETIC, chain, state, inputs), by, {"kinetic_energy": kinetic_energy})
 
 
 def kinetic_energy_jvp(
@@ -78,7 +78,7 @@ def kinetic_energy_jvp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_jvp(KINETIC, *_case(KINETIC, chain, state, inputs), along)
+    return function_jvp(KINETIC, *_case(KINETIC, chain, state, inputs), along)
 
 
 def kinetic_energy_jacobian(
@@ -104,7 +104,7 @@ def kinetic_energy_jacobian(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_jacobian(KINETIC, *_case(KINETIC, chain, state, inputs), of, by)
+    return function_jacobian(KINETIC, *_case(KINETIC, chain, state, inputs), of, by)
 
 
 def potential_energy_vjp(
@@ -132,7 +132,7 @@ def potential_energy_vjp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_vjp(POTENTIAL, *_case(POTENTIAL, chain, state, None), by, {"potential_energy": potential_energy})
+    return function_vjp(POTENTIAL, *_case(POTENTIAL, chain, state, None), by, {"potential_energy": potential_energy})
 
 
 def potential_energy_jvp(
@@ -156,7 +156,7 @@ def potential_energy_jvp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_jvp(POTENTIAL, *_case(POTENTIAL, chain, state, None), along)
+    return function_jvp(POTENTIAL, *_case(POTENTIAL, chain, state, None), along)
 
 
 def potential_energy_jacobian(
@@ -180,15 +180,17 @@ def potential_energy_jacobian(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_jacobian(POTENTIAL, *_case(POTENTIAL, chain, state, None), of, by)
+    return function_jacobian(POTENTIAL, *_case(POTENTIAL, chain, state, None), of, by)
 
 
-def _case(text: Text, chain: ClosedChain, state: State, inputs: Inputs | None) -> tuple[VariedCase, float]:
+def _case(
+    function: Differentiable, chain: ClosedChain, state: State, inputs: Inputs | None
+) -> tuple[VariedCase, float]:
     """Return the arguments of the differentiated energy, and its value."""
     require_fit(chain, state)
     case = case_of(chain, state, inputs, {})
     with np.errstate(all="ignore"):
-        return case, float(text.of(case)[0])
+        return case, float(function.compute(case)[0])
 
 
 def _kinetic(case: VariedCase) -> tuple[Scalar]:
@@ -200,13 +202,13 @@ def _potential(case: VariedCase) -> tuple[Scalar]:
 
 
 OF_BASES = ("base_pose", "floating_pose")
-KINETIC = Text(
+KINETIC = Differentiable(
     "kinetic_energy",
     (*MOTION, *OF_BASES, "base_twist", "floating_twist", "trunk_base_twist", "armature", *OF_INERTIAS),
     ("kinetic_energy",),
     _kinetic,
 )
-POTENTIAL = Text(
+POTENTIAL = Differentiable(
     "potential_energy",
     (*PLACES, "gravity", *OF_BASES, "grasp_pose", *OF_INERTIAS),
     ("potential_energy",),

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.forward_derivatives import ARGUMENTS
 from holdfast.dynamics.derivatives import Derivatives
+from holdfast.dynamics.function_derivatives import case_of, function_jacobian, function_jvp, function_vjp
 from holdfast.dynamics.inverse import inverse_dynamics, torques_and_deciding
-from holdfast.dynamics.linear_text import Text, by_joints
+from holdfast.dynamics.linearised_function import Differentiable, by_joints
 from holdfast.dynamics.possible_motion import deciding
-from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.trunk.trunk_derivatives import FLOATING_RESULT, OF_TRUNK
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import StateError
@@ -60,7 +60,7 @@ def inverse_dynamics_vjp(
     Raises:
         StateError: a name, shape or number is wrong; see `inverse_dynamics`.
     """
-    return text_vjp(TORQUES, *_case(chain, state, qdd, grasp_wrench, inputs, base_acceleration), by, {"tau": tau})
+    return function_vjp(TORQUES, *_case(chain, state, qdd, grasp_wrench, inputs, base_acceleration), by, {"tau": tau})
 
 
 def inverse_dynamics_jvp(
@@ -92,7 +92,7 @@ def inverse_dynamics_jvp(
     Raises:
         StateError: a name, shape or number is wrong; see `inverse_dynamics`.
     """
-    return text_jvp(TORQUES, *_case(chain, state, qdd, grasp_wrench, inputs, base_acceleration), along)
+    return function_jvp(TORQUES, *_case(chain, state, qdd, grasp_wrench, inputs, base_acceleration), along)
 
 
 def inverse_dynamics_jacobian(
@@ -124,7 +124,7 @@ def inverse_dynamics_jacobian(
     Raises:
         StateError: a name, shape or number is wrong; see `inverse_dynamics`.
     """
-    return text_jacobian(TORQUES, *_case(chain, state, qdd, grasp_wrench, inputs, base_acceleration), of, by)
+    return function_jacobian(TORQUES, *_case(chain, state, qdd, grasp_wrench, inputs, base_acceleration), of, by)
 
 
 def _case(
@@ -155,7 +155,7 @@ def _torques(case: VariedCase) -> tuple[Array, ...]:
     return torques_and_deciding(motion, case.own["qdd"], f, case.own.get(FLOATING_RESULT))
 
 
-TORQUES = Text(
+TORQUES = Differentiable(
     "inverse_dynamics",
     (
         *(name for name in ARGUMENTS if name != "tau"),

@@ -10,7 +10,7 @@ from holdfast.dynamics.closed.forward_derivatives import forward_along
 from holdfast.dynamics.closed.forward_jacobian import Shape
 from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.closed.spring_wrenches import with_springs
-from holdfast.dynamics.linear_text import LinearText, Text, linear_text
+from holdfast.dynamics.linearised_function import Differentiable, LinearisedFunction, linearised_function
 from holdfast.dynamics.varied_case import OF_INPUTS, VariedCase
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -22,17 +22,17 @@ MOVING_ENDS = (
 )
 
 
-def spring_rates(case: VariedCase, names: Sequence[str]) -> LinearText | None:
+def spring_rates(case: VariedCase, names: Sequence[str]) -> LinearisedFunction | None:
     """Return the linearisation of the springs' wrenches in those of the named arguments on which they depend.
 
     Returns:
         The linearisation; None if there are no springs, or if none of the arguments moves their ends.
     """
     names = tuple(name for name in names if name in MOVING_ENDS)
-    return linear_text(_springs(case.chain), case, names) if case.chain.springs and names else None
+    return linearised_function(_springs(case.chain), case, names) if case.chain.springs and names else None
 
 
-def pushed(springs: LinearText | None, tangents: Mapping[str, Array]) -> Mapping[str, Array]:
+def pushed(springs: LinearisedFunction | None, tangents: Mapping[str, Array]) -> Mapping[str, Array]:
     """Return tangents of forward dynamics with the rates of the springs' wrenches added."""
     if springs is None:
         return tangents
@@ -41,7 +41,7 @@ def pushed(springs: LinearText | None, tangents: Mapping[str, Array]) -> Mapping
 
 
 def pushed_along(
-    at: Point, springs: LinearText | None, shapes: Mapping[str, Shape]
+    at: Point, springs: LinearisedFunction | None, shapes: Mapping[str, Shape]
 ) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
     """Return `forward_along` with the rates of the springs' wrenches."""
     if springs is None:
@@ -52,7 +52,7 @@ def pushed_along(
 
 
 def with_pulled(
-    springs: LinearText | None, by: Sequence[str], gradients: Callable[[Sequence[str]], Mapping[str, Array]]
+    springs: LinearisedFunction | None, by: Sequence[str], gradients: Callable[[Sequence[str]], Mapping[str, Array]]
 ) -> dict[str, Array]:
     """Return gradients of forward dynamics by some arguments, with those through the springs' wrenches added.
 
@@ -63,16 +63,16 @@ def with_pulled(
     """
     if springs is None:
         return dict(gradients(by))
-    found = gradients(tuple(dict.fromkeys((*by, *springs.text.results))))
-    more = springs.gradient({name: found[name] for name in springs.text.results})
+    found = gradients(tuple(dict.fromkeys((*by, *springs.function.results))))
+    more = springs.gradient({name: found[name] for name in springs.function.results})
     return {name: found[name] + more[name] if name in more else found[name] for name in by}
 
 
-def _springs(chain: ClosedChain) -> Text:
+def _springs(chain: ClosedChain) -> Differentiable:
     wrenches = ("object_wrench", "link_wrench", *([] if chain.trunk is None else ["trunk_link_wrench"]))
 
     def of(case: VariedCase) -> tuple[Array, ...]:
         found = with_springs(case.chain, case.state, case.inputs)
         return tuple(getattr(found, OF_INPUTS[name]) for name in wrenches)
 
-    return Text("springs", MOVING_ENDS, wrenches, of)
+    return Differentiable("springs", MOVING_ENDS, wrenches, of)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.derivatives import Derivatives
-from holdfast.dynamics.linear_text import Part, Text, by_joints
+from holdfast.dynamics.function_derivatives import case_of, function_jacobian, function_jvp, function_vjp
+from holdfast.dynamics.linearised_function import Differentiable, Part, by_joints
 from holdfast.dynamics.result import ForwardResult
-from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import StateError
 from holdfast.forces.margins import (
@@ -69,7 +69,7 @@ def grasp_margins_vjp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_vjp(MARGINS, *_margins_case(chain, state, grasp_wrench), by, {"grasp_margins": grasp_margins})
+    return function_vjp(MARGINS, *_margins_case(chain, state, grasp_wrench), by, {"grasp_margins": grasp_margins})
 
 
 def grasp_margins_jvp(
@@ -91,7 +91,7 @@ def grasp_margins_jvp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_jvp(MARGINS, *_margins_case(chain, state, grasp_wrench), along)
+    return function_jvp(MARGINS, *_margins_case(chain, state, grasp_wrench), along)
 
 
 def grasp_margins_jacobian(
@@ -117,7 +117,7 @@ def grasp_margins_jacobian(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_jacobian(MARGINS, *_margins_case(chain, state, grasp_wrench), of, by)
+    return function_jacobian(MARGINS, *_margins_case(chain, state, grasp_wrench), of, by)
 
 
 def joint_margins_vjp(
@@ -153,7 +153,7 @@ def joint_margins_vjp(
     """
     given = zip(JointMargins._fields, (position, rate, effort), strict=True)
     cotangents = {name: x for name, x in given if x is not None}
-    return text_vjp(OF_LIMITS, *_joints_case(chain, state, tau), by, cotangents)
+    return function_vjp(OF_LIMITS, *_joints_case(chain, state, tau), by, cotangents)
 
 
 def joint_margins_jvp(
@@ -175,7 +175,7 @@ def joint_margins_jvp(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_jvp(OF_LIMITS, *_joints_case(chain, state, tau), along)
+    return function_jvp(OF_LIMITS, *_joints_case(chain, state, tau), along)
 
 
 def joint_margins_jacobian(
@@ -201,7 +201,7 @@ def joint_margins_jacobian(
     Raises:
         StateError: a name, shape or number is wrong.
     """
-    return text_jacobian(OF_LIMITS, *_joints_case(chain, state, tau), of, by)
+    return function_jacobian(OF_LIMITS, *_joints_case(chain, state, tau), of, by)
 
 
 def wrist_wrenches_vjp(
@@ -230,7 +230,7 @@ def wrist_wrenches_vjp(
     Raises:
         StateError: a name, shape or number is wrong, or the result belongs to another chain.
     """
-    return text_vjp(WRISTS, *_wrists_case(chain, state, result), by, {"wrist_wrenches": wrist_wrenches})
+    return function_vjp(WRISTS, *_wrists_case(chain, state, result), by, {"wrist_wrenches": wrist_wrenches})
 
 
 def wrist_wrenches_jvp(
@@ -252,7 +252,7 @@ def wrist_wrenches_jvp(
     Raises:
         StateError: a name, shape or number is wrong, or the result belongs to another chain.
     """
-    return text_jvp(WRISTS, *_wrists_case(chain, state, result), along)
+    return function_jvp(WRISTS, *_wrists_case(chain, state, result), along)
 
 
 def wrist_wrenches_jacobian(
@@ -278,7 +278,7 @@ def wrist_wrenches_jacobian(
     Raises:
         StateError: a name, shape or number is wrong, or the result belongs to another chain.
     """
-    return text_jacobian(WRISTS, *_wrists_case(chain, state, result), of, by)
+    return function_jacobian(WRISTS, *_wrists_case(chain, state, result), of, by)
 
 
 def _margins_case(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> tuple[VariedCase, Array]:
@@ -327,7 +327,7 @@ def _grasps(chain: ClosedChain, result: str) -> list[Part]:
     return [Part(slice(k, k + 1), chain.names.index(name)) for k, name in enumerate(chain.grasps)]
 
 
-MARGINS = Text(
+MARGINS = Differentiable(
     "grasp_margins",
     ("object_pose", "grasp_pose", "grasp_wrench"),
     ("grasp_margins",),
@@ -343,7 +343,7 @@ def _arms(chain: ClosedChain, result: str) -> list[Part]:
     return [Part(slice(6 * row, 6 * row + 6), row) for row in range(len(chain.arms))]
 
 
-OF_LIMITS = Text(
+OF_LIMITS = Differentiable(
     "joint_margins",
     OF_JOINTS,
     JointMargins._fields,
@@ -352,7 +352,7 @@ OF_LIMITS = Text(
     shape=lambda chain, result: (chain.joint_count,),
     parts=by_joints,
 )
-WRISTS = Text(
+WRISTS = Differentiable(
     "wrist_wrenches",
     ("q", "base_pose", "floating_pose", "grasp_wrench"),
     ("wrist_wrenches",),

@@ -16,7 +16,7 @@ from holdfast.control.paths import ObjectPath, Target, path_function, quintic
 from holdfast.errors import ModelError
 from holdfast.gym import terms
 from holdfast.gym.actions import joint_law, object_law
-from holdfast.gym.batch_text import BatchText
+from holdfast.gym.batch_function import BatchFunction
 from holdfast.gym.ready_made import two_fingers
 from holdfast.gym.task import Phase, Task, chain_and_state, spread, torques
 from holdfast.model import checks
@@ -224,7 +224,7 @@ class CarryTask(Frozen, Task):
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
         """The only phase, in which all grasps are closed."""
-        evaluation = BatchText(self.evaluate, self.argument_shapes(self.chain), self.result_shapes())
+        evaluation = BatchFunction(self.evaluate, self.argument_shapes(self.chain), self.result_shapes())
         return (Phase(compile_rollout(self.chain, self.law), evaluation),)
 
     @property

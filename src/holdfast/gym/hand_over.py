@@ -19,7 +19,7 @@ from holdfast.dynamics.impulse import grasp_here
 from holdfast.errors import ModelError
 from holdfast.gym import terms
 from holdfast.gym.actions import joint_law
-from holdfast.gym.batch_text import BatchText
+from holdfast.gym.batch_function import BatchFunction
 from holdfast.gym.episodes import Episodes
 from holdfast.gym.ready_made import two_hands
 from holdfast.gym.task import Phase, Task, chain_and_state, spread, torques
@@ -259,9 +259,9 @@ class HandOverTask(Frozen, Task):
         squeeze = self.squeeze if len(chain.grasps) > 1 else 0.0
         return compile_rollout(chain, joint_law(chain, self.joint_torque, squeeze, self.joint_damping))
 
-    def _evaluation(self, phase: int) -> BatchText:
+    def _evaluation(self, phase: int) -> BatchFunction:
         inputs = self.argument_shapes(self.chains[phase]) | {name: x.shape for name, x in self.frames.items()}
-        return BatchText(partial(self.evaluate, phase), inputs, self.result_shapes())
+        return BatchFunction(partial(self.evaluate, phase), inputs, self.result_shapes())
 
     @frozen_property
     def frames(self) -> Mapping[str, Array]:

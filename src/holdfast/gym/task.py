@@ -14,7 +14,7 @@ from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiler.program import Shape
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
-from holdfast.gym.batch_text import BatchText
+from holdfast.gym.batch_function import BatchFunction
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.rollout import Rollout
@@ -38,7 +38,7 @@ class Phase(NamedTuple):
     """
 
     rollout: Rollout
-    evaluation: BatchText
+    evaluation: BatchFunction
 
 
 class Task(ABC):

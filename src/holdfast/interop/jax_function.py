@@ -13,7 +13,7 @@ from holdfast.compiled.foreign_code import derivative_code, forward_code
 from holdfast.compiled.parameters import POSE_ARRAYS
 from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
-from holdfast.dynamics.linear_text import POSES
+from holdfast.dynamics.linearised_function import POSES
 from holdfast.errors import StateError
 from holdfast.interop.jax_arguments import checked
 from holdfast.interop.jax_call import Route, available_route, operation

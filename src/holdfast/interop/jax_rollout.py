@@ -10,7 +10,7 @@ import numpy as np
 from holdfast.compiled.derivative_schedule import FOUND, WITH
 from holdfast.compiled.externals import shapes, state_fields
 from holdfast.dynamics.closed.forward_derivatives import results_of
-from holdfast.dynamics.linear_text import POSES
+from holdfast.dynamics.linearised_function import POSES
 from holdfast.errors import SingularChainError, StateError
 from holdfast.interop.jax_arguments import checked, require_names
 from holdfast.interop.jax_call import Route, batched, callback

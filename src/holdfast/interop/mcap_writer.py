@@ -82,7 +82,7 @@ def write_mcap(
     except ImportError as cause:
         raise MissingExtra("MCAP files need mcap-ros2-support; try pip install 'holdfast[ros]'") from cause
     require_run_of(chain, run)
-    place, world = file_path(path, "path"), Environment(chain, base_motion or {})
+    place, environment = file_path(path, "path"), Environment(chain, base_motion or {})
 
     def write(file: IO[bytes]) -> None:
         writer = Writer(file)
@@ -90,7 +90,7 @@ def write_mcap(
         schemas = {kind: writer.register_msgdef(kind, definition(kind)) for kind in kinds}
         for k, t in enumerate(run.t.tolist()):
             time = round(t * 1e9)
-            for topic, kind, content in _messages(world.chain_at(t), run, k, time):
+            for topic, kind, content in _messages(environment.chain_at(t), run, k, time):
                 writer.write_message(topic, schemas[kind], content, log_time=time, publish_time=time, sequence=k)
         writer.finish()
 

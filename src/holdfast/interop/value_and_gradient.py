@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.compiled.chain import CompiledChain
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
-from holdfast.dynamics.linear_text import POSES
+from holdfast.dynamics.linearised_function import POSES
 from holdfast.dynamics.projection import turned_and_shifted
 from holdfast.errors import SingularChainError, StateError
 from holdfast.model import checks

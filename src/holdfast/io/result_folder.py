@@ -196,16 +196,17 @@ class ResultWriter:
     def finish(
         self, summary: Summary | None, *, stopped: str | None = None, occurrences: Sequence[Occurrence] = ()
     ) -> None:
-        """Put the rest on disk and record how the run ended.
+        """Write the remaining samples and record how the run ended.
 
         Args:
-            summary: its numbers, if they were made.
-            occurrences: what happened since the run began or went on; those that no sample has are what ended it.
-            stopped: what ended it early; None for a complete run. After "interrupted" it
-                can go on, after anything else not.
+            summary: the numbers of `summary.json`; None to write no such file.
+            stopped: the reason why the run ended early; None for a complete run. Only a run that was "interrupted" can
+                be resumed.
+            occurrences: all occurrences since the run began or was resumed. Those after the last sample are stored as
+                the ones that ended it.
 
         Raises:
-            ResultError: it cannot be written, or another process has written to the folder.
+            ResultError: A file cannot be written, or another process has written to the folder.
         """
         self.flush()
         if not self.samples:

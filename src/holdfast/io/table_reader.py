@@ -1,4 +1,4 @@
-"""Tables as `export_csv` and `export_parquet` write them, read again: numbers by the titles of their columns."""
+"""Reading the tables that `export_csv` and `export_parquet` write: the numbers of each column by its title."""
 
 from __future__ import annotations
 

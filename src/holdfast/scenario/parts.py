@@ -54,7 +54,7 @@ def spring(data: scene.SpringData, arms: Mapping[str, Arm], trunk: Trunk | None,
 
 
 def held_object(data: scene.ObjectData, at: Location) -> HeldObject:
-    """Return the held object; a solid has uniform density and its centre at `com`."""
+    """Return the held object; if a solid is given, it has uniform density and its centre is at `com`."""
     com = np.array(data.com, dtype=float)
     with at.refusals():
         inertia, shape = inertia_and_shape(data, at)

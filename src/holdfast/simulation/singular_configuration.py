@@ -35,7 +35,7 @@ RESOLVED, RESOLVED_ELSEWHERE = 0.02, 0.033
 NEARBY = 0.25  # a configuration counts as near a singular one if its strength is smaller than this
 FARTHEST_TURN = 1.0  # rad, or fraction of the reach: a step that moves joints further is too long for any constraint
 MOST_IN_A_STEP = 8
-PAST = 1e-3  # the next search begins after this fraction of the rest of the step
+PAST = 1e-3  # after a configuration was found, this fraction of the rest of the step is left out of the next search
 ALMOST = 0.55  # a step crosses a configuration that is nearer than this fraction of a step
 HORIZONS = 2.0 ** np.arange(-20, 1)  # in units of the time in which a joint turns by one radian
 

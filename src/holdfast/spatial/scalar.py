@@ -1,11 +1,10 @@
-"""The vocabulary of an algorithm text: functions that work on every kind of scalar, and on arrays entry by entry.
+"""The vocabulary of algorithms: functions that work on every kind of scalar, and on arrays entry by entry.
 
-A scalar is a `float`, or an object that brings its own `sin`, `cos`, `sqrt` and
-`where` (an operation counter, a graph node). An algorithm written with these
-functions, `+ - * /` and NumPy arrays runs on all of them; it must not branch on
-a value with Python's `if`. Arrays (and lists) broadcast as NumPy's do.
+A scalar is a `float`, or an object that brings its own `sin`, `cos`, `sqrt` and `where`, such as a node of a traced
+graph. An algorithm written with these functions, `+ - * /` and NumPy arrays runs on all of them; it must not branch on
+a value with Python's `if`. Arrays and lists broadcast as NumPy's do.
 
-Loops over arms, links or grasps are words too, `each` and `scan`, so that a trace sees a loop where there is one.
+Loops over arms, links or grasps are written with `each` and `scan`, so that a trace sees a loop where there is one.
 """
 
 import math
@@ -23,7 +22,7 @@ _LARGEST_EXPONENT = 709.782712893384  # log of the largest float
 
 
 class Loops(Protocol):
-    """What takes the loops of a text: the compiler while it traces one."""
+    """What runs the loops of an algorithm instead of Python: the compiler while it traces it."""
 
     @property
     def inside(self) -> bool:
@@ -180,16 +179,16 @@ def concatenate(parts: Any) -> Array:
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _entrywise(word: Callable[..., Scalar], *arguments: Any, on_floats: Callable[..., Any] | None = None) -> Any:
-    """Return what a word says of every entry of its arguments, broadcast; of arrays without axes a scalar.
+def _entrywise(of_scalars: Callable[..., Scalar], *arguments: Any, on_floats: Callable[..., Any] | None = None) -> Any:
+    """Return a function of every entry of its arguments, which are broadcast; of arrays without axes a scalar.
 
     Args:
-        word: says it of scalars.
+        of_scalars: the function of scalars.
         *arguments: arrays, lists or scalars.
-        on_floats: says the same of arrays of floats at once.
+        on_floats: the same function of arrays of floats, entry by entry.
     """
     arrays = np.broadcast_arrays(*arguments)
     if on_floats is not None and arrays[0].ndim and all(x.dtype == float for x in arrays):
         return on_floats(*arrays)
-    found = [word(*entries) for entries in zip(*(a.flat for a in arrays), strict=True)]
+    found = [of_scalars(*entries) for entries in zip(*(a.flat for a in arrays), strict=True)]
     return np.reshape(found, arrays[0].shape) if arrays[0].ndim else found[0]

@@ -14,13 +14,13 @@ from tests.dynamics.problems import random_arm
 seeds = pytest.mark.parametrize("seed", range(6))
 
 
-def texts(seed):
+def functions(seed):
     """Return the same function of joint positions and base rotation by either kinematics, and where it is evaluated."""
     given = random_arm(seed)
     qd, twist = given.qd, given.base_twist
 
     def of(kinematics):
-        def text(q, R):
+        def function(q, R):
             arm = given.arm.standing_at(Pose.unchecked(R, given.arm.base.p))
             at = kinematics(arm, q)
             V = link_twists(arm, at, qd, twist)
@@ -28,7 +28,7 @@ def texts(seed):
             tip = [tip_twist(arm, at, V, twist), at.tip.R.ravel(), at.tip.p, at.from_base, at.end.ravel()]
             return [np.concatenate([*V, *loaded, *tip, *(R.ravel() for R in at.R), *at.reach])]
 
-        return text
+        return function
 
     return of(varied_kinematics), of(forward_kinematics), (given.q, given.arm.base.R)
 
@@ -36,7 +36,7 @@ def texts(seed):
 @seeds
 def test_rates_and_gradients(seed):
     """Arms with revolute and prismatic joints: all poses and twists, by joint positions and by the base's rotation."""
-    own, plain, at = texts(seed)
+    own, plain, at = functions(seed)
     random = np.random.default_rng(seed)
     turn = random.normal(size=3)
     rates = random.normal(size=at[0].shape), np.cross(turn, at[1], axisb=0, axisc=0)
@@ -51,13 +51,13 @@ def test_rates_and_gradients(seed):
 @seeds
 def test_derivatives_of_derivatives(seed):
     """Rates of a gradient, where numbers carry derivatives of both."""
-    own, plain, (q, R) = texts(seed)
+    own, plain, (q, R) = functions(seed)
     random = np.random.default_rng(seed)
     weights, rate = random.normal(size=plain(q, R)[0].shape), random.normal(size=q.shape)
 
-    def changed(text):
+    def changed(function):
         def by_q(q):
-            return gradient(lambda x: weights @ (text(x, R)[0] * text(x, R)[0]), q)
+            return gradient(lambda x: weights @ (function(x, R)[0] * function(x, R)[0]), q)
 
         return linearised(by_q, q).rates(rate)[0]
 

@@ -62,7 +62,9 @@ class AdjointKernel:
         scheme = "closing" if tableau is None else tableau.name
         model = VariedStep(step.model, tableau or EULER)
         what = f"adjoint/{scheme}/{','.join(self.by)};{','.join(self.of)}"
-        self._code = step.compiled(self.externals, what, lambda: traced(self.externals, self._text(model, tableau)))
+        self._code = step.compiled(
+            self.externals, what, lambda: traced(self.externals, self._gradients(model, tableau))
+        )
 
     @classmethod
     def of_step(cls, step: StepKernel, tableau: Tableau | None, by: Sequence[str], of: Sequence[str]) -> AdjointKernel:
@@ -72,14 +74,14 @@ class AdjointKernel:
             step.adjoints[key] = cls(step, tableau, by, of)
         return step.adjoints[key]
 
-    def _text(self, model: VariedStep, tableau: Tableau | None) -> Any:
-        def text(given: Given) -> dict[str, Array]:
+    def _gradients(self, model: VariedStep, tableau: Tableau | None) -> Any:
+        def gradients(given: Given) -> dict[str, Array]:
             whole = {"last.before": np.zeros(0)} | dict(given)
             linear = model.closing(whole, self.by) if tableau is None else model.linear(whole, self.by, self.of)
             cotangents = {name.removeprefix(WITH): x for name, x in given.items() if name.startswith(WITH)}
             return {f"{FOUND}{name}": x for name, x in linear.gradient(cotangents).items()}
 
-        return text
+        return gradients
 
     def run(
         self, given: Mapping[str, Array], cotangents: Mapping[str, Array], count: int, threads: int = 1

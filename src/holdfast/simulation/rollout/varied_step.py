@@ -274,7 +274,9 @@ class VariedStep(NamedTuple):
         own |= {MARGIN: system.margins(at_end)} if MARGIN in of else {}
         return found | {name: own[name] if name in own else getattr(whole, RESULTS.get(name, name)) for name in of}
 
-    def _linear(self, given: Given, by: Sequence[str], text: Callable[[VariedSystem], dict[str, Array]]) -> LinearStep:
+    def _linear(
+        self, given: Given, by: Sequence[str], function: Callable[[VariedSystem], dict[str, Array]]
+    ) -> LinearStep:
         taker, shapes, found = loops.get(), gradient_shapes(self.model.structure.chain), dict[str, Array]()
         of_state = ("q", "qd", "object_twist", "floating_twist", "before")
         own = {name: f"last.{name}" for name in of_state} | {"step": "step"}
@@ -282,7 +284,7 @@ class VariedStep(NamedTuple):
         at = [given[own[name]] if name in own else np.zeros(shapes[name]) for name in by]
 
         def outputs(*x: Array) -> list[Array]:
-            found.update(text(VariedSystem(self, given, dict(zip(by, x, strict=True)), taker)))
+            found.update(function(VariedSystem(self, given, dict(zip(by, x, strict=True)), taker)))
             return list(found.values())
 
         with loops_by(None):

@@ -161,7 +161,7 @@ def test_gaps_and_projection(stepping):
 
 @pytest.mark.parametrize("path", [*(ROOT / "compiled").glob("*.py"), *(ROOT / "simulation" / "rollout").glob("*.py")])
 def test_nothing_is_computed_there(path):
-    """No products of matrices and no sines: what machine code computes of a chain is a text of another room."""
+    """No products of matrices and no sines: what machine code computes of a chain is written in another room."""
     allowed = {("traced_chain", "unit_pose"), ("traced_step", "grasp_margins")}
     for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(function, ast.FunctionDef) and (path.stem, function.name) not in allowed:

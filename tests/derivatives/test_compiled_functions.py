@@ -20,7 +20,7 @@ from holdfast.compiled.structure import optional_parameters
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.interpret import interpret_schedule
 from tests.derivatives.chains import random_chain
-from tests.derivatives.texts import FIVE_POINTS, STEP, FunctionCase, function_case, undriven
+from tests.derivatives.functions import FIVE_POINTS, STEP, FunctionCase, function_case, undriven
 from tests.longer import mostly_slow
 from tests.systems.problems import random_problem, relative_gap
 
@@ -394,7 +394,7 @@ def test_where_the_object_is_must_be_given_to_springs():
 
 @pytest.mark.slow
 def test_arms_of_one_type_share_their_code(monkeypatch):
-    """The loops of derivatives are those of the text, over arms; a Jacobian's rows are one region for all arms."""
+    """The loops of derivatives are those of the function, over arms; a Jacobian's rows are one region for all arms."""
     p = random_problem(3, joints=(4, 4, 4), grasps=("rigid", "rigid", "rigid"))
     arm = next(iter(p.chain.arms.values()))
     arms = {name: replace(arm, base=other.base, name=name) for name, other in p.chain.arms.items()}

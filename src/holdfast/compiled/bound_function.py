@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from holdfast.compiled.derivative_computation import FunctionRequest
 from holdfast.compiled.derivative_schedule import FOUND, WITH
 from holdfast.compiled.function import CompiledFunction
-from holdfast.compiled.text_computation import TextRequest
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
 
-class FoundByText:
+class FoundDerivatives:
     """What a bound call found: `found.q` or `found["q"]`, of a Jacobian `found["tau", "q"]`.
 
     Attributes:
@@ -22,10 +22,10 @@ class FoundByText:
 
     results: dict[str, Array]
     _chain: ClosedChain
-    _request: TextRequest
+    _request: FunctionRequest
     _parts: dict[str, Array]
 
-    def __init__(self, chain: ClosedChain, request: TextRequest, outputs: Mapping[str, Array]) -> None:
+    def __init__(self, chain: ClosedChain, request: FunctionRequest, outputs: Mapping[str, Array]) -> None:
         of_results = {name: x for name, x in outputs.items() if not name.startswith(FOUND)}
         parts = {name.removeprefix(FOUND): x for name, x in outputs.items() if name.startswith(FOUND)}
         self.__dict__.update(results=of_results, _chain=chain, _request=request, _parts=parts)
@@ -45,7 +45,7 @@ class FoundByText:
         return parts[name]
 
 
-class BoundText:
+class BoundFunctionDerivatives:
     """Derivatives of a function with fixed arrays: write into the inputs, call, read `found`. For one thread at a time.
 
     It checks nothing and raises nothing; where an input is invalid, results are NaN.
@@ -58,13 +58,15 @@ class BoundText:
     """
 
     def __init__(
-        self, code: CompiledFunction, request: TextRequest, chain: ClosedChain, given: Mapping[str, Any]
+        self, code: CompiledFunction, request: FunctionRequest, chain: ClosedChain, given: Mapping[str, Any]
     ) -> None:
         self._code, self._bound = code, code.bind()
         arrays, roles = self._bound.arrays, {name: e.role for name, e in code.externals.items()}
         self.arrays = {name: x for name, x in arrays.items() if roles[name] == "input" and not name.startswith(WITH)}
         self.given = {name: arrays[f"{WITH}{name}"] for name in request.given}
-        self.found = FoundByText(chain, request, {name: x for name, x in arrays.items() if roles[name] == "output"})
+        self.found = FoundDerivatives(
+            chain, request, {name: x for name, x in arrays.items() if roles[name] == "output"}
+        )
         self.run = self._bound.run
         self.set(**given)
 

@@ -1,6 +1,6 @@
 """Linearisation of functions that need no linear solve, by running their code on numbers that record operations.
 
-The code of such a function (its "text") takes a `VariedCase` and returns arrays. Its linearisation
+Such a function takes a `VariedCase` and returns arrays. Its linearisation
 (`spatial.differentiation`) gives gradients in reverse mode and rates in forward mode. The names of the arguments and
 the derivatives by poses are as in `forward_dynamics_vjp`.
 """
@@ -40,27 +40,27 @@ class Part(NamedTuple):
     arm: int | None
 
 
-class Text(NamedTuple):
+class Differentiable(NamedTuple):
     """A function to be differentiated.
 
     Attributes:
         name: name of the function.
         arguments: names of all its arguments, for any chain.
         results: names of its results.
-        of: the code.
+        compute: returns its results for a case.
         unlimited: whether a result may be infinite, as a margin without a limit is.
         shape: the shape of a result of a chain.
         parts: the parts of a result of a chain, in order; None if it has none. Those of arms in the world depend on
             nothing of other arms.
         of_object: whether parts depend on the object and on their grasps.
-        deciding: further arrays that the code returns after the results, by name with their shapes: they are not
+        deciding: further arrays that `compute` returns after the results, by name with their shapes: they are not
             differentiated, but show whether the function is defined there.
     """
 
     name: str
     arguments: tuple[str, ...]
     results: tuple[str, ...]
-    of: Callable[[VariedCase], tuple[Any, ...]]
+    compute: Callable[[VariedCase], tuple[Any, ...]]
     unlimited: bool = False
     shape: Callable[[ClosedChain, str], Shape] = lambda chain, result: ()
     parts: Callable[[ClosedChain, str], Sequence[Part]] | None = None
@@ -77,19 +77,19 @@ class Text(NamedTuple):
         return [whole] if self.parts is None else self.parts(chain, result)
 
 
-class LinearText(NamedTuple):
+class LinearisedFunction(NamedTuple):
     """The linearisation of a function in some of its arguments.
 
     Attributes:
-        text: the function.
+        function: the function.
         case: the case at which it is linearised.
         names: names of the arguments.
         numbers: the numbers that make up these arguments, by name.
         linear: the linearisation in `numbers`.
-        results: what the text returns there, by name, also what is not differentiated.
+        results: what the function returns there, by name, also what is not differentiated.
     """
 
-    text: Text
+    function: Differentiable
     case: VariedCase
     names: tuple[str, ...]
     numbers: Mapping[str, Array]
@@ -99,7 +99,7 @@ class LinearText(NamedTuple):
     @property
     def shapes(self) -> dict[str, Shape]:
         """Shapes of the results, by name."""
-        return {name: of.shape for name, of in zip(self.text.results, self.linear.results, strict=True)}
+        return {name: of.shape for name, of in zip(self.function.results, self.linear.results, strict=True)}
 
     def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
         """Return the gradients of sum(cotangent . result) by argument; for poses with respect to [turn; shift]."""
@@ -114,11 +114,11 @@ class LinearText(NamedTuple):
             units: (m, m) identity, m at least the size of the result's parts; as numbers, so that rows are alike.
         """
         found = []
-        for entries, _ in self.text.parts_of(self.case.chain, result):
+        for entries, _ in self.function.parts_of(self.case.chain, result):
             count = entries.stop - entries.start
             if not count:  # an anchor has no torques
                 continue
-            linear, varied = self.linear.of_entries(self.text.results.index(result), entries)
+            linear, varied = self.linear.of_entries(self.function.results.index(result), entries)
             row = gradient_of(linear)
             rows = each(row, units[:count, :count]) if count > 1 else [row(np.ones(1))]
             found += [self._row(varied, x) for x in rows]
@@ -158,7 +158,7 @@ class LinearText(NamedTuple):
                 given |= {R: spun @ self.numbers[R], p: tangent[..., 3:]}
             else:
                 given[name] = tangent
-        return dict(zip(self.text.results, self.linear.rates(*given.values()), strict=True))
+        return dict(zip(self.function.results, self.linear.rates(*given.values()), strict=True))
 
 
 def by_joints(chain: ClosedChain, result: str) -> list[Part]:
@@ -168,11 +168,11 @@ def by_joints(chain: ClosedChain, result: str) -> list[Part]:
 
 
 def gradient_of(linear: Linear) -> Callable[[Array], Array]:
-    """Return the gradient of a text of one array and one result as a function of the cotangent."""
+    """Return the gradient of a function of one array and one result as a function of the cotangent."""
     return lambda cotangent: linear.gradient(cotangent)[0]
 
 
-def linear_text(text: Text, case: VariedCase, by: Sequence[str]) -> LinearText:
+def linearised_function(function: Differentiable, case: VariedCase, by: Sequence[str]) -> LinearisedFunction:
     """Return the linearisation of a function in some of its arguments."""
     names = tuple(dict.fromkeys(by))
     numbers = case.numbers([part for name in names for part in _parts_of(name)])
@@ -180,12 +180,12 @@ def linear_text(text: Text, case: VariedCase, by: Sequence[str]) -> LinearText:
     results: dict[str, Array] = {}
 
     def of(*given: Array) -> tuple[Any, ...]:
-        found = text.of(case.varied(dict(zip(numbers, given, strict=True))))
-        returned = (*text.results, *text.deciding(case.chain))
+        found = function.compute(case.varied(dict(zip(numbers, given, strict=True))))
+        returned = (*function.results, *function.deciding(case.chain))
         results.update({name: bare(x) for name, x in zip(returned, found, strict=True)})
-        return found[: len(text.results)]
+        return found[: len(function.results)]
 
-    return LinearText(text, case, names, numbers, linearised(of, *numbers.values()), results)
+    return LinearisedFunction(function, case, names, numbers, linearised(of, *numbers.values()), results)
 
 
 def _parts_of(name: str) -> tuple[str, ...]:

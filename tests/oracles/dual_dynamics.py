@@ -1,4 +1,4 @@
-"""The library's own texts on dual numbers: forward derivatives of every function, through the filter and all.
+"""The library's own functions on dual numbers: forward derivatives of every function, through the filter and all.
 
 They agree with those of the dense equations for objects of usual mass; with light ones the filter's differences lose
 digits that its results keep. Where a row sees a factor of the object's mobility at exactly zero, as rows along the
@@ -27,7 +27,7 @@ from tests.systems.as_chain import Problem
 OF_BODY = ("mass", "com", "inertia")
 
 
-def text_derivatives(p: Problem, by: Iterable[str] | None = None) -> Derivatives:
+def dynamics_derivatives(p: Problem, by: Iterable[str] | None = None) -> Derivatives:
     """Return forward dynamics by `sequential` and its partial derivatives, as `chain_derivatives` does."""
     seeded = Seeded(numbers_of(p, arithmetic(None)), names_of(p.chain) if by is None else by)
     chain = _chain(p.chain, seeded.given)

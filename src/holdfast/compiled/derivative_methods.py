@@ -7,14 +7,14 @@ from typing import Any, get_args
 
 from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import own_inputs
-from holdfast.compiled.bound_text import BoundText
+from holdfast.compiled.bound_function import BoundFunctionDerivatives
 from holdfast.compiled.compiled_derivatives import options_of
+from holdfast.compiled.derivative_computation import DIFFERENTIABLE, FunctionRequest
 from holdfast.compiled.derivative_schedule import FOUND, Kind
 from holdfast.compiled.function import CompiledFunction
 from holdfast.compiled.methods import ChainMethods
 from holdfast.compiled.not_compiled import require_holding
 from holdfast.compiled.possible_motion import possible
-from holdfast.compiled.text_computation import TEXTS, TextRequest
 from holdfast.dynamics.closure_derivatives import by_grasps
 from holdfast.dynamics.derivatives import Derivatives, require_names
 from holdfast.errors import StateError
@@ -36,7 +36,7 @@ def result_of(function: str, chain: ClosedChain, found: Sequence[Array]) -> Any:
     return x if x.ndim else float(x)
 
 
-class TextDerivatives(ChainMethods):
+class DerivativeMethods(ChainMethods):
     """What the derivatives of a `CompiledChain`'s functions that solve nothing have in common."""
 
     def _derived(
@@ -70,7 +70,7 @@ class TextDerivatives(ChainMethods):
         found = code((*inputs, *(given[name] for name in request.given)), parameters, threads)
         if function == "inverse_dynamics":
             found = possible(self.chain, inputs[-1], found)
-        result = result_of(function, self.chain, [found.pop(name) for name in TEXTS[function].results])
+        result = result_of(function, self.chain, [found.pop(name) for name in DIFFERENTIABLE[function].results])
         parts: dict[Any, Any] = {name.removeprefix(FOUND): x for name, x in found.items()}
         if kind == "jacobian":
             names = [tuple(name.split(".")) for name in parts]
@@ -95,7 +95,9 @@ class TextDerivatives(ChainMethods):
     ) -> Derivatives:
         """Return directional derivatives of all results."""
         checks.instance(along, Mapping, f"{function}_jvp: along", StateError)
-        return self._derived(function, "jvp", inputs, TEXTS[function].results, along, along, parameters, threads)
+        return self._derived(
+            function, "jvp", inputs, DIFFERENTIABLE[function].results, along, along, parameters, threads
+        )
 
     def bind_derivatives_of(
         self,
@@ -105,7 +107,7 @@ class TextDerivatives(ChainMethods):
         by: Collection[str],
         of: Sequence[str] | None = None,
         **inputs_or_parameters: Any,
-    ) -> BoundText:
+    ) -> BoundFunctionDerivatives:
         """Return derivatives of a function besides forward dynamics bound to fixed arrays, for control loops.
 
         Args:
@@ -119,23 +121,23 @@ class TextDerivatives(ChainMethods):
         Raises:
             StateError: A name, shape or number is wrong.
         """
-        for name, known, what in ((function, tuple(TEXTS), "function"), (kind, get_args(Kind), "kind")):
+        for name, known, what in ((function, tuple(DIFFERENTIABLE), "function"), (kind, get_args(Kind), "kind")):
             if name not in known:
                 what = f"bind_derivatives_of: {what}: expected one of {', '.join(known)}"
                 raise StateError(f"{what}, got {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
-        request, code = self._code_of(function, kind, TEXTS[function].results if of is None else of, by)
-        return BoundText(code, request, self.chain, inputs_or_parameters)
+        request, code = self._code_of(function, kind, DIFFERENTIABLE[function].results if of is None else of, by)
+        return BoundFunctionDerivatives(code, request, self.chain, inputs_or_parameters)
 
     def _code_of(
         self, function: str, kind: Kind, of: Sequence[str], by: Collection[str]
-    ) -> tuple[TextRequest, CompiledFunction]:
+    ) -> tuple[FunctionRequest, CompiledFunction]:
         """Return the machine code of derivatives, made when first requested, after checking the names."""
-        what, text = f"{function}_{kind}", TEXTS[function]
-        known = text.arguments_at(self.chain, own_inputs(function, self.chain))
-        require_names(what, of, text.results)
+        what, definition = f"{function}_{kind}", DIFFERENTIABLE[function]
+        known = definition.arguments_at(self.chain, own_inputs(function, self.chain))
+        require_names(what, of, definition.results)
         require_names(what, by, known)
-        results = tuple(name for name in text.results if name in of)
-        request = TextRequest(function, kind, results, tuple(name for name in known if name in by))
+        results = tuple(name for name in definition.results if name in of)
+        request = FunctionRequest(function, kind, results, tuple(name for name in known if name in by))
 
         def make() -> CompiledFunction:
             options, shown_as = options_of(self.options, request.arguments, True), what if self.progress else ""

@@ -1,4 +1,4 @@
-"""Derivatives of a chain's other functions as computations: the reference's texts, made linear as they are traced."""
+"""Derivatives of a chain's other functions as computations: the reference's functions, linearised while traced."""
 
 from __future__ import annotations
 
@@ -18,20 +18,22 @@ from holdfast.compiler.program import Shape
 from holdfast.dynamics.closure_derivatives import CLOSURE
 from holdfast.dynamics.energy_derivatives import KINETIC, POTENTIAL
 from holdfast.dynamics.inverse_derivatives import TORQUES
-from holdfast.dynamics.linear_text import LinearText, Part, Text, linear_text
+from holdfast.dynamics.linearised_function import Differentiable, LinearisedFunction, Part, linearised_function
 from holdfast.forces.force_derivatives import MARGINS, OF_LIMITS, WRISTS
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, concatenate
 
-TEXTS = {text.name: text for text in (TORQUES, KINETIC, POTENTIAL, CLOSURE, MARGINS, OF_LIMITS, WRISTS)}
+DIFFERENTIABLE = {
+    function.name: function for function in (TORQUES, KINETIC, POTENTIAL, CLOSURE, MARGINS, OF_LIMITS, WRISTS)
+}
 OF_EACH_JOINT = {"q", "qd", "qdd", "tau", "armature", "damping", "link_wrench", *LINKS}  # arguments, row by row
 
 
-class TextRequest(NamedTuple):
+class FunctionRequest(NamedTuple):
     """A request for derivatives of a function that is evaluated directly, without solving the equations of motion.
 
     Attributes:
-        function: its name, one of `TEXTS`.
+        function: its name, one of `DIFFERENTIABLE`.
         kind: `vjp`, `jvp` or `jacobian`, as in `derivative_schedule.Request`.
         results: the results to differentiate.
         arguments: the arguments by which they are differentiated.
@@ -48,9 +50,9 @@ class TextRequest(NamedTuple):
         return f"{self.function}_{self.kind}({','.join(self.results)};{','.join(self.arguments)})"
 
     @property
-    def text(self) -> Text:
+    def definition(self) -> Differentiable:
         """The function as it is differentiated."""
-        return TEXTS[self.function]
+        return DIFFERENTIABLE[self.function]
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -71,7 +73,7 @@ class TextRequest(NamedTuple):
     def shapes(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of results, and of gradients by arguments."""
         known = shapes(chain)
-        of_results = {name: self.text.shape(chain, name) for name in self.text.results}
+        of_results = {name: self.definition.shape(chain, name) for name in self.definition.results}
         return derivative_shapes(chain) | {name: known[name] for name in own_inputs(self.function, chain)} | of_results
 
     def matrix(self, chain: ClosedChain, of: str, by: str, found: Array) -> Array:
@@ -90,8 +92,8 @@ class TextRequest(NamedTuple):
         Only these blocks of a Jacobian are computed and stored.
         """
         shape = self.shapes(chain)[by]
-        parts = self.text.parts_of(chain, of)
-        return [(part.entries, own_entries(self.text, chain, part, by, shape)) for part in parts]
+        parts = self.definition.parts_of(chain, of)
+        return [(part.entries, own_entries(self.definition, chain, part, by, shape)) for part in parts]
 
     def computation(self, chain: ClosedChain) -> Computation:
         """Return the computation of the function's results and these derivatives."""
@@ -99,14 +101,14 @@ class TextRequest(NamedTuple):
         given = {f"{WITH}{name}": known[name] for name in self.given}
         fixed: dict[str, Any] = {}
         if self.kind == "jacobian":
-            parts = [part.entries for of in self.results for part in self.text.parts_of(chain, of)]
+            parts = [part.entries for of in self.results for part in self.definition.parts_of(chain, of)]
             fixed[UNITS] = np.eye(max(map(size_of, parts), default=0))
         return replace(
             base,
             inputs=(*base.inputs, *given),
             function=self._outputs,
             results={},
-            whole={name: known[name] for name in self.text.results}
+            whole={name: known[name] for name in self.definition.results}
             | {f"{FOUND}{name}": shape for name, shape in self.found(chain).items()},
             by_grasp=base.by_grasp or "grasp_wrench" in base.inputs or "grasp_pose" in self.arguments,
             further=given,
@@ -117,10 +119,10 @@ class TextRequest(NamedTuple):
         """Return the function's results and their derivatives by running the reference's functions on traced arrays."""
         case = traced_case(chain, x, self.function)
         with recorded_loops():
-            at = linear_text(self.text, case, self.arguments)
+            at = linearised_function(self.definition, case, self.arguments)
         return {**at.results, **{f"{FOUND}{name}": of for name, of in self._found(at, x).items()}}
 
-    def _found(self, at: LinearText, x: Given) -> dict[str, Any]:
+    def _found(self, at: LinearisedFunction, x: Given) -> dict[str, Any]:
         given = {name: x[f"{WITH}{name}"] for name in self.given}
         if self.kind == "jacobian":
             chain, known = at.case.chain, self.shapes(at.case.chain)
@@ -136,25 +138,25 @@ class TextRequest(NamedTuple):
         return at.gradient(given) if self.kind == "vjp" else at.rates(given)
 
 
-def own_entries(text: Text, chain: ClosedChain, part: Part, by: str, shape: Shape) -> slice:
+def own_entries(function: Differentiable, chain: ClosedChain, part: Part, by: str, shape: Shape) -> slice:
     """Return the entries of an argument, flat, on which a part of a result may depend.
 
     Arms on bases of their own depend on what is theirs, on gravity, and some results also on the object. Where springs
     or bushings act, everything may depend on everything.
 
     Args:
-        text: the function as it is differentiated.
+        function: the function as it is differentiated.
         chain: the chain.
         part: the part.
         by: the argument.
         shape: the shape of its gradient.
     """
     whole, none, size = slice(0, math.prod(shape)), slice(0, 0), math.prod(shape[1:])
-    if text.parts is None or chain.trunk is not None or by == "gravity" or part.arm is None:
+    if function.parts is None or chain.trunk is not None or by == "gravity" or part.arm is None:
         return whole
-    if COMPUTATIONS[text.name].by_place(chain):
+    if COMPUTATIONS[function.name].by_place(chain):
         return whole
-    if by.startswith(("object", "grasp_pose")) and not text.of_object:
+    if by.startswith(("object", "grasp_pose")) and not function.of_object:
         return none
     if by.startswith("object"):
         return whole

@@ -14,24 +14,24 @@ from holdfast.compiler.schedule import External
 from holdfast.spatial.scalar import Array
 
 
-class BatchText:
+class BatchFunction:
     """A function from named arrays to named arrays, written like a control law and compiled at its first call.
 
     The results of a system are identical to the bit whatever the size of the batch.
 
     Attributes:
-        text: the function for one system; it can also be called with numbers.
+        function: the function for one system; it can also be called with numbers.
         inputs: shapes of its arguments, by name.
         outputs: shapes of its results, by name.
     """
 
     def __init__(
-        self, text: Callable[[Given], Mapping[str, Any]], inputs: Mapping[str, Shape], outputs: Mapping[str, Shape]
+        self, function: Callable[[Given], Mapping[str, Any]], inputs: Mapping[str, Shape], outputs: Mapping[str, Shape]
     ) -> None:
-        self.text, self.inputs, self.outputs = text, dict(inputs), dict(outputs)
+        self.function, self.inputs, self.outputs = function, dict(inputs), dict(outputs)
         externals = {name: External(shape, "input") for name, shape in inputs.items()}
         externals |= {name: External(shape, "output") for name, shape in outputs.items()}
-        self._kernel = BatchKernel(externals, lambda: traced(externals, text))
+        self._kernel = BatchKernel(externals, lambda: traced(externals, function))
 
     def __call__(self, count: int, given: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
         """Return the results of the function for every system, (count, *shape) each.

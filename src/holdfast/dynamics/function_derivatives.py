@@ -1,4 +1,4 @@
-"""Gradients, rates and Jacobians of the functions that need no linear solve; see `linear_text`.
+"""Gradients, rates and Jacobians of the functions that need no linear solve; see `linearised_function`.
 
 A Jacobian is computed with one gradient per row.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.derivatives import Derivatives, directions, gradient_shapes, require_names, with_link_wrenches
-from holdfast.dynamics.linear_text import LinearText, Shape, Text, linear_text
+from holdfast.dynamics.linearised_function import Differentiable, LinearisedFunction, Shape, linearised_function
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -26,46 +26,54 @@ def case_of(chain: ClosedChain, state: State, inputs: Inputs | None, own: Mappin
     return VariedCase(chain, state, with_link_wrenches(chain, inputs), own)
 
 
-def text_vjp(
-    text: Text, case: VariedCase, result: Any, by: Sequence[str], cotangents: Mapping[str, ArrayLike]
+def function_vjp(
+    function: Differentiable,
+    case: VariedCase,
+    result: Any,
+    by: Sequence[str],
+    cotangents: Mapping[str, ArrayLike],
 ) -> Derivatives:
     """Return the gradients of sum(cotangent . result) by some arguments, at a few times the cost of the function."""
-    what = f"{text.name}_vjp"
-    require_names(what, cotangents, text.results)
+    what = f"{function.name}_vjp"
+    require_names(what, cotangents, function.results)
     with np.errstate(all="ignore"):
-        at = _linear(text, case, by, what)
+        at = _linear(function, case, by, what)
         checked = {name: checks.numbers(x, at.shapes[name], name, StateError) for name, x in cotangents.items()}
-        return _found(text, what, result, at.gradient(checked))
+        return _found(function, what, result, at.gradient(checked))
 
 
-def text_jvp(text: Text, case: VariedCase, result: Any, along: Mapping[str, ArrayLike]) -> Derivatives:
+def function_jvp(
+    function: Differentiable, case: VariedCase, result: Any, along: Mapping[str, ArrayLike]
+) -> Derivatives:
     """Return the rates of the results for given rates of the arguments, in one direction or several."""
-    what = f"{text.name}_jvp"
+    what = f"{function.name}_jvp"
     checks.instance(along, Mapping, f"{what}: along", StateError)
     with np.errstate(all="ignore"):
-        at = _linear(text, case, tuple(along), what)
+        at = _linear(function, case, tuple(along), what)
         given = directions(what, along, argument_shapes(case))
         if isinstance(given, dict):
-            return _found(text, what, result, at.rates(given))
+            return _found(function, what, result, at.rates(given))
         found = [at.rates(one) for one in given]
-    parts = {name: [one[name] for one in found] for name in text.results}
+    parts = {name: [one[name] for one in found] for name in function.results}
     return _found(
-        text, what, result, {name: np.reshape(x, (len(given), *at.shapes[name])) for name, x in parts.items()}
+        function, what, result, {name: np.reshape(x, (len(given), *at.shapes[name])) for name, x in parts.items()}
     )
 
 
-def text_jacobian(text: Text, case: VariedCase, result: Any, of: Sequence[str], by: Sequence[str]) -> Derivatives:
+def function_jacobian(
+    function: Differentiable, case: VariedCase, result: Any, of: Sequence[str], by: Sequence[str]
+) -> Derivatives:
     """Return the Jacobian, computed with one gradient per row."""
-    what = f"{text.name}_jacobian"
-    require_names(what, of, text.results)
+    what = f"{function.name}_jacobian"
+    require_names(what, of, function.results)
     parts: dict[tuple[str, str], Array] = {}
     with np.errstate(all="ignore"):
-        at, shapes = _linear(text, case, by, what), argument_shapes(case)
+        at, shapes = _linear(function, case, by, what), argument_shapes(case)
         for name in of:
             shape = at.shapes[name]
             rows = at.rows(name, np.eye(int(np.prod(shape))))
             parts |= {(name, x): np.reshape(rows[x], (*shape, *shapes[x])) for x in by}
-    return _found(text, what, result, parts)
+    return _found(function, what, result, parts)
 
 
 def argument_shapes(case: VariedCase) -> dict[str, Shape]:
@@ -73,24 +81,24 @@ def argument_shapes(case: VariedCase) -> dict[str, Shape]:
     return gradient_shapes(case.chain) | {name: x.shape for name, x in case.own.items()}
 
 
-def _linear(text: Text, case: VariedCase, by: Sequence[str], what: str) -> LinearText:
+def _linear(function: Differentiable, case: VariedCase, by: Sequence[str], what: str) -> LinearisedFunction:
     """Return the linearisation of a function.
 
     Raises:
         StateError: the function does not have one of the arguments.
     """
-    require_names(what, by, text.arguments_at(case.chain, case.own))
-    return linear_text(text, case, by)
+    require_names(what, by, function.arguments_at(case.chain, case.own))
+    return linearised_function(function, case, by)
 
 
-def _found(text: Text, what: str, result: Any, parts: Mapping[Any, Array]) -> Derivatives:
+def _found(function: Differentiable, what: str, result: Any, parts: Mapping[Any, Array]) -> Derivatives:
     """Return the derivatives after checking that they are finite.
 
     Raises:
         StateError: some are not; the message names them.
     """
     values = np.concatenate([np.zeros(0), *map(np.ravel, _arrays_of(result))])
-    finite = np.where(np.isposinf(values), 0.0, values) if text.unlimited else values
+    finite = np.where(np.isposinf(values), 0.0, values) if function.unlimited else values
     for name, x in {"result": finite, **parts}.items():
         if not np.isfinite(x).all():
             raise StateError(f"{what}: {name}: expected finite numbers, got an overflow; try smaller ones")

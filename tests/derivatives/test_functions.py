@@ -10,8 +10,8 @@ import pytest
 import holdfast as hf
 from holdfast import dynamics
 from tests.derivatives.blocks import names_for
+from tests.derivatives.functions import FunctionCase, function_case, open_grasp, problem
 from tests.derivatives.products import random_directions
-from tests.derivatives.texts import FunctionCase, function_case, open_grasp, problem
 from tests.longer import mostly_slow
 from tests.systems.problems import relative_gap
 
