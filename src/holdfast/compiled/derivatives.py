@@ -210,7 +210,7 @@ class ChainDerivatives(ChainMethods):
                 type(by),
                 tuple(by),
                 moving,
-            )  # types, because a string is not a list of names
+            )  # types: a string is not a list of names
             return known[asked]
         except (KeyError, TypeError):  # asked for the first time, or no names
             request = self.derivative_request(kind, of, by)
