@@ -35,8 +35,8 @@ def wrench_directions(motion: ChainMotion, length: float, *, by_joints: bool = T
     Args:
         motion: the chain's motion.
         length: length of the metric [m].
-        by_joints: whether the effect on the joints counts. Otherwise, patterns without effect are the internal
-            wrenches, A^T K^T lambda = 0.
+        by_joints: whether to include the columns K J of the joints. Without them, the patterns beyond the rank are the
+            internal wrenches, A^T K^T lambda = 0.
     """
     rows = constraint_rows(motion)
     K = block_diagonal([c.K for c in motion.contacts])

@@ -102,7 +102,7 @@ def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Setti
 
 
 def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
-    """Return rows, maps and measurements of a sample, from joint torques."""
+    """Return the rows of the equations that joint torques give at a sample, their maps and their measurements."""
     assert recording.tau is not None and recording.qdd is not None
     state, alpha, inputs = _sample(chain, recording, k)
     qdd, tau, n = recording.qdd[k], recording.tau[k], chain.joint_count

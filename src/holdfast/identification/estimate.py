@@ -38,7 +38,7 @@ FIRM = 1e3  # weight of the fixed combinations, relative to the largest singular
 NARROWEST = 5.0  # largest deviation from the model of the log-Cholesky parameters for the spread of mass
 MOST_STEPS, MOST_HALVINGS = 100, 30
 NO_GAIN = 1e-8  # smallest decrease of the sum of squares, whose terms are about 1, that counts as progress
-BOUNDED = 1e-2  # decrease of that sum by an impossible body, above which the estimate is on the bound
+BOUNDED = 1e-2  # if an impossible body decreases that sum by more than this, the estimate is on the bound
 CORRELATED = 0.1  # correlation of successive samples above which samples are combined into blocks
 LEAST_LEFT = 0.05  # lower bound of 1 - h, which is near 0 if one sample alone determines a coefficient
 

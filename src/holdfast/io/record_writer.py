@@ -198,7 +198,7 @@ def is_of_a_record(path: Path) -> bool:
 
 
 def _of(systems: RolloutSystems, name: str) -> dict[str, Array]:
-    """Return all arrays of systems by names that a file can have."""
+    """Return all arrays of some systems, under the names that they have in a file."""
     own = {"begin": systems.begin, "step_length": systems.step_length}
     return _under(name, own) | _under(f"{name}_arrays", systems.arrays) | _under(f"{name}_inputs", systems.call_inputs)
 

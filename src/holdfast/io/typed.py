@@ -92,7 +92,7 @@ def parse_json(text: bytes, source: str) -> Any:
     """Return plain data from JSON text.
 
     Raises:
-        SceneError: if it is not valid JSON; NaN and infinities are not, by their path.
+        SceneError: It is not valid JSON, or it contains NaN or an infinity, of which the message names the path.
     """
     try:
         return msgspec.json.decode(text)
@@ -101,7 +101,7 @@ def parse_json(text: bytes, source: str) -> Any:
 
 
 def _json_fault(text: bytes) -> str:
-    """Return what the standard library's more talkative reader finds wrong, or nothing."""
+    """Return what is wrong with JSON text according to the standard library, whose messages say more; else an empty text."""
     try:
         for path, value in _leaves(json.loads(text), "$"):  # it takes NaN, infinities and 1e999
             if isinstance(value, float) and not math.isfinite(value):

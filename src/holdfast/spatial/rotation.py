@@ -135,7 +135,7 @@ def quaternion_midpoint(p: Array, q: Array) -> Array:
 
 
 def from_euler_zyx(yaw: Scalar, pitch: Scalar, roll: Scalar) -> Array:
-    """Return R = Rz(yaw) Ry(pitch) Rx(roll), on traced numbers too; URDF's `rpy` read backwards."""
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), for any scalars; URDF's `rpy` has these angles in reverse order."""
     z, y, x = np.eye(3)[::-1]
     return product(product(exp(yaw * z), exp(pitch * y)), exp(roll * x))
 

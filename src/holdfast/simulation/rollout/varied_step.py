@@ -101,7 +101,7 @@ class VariedSystem(TracedSystem):
         return found._replace(whole=found.whole._replace(**{fields[name]: x for name, x in made.items()}))
 
     def _pushed(self, inputs: Inputs) -> dict[str, Array]:
-        """Return the external wrenches by name, which vary as the state does and by themselves."""
+        """Return the external wrenches by name: those of the inputs, plus their variations if they are varied."""
         pushed = {name: x for name, field in FIELDS.items() if (x := getattr(inputs, field)) is not None}
         return {name: x + self.varied[name] if name in self.varied else x for name, x in pushed.items()}
 
