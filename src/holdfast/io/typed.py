@@ -101,7 +101,7 @@ def parse_json(text: bytes, source: str) -> Any:
 
 
 def _json_fault(text: bytes) -> str:
-    """Return what is wrong with JSON text according to the standard library, whose messages say more; else an empty text."""
+    """Return what is wrong with JSON text in the words of the standard library, which says more, or nothing."""
     try:
         for path, value in _leaves(json.loads(text), "$"):  # it takes NaN, infinities and 1e999
             if isinstance(value, float) and not math.isfinite(value):
