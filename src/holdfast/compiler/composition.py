@@ -145,11 +145,11 @@ class Composition:
                 traversals.append(done)
                 kept.append((classes[at], at))
                 handed, at = done.carry, done.shape
-                seen = _classes(done.numbers)
-                known = classes.get(at)
-                classes[at] = seen if known is None else _classes(list(zip(known, seen, strict=True)))
-                if known is not None and classes[at] != known:
-                    break
+                known = classes.setdefault(at, done.classes)
+                if known != done.classes:
+                    classes[at] = _classes(list(zip(known, done.classes, strict=True)))
+                    if classes[at] != known:
+                        break
             else:
                 return traversals, (*kept, (classes[at], at))
 
@@ -208,8 +208,10 @@ class Composition:
                 homes.setdefault(home[0], {})[home[1]] = j
         found = {}
         for group, places in homes.items():
+            if len(places) < group.count:
+                continue
             signs = {(flat[j][1], self._signature(flat[j][0], group, i)) for i, j in places.items()}
-            if len(places) == group.count and len(signs) == 1:
+            if len(signs) == 1:
                 found[group] = [places[i] for i in range(group.count)]
         return found
 
@@ -281,8 +283,9 @@ class Composition:
         next_carry = None
         if carry is not None:
             next_carry, value = value
-        numbers, shape = numbers_of(next_carry), self._shape(next_carry)
-        done = Traversal(value, tuple(ports), next_carry, numbers, shape, carried, Region(graph))
+        given = numbers_of(next_carry)
+        of_carry = next_carry, given, _classes(given), self._shape(next_carry)
+        done = Traversal(value, tuple(ports), *of_carry, carried, Region(graph))
         region.further[what] = done
         return done
 

@@ -66,10 +66,11 @@ class Needed:
         scan = source.before
         assert scan is not None
         found: list[tuple[TracedGroup | None, Any]] = []
-        alike = next(kept for kept, (g, *_) in zip(scan.kept, scan.order, strict=False) if scan.source(g) is source)
+        carries = {group: scan.source(group) for group in dict.fromkeys(group for group, *_ in scan.order)}
+        alike = next(kept for kept, (group, *_) in zip(scan.kept, scan.order, strict=False) if carries[group] is source)
         for j, (group, _, _) in enumerate(scan.order):
             if scan.kept[j] == alike:
-                found.append((group, scan.source(group).inputs[k]))  # these items share the array, hence its size
+                found.append((group, carries[group].inputs[k]))  # these items share the array, hence its size
                 if j == 0:
                     found.append((None, scan.first[k]))
                 else:

@@ -32,6 +32,7 @@ class Traversal(NamedTuple):
         ports: the ports that it added to the region.
         carry: the carry that the body of a scan returns; None for `each`.
         numbers: the numbers of that carry.
+        classes: which of these are the same.
         shape: the key of the rest of that carry.
         carried: the region's inputs for the carry that the body receives.
         after: the region as it is after this run.
@@ -41,6 +42,7 @@ class Traversal(NamedTuple):
     ports: tuple[RegionInput, ...]
     carry: Any
     numbers: list[Any]
+    classes: Classes
     shape: Hashable
     carried: Leaf
     after: Region
