@@ -61,7 +61,9 @@ def traced(
     outputs = {name: list(np.asarray(found[name], dtype=object).flat) for name, e in externals.items() if name in found}
     assert all(len(x) == math.prod(externals[name].shape) for name, x in outputs.items())
     # On a processor without fma every fma would be a library call, so products and sums are not fused.
-    return derived(composition, externals, numbers, outputs, status, guarded, fused=cpu.has_fma())
+    schedule = derived(composition, externals, numbers, outputs, status, guarded, fused=cpu.has_fma())
+    composition.clear()
+    return schedule
 
 
 def traced_chain(structure: Structure, given: Given) -> ClosedChain:

@@ -59,6 +59,15 @@ class Composition:
         self._constants: list[bool] = []
         self.inside = False
 
+    def clear(self) -> None:
+        """Forget everything that was traced, which is faster than to leave its many cycles to the garbage collector."""
+        for group in self.groups:
+            group.region.graph.clear()
+            group.images.clear()
+        self.graph.clear()
+        self.origins.clear()
+        self._values.clear()
+
     # ---- loops ----
 
     def each(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[Any]:

@@ -33,6 +33,12 @@ class Graph:
         self._known: dict[tuple[object, ...], Node] = {}
         self._constants: dict[str, Node] = {}
 
+    def clear(self) -> None:
+        """Forget all nodes. They refer to the graph as it does to them, so only the garbage collector would free them."""
+        self.nodes.clear()
+        self._known.clear()
+        self._constants.clear()
+
     def input(self) -> Node:
         """Return a new run-time input."""
         return self.new("input", (), 0.0)

@@ -100,6 +100,11 @@ class Values:
         self._makers: dict[int, tuple[Any, list[Leaf], Maker]] = {}
         self._open: set[int] = set()  # functions being visited, which may close over themselves
 
+    def clear(self) -> None:
+        """Forget all values; what makes them again refers to this object."""
+        self._known.clear()
+        self._makers.clear()
+
     def leaves(self, value: Any) -> tuple[list[Leaf], Hashable]:
         """Return the traced nodes of a value, one leaf per array or scalar, and the key of the rest."""
         found: list[Leaf] = []
