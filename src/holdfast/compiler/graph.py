@@ -34,7 +34,7 @@ class Graph:
         self._constants: dict[str, Node] = {}
 
     def clear(self) -> None:
-        """Forget all nodes. They refer to the graph as it does to them, so only the garbage collector would free them."""
+        """Forget all nodes, which refer to the graph as it does to them: only the garbage collector would free them."""
         self.nodes.clear()
         self._known.clear()
         self._constants.clear()
