@@ -118,9 +118,12 @@ def _later(name: str) -> Callable[..., Callable[[], int]]:
     return prepared
 
 
-def _only_described(name: str) -> Callable[[], None]:
+def _only_described(name: str) -> Callable[..., Any]:
     """Return a function with a command's docstring, for the list of all commands, without importing its module."""
-    text = Path(__file__).with_name(f"{COMMANDS[name]}.py").read_text(encoding="utf-8")
+    try:
+        text = Path(__file__).with_name(f"{COMMANDS[name]}.py").read_text(encoding="utf-8")
+    except OSError:  # installed without sources, or in an archive
+        return _later(name)
     found = {node.name: node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)}
 
     def described() -> None: ...
