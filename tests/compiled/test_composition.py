@@ -181,7 +181,7 @@ def test_truths_do_not_leave_a_loop():
         traced({"q": External((5, 2), "input"), "y": External((5,), "output")}, function)
 
 
-def test_long_texts():
+def test_long_functions():
     """Between loops and inside them: no recursion follows the operations."""
 
     def long(x):
