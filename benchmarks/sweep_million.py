@@ -177,7 +177,7 @@ def main() -> int:
             progress=watch.sample,
         )
         seconds = time.perf_counter() - start
-        fates = found.fates
+        counts = found.status_counts
         size = sum(path.stat().st_size for path in (folder / "store").iterdir()) / 2**20
     finally:
         shutil.rmtree(folder)
@@ -186,13 +186,15 @@ def main() -> int:
     share = rate / ((before[0] + after[0]) / 2)
     by_clock, busy = watch.rates(options.chunk)
     steady = by_clock / options.workers
-    print(f"runs               {options.count} of {DURATION} s in {DURATION / STEP:.0f} steps, {size:.0f} MiB: {fates}")
+    print(
+        f"runs               {options.count} of {DURATION} s in {DURATION / STEP:.0f} steps, {size:.0f} MiB: {counts}"
+    )
     print(f"bare rollouts      {before[0]:.0f} and {after[0]:.0f} runs/s a process, before and after")
     print(f"the sweep          {seconds:.1f} s, {rate:.0f} runs/s a worker: {share:.3f} (target: {LEAST_SHARE})")
     print(f"after its start    {steady:.0f} runs/s a worker: {steady * share / rate:.3f}")
     print(f"of processors      {busy:.0f} runs/s of all its processes, bare {before[1]:.0f}: {busy / before[1]:.3f}")
     print(f"largest process    {largest:.2f} GiB (target: {MOST_MEMORY}) of {len(watch.most)}")
-    return 0 if share >= LEAST_SHARE and largest < MOST_MEMORY and fates == {"RUNNING": options.count} else 1
+    return 0 if share >= LEAST_SHARE and largest < MOST_MEMORY and counts == {"RUNNING": options.count} else 1
 
 
 if __name__ == "__main__":

@@ -73,7 +73,7 @@ def swept(state: Any, low: Any, high: Any, deviation: Any, turn: Any, parameters
 def _sweep(name: Any, title: Any, levels: Any, run: Any, **given: Any) -> Any:
     made = swept(store=name, **given)
     list(made.batches([title]))
-    return made.fates, made.quantiles(title, levels), made.run(run).q, repr(made)
+    return made.status_counts, made.quantiles(title, levels), made.run(run).q, repr(made)
 
 
 # Identification.

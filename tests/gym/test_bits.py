@@ -41,7 +41,7 @@ def walk_together(kinds: Any, task: Any, mode: AutoresetMode, count: int, steps:
     apart = SyncVectorEnv([lambda: single(task)] * count, autoreset_mode=mode)
     together = vector(count, task, autoreset_mode=mode, threads=threads)
     require_same(apart.reset(seed=5), together.reset(seed=5))
-    generator, ended, fates = np.random.default_rng(2), 0, set()
+    generator, ended, statuses = np.random.default_rng(2), 0, set()
     for step in range(steps):
         actions = generator.uniform(-1.0, 1.0, together.action_space.shape)
         found = together.step(actions)
@@ -49,28 +49,28 @@ def walk_together(kinds: Any, task: Any, mode: AutoresetMode, count: int, steps:
         over = found[2] | found[3]
         ended += int(over.sum())
         infos = found[4].get("final_info", found[4])
-        fates |= {(infos["status"][k], bool(found[3][k])) for k in np.flatnonzero(over)}
+        statuses |= {(infos["status"][k], bool(found[3][k])) for k in np.flatnonzero(over)}
         if mode is AutoresetMode.DISABLED and over.any():
             require_same(apart.reset(options={"reset_mask": over}), together.reset(options={"reset_mask": over}))
-    return ended, fates
+    return ended, statuses
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_carry(mode):
     """Over a hundred steps in which episodes slip, and last their time."""
-    ended, fates = walk_together(CARRY, short_carry(), mode, 5, 100)
+    ended, statuses = walk_together(CARRY, short_carry(), mode, 5, 100)
     assert ended > 20
-    assert {("SLIPPED", False), ("RUNNING", True)} <= fates
+    assert {("SLIPPED", False), ("RUNNING", True)} <= statuses
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_hand_over(mode):
     """Over a hundred steps through all phases: episodes of one batch are in several of them."""
-    ended, fates = walk_together(HAND_OVER, careless_hand_over(), mode, 5, 100)
+    ended, statuses = walk_together(HAND_OVER, careless_hand_over(), mode, 5, 100)
     assert ended > 5
-    assert {truncated for _, truncated in fates} == {True, False}
+    assert {truncated for _, truncated in statuses} == {True, False}
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def test_as_rollouts(undisturbed):
     kept = [name for name in names if name.startswith("object_pose")]
     assert [undisturbed.column(name)[number] for name in kept] == systems.object_pose[0].tolist()
     assert undisturbed.column("run").tolist() == list(range(33))
-    assert undisturbed.fates == {"RUNNING": 33}
+    assert undisturbed.status_counts == {"RUNNING": 33}
 
 
 def test_a_run_again(undisturbed):
@@ -125,7 +125,7 @@ def test_failures_by_status(tmp_path):
         step=1e-3,
         store=tmp_path,
     )
-    assert found.fates == {"RUNNING": 5, "OPEN": 1}
+    assert found.status_counts == {"RUNNING": 5, "OPEN": 1}
     assert found.column("run", status="OPEN").tolist() == [4]
     assert found.column("stopped [s]")[4] == 0.0
     with pytest.raises(hf.StateError, match="ended as SLIPPED, got none"):

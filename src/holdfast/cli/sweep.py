@@ -91,13 +91,13 @@ def _again(found: Sweep, number: int, workers: int, cluster: str | None, as_json
 
 def _report(found: Sweep, as_json: bool) -> None:
     """Print how the runs ended, and the distributions of their recorded outputs."""
-    fates, rows = found.fates, found.table(list(LEVELS.values()))
+    counts, rows = found.status_counts, found.table(list(LEVELS.values()))
     if as_json:
         kept = {"levels": list(LEVELS.values()), "quantiles": {title: x.tolist() for title, x in rows.items()}}
-        print_document({"sweep": str(found.folder), "runs": len(found), "statuses": fates, **kept})
+        print_document({"sweep": str(found.folder), "runs": len(found), "statuses": counts, **kept})
         return
     console, statuses = stdout(), Table("status", "runs")
-    for name, count in sorted(fates.items()):
+    for name, count in sorted(counts.items()):
         statuses.add_row(name.lower(), str(count))
     console.print(statuses)
     if rows:

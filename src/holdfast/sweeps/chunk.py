@@ -55,14 +55,14 @@ class Computed(NamedTuple):
     Attributes:
         number: number of the chunk.
         data: content of its file.
-        fates: number of runs that ended with each status.
+        status_counts: number of runs that ended with each status.
         seconds: time of the computation [s].
         process: id of the process that computed it.
     """
 
     number: int
     data: bytes
-    fates: Counter[str]
+    status_counts: Counter[str]
     seconds: float
     process: int
 
@@ -85,8 +85,8 @@ def compute(task: Task) -> Computed:
     rollout: Rollout = _unpacked(task.rollout)
     record = rollout.run(rollout.start(**task.rows), **task.run)
     data = encoded(columns_of(record, task), task.plan)
-    fates = Counter(status.name for status in record.systems.status)
-    return Computed(task.number, data, fates, time.perf_counter() - start, os.getpid())
+    counts = Counter(status.name for status in record.systems.status)
+    return Computed(task.number, data, counts, time.perf_counter() - start, os.getpid())
 
 
 def columns_of(record: RolloutRecord, task: Task) -> dict[str, Array]:

@@ -15,13 +15,13 @@ class Progress(Frozen):
     Attributes:
         done: number of runs whose results are in the store, including earlier ones.
         count: number of runs of the sweep.
-        fates: number of runs computed by this call that ended with each status.
+        status_counts: number of runs computed by this call that ended with each status.
         rate: rate of this call [runs/s].
     """
 
     done: int
     count: int
-    fates: Mapping[str, int]
+    status_counts: Mapping[str, int]
     rate: float
 
     def __str__(self) -> str:
@@ -29,5 +29,5 @@ class Progress(Frozen):
         left = (
             f", {(self.count - self.done) / self.rate:.0f} s left" if self.rate > 0 and self.done < self.count else ""
         )
-        fates = ", ".join(f"{count} {name.lower()}" for name, count in sorted(self.fates.items()))
-        return f"{self.done} of {self.count} runs, {self.rate:.0f}/s{left}{f'; {fates}' if fates else ''}"
+        counts = ", ".join(f"{count} {name.lower()}" for name, count in sorted(self.status_counts.items()))
+        return f"{self.done} of {self.count} runs, {self.rate:.0f}/s{left}{f'; {counts}' if counts else ''}"

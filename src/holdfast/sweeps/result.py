@@ -52,7 +52,7 @@ class Sweep:
         return self._read(0, lambda path: parquet.read_schema(path).names)
 
     @property
-    def fates(self) -> dict[str, int]:
+    def status_counts(self) -> dict[str, int]:
         """Number of runs that ended with each status, by the name of the status."""
         found: Counter[str] = Counter()
         for part in self.batches(["status"]):
@@ -110,7 +110,9 @@ class Sweep:
         at = _levels(levels)
         x = self._numbers(self.column(title, status), title)
         if len(x) == 0:
-            raise StateError(f"quantiles: expected runs that ended as {status}, got none; there are {self.fates}")
+            raise StateError(
+                f"quantiles: expected runs that ended as {status}, got none; there are {self.status_counts}"
+            )
         return np.quantile(x, at, method="inverted_cdf")
 
     def table(self, levels: Any = (0.0, 0.05, 0.5, 0.95, 1.0), status: str | None = "RUNNING") -> dict[str, Array]:

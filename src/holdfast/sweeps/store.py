@@ -209,5 +209,5 @@ def _require_same(folder: Path, there: Mapping[str, Any], requested: Mapping[str
     if differing:
         raise ResultError(
             f"{folder}: holds a sweep of another plan: {', '.join(differing)} differ; try another folder, or the"
-            " arguments of then"
+            " original arguments"
         )

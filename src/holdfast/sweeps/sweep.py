@@ -186,15 +186,15 @@ def _compute_missing(
 ) -> None:
     sizes = {k: end - begin for k in range(plan.chunk_count) for begin, end in [plan.bounds(k)]}
     missing = [k for k, rows in sizes.items() if not place.holds(k, rows)]
-    start, fates = time.perf_counter(), Counter[str]()
+    start, counts = time.perf_counter(), Counter[str]()
     there = plan.count - sum(sizes[k] for k in missing)
     size = f"{plan.count - there} runs"
     with reporting(progress, "sweeping", size, lambda at: (at.done / at.count, str(at)), time_left=False) as tell:
         for computed in _computed(_tasks(plan, place.digest, missing), workers, cluster, ahead, len(missing)):
             place.keep(computed)
-            fates += computed.fates
-            rate = fates.total() / (time.perf_counter() - start)
-            tell(Progress(there + fates.total(), plan.count, dict(fates), rate))
+            counts += computed.status_counts
+            rate = counts.total() / (time.perf_counter() - start)
+            tell(Progress(there + counts.total(), plan.count, dict(counts), rate))
 
 
 def _computed(tasks: Iterator[Task], workers: Any, cluster: str | None, ahead: int, count: int) -> Iterator[Computed]:

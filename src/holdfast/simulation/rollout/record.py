@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.model import checks
-from holdfast.simulation.rollout.systems import RolloutSystems, fates
+from holdfast.simulation.rollout.systems import RolloutSystems, status_summary
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
@@ -62,7 +62,7 @@ class RolloutRecord(Frozen):
         """Return the number of systems, the recorded times and arrays, and the status of the systems, on one line."""
         span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no time"
         what = f"{len(self.systems)} systems at {len(self.t)} times, {span}: {', '.join(self.arrays)}"
-        return f"<RolloutRecord of {what}; {'; '.join(filter(None, (fates(self.systems), self.note)))}>"
+        return f"<RolloutRecord of {what}; {'; '.join(filter(None, (status_summary(self.systems), self.note)))}>"
 
     def trajectory(self, system: int, every: int | None = None) -> Trajectory:
         """Return one system as a run, with everything that `simulate` records and all methods of a run.

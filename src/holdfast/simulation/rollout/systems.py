@@ -115,7 +115,7 @@ class RolloutSystems:
     def __repr__(self) -> str:
         """Return the number of systems, their times and their status, on one line."""
         times = f"{self.t.min():g} s" if np.ptp(self.t) == 0 else f"{self.t.min():g} to {self.t.max():g} s"
-        return f"<RolloutSystems: {len(self)} at t = {times}; {fates(self)}>"
+        return f"<RolloutSystems: {len(self)} at t = {times}; {status_summary(self)}>"
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse assignments without effect: to the arrays of the machine code, and to unknown names."""
@@ -287,7 +287,7 @@ def require_recorded(names: Any) -> None:
             raise StateError(f"record: no array {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
 
 
-def fates(systems: RolloutSystems) -> str:
+def status_summary(systems: RolloutSystems) -> str:
     """Return the number of systems with each status, in words."""
     names, counts = np.unique([status.name.lower() for status in systems.status], return_counts=True)
     return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
