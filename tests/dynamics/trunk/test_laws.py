@@ -122,6 +122,19 @@ def test_project_and_close(name):
         np.testing.assert_array_equal(found.base_twist, off.base_twist)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_held_base_keeps_its_bits(seed):
+    """A rotation by zero changes the last bit of one base pose in two, and is not applied."""
+    case, draw = cases()["drives_wrenches_floating"], np.random.default_rng(seed)
+    for _ in range(4):
+        turned = case.state.base_pose + np.append(1e-3 * draw.normal(size=4), np.zeros(3))
+        turned[:4] /= np.linalg.norm(turned[:4])
+        q = case.state.q + 1e-3 * draw.normal(size=len(case.state.q))
+        off = replace(case.state, q=q, base_pose=turned)
+        found = hf.close(case.chain, off, inputs=case.inputs, hold_base=True)
+        np.testing.assert_array_equal(found.base_pose, off.base_pose)
+
+
 @random
 def test_projected_velocities_are_the_nearest_in_kinetic_energy(seed, joints, floating):
     """What projection takes away is orthogonal, in the kinetic metric, to every velocity that the grasps allow."""
