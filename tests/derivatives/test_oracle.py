@@ -91,7 +91,7 @@ def worst_of_dynamics(p: Problem) -> float:
 
 @pytest.mark.parametrize("trunk", TRUNKS)
 @pytest.mark.parametrize("seed", mostly_long(range(4), (1,)))
-def test_texts_on_dual_numbers(seed, trunk):
+def test_dynamics_on_dual_numbers(seed, trunk):
     """The library's own functions on dual numbers: any grasps, arms on trunks and free."""
     p = random_chain(seed, trunk)
     worst = worst_of_dynamics(p)
@@ -124,7 +124,7 @@ def test_differences(trunk):
 
 @pytest.mark.parametrize("scale", [1e-2, 1.0, 1e2])
 @pytest.mark.parametrize("seed", mostly_long(range(3), (2,)))
-def test_texts_with_objects_of_usual_mass(seed, scale):
+def test_dynamics_with_objects_of_usual_mass(seed, scale):
     """A hundredth to a hundred times the usual object: the filter's own derivatives hold."""
     worst = worst_of_dynamics(random_chain(600 + seed, any_kind=False, object_scale=scale))
     print(f"\n{scale:.0e}: {worst:.1e}")
