@@ -20,7 +20,7 @@ from tests.systems.as_chain import Problem
 from tests.systems.problems import relative_gap
 
 TOLERANCE = 1e-11
-FUNCTIONS = 1e-11  # measured: 3e-13
+ON_DUAL_NUMBERS = 1e-11  # measured: 3e-13
 USUAL = 5e-12  # measured: 1e-12, once 2.7e-12 with a heavy object, where the oracle is at 4e-14
 ROUNDING = 1e-12  # of a group's largest entry: blocks that are zero
 DIGITS = 40
@@ -79,12 +79,12 @@ def test_least_forces(name):
 
 def worst_of_dynamics(p: Problem) -> float:
     """Return how far the library's functions on dual numbers are from the oracle, values and every direction."""
-    ours, functions = chain_derivatives(p), dynamics_derivatives(p)
-    worst = max(relative_gap(ours.values[of], functions.values[of], 1e-9) for of in ours.values)
+    ours, dual = chain_derivatives(p), dynamics_derivatives(p)
+    worst = max(relative_gap(ours.values[of], dual.values[of], 1e-9) for of in ours.values)
     for by in ours.at:
-        found, expected = ({of: which.block(of, by) for of in ours.values} for which in (ours, functions))
+        found, expected = ({of: which.block(of, by) for of in ours.values} for which in (ours, dual))
         off = dict(gaps(found, expected, ROUNDING))
-        assert max(off.values()) < FUNCTIONS, (by, off)
+        assert max(off.values()) < ON_DUAL_NUMBERS, (by, off)
         worst = max(worst, *off.values())
     return worst
 
@@ -96,7 +96,7 @@ def test_dynamics_on_dual_numbers(seed, trunk):
     p = random_chain(seed, trunk)
     worst = worst_of_dynamics(p)
     print(f"\n{trunk or 'bases'}, {', '.join(grasp.kind for grasp in p.chain.grasps.values())}: {worst:.1e}")
-    assert worst < FUNCTIONS
+    assert worst < ON_DUAL_NUMBERS
 
 
 @pytest.mark.parametrize("trunk", mostly_long(TRUNKS, (None,)))
@@ -106,7 +106,7 @@ def test_off_the_constraint(trunk):
     apart, pose = random.normal(size=6), p.state.object_frame
     pose = Pose(rotation.exp(0.2 * apart[:3]) @ pose.R, pose.p + 0.05 * apart[3:])
     qd = p.state.qd + random.normal(size=p.chain.joint_count)
-    assert worst_of_dynamics(replace(p, state=replace(p.state, object_pose=pose.wxyz_xyz, qd=qd))) < FUNCTIONS
+    assert worst_of_dynamics(replace(p, state=replace(p.state, object_pose=pose.wxyz_xyz, qd=qd))) < ON_DUAL_NUMBERS
 
 
 @pytest.mark.parametrize("trunk", TRUNKS)

@@ -1,4 +1,4 @@
-"""Two number systems for one oracle function: float64 and many decimal digits.
+"""Two number systems for one oracle: float64 and many decimal digits.
 
 The oracle is written on small NumPy arrays.  With many digits the arrays hold
 ``gmpy2.mpfr`` objects, so the same lines of text run in either arithmetic.

@@ -1,4 +1,4 @@
-"""The equations of a closed chain at given accelerations and forces, as what is missing in each: the oracle's function.
+"""The equations of a closed chain at given accelerations and forces, as what is missing in each: the oracle's own.
 
 Bodies move as plain kinematics says, accelerations included; each costs a wrench; what joints, floating base, grasps
 and object lack of it is what is missing. Of the library only the data of its models are read. With unknowns z
@@ -114,9 +114,9 @@ def missing(chain: ClosedChain, given: Given, z: np.ndarray, numbers: Arithmetic
 
 def relative_twists(chain: ClosedChain, given: Given, numbers: Arithmetic) -> np.ndarray:
     """Return what the object moves against the tips at every contact, (6 g,): all of it free where grasps hold."""
-    function = _Equations(chain, given, numbers.array(np.zeros(unknowns(chain).size)), numbers)
-    strands = function.strands()
-    return np.concatenate([function.tip(name, strands[name])[1] for name in chain.grasps])
+    equations = _Equations(chain, given, numbers.array(np.zeros(unknowns(chain).size)), numbers)
+    strands = equations.strands()
+    return np.concatenate([equations.tip(name, strands[name])[1] for name in chain.grasps])
 
 
 class _Equations:

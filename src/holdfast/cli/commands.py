@@ -121,15 +121,21 @@ def _later(name: str) -> Callable[..., Callable[[], int]]:
 def _only_described(name: str) -> Callable[..., Any]:
     """Return a function with a command's docstring, for the list of all commands, without importing its module."""
     try:
-        text = Path(__file__).with_name(f"{COMMANDS[name]}.py").read_text(encoding="utf-8")
-    except OSError:  # installed without sources, or in an archive
+        found = _docstrings(COMMANDS[name])
+    except OSError:  # installed without sources
         return _later(name)
-    found = {node.name: node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)}
 
     def described() -> None: ...
 
-    described.__doc__ = ast.get_docstring(found[_function(name)])
+    described.__doc__ = found[_function(name)]
     return described
+
+
+@functools.cache
+def _docstrings(module: str) -> dict[str, str | None]:
+    """Return the docstrings of a module's functions, by name."""
+    text = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
+    return {node.name: ast.get_docstring(node) for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)}
 
 
 def _function(name: str) -> str:

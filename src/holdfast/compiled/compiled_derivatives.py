@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.calls import Calls
-from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes, given_names
+from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, ForwardRequest, derivative_shapes, given_names
 from holdfast.compiled.externals import FLOATING, LINKS, MOVING, TRUNK_LINKS
 from holdfast.compiled.kernels import compile_batch, kernel
 from holdfast.compiled.parameters import WRENCHES, parameters_of, parse_parameters, require_inputs
@@ -38,10 +38,10 @@ class Derivatives:
     """
 
     result: CompiledResult
-    request: Request
+    request: ForwardRequest
     _blocks: dict[Any, Array]  # views for `found[of, by]`, made when first asked for
 
-    def __init__(self, result: CompiledResult, request: Request) -> None:
+    def __init__(self, result: CompiledResult, request: ForwardRequest) -> None:
         self.__dict__.update(result=result, request=request, _blocks={})
 
     def __repr__(self) -> str:
@@ -83,7 +83,7 @@ class CompiledDerivatives:
         calls: the calls of the machine code.
     """
 
-    def __init__(self, compiled: CompiledChain, request: Request, moving: bool) -> None:
+    def __init__(self, compiled: CompiledChain, request: ForwardRequest, moving: bool) -> None:
         """Compile the derivatives, or load their machine code.
 
         Args:

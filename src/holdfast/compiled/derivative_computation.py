@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from holdfast.compiled.arm_functions import COMPUTATIONS, Computation, own_inputs, traced_case
-from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Kind, derivative_shapes
+from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes
 from holdfast.compiled.externals import LINKS, shapes
 from holdfast.compiled.recorded_loops import recorded_loops
 from holdfast.compiled.traced_chain import Given
@@ -29,35 +29,25 @@ DIFFERENTIABLE = {
 OF_EACH_JOINT = {"q", "qd", "qdd", "tau", "armature", "damping", "link_wrench", *LINKS}  # arguments, row by row
 
 
-class FunctionRequest(NamedTuple):
+@dataclass(frozen=True)
+class FunctionRequest(Request):
     """A request for derivatives of a function that is evaluated directly, without solving the equations of motion.
 
     Attributes:
         function: its name, one of `DIFFERENTIABLE`.
-        kind: `vjp`, `jvp` or `jacobian`, as in `derivative_schedule.Request`.
-        results: the results to differentiate.
-        arguments: the arguments by which they are differentiated.
     """
 
     function: str
-    kind: Kind
-    results: tuple[str, ...]
-    arguments: tuple[str, ...]
 
     @property
     def name(self) -> str:
         """The request's name in the key of the cache."""
-        return f"{self.function}_{self.kind}({','.join(self.results)};{','.join(self.arguments)})"
+        return self.name_for(self.function)
 
     @property
     def definition(self) -> Differentiable:
         """The function as it is differentiated."""
         return DIFFERENTIABLE[self.function]
-
-    @property
-    def given(self) -> tuple[str, ...]:
-        """The results that have cotangents (`vjp`) or the arguments that have tangents (`jvp`)."""
-        return {"vjp": self.results, "jvp": self.arguments, "jacobian": ()}[self.kind]
 
     def found(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of the derivatives: by argument (`vjp`), by result (`jvp`), or of `blocks` (`jacobian`)."""

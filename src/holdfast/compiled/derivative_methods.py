@@ -137,7 +137,7 @@ class DerivativeMethods(ChainMethods):
         require_names(what, of, definition.results)
         require_names(what, by, known)
         results = tuple(name for name in definition.results if name in of)
-        request = FunctionRequest(function, kind, results, tuple(name for name in known if name in by))
+        request = FunctionRequest(kind, results, tuple(name for name in known if name in by), function)
 
         def make() -> CompiledFunction:
             options, shown_as = options_of(self.options, request.arguments, True), what if self.progress else ""

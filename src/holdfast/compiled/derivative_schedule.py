@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from holdfast.compiled.externals import FLOATING, shapes
-from holdfast.compiled.forward_schedule import (
-    forward_externals,
-    guarded_outputs,
-    outputs_of,
-    solve_with_status,
-)
+from holdfast.compiled.forward_schedule import forward_externals, guarded_outputs, outputs_of, solve_with_status
 from holdfast.compiled.recorded_loops import recorded_loops
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
@@ -31,8 +27,9 @@ FOUND = "found."  # the prefix of the names of derivatives
 UNITS = "units"  # the identity, whose rows are the directions of a Jacobian's columns
 
 
-class Request(NamedTuple):
-    """Which derivatives of forward dynamics are requested.
+@dataclass(frozen=True)
+class Request:
+    """Which derivatives of a function are requested.
 
     Attributes:
         kind: `vjp` (the product of cotangents of results with the Jacobian), `jvp` (the product of the Jacobian with
@@ -45,15 +42,23 @@ class Request(NamedTuple):
     results: tuple[str, ...]
     arguments: tuple[str, ...]
 
-    @property
-    def name(self) -> str:
-        """The request's name in the key of the cache."""
-        return f"forward_{self.kind}({','.join(self.results)};{','.join(self.arguments)})"
+    def name_for(self, function: str) -> str:
+        """Return the request's name in the key of the cache."""
+        return f"{function}_{self.kind}({','.join(self.results)};{','.join(self.arguments)})"
 
     @property
     def given(self) -> tuple[str, ...]:
         """The results that have cotangents (`vjp`) or the arguments that have tangents (`jvp`)."""
         return {"vjp": self.results, "jvp": self.arguments, "jacobian": ()}[self.kind]
+
+
+class ForwardRequest(Request):
+    """A request for derivatives of forward dynamics."""
+
+    @property
+    def name(self) -> str:
+        """The request's name in the key of the cache."""
+        return self.name_for("forward")
 
     def found(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of the derivatives: by argument (`vjp`), by result (`jvp`), or of transposed blocks."""

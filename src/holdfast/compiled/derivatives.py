@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 from holdfast.compiled.bound_derivatives import BoundDerivatives
 from holdfast.compiled.compiled_derivatives import CompiledDerivatives, Derivatives
-from holdfast.compiled.derivative_schedule import Kind, Request
+from holdfast.compiled.derivative_schedule import ForwardRequest, Kind
 from holdfast.compiled.externals import MOVING
 from holdfast.compiled.methods import ChainMethods
 from holdfast.dynamics.closed.forward_derivatives import arguments_of, results_of
@@ -179,7 +179,7 @@ class ChainDerivatives(ChainMethods):
         code = self._derivatives(kind, of, by, arrays_or_parameters)
         return BoundDerivatives(self, code, arrays_or_parameters)  # type: ignore[arg-type]
 
-    def derivative_request(self, kind: Kind, of: Sequence[str], by: Sequence[str]) -> Request:
+    def derivative_request(self, kind: Kind, of: Sequence[str], by: Sequence[str]) -> ForwardRequest:
         """Return the request for some derivatives, after checking the names.
 
         Raises:
@@ -194,7 +194,7 @@ class ChainDerivatives(ChainMethods):
             for name in names:
                 if name not in known:
                     raise StateError(f"{what}: {side}: no {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
-        return Request(kind, tuple(n for n in results if n in of), tuple(n for n in arguments if n in by))
+        return ForwardRequest(kind, tuple(n for n in results if n in of), tuple(n for n in arguments if n in by))
 
     def _derivatives(
         self, kind: Kind, of: Sequence[str], by: Sequence[str], parameters: Mapping[str, Any]

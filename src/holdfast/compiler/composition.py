@@ -15,6 +15,7 @@ from typing import Any
 from holdfast.compiler.graph import Graph
 from holdfast.compiler.node import Node
 from holdfast.compiler.region import (
+    Carry,
     Classes,
     Origin,
     Outside,
@@ -106,13 +107,14 @@ class Composition:
         """Trace a `scan` loop and return the last carry and the value of every item, made of images."""
         flat = self._flat(f, items)
         homes = self._all_again(flat)
-        traversals, kept = self._traversals(f, carry, items, flat, homes)
+        initial = self._taken_apart(carry)
+        traversals, kept = self._traversals(f, initial, items, flat, homes)
         turns, order = self._order(f, traversals, flat, homes)
         if turns.open:
             self._call_turns(turns)
-        first = _once(numbers_of(carry), kept[0][0])
+        first = _once(initial.numbers, kept[0][0])
         self.settle([x for x in first if isinstance(x, Node)])
-        handed = [_once(t.numbers, classes) for t, (classes, _) in zip(traversals, kept[1:], strict=True)]
+        handed = [_once(t.carry.numbers, classes) for t, (classes, _) in zip(traversals, kept[1:], strict=True)]
         scan = Scan(first, tuple((g, i, t) for (g, i), t in zip(order, traversals, strict=True)), kept, tuple(handed))
         self.scans.append(scan)
         rows: dict[TracedGroup, list[tuple[int, int]]] = {}
@@ -126,14 +128,14 @@ class Composition:
         turns.open = list(order)
         group, i = order[-1]
         images = group.images[i]
-        last = with_numbers(traversals[-1].carry, lambda x: images[x] if isinstance(x, Node) else x)
+        last = with_numbers(traversals[-1].carry.value, lambda x: images[x] if isinstance(x, Node) else x)
         found = [self._values.images(t.value, g.images[i]) for (g, i), t in zip(order, traversals, strict=True)]
         return last, found
 
     def _traversals(
         self,
         f: Callable[..., Any],
-        carry: Any,
+        initial: Carry,
         items: Sequence[Any],
         flat: Sequence[tuple[list[Leaf], Hashable]],
         homes: Sequence[tuple[TracedGroup, int]] | None,
@@ -143,24 +145,23 @@ class Composition:
         Two numbers of the carry may be the same node for one item and differ for another. The classes that hold for
         all items are a fixed point: the items are traced again until the classes no longer change.
         """
-        shape = self._shape(carry)
-        classes: dict[Hashable, Classes] = {shape: _classes(numbers_of(carry))}
+        classes: dict[Hashable, Classes] = {initial.shape: initial.classes}
         while True:
-            at, handed, traversals, kept = shape, carry, [], []
+            carry, traversals, kept = initial, [], []
             for j, x in enumerate(items):
                 region = homes[j][0].region if homes else self._region(("scan", flat[j][1]))
                 group, i = homes[j] if homes else (None, 0)
-                done = self._traversal(region, group, i, f, x, flat[j], (handed, classes[at], at))
-                traversals.append(done)
-                kept.append((classes[at], at))
-                handed, at = done.carry, done.shape
-                known = classes.setdefault(at, done.classes)
-                if known != done.classes:
-                    classes[at] = _classes(list(zip(known, done.classes, strict=True)))
-                    if classes[at] != known:
+                carry = carry._replace(classes=classes[carry.shape])
+                kept.append((carry.classes, carry.shape))
+                traversals.append(self._traversal(region, group, i, f, x, flat[j], carry))
+                carry = traversals[-1].carry
+                known = classes.setdefault(carry.shape, carry.classes)
+                if known != carry.classes:
+                    classes[carry.shape] = _classes(list(zip(known, carry.classes, strict=True)))
+                    if classes[carry.shape] != known:
                         break
             else:
-                return traversals, (*kept, (classes[at], at))
+                return traversals, (*kept, (classes[carry.shape], carry.shape))
 
     def _order(
         self,
@@ -261,12 +262,12 @@ class Composition:
         f: Callable[..., Any],
         x: Any,
         flat: tuple[list[Leaf], Hashable],
-        carry: tuple[Any, Classes, Hashable] | None = None,
+        carry: Carry | None = None,
     ) -> Traversal:
         """Trace the loop's body for one item of a region, or return the traversal known from an equal item."""
         leaves, key = flat
         signature = self._signature(leaves, group, item)
-        what = (key, signature, carry and carry[1:])
+        what = (key, signature, carry and (carry.classes, carry.shape))
         if what in region.further:
             return region.further[what]
         graph, ports, numbers = region.graph, [], []
@@ -281,9 +282,9 @@ class Composition:
         handed: tuple[Any, ...] = ()
         carried: Leaf = ()
         if carry is not None:
-            carried = tuple([graph.input() for _ in range(max(carry[1], default=-1) + 1)])
-            places = iter(carry[1])
-            handed = (with_numbers(carry[0], lambda _: carried[next(places)]),)
+            carried = tuple([graph.input() for _ in range(max(carry.classes, default=-1) + 1)])
+            places = iter(carry.classes)
+            handed = (with_numbers(carry.value, lambda _: carried[next(places)]),)
         self.inside = True
         try:
             value = body(*handed, *args)
@@ -292,14 +293,13 @@ class Composition:
         next_carry = None
         if carry is not None:
             next_carry, value = value
-        given = numbers_of(next_carry)
-        of_carry = next_carry, given, _classes(given), self._shape(next_carry)
-        done = Traversal(value, tuple(ports), *of_carry, carried, Region(graph))
+        done = Traversal(value, tuple(ports), self._taken_apart(next_carry), carried, Region(graph))
         region.further[what] = done
         return done
 
-    def _shape(self, carry: Any) -> Hashable:
-        return self._values.leaves(with_numbers(carry, lambda _: None))[1]
+    def _taken_apart(self, carry: Any) -> Carry:
+        numbers, shape = numbers_of(carry), self._values.leaves(with_numbers(carry, lambda _: None))[1]
+        return Carry(carry, numbers, _classes(numbers), shape)
 
     # ---- order ----
 

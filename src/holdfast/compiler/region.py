@@ -24,26 +24,36 @@ class RegionInput(NamedTuple):
     places: tuple[int, ...]
 
 
+class Carry(NamedTuple):
+    """A carry of a scan, taken apart.
+
+    Attributes:
+        value: the carry.
+        numbers: its numbers.
+        classes: which of these are the same.
+        shape: the key of the rest.
+    """
+
+    value: Any
+    numbers: list[Any]
+    classes: Classes
+    shape: Hashable
+
+
 class Traversal(NamedTuple):
     """One run of a loop's body in a region.
 
     Attributes:
         value: what the body returns for an item, made of nodes of the region.
         ports: the ports that it added to the region.
-        carry: the carry that the body of a scan returns; None for `each`.
-        numbers: the numbers of that carry.
-        classes: which of these are the same.
-        shape: the key of the rest of that carry.
+        carry: the carry that the body of a scan returns; that of the value None for `each`.
         carried: the region's inputs for the carry that the body receives.
         after: the region as it is after this run.
     """
 
     value: Any
     ports: tuple[RegionInput, ...]
-    carry: Any
-    numbers: list[Any]
-    classes: Classes
-    shape: Hashable
+    carry: Carry
     carried: Leaf
     after: Region
 

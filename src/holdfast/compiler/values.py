@@ -206,8 +206,8 @@ class Values:
             bound, end = self._maker(value.__self__, begin)
             return (lambda leaves, late: types.MethodType(value.__func__, bound(leaves, late))), end
         if isinstance(value, np.ndarray):
-            leaf = self._known[id(value)]
-            make, end = _array_maker(value, leaf.leaves[leaf.begin], begin), begin + 1
+            known = self._known[id(value)]
+            make, end = _array_maker(value, known.leaves[known.begin], begin), begin + 1
         else:
             parts, end = self._makers_in(_parts(value) or (), begin)
             make = _dataclass_maker(value, parts) if _fields(type(value)) else _container_maker(value, parts)
@@ -233,7 +233,7 @@ class Values:
 
 
 def _array_maker(value: np.ndarray, leaf: Leaf, begin: int) -> Maker:
-    """Return what makes an array again whose traced nodes are `leaf`, from the leaf `begin`."""
+    """Return what makes an array, whose traced nodes are `leaf`, again from the nodes of the leaf `begin`."""
     entries, shape = value.ravel().tolist(), value.shape
     if len(leaf) == len(entries):
         return lambda leaves, late: array_of(leaves[begin], shape)

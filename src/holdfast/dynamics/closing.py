@@ -232,14 +232,9 @@ def _inward_step(rows: Array, gap: Array, damping: float, lowest: Array, highest
 
 
 def _clipped(state: State, step: Array, low: Array, high: Array) -> State:
-    """Return the state displaced by (dq, rotation vector, translation), with the joints kept within the limits.
-
-    Poses that are not displaced are kept: a rotation by zero could change their last bits.
-    """
-    there, n = moved(state, step), len(state.q)
-    object_pose = there.object_pose if step[n : n + 6].any() else state.object_pose
-    base_pose = there.base_pose if step[n + 6 :].any() else state.base_pose
-    return replace(there, q=np.clip(there.q, low, high), object_pose=object_pose, base_pose=base_pose)
+    """Return the state displaced by (dq, rotation vector, translation), with the joints kept within the limits."""
+    there = moved(state, step)
+    return replace(there, q=np.clip(there.q, low, high))
 
 
 def _require_reached(chain: ClosedChain, state: State) -> None:

@@ -27,11 +27,7 @@ def case_of(chain: ClosedChain, state: State, inputs: Inputs | None, own: Mappin
 
 
 def function_vjp(
-    function: Differentiable,
-    case: VariedCase,
-    result: Any,
-    by: Sequence[str],
-    cotangents: Mapping[str, ArrayLike],
+    function: Differentiable, case: VariedCase, result: Any, by: Sequence[str], cotangents: Mapping[str, ArrayLike]
 ) -> Derivatives:
     """Return the gradients of sum(cotangent . result) by some arguments, at a few times the cost of the function."""
     what = f"{function.name}_vjp"

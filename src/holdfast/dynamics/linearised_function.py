@@ -1,8 +1,8 @@
 """Linearisation of functions that need no linear solve, by running their code on numbers that record operations.
 
-Such a function takes a `VariedCase` and returns arrays. Its linearisation
-(`spatial.differentiation`) gives gradients in reverse mode and rates in forward mode. The names of the arguments and
-the derivatives by poses are as in `forward_dynamics_vjp`.
+Such a function takes a `VariedCase` and returns arrays. Its linearisation (`spatial.differentiation`) gives gradients
+in reverse mode and rates in forward mode. The names of the arguments and the derivatives by poses are as in
+`forward_dynamics_vjp`.
 """
 
 from __future__ import annotations

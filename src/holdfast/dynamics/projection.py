@@ -186,10 +186,15 @@ def small_displacement(c: Contact, contact_point: Array, tip: Pose) -> Array:
 
 
 def moved(state: State, step: Array) -> State:
-    """Return the state displaced by a step in the columns of `ConstraintRows.matrix`: joints, object, floating base."""
+    """Return the state displaced by a step in the columns of `ConstraintRows.matrix`: joints, object, floating base.
+
+    A pose that is displaced by exactly zero is kept: a rotation by zero could change its last bits. For floats only.
+    """
     n = len(state.q)
     base = step[n + 6 :]
-    return displaced_by(state, Change(step[:n], step[n : n + 6], base if len(base) else None))
+    there = displaced_by(state, Change(step[:n], step[n : n + 6], base if len(base) else None))
+    object_pose = there.object_pose if step[n : n + 6].any() else state.object_pose
+    return replace(there, object_pose=object_pose, base_pose=there.base_pose if base.any() else state.base_pose)
 
 
 def displacement(before: State, after: State) -> Array:

@@ -76,7 +76,7 @@ def pyarrow(need: str = "Parquet needs pyarrow; try pip install 'holdfast[parque
     """Return the modules `pyarrow` and `pyarrow.parquet`.
 
     Args:
-        need: the message if there is none.
+        need: the message if it is not installed.
 
     Raises:
         MissingExtra: pyarrow is not installed.
