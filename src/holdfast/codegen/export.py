@@ -11,7 +11,7 @@ from pathlib import Path
 from string import Template
 from typing import NamedTuple
 
-from holdfast.codegen.functions import EXPORTED, ExportedFunction, exported_function, exported_law
+from holdfast.codegen.functions import ExportedFunction, exported_function, exported_law, exported_names
 from holdfast.codegen.header import CFunction, header
 from holdfast.codegen.wrapper import wrapper
 from holdfast.compiled.chain import CompiledChain, compile
@@ -79,8 +79,8 @@ def export_c(
     target: str = "x86-64-v3",
     source: bool = False,
     state: State | None = None,
-    of: Sequence[str] = ("qdd",),
-    by: Sequence[str] = ("q", "qd", "tau"),
+    of: Sequence[str] = (),
+    by: Sequence[str] = (),
     scheme: str = "rk4",
     base_motion: Mapping[str, BaseMotion] | None = None,
     overwrite: bool = False,
@@ -170,10 +170,12 @@ def _requested(functions: Sequence[str], laws: Mapping[str, object]) -> list[str
     checks.instance(functions, (list, tuple), "export: functions")
     checks.instance(laws, Mapping, "export: laws")
     for one in functions:
-        if one not in EXPORTED:
-            raise ModelError(f"export: functions: no {checks.short(one)}.{checks.did_you_mean(str(one), EXPORTED)}")
+        if one not in exported_names():
+            raise ModelError(
+                f"export: functions: no {checks.short(one)}.{checks.did_you_mean(str(one), exported_names())}"
+            )
     for law in laws:
-        if not isinstance(law, str) or not _NAME.fullmatch(law) or law in EXPORTED:
+        if not isinstance(law, str) or not _NAME.fullmatch(law) or law in exported_names():
             raise ModelError(f"export: laws: expected a name of its own in lower-case letters, got {checks.short(law)}")
     if not functions and not laws:
         raise ModelError("export: expected functions or laws, got none")

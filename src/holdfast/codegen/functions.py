@@ -8,15 +8,11 @@ from typing import Any, get_args
 
 import numpy as np
 
-from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled.chain import CompiledChain
-from holdfast.compiled.compiled_derivatives import options_of
-from holdfast.compiled.derivative_schedule import UNITS, Kind
-from holdfast.compiled.externals import state_fields
-from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
+from holdfast.compiled.derivative_computation import computation_of, request_of
+from holdfast.compiled.derivative_schedule import Kind
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED
-from holdfast.compiled.structure import Structure
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.control.compiled_law import law_and_values, law_externals, law_schedule
 from holdfast.control.controller import ControlLaw, Controller, held_torques
@@ -24,6 +20,8 @@ from holdfast.dynamics.rank import closed_near, constraint_rank, generic_rank_ne
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import state_fields
+from holdfast.questions.question import QUESTIONS
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.rollout import Rollout
@@ -34,9 +32,7 @@ from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-DERIVATIVES: dict[str, Kind] = {f"forward_dynamics_{kind}": kind for kind in get_args(Kind)}
 STEP = "step"
-EXPORTED = ("forward_dynamics", *COMPUTATIONS, *DERIVATIVES, STEP)
 
 _ANSWERS = {
     "ok": (OK, "everything is unique"),
@@ -53,28 +49,18 @@ _STEPS = {
     "broken": (BROKEN, "not taken: the state would not be finite"),
     "limited": (LIMITED, "not taken: a joint would pass a limit"),
 }
-_SUMMARIES = {
-    "forward_dynamics": "Joint accelerations, the wrench at every grasp and the object's acceleration.",
-    "inverse_dynamics": "Joint torques of a motion under given grasp wrenches.",
-    "mass_matrix": "The arms' joint mass matrices.",
-    "jacobian": "The Jacobians of the arms' tips.",
-    "closure": "How far the grasps are from holding.",
-    "kinetic_energy": "Kinetic energy of links and object.",
-    "potential_energy": "Potential energy of links and object, zero at the world's origin.",
-    "grasp_margins": "How far grasps are from slipping, lifting off, or giving way.",
-    "joint_margins": "How far joints are from their limits.",
-    "wrist_wrenches": "The grasp wrenches in the axes of the arms' tips.",
-    "momentum": "Momentum of links and object.",
-    "centre_of_mass": "The mass centre of links and object.",
-    "object_mobility": "The closed chain's mobility at the object's origin.",
-    "tip_poses": "Where the arms' tips are.",
-    "link_poses": "Where the links are.",
-    "project": "The state moved onto the grasps, positions and velocities.",
-    "forward_dynamics_vjp": "Forward dynamics, and gradients of sum(with . result).",
-    "forward_dynamics_jvp": "Forward dynamics, and how its results change along `with`.",
-    "forward_dynamics_jacobian": "Forward dynamics and its Jacobian, transposed: a row for each number varied.",
-    "step": "One step of the closed chain under torques that are held: the state in place, back on the grasps.",
+_STEP_SUMMARY = "one step of the closed chain under torques that are held: the state in place, back on the grasps"
+_KINDS = {
+    "vjp": "and gradients of sum(with . result)",
+    "jvp": "and the rates of its results along `with`",
+    "jacobian": "and its Jacobian, transposed: a row for each number that is varied",
 }
+
+
+def exported_names() -> tuple[str, ...]:
+    """Return the names of everything that can be exported: questions, derivatives of them, and a step."""
+    derivatives = (f"{name}_{kind}" for name, of in QUESTIONS.items() if of.by for kind in get_args(Kind))
+    return *QUESTIONS, *derivatives, STEP
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +88,12 @@ def exported_function(
     name: str,
     compiled: CompiledChain,
     state: State | None = None,
-    of: Sequence[str] = ("qdd",),
-    by: Sequence[str] = ("q", "qd", "tau"),
+    of: Sequence[str] = (),
+    by: Sequence[str] = (),
     scheme: str = "rk4",
     base_motion: Mapping[str, BaseMotion] | None = None,
 ) -> ExportedFunction:
-    """Return one of the computations in `EXPORTED`.
+    """Return one of the functions in `exported_names`.
 
     Args:
         name: name of the computation.
@@ -125,20 +111,16 @@ def exported_function(
         return _step(compiled, state, scheme, base_motion or {})
     chain, rank = compiled.chain, generic_rank_of(compiled, state)
     own = parameters_of(chain, rank) | {"object_pose": np.eye(7)[0]} | _arrays(chain, state)
-    if name == "forward_dynamics":
-        structure = Structure(chain, compiled.options)
-        return _function(name, forward_externals(structure), lambda: forward_schedule(structure), own, _ANSWERS)
-    if name in DERIVATIVES:
-        request = compiled.derivative_request(DERIVATIVES[name], of, by)
-        varied = Structure(chain, options_of(compiled.options, request.arguments, compiled.options.base_motion))
-        externals = request.externals(varied)
-        units = {UNITS: np.eye(externals[UNITS].shape[0])} if UNITS in externals else {}
-        return _function(name, externals, lambda: request.schedule(varied), own | units, _ANSWERS)
-    if name not in COMPUTATIONS:
-        raise ModelError(f"export: functions: no '{name}'.{checks.did_you_mean(name, EXPORTED)}")
-    computation = COMPUTATIONS[name]
-    seen = computation.structure(chain, compiled.options)
-    return _function(name, computation.externals(seen), lambda: computation.schedule(seen), own)
+    question, _, kind = name.rpartition("_") if name.rpartition("_")[2] in get_args(Kind) else (name, "", None)
+    if name not in exported_names():
+        raise ModelError(f"export: functions: no '{name}'.{checks.did_you_mean(name, exported_names())}")
+    asked, request = QUESTIONS[question], None
+    if kind is not None:
+        request = request_of(asked, chain, kind, of or asked.of or asked.names_at(chain), by or asked.by)
+    made = computation_of(asked, request, chain, compiled.options)
+    summary = asked.summary if kind is None else f"{asked.summary}, {_KINDS[kind]}"
+    values = own | dict(made.fixed)
+    return _function(name, summary, made.externals, made.schedule, values, _ANSWERS if made.has_status else {})
 
 
 def exported_law(name: str, law: Controller | ControlLaw, compiled: CompiledChain) -> ExportedFunction:
@@ -151,7 +133,7 @@ def exported_law(name: str, law: Controller | ControlLaw, compiled: CompiledChai
     traced, given = law_and_values(law, chain)
     values = {"object_pose": np.eye(7)[0], "memory": traced.memory, **given}
     externals = law_externals(traced, chain)
-    return _function(name, externals, lambda: law_schedule(traced, chain), values, summary="Torques of a control law.")
+    return _function(name, "torques of a control law", externals, lambda: law_schedule(traced, chain), values)
 
 
 def generic_rank_of(compiled: CompiledChain, state: State | None) -> int | None:
@@ -164,14 +146,14 @@ def generic_rank_of(compiled: CompiledChain, state: State | None) -> int | None:
 
 def _function(
     name: str,
+    summary: str,
     externals: Mapping[str, External],
     schedule: Callable[[], Schedule],
     values: Mapping[str, Array],
     statuses: Mapping[str, tuple[int, str]] | None = None,
-    summary: str = "",
 ) -> ExportedFunction:
     own = {key: np.asarray(values[key]) for key, e in externals.items() if key in values and e.role != "output"}
-    return ExportedFunction(name, summary or _SUMMARIES[name], externals, schedule, own, statuses or {})
+    return ExportedFunction(name, f"{summary[0].upper()}{summary[1:]}.", externals, schedule, own, statuses or {})
 
 
 def _arrays(chain: ClosedChain, state: State | None) -> dict[str, Array]:
@@ -208,4 +190,4 @@ def _step(
     def schedule() -> Schedule:
         return replace(kernel.schedule(tableau), status="last.code")  # returned, and not only carried to the next step
 
-    return _function(STEP, kernel.externals, schedule, values, _STEPS)
+    return _function(STEP, _STEP_SUMMARY, kernel.externals, schedule, values, _STEPS)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.result import CompiledResult
+from holdfast.compiled.result import Results
 from holdfast.compiler.kernel import address_of
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
@@ -55,7 +55,7 @@ def batch_of(found: Mapping[str, Array], externals: Mapping[str, External]) -> i
 
 def require_fit(out: Any, chain: ClosedChain, batch: int | None) -> None:
     """Raise a StateError if `out` belongs to another chain or has another batch size."""
-    if not isinstance(out, CompiledResult) or out.chain is not chain:
+    if not isinstance(out, Results) or out.chain is not chain:
         raise StateError(f"out: expected a result of this compiled chain, got {type(out).__name__}; leave it out first")
     if out.batch != batch:
         expected = "one system" if batch is None else f"a batch of {batch}"
@@ -72,7 +72,7 @@ class Addresses:
         self._inputs = len(externals) - sum(e.role == "output" for e in externals.values())
         self._template = [address_of(fixed[name]) if name in fixed else 0 for name in externals]
 
-    def row(self, found: Mapping[str, Array], out: CompiledResult) -> list[int]:
+    def row(self, found: Mapping[str, Array], out: Results) -> list[int]:
         """Return the address of every array, in the kernel's order; see `table`.
 
         Raises:
@@ -88,7 +88,7 @@ class Addresses:
         row[self._inputs :] = [begin + count * start for start in out.layout.starts]
         return row
 
-    def table(self, found: Mapping[str, Array], out: CompiledResult) -> Array:
+    def table(self, found: Mapping[str, Array], out: Results) -> Array:
         """Return the address and the stride of every array, (externals, 2), in the kernel's order.
 
         The stride is the number of doubles from one system to the next, or 0 if all systems share the array.

@@ -12,7 +12,7 @@ import numpy as np
 
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.parameters import rank_number
-from holdfast.compiled.result import CompiledResult, ResultLayout
+from holdfast.compiled.result import ResultLayout, Results
 from holdfast.compiler.kernel import Bound, Kernel
 from holdfast.spatial.scalar import Array
 
@@ -32,13 +32,14 @@ class Calls:
         self.own = {name: x for name, x in self._bound.arrays.items() if name in own}
         self._bound.set({name: own[name] for name in self.own})
         self.layout = ResultLayout(kernel.externals)
+        self._rank = [name for name in self.own if name == "generic_rank"]
         self._addresses = Addresses(kernel.externals, self.own)
         self._parameters = frozenset(name for name, e in kernel.externals.items() if e.role == "parameter")
         self._arena = int(self._bound.table[-1])
         self._run = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(kernel.single_address)
         self._changed: list[str] = []  # what the spare arrays hold that is not the chain's own
 
-    def __call__(self, found: Mapping[str, Array], result: CompiledResult, threads: int = 1) -> bool:
+    def __call__(self, found: Mapping[str, Array], result: Results, threads: int = 1) -> bool:
         """Write the results of one system or a batch; return whether every status is OK.
 
         Args:
@@ -48,7 +49,7 @@ class Calls:
         """
         if result.batch is not None:
             self.kernel.run_batch(self._addresses.table(found, result), result.batch, threads)
-            return not result.array("status").any()
+            return not self._rank or not result.array("status").any()
         row = self.row(found, result)
         if not self._parameters.isdisjoint(found):
             return self._apart(found, result)
@@ -56,7 +57,7 @@ class Calls:
         table = array("q", row)  # of all kinds of arrays the quickest to make
         return self._run(table.buffer_info()[0]) == 0
 
-    def row(self, found: Mapping[str, Array], result: CompiledResult) -> list[int]:
+    def row(self, found: Mapping[str, Array], result: Results) -> list[int]:
         """Return the addresses of all arrays and then of working memory, as the code for one system reads them."""
         return [*self._addresses.row(found, result), self._arena]
 
@@ -66,7 +67,7 @@ class Calls:
 
     def set_rank(self, generic_rank: int | None) -> None:
         """Let statuses be decided by the chain's generic rank, if it is known."""
-        self._bound.set({"generic_rank": rank_number(generic_rank)})
+        self._bound.set({name: rank_number(generic_rank) for name in self._rank})
 
     def bind(self) -> Bound:
         """Return the kernel bound to new arrays, which hold the chain's own values."""
@@ -74,12 +75,12 @@ class Calls:
         bound.set(self.own)
         return bound
 
-    def _apart(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
+    def _apart(self, found: Mapping[str, Array], result: Results) -> bool:
         """Run one system with other parameters, in arrays that no other call uses."""
         with self._lock:
             spare, own = self._spare, self.own
             spare.use({name: result.array(name) for name in self.layout.shapes})
-            before = {name: own[name] for name in (*self._changed, "generic_rank")}
+            before = {name: own[name] for name in (*self._changed, *self._rank)}
             self._changed = [name for name in found if name in own]
             spare.set(before | dict(found))
             return spare.run() == 0

@@ -2,42 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import cached_property
+from collections.abc import Sequence
+from importlib import import_module
 from os import PathLike
 from typing import TYPE_CHECKING, Any, get_args
 
-import numpy as np
-
-from holdfast.compiled import arrays, statuses
-from holdfast.compiled.bound_dynamics import BoundDynamics
-from holdfast.compiled.calls import Calls
-from holdfast.compiled.closure_derivatives import ClosureDerivatives
-from holdfast.compiled.derivatives import ChainDerivatives
-from holdfast.compiled.externals import FLOATING, MOVING
-from holdfast.compiled.force_derivatives import ForceDerivatives
-from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
-from holdfast.compiled.function_derivatives import FunctionDerivatives
-from holdfast.compiled.functions import ChainFunctions
-from holdfast.compiled.kernels import compile_batch, compiling, kernel
-from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
-from holdfast.compiled.result import CompiledResult
-from holdfast.compiled.structure import Options, Structure, optional_parameters, require_rank
-from holdfast.compiler.kernel import Bound
-from holdfast.compiler.targets import Builtin
+from holdfast.compiled.bound import BoundFunction
+from holdfast.compiled.derivatives import CompiledDerivatives
+from holdfast.compiled.function import Function
+from holdfast.compiled.not_compiled import missing
+from holdfast.compiled.structure import Options, optional_parameters, require_rank
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.methods import method_named
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
+from holdfast.questions.question import QUESTIONS
 
 if TYPE_CHECKING:
     from holdfast.codegen.export import ExportedCode
 
-_INPUTS = ("q", "qd", "tau", "object_pose", "object_twist")
-_DOC = "Return accelerations and grasp forces; see `CompiledChain.forward_dynamics`."
+
+# The files that declare the library's questions.
+_DECLARING = ("consistency", "energy", "forward", "inverse", "kinematics", "object_level", "projection")
+for _name in (*(f"dynamics.{name}" for name in _DECLARING), "forces.margins", "forces.wrist"):
+    import_module(f"holdfast.{_name}")
 
 
 def compile(
@@ -88,126 +77,54 @@ def compile(
         )
     route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
     options = optional_parameters(parameters, "compile", route)
-    with compiling(chain, "the dynamics", progress):
-        return CompiledChain(chain, options, generic_rank, progress)
+    made = CompiledChain(chain, options, generic_rank, progress)
+    _ = made.forward_dynamics
+    return made
 
 
-class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, ClosureDerivatives, ForceDerivatives):
+class CompiledChain:
     """The dynamics of one chain as machine code; made by `holdfast.compile`.
+
+    Every question in `holdfast.questions` is an attribute, a `Function` whose machine code is made when it is first
+    asked for: `compiled.inverse_dynamics(q, qd, qdd, grasp_wrench)`, `compiled.inverse_dynamics.vjp(...)` and so on.
 
     Attributes:
         chain: the chain.
         options: the options with which it was compiled.
         generic_rank: the rank of the grasp constraint away from singular configurations, or None while unknown.
-        externals: the arrays that forward dynamics reads and writes, by name.
-        calls: the calls of the machine code of forward dynamics.
         progress: whether to show that machine code is made.
     """
 
     def __init__(self, chain: ClosedChain, options: Options, generic_rank: int | None, progress: bool = False) -> None:
         self.chain, self.options, self.generic_rank, self.progress = chain, options, generic_rank, progress
-        structure = Structure(chain, options)
-        self.externals = forward_externals(structure)
-        code = kernel("forward", structure, self.externals, lambda: forward_schedule(structure))
-        self.calls = Calls(code, parameters_of(chain, generic_rank))
-        by_name = FLOATING if chain.floats else ()
-        inputs = *_INPUTS, *by_name  # these come first among the external arrays
-        self._shapes = [(name, self.externals[name].shape) for name in inputs]
-        self._builtin = Builtin(
-            code.single_address,
-            self.calls.own_table(),
-            [shape for _, shape in self._shapes],
-            self.forward_dynamics,
-            "forward_dynamics",
-            "(q, qd, tau, object_pose, object_twist, *, out=None, threads=1, **parameters)",
-            _DOC,
-            inputs,
-            len(by_name),
-        )
-        # The builtin runs calls that repeat `out` in machine code and passes all others to the method.
-        self.forward_dynamics = self._builtin.function  # type: ignore[method-assign]
 
-    def forward_dynamics(
-        self,
-        q: Any,
-        qd: Any,
-        tau: Any,
-        object_pose: Any,
-        object_twist: Any,
-        *,
-        out: CompiledResult | None = None,
-        threads: int = 1,
-        **parameters: Any,
-    ) -> CompiledResult:
-        """Return joint accelerations, the wrench at every grasp and the object's acceleration.
+    def __getattr__(self, name: str) -> Any:
+        """Return the function of a question; raise an error that says why there is none."""
+        question = None if name.startswith("_") else QUESTIONS.get(name)
+        if question is None:
+            raise missing(name, type(self).__name__)
+        found = Function(self, question)
+        return self.__dict__.setdefault(name, found)
 
-        The results are those of `holdfast.forward_dynamics`, for one system or a batch. Any argument may have a
-        leading batch axis; arguments without it are shared by all systems. The state is used as given, whether or not
-        it satisfies the grasps (see `closure`). Results do not depend on batch size or number of threads, bit for bit.
+    def __dir__(self) -> list[str]:
+        """Return the names of attributes and questions."""
+        return sorted({*super().__dir__(), *QUESTIONS})
 
-        Args:
-            q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
-            qd: (n,) joint velocities [rad/s or m/s].
-            tau: (n,) joint torques [N m or N].
-            object_pose: (7,) wxyz_xyz of the object frame.
-            object_twist: (6,) [omega; v of C], world axes.
-            out: an earlier result to be overwritten; single calls that reuse it are the fastest.
-            threads: the number of threads for a batch.
-            **parameters: values for this call of object_wrench (6,), gravity (3,), object_mass (), object_com (3,),
-                object_inertia (3, 3), base_pose (arms, 7), base_twist and base_acceleration (arms, 6), grasp_pose
-                (grasps, 7), and the parameters added in `compile`. A trunk adds trunk_base_twist and
-                trunk_base_acceleration (6,). A floating base requires floating_pose (7,) and floating_twist (6,)
-                instead. An object_mass requires an object_inertia; "scale" scales the chain's own with the mass.
+    def forward_dynamics_vjp(self, *given: Any, **further: Any) -> CompiledDerivatives:
+        """Return gradients of forward dynamics: `forward_dynamics.vjp`."""
+        return self.forward_dynamics.vjp(*given, **further)
 
-        Returns:
-            A `ForwardResult`. In a batch every system has its own `status`; all other results of systems that are
-            SINGULAR or INVALID are NaN, and no error is raised for them.
+    def forward_dynamics_jvp(self, *given: Any, **further: Any) -> CompiledDerivatives:
+        """Return rates of forward dynamics: `forward_dynamics.jvp`."""
+        return self.forward_dynamics.jvp(*given, **further)
 
-        Raises:
-            StateError: A shape is wrong; for a single system, also if a number is not finite.
-            SingularChainError: The configuration of a single system is singular.
-        """
-        if not self.options.base_motion and any(name in parameters for name in MOVING):
-            result = self.moving.forward_dynamics(
-                q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters
-            )
-            if self.generic_rank is None and self.moving.generic_rank is not None:
-                self.set_generic_rank(self.moving.generic_rank)
-            return result
-        given = [q, qd, tau, object_pose, object_twist]
-        if self.chain.floats:
-            require_inputs(FLOATING, parameters)
-            given += [parameters.pop(name) for name in FLOATING]
-        found = {name: arrays.floats(name, x, shape) for (name, shape), x in zip(self._shapes, given, strict=True)}
-        if parameters:
-            found |= parse_parameters(parameters, self.externals, self.chain)
-        batch = arrays.batch_of(found, self.externals)
-        arrays.require_threads(threads)
-        result = CompiledResult(self.chain, self.calls.layout, batch) if out is None else out
-        if out is not None:
-            arrays.require_fit(out, self.chain, batch)
-            if batch is None and len(found) == len(self._shapes):
-                self._builtin.expect(out, out.memory, self.calls.row(found, result)[len(found) :])
-        if batch is not None:
-            compile_batch(self.calls.kernel, self.chain, "the dynamics", self.progress)
-        if not self.calls(found, result, threads):
-            found = self.calls.own | found | _origins(parameters)
-            statuses.resolve_undecided(self, found, result)
-            if batch is None:
-                statuses.require_answer(self, found, result)
-        return result
+    def forward_dynamics_jacobian(self, *given: Any, **further: Any) -> CompiledDerivatives:
+        """Return the Jacobian of forward dynamics: `forward_dynamics.jacobian`."""
+        return self.forward_dynamics.jacobian(*given, **further)
 
-    def bind(self, **arrays_or_parameters: Any) -> BoundDynamics:
-        """Return forward dynamics bound to fixed arrays: a call without arguments, for control loops.
-
-        Args:
-            **arrays_or_parameters: arrays of the caller for q, qd, tau, object_pose, object_twist or object_wrench,
-                which are read at every call (float64, C order); new arrays are made for the others. Parameters are
-                given as in `forward_dynamics`.
-        """
-        if not self.options.base_motion and any(name in arrays_or_parameters for name in MOVING):
-            return self.moving.bind(**arrays_or_parameters)
-        return BoundDynamics(self, self.calls, arrays_or_parameters)
+    def bind(self, **arrays_or_parameters: Any) -> BoundFunction:
+        """Return forward dynamics bound to fixed arrays: `forward_dynamics.bind`."""
+        return self.forward_dynamics.bind(**arrays_or_parameters)
 
     def export(self, folder: str | PathLike[str], **options: Any) -> ExportedCode:
         """Write computations of the chain as C or object files that run without Python.
@@ -224,11 +141,6 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
 
         return export_c(self, folder, **{"progress": self.progress, **options})
 
-    @cached_property
-    def moving(self) -> CompiledChain:
-        """The same chain compiled for moving bases; it is made when the motion of a base is first given."""
-        return CompiledChain(self.chain, replace(self.options, base_motion=True), self.generic_rank, self.progress)
-
     def __repr__(self) -> str:
         """Return a short description that names the chain."""
         return f"<CompiledChain of {self.chain!r}>"
@@ -236,23 +148,12 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
     @property
     def operation_count(self) -> int:
         """The number of arithmetic operations of forward dynamics for one system, including its parameters'."""
-        return self.calls.kernel.operation_count
+        return self.forward_dynamics.calls.kernel.operation_count
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to unpickle the object: its machine code is loaded from the cache or compiled again."""
         return CompiledChain, (self.chain, self.options, self.generic_rank, self.progress)
 
-    def bound(self) -> Bound:
-        """Return the kernel bound to new arrays, with the chain's own parameters."""
-        return self.calls.bind()
-
     def set_generic_rank(self, generic_rank: int) -> None:
         """Store the generic rank, so that later calls can decide every status by themselves."""
         self.generic_rank = generic_rank
-        self.calls.set_rank(generic_rank)
-
-
-def _origins(parameters: Mapping[str, Any]) -> dict[str, Array]:
-    """Return the positions of given bases, which only the search for the generic rank needs."""
-    given = parameters.get("base_pose")
-    return {} if given is None else {"base_p": np.array(given, dtype=float)[..., 4:]}

@@ -1,53 +1,52 @@
-"""Derivatives of a chain's other functions as computations: the reference's functions, linearised while traced."""
+"""Derivatives of questions that need no linear solve, as computations: linearised while they are traced."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.arm_functions import COMPUTATIONS, Computation, own_inputs, traced_case
-from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes
-from holdfast.compiled.externals import LINKS, shapes
+from holdfast.compiled.computation import (
+    Computation,
+    arrays_of,
+    computation,
+    source_key,
+    structure_of,
+    traced_case,
+)
+from holdfast.compiled.derivative_schedule import (
+    FOUND,
+    UNITS,
+    WITH,
+    ForwardRequest,
+    Kind,
+    Request,
+    derivative_shapes,
+    options_of,
+)
+from holdfast.compiled.forward_schedule import forward_computation
 from holdfast.compiled.recorded_loops import recorded_loops
-from holdfast.compiled.traced_chain import Given
-from holdfast.compiler.program import Shape
-from holdfast.dynamics.closure_derivatives import CLOSURE
-from holdfast.dynamics.energy_derivatives import KINETIC, POTENTIAL
-from holdfast.dynamics.inverse_derivatives import TORQUES
-from holdfast.dynamics.linearised_function import Differentiable, LinearisedFunction, Part, linearised_function
-from holdfast.forces.force_derivatives import MARGINS, OF_LIMITS, WRISTS
+from holdfast.compiled.structure import Options, Structure
+from holdfast.compiled.traced_chain import Given, traced, traced_chain
+from holdfast.dynamics.forward import FORWARD_DYNAMICS
+from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import ARRAYS, LINKS, Shape
+from holdfast.questions.derivatives import require_names
+from holdfast.questions.linearised_function import LinearisedFunction, linearised_function
+from holdfast.questions.question import Part, Question
 from holdfast.spatial.scalar import Array, concatenate
 
-DIFFERENTIABLE = {
-    function.name: function for function in (TORQUES, KINETIC, POTENTIAL, CLOSURE, MARGINS, OF_LIMITS, WRISTS)
-}
 OF_EACH_JOINT = {"q", "qd", "qdd", "tau", "armature", "damping", "link_wrench", *LINKS}  # arguments, row by row
 
 
 @dataclass(frozen=True)
 class FunctionRequest(Request):
-    """A request for derivatives of a function that is evaluated directly, without solving the equations of motion.
-
-    Attributes:
-        function: its name, one of `DIFFERENTIABLE`.
-    """
-
-    function: str
-
-    @property
-    def name(self) -> str:
-        """The request's name in the key of the cache."""
-        return self.name_for(self.function)
-
-    @property
-    def definition(self) -> Differentiable:
-        """The function as it is differentiated."""
-        return DIFFERENTIABLE[self.function]
+    """A request for derivatives of a question that is answered directly, without solving the equations of motion."""
 
     def found(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of the derivatives: by argument (`vjp`), by result (`jvp`), or of `blocks` (`jacobian`)."""
@@ -62,9 +61,9 @@ class FunctionRequest(Request):
 
     def shapes(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of results, and of gradients by arguments."""
-        known = shapes(chain)
-        of_results = {name: self.definition.shape(chain, name) for name in self.definition.results}
-        return derivative_shapes(chain) | {name: known[name] for name in own_inputs(self.function, chain)} | of_results
+        of_results = {name: self.question.shape(chain, name) for name in self.question.names}
+        own = {name: ARRAYS[name].shape(chain) for name in self.question.own(chain)}
+        return derivative_shapes(chain) | own | of_results
 
     def matrix(self, chain: ClosedChain, of: str, by: str, found: Array) -> Array:
         """Return a Jacobian, (..., *shape of the result, *shape of the argument), of its blocks (..., numbers)."""
@@ -82,34 +81,38 @@ class FunctionRequest(Request):
         Only these blocks of a Jacobian are computed and stored.
         """
         shape = self.shapes(chain)[by]
-        parts = self.definition.parts_of(chain, of)
-        return [(part.entries, own_entries(self.definition, chain, part, by, shape)) for part in parts]
+        parts = self.question.parts_of(chain, of)
+        return [(part.entries, own_entries(self.question, chain, part, by, shape)) for part in parts]
 
-    def computation(self, chain: ClosedChain) -> Computation:
-        """Return the computation of the function's results and these derivatives."""
-        base, known = COMPUTATIONS[self.function], self.shapes(chain)
-        given = {f"{WITH}{name}": known[name] for name in self.given}
+    def computation(self, chain: ClosedChain, options: Options) -> Computation:
+        """Return the computation of the question's results and these derivatives."""
+        question, known = self.question, self.shapes(chain)
+        seen = structure_of(question, chain, options_of(options, self.arguments, True))
+        by_grasp = seen.by_grasp or "grasp_wrench" in question.inputs or "grasp_pose" in self.arguments
+        structure = Structure(chain, seen.options, by_grasp, seen.by_links)
         fixed: dict[str, Any] = {}
         if self.kind == "jacobian":
-            parts = [part.entries for of in self.results for part in self.definition.parts_of(chain, of)]
+            parts = [part.entries for of in self.results for part in question.parts_of(chain, of)]
             fixed[UNITS] = np.eye(max(map(size_of, parts), default=0))
-        return replace(
-            base,
-            inputs=(*base.inputs, *given),
-            function=self._outputs,
-            results={},
-            whole={name: known[name] for name in self.definition.results}
-            | {f"{FOUND}{name}": shape for name, shape in self.found(chain).items()},
-            by_grasp=base.by_grasp or "grasp_wrench" in base.inputs or "grasp_pose" in self.arguments,
-            further=given,
-            fixed=fixed,
+        given = {f"{WITH}{name}": known[name] for name in self.given}
+        own = {name: known[name] for name in question.names}
+        found = own | {f"{FOUND}{name}": shape for name, shape in self.found(chain).items()}
+        found |= question.feasibility(chain)
+        arrays = arrays_of(question, structure, given, fixed, found)
+        return Computation(
+            self.name + source_key(question),
+            structure,
+            arrays,
+            lambda: traced(arrays, lambda x: self._outputs(traced_chain(structure, x), x)),
+            (*question.inputs, *given),
+            tuple(question.by_name(chain)),
+            fixed,
         )
 
-    def _outputs(self, chain: ClosedChain, x: Given) -> Mapping[str, Any]:
-        """Return the function's results and their derivatives by running the reference's functions on traced arrays."""
-        case = traced_case(chain, x, self.function)
+    def _outputs(self, chain: ClosedChain, x: Given) -> dict[str, Any]:
+        """Return the question's results and their derivatives by running the reference's functions on traced arrays."""
         with recorded_loops():
-            at = linearised_function(self.definition, case, self.arguments)
+            at = linearised_function(self.question, traced_case(self.question, chain, x), self.arguments)
         return {**at.results, **{f"{FOUND}{name}": of for name, of in self._found(at, x).items()}}
 
     def _found(self, at: LinearisedFunction, x: Given) -> dict[str, Any]:
@@ -128,25 +131,25 @@ class FunctionRequest(Request):
         return at.gradient(given) if self.kind == "vjp" else at.rates(given)
 
 
-def own_entries(function: Differentiable, chain: ClosedChain, part: Part, by: str, shape: Shape) -> slice:
+def own_entries(question: Question, chain: ClosedChain, part: Part, by: str, shape: Shape) -> slice:
     """Return the entries of an argument, flat, on which a part of a result may depend.
 
     Arms on bases of their own depend on what is theirs, on gravity, and some results also on the object. Where springs
     or bushings act, everything may depend on everything.
 
     Args:
-        function: the function as it is differentiated.
+        question: the question that is differentiated.
         chain: the chain.
         part: the part.
         by: the argument.
         shape: the shape of its gradient.
     """
     whole, none, size = slice(0, math.prod(shape)), slice(0, 0), math.prod(shape[1:])
-    if function.parts is None or chain.trunk is not None or by == "gravity" or part.arm is None:
+    if question.parts is None or chain.trunk is not None or by == "gravity" or part.arm is None:
         return whole
-    if COMPUTATIONS[function.name].by_place(chain):
+    if question.by_place(chain):
         return whole
-    if by.startswith(("object", "grasp_pose")) and not function.of_object:
+    if by.startswith(("object", "grasp_pose")) and not question.of_object:
         return none
     if by.startswith("object"):
         return whole
@@ -164,3 +167,26 @@ def own_entries(function: Differentiable, chain: ClosedChain, part: Part, by: st
 def size_of(part: slice) -> int:
     """Return how many entries there are."""
     return part.stop - part.start
+
+
+def request_of(question: Question, chain: ClosedChain, kind: Kind, of: Collection[str], by: Collection[str]) -> Request:
+    """Return the request for some derivatives of a question.
+
+    Raises:
+        StateError: A name is unknown, or the question cannot be differentiated.
+    """
+    what, results, arguments = f"{question.name}.{kind}", question.names_at(chain), question.arguments_at(chain)
+    if not arguments:
+        raise StateError(f"{what}: expected a question with derivatives, got '{question.name}', which has none")
+    require_names(f"{what}: results", of, results)
+    require_names(f"{what}: arguments", by, arguments)
+    made = ForwardRequest if question is FORWARD_DYNAMICS else FunctionRequest
+    return made(question, kind, tuple(x for x in results if x in of), tuple(x for x in arguments if x in by))
+
+
+def computation_of(question: Question, request: Request | None, chain: ClosedChain, options: Options) -> Computation:
+    """Return the computation of a question, or of derivatives of it."""
+    if request is not None:
+        return request.computation(chain, options)
+    made = forward_computation if question is FORWARD_DYNAMICS else partial(computation, question)
+    return made(chain, options)

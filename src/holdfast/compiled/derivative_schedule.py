@@ -3,48 +3,78 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from holdfast.compiled.externals import FLOATING, shapes
+import numpy as np
+
+from holdfast.compiled.computation import Computation
 from holdfast.compiled.forward_schedule import forward_externals, guarded_outputs, outputs_of, solve_with_status
 from holdfast.compiled.recorded_loops import recorded_loops
-from holdfast.compiled.structure import Structure
+from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
-from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
-from holdfast.dynamics.closed.forward_derivatives import backward, forward, results_of
-from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, in_each_column, jacobian, units_needed
+from holdfast.dynamics.closed.forward_derivatives import backward, forward
+from holdfast.dynamics.closed.forward_jacobian import in_each_column, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import point
-from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.dynamics.spring_rates import pushed, spring_rates, with_pulled
-from holdfast.dynamics.varied_case import VariedCase
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import (
+    FLOATING,
+    LINKS,
+    MOVING,
+    STATE_AND_TORQUES,
+    TRUNK_LINKS,
+    Shape,
+    gradient_shapes,
+    results_of,
+    shapes,
+)
+from holdfast.questions.case import VariedCase
+from holdfast.questions.question import Question
+from holdfast.spatial.scalar import Array
 
 Kind = Literal["vjp", "jvp", "jacobian"]
 WITH = "with."  # the prefix of the names of cotangents of results and tangents of arguments
 FOUND = "found."  # the prefix of the names of derivatives
+WRENCHES = ("link_wrench", "trunk_link_wrench")
 UNITS = "units"  # the identity, whose rows are the directions of a Jacobian's columns
 
 
 @dataclass(frozen=True)
 class Request:
-    """Which derivatives of a function are requested.
+    """Which derivatives of a question are requested.
 
     Attributes:
+        question: the question.
         kind: `vjp` (the product of cotangents of results with the Jacobian), `jvp` (the product of the Jacobian with
             tangents of arguments) or `jacobian`.
         results: the results to differentiate.
         arguments: the arguments by which they are differentiated.
     """
 
+    question: Question
     kind: Kind
     results: tuple[str, ...]
     arguments: tuple[str, ...]
 
-    def name_for(self, function: str) -> str:
-        """Return the request's name in the key of the cache."""
-        return f"{function}_{self.kind}({','.join(self.results)};{','.join(self.arguments)})"
+    @property
+    def name(self) -> str:
+        """The request's name in the key of the cache."""
+        return f"{self.question.name}_{self.kind}({','.join(self.results)};{','.join(self.arguments)})"
+
+    def computation(self, chain: ClosedChain, options: Options) -> Computation:
+        """Return the computation of the answer and these derivatives."""
+        raise NotImplementedError
+
+    def found(self, chain: ClosedChain) -> dict[str, Shape]:
+        """Return the shapes of the arrays of derivatives, by name."""
+        raise NotImplementedError
+
+    def matrix(self, chain: ClosedChain, of: str, by: str, found: Array) -> Array:
+        """Return a Jacobian, (..., *shape of the result, *shape of the argument), of the array that holds it."""
+        raise NotImplementedError
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -55,10 +85,20 @@ class Request:
 class ForwardRequest(Request):
     """A request for derivatives of forward dynamics."""
 
-    @property
-    def name(self) -> str:
-        """The request's name in the key of the cache."""
-        return self.name_for("forward")
+    def computation(self, chain: ClosedChain, options: Options) -> Computation:
+        """Return the computation of forward dynamics and these derivatives."""
+        structure = Structure(chain, options_of(options, self.arguments))
+        arrays = self.externals(structure)
+        fixed = {UNITS: np.eye(arrays[UNITS].shape[0])} if UNITS in arrays else {}
+        inputs = (*given_names(chain), *(f"{WITH}{name}" for name in self.given))
+        return Computation(self.name, structure, arrays, lambda: self.schedule(structure), inputs, (), fixed)
+
+    def matrix(self, chain: ClosedChain, of: str, by: str, found: Array) -> Array:
+        """Return a Jacobian, (..., *shape of the result, *shape of the argument), of its columns."""
+        known, lead = derivative_shapes(chain), found.shape[:-2]
+        whole = found.reshape(*lead, *known[by], *known[of])
+        first, middle = len(lead), len(lead) + len(known[by])
+        return whole.transpose([*range(first), *range(middle, whole.ndim), *range(first, middle)])
 
     def found(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of the derivatives: by argument (`vjp`), by result (`jvp`), or of transposed blocks."""
@@ -121,3 +161,13 @@ def derivative_shapes(chain: ClosedChain) -> dict[str, Shape]:
     """Return the shapes of cotangents and tangents by result and argument; those of poses are [rotation; shift]."""
     known = shapes(chain)
     return {name: known[name] for name in results_of(chain)} | gradient_shapes(chain)
+
+
+def options_of(options: Options, arguments: Sequence[str], moving: bool = False) -> Options:
+    """Return the options for derivatives: arguments of the derivatives must be run-time parameters."""
+    return replace(
+        options,
+        link_inertia=options.link_inertia or any(name in (*LINKS, *TRUNK_LINKS) for name in arguments),
+        link_wrenches=options.link_wrenches or any(name in WRENCHES for name in arguments),
+        base_motion=options.base_motion or moving or any(name in MOVING for name in arguments),
+    )

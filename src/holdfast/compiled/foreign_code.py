@@ -9,16 +9,17 @@ import numpy as np
 
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.derivative_schedule import FOUND
-from holdfast.compiled.externals import MOVING
 from holdfast.compiled.parameters import rank_number
 from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
 from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External
 from holdfast.compiler.targets import foreign_call
+from holdfast.questions.arrays import MOVING
 from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
+    from holdfast.compiled.function import Function
 
 STATUS = "status"
 
@@ -65,28 +66,27 @@ class ForeignCode(NamedTuple):
         return result
 
 
-def forward_code(compiled: CompiledChain, of: Sequence[str], parameters: Sequence[str]) -> ForeignCode:
-    """Return the code of forward dynamics.
+def answer_code(function: Function, of: Sequence[str], parameters: Sequence[str]) -> ForeignCode:
+    """Return the code of a question.
 
     Args:
-        compiled: the compiled chain.
+        function: its function.
         of: the names of the requested results.
         parameters: the names of the parameters that calls will give.
     """
-    moves = not compiled.options.base_motion and any(name in MOVING for name in parameters)
-    code = compiled.moving if moves else compiled
-    return ForeignCode(code.calls.kernel, _judged(code.calls.own, compiled), {name: name for name in of})
+    moves = any(name in MOVING and name not in function.externals for name in parameters)
+    return _code(function.when_moving if moves else function, {name: name for name in of})
 
 
 def derivative_code(
-    compiled: CompiledChain, kind: Literal["vjp", "jvp"], of: Sequence[str], by: Sequence[str]
+    function: Function, kind: Literal["vjp", "jvp"], of: Sequence[str], by: Sequence[str]
 ) -> ForeignCode:
-    """Return the code of a product with the Jacobian of forward dynamics.
+    """Return the code of a product with the Jacobian of a question.
 
     The names of its cotangents or tangents are those of the results or arguments with the prefix "with.".
 
     Args:
-        compiled: the compiled chain.
+        function: its function.
         kind: `vjp` for a product with cotangents of results, `jvp` for one with tangents of arguments.
         of: the results to differentiate.
         by: the arguments by which they are differentiated.
@@ -94,9 +94,7 @@ def derivative_code(
     Raises:
         StateError: A name is unknown.
     """
-    code = compiled._derivatives(kind, of, by, dict.fromkeys(by))
-    names = by if kind == "vjp" else of
-    return ForeignCode(code.calls.kernel, _judged(code.calls.own, compiled), {name: f"{FOUND}{name}" for name in names})
+    return _code(function.derived(kind, of, by), {name: f"{FOUND}{name}" for name in (by if kind == "vjp" else of)})
 
 
 def handler() -> Any:
@@ -104,6 +102,8 @@ def handler() -> Any:
     return foreign_call.capsule()
 
 
-def _judged(own: Mapping[str, Array], compiled: CompiledChain) -> dict[str, Array]:
-    """Return a copy of the chain's own values, including the generic rank by which the status is decided."""
-    return {name: np.array(x) for name, x in own.items()} | {"generic_rank": rank_number(compiled.generic_rank)}
+def _code(function: Function, results: Mapping[str, str]) -> ForeignCode:
+    """Return the code of a function with a copy of the chain's own values, its generic rank included."""
+    own = {name: np.array(x) for name, x in function.calls.own.items()}
+    rank = {"generic_rank": rank_number(function.compiled.generic_rank)} if "generic_rank" in own else {}
+    return ForeignCode(function.calls.kernel, own | rank, results)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from holdfast.compiled.externals import BASE_MOTION, FLOATING, TRUNK_BASE_MOTION, externals, link_parameters, shapes
-from holdfast.compiled.structure import Structure
-from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
-from holdfast.compiler.program import Shape
+from holdfast.compiled.computation import Computation
+from holdfast.compiled.structure import Options, Structure
+from holdfast.compiled.traced_chain import Given, externals, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
 from holdfast.dynamics.closed.chain_solution import ChainSolution, chain_solution
@@ -17,17 +16,39 @@ from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import (
+    BASE_MOTION,
+    FLOATING,
+    RESULTS,
+    STATE_AND_TORQUES,
+    TRUNK_BASE_MOTION,
+    Shape,
+    link_parameters,
+    shapes,
+)
 from holdfast.spatial.scalar import Array, Scalar, where
 from holdfast.state import Inputs, State
 
 DOUBTFUL = 1e-6  # a constraint row with a smaller pivot may be dependent, if the state violates the constraint
-GUARDED = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 
 
 def guarded_outputs(chain: ClosedChain) -> tuple[str, ...]:
     """Return the outputs that are NaN if there is no solution."""
     of_trunk = [] if chain.trunk is None else ["trunk_base_wrench"]
-    return *GUARDED, *of_trunk, *(["floating_acceleration"] if chain.floats else [])
+    return *RESULTS, *of_trunk, *(["floating_acceleration"] if chain.floats else [])
+
+
+def forward_computation(chain: ClosedChain, options: Options) -> Computation:
+    """Return the computation of forward dynamics."""
+    structure = Structure(chain, options)
+    return Computation(
+        "forward",
+        structure,
+        forward_externals(structure),
+        lambda: forward_schedule(structure),
+        STATE_AND_TORQUES,
+        FLOATING if chain.floats else (),
+    )
 
 
 def forward_externals(structure: Structure) -> dict[str, External]:

@@ -19,7 +19,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import busy
 
 # The packages whose functions become machine code.
-_ROOMS = ("spatial", "model", "state", "dynamics", "forces", "compiler", "compiled")
+_ROOMS = ("spatial", "model", "state", "questions", "dynamics", "forces", "compiler", "compiled")
 
 _made: weakref.WeakValueDictionary[str, Kernel] = weakref.WeakValueDictionary()
 _lock = threading.Lock()

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from holdfast.errors import MethodNotApplicable, StateError
-from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
+from holdfast.errors import MethodNotApplicable
 
 _ROUNDS = "it goes on for as many rounds as it takes"
 _SINGULAR_VALUES = "it decides by singular values, which are NumPy's"
@@ -50,15 +46,3 @@ def missing(name: str, kind: str) -> AttributeError:
             f"compile: '{name}' runs as reference only: {REASONS[path]}. holdfast.{path} computes it from the chain"
         )
     return AttributeError(f"'{kind}' object has no attribute '{name}'")
-
-
-def require_holding(chain: ClosedChain, f: Array) -> None:
-    """Raise a StateError if wrenches (..., arms, 6) are not zero for an arm that holds nothing."""
-    for row, name in enumerate(chain.names):
-        if name in chain.grasps:
-            continue
-        loads = f[..., row, :].reshape(-1, 6)
-        loaded = np.flatnonzero((np.isfinite(loads) & (loads != 0.0)).any(1))
-        if loaded.size:
-            where = f" in system {loaded[0]}" if f.ndim > 2 else ""
-            raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {loads[loaded[0]]}{where}")

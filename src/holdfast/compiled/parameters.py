@@ -8,14 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import BASE_MOTION, FLOATING, LINKS, MOVING, TRUNK_LINKS, shapes
-from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
-from holdfast.forces.force_derivatives import CONTACTS, LIMITS
-from holdfast.forces.margins import contacts_of, joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import ARRAYS, BASE_MOTION, CONTACTS, FLOATING, LIMITS, MOVING, Shape, shapes, value_of
 from holdfast.spatial import rotation
 from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
@@ -34,29 +31,10 @@ def rank_number(generic_rank: int | None) -> Array:
 
 def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Array]:
     """Return the chain's own parameters by name, with zeros for external wrenches and base motion."""
-    arms, grasps, body = list(chain.arms.values()), list(chain.grasps.values()), chain.held_object
-    links = [link for arm in arms for link in arm.links]
-    bodies = () if chain.trunk is None else chain.trunk.bodies
     known = shapes(chain)
-    own = {
-        "gravity": np.array(chain.gravity),
-        LIMITS: np.array(joint_limits(chain)),
-        CONTACTS: contacts_of(chain),
-        "generic_rank": rank_number(generic_rank),
-        "floating_pose": np.eye(7)[0],
-        "object_mass": np.array(body.mass),
-        "object_com": np.array(body.com),
-        "object_inertia": np.array(body.inertia),
-        "base_R": np.array([arm.base.R for arm in arms]),
-        "base_p": np.array([arm.base.p for arm in arms]),
-        "grasp_R": np.array([grasp.frame.R for grasp in grasps]),
-        "grasp_p": np.array([grasp.frame.p for grasp in grasps]),
-    }
-    for names, of_bodies in ((LINKS, links), (TRUNK_LINKS, bodies)):
-        numbers = ([getattr(x, part) for x in of_bodies] for part in ("mass", "com", "inertia"))
-        own |= {name: np.array(x) for name, x in zip(names, numbers, strict=True)}
     zero = {name: np.zeros(known[name]) for name in ("about", "object_wrench", *WRENCHES, "floating_twist", *MOVING)}
-    return zero | {name: x.reshape(known.get(name, ())) for name, x in own.items()}
+    own = {name: value_of(name, chain) for name, row in ARRAYS.items() if row.value is not None}
+    return zero | own | {"generic_rank": rank_number(generic_rank), "floating_pose": np.eye(7)[0]}
 
 
 def require_inputs(names: Iterable[str], given: Collection[str]) -> None:

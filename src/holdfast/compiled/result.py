@@ -12,6 +12,8 @@ import numpy as np
 from holdfast.compiler.kernel import address_of, aligned
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
@@ -56,41 +58,78 @@ class ResultLayout:
         return rows[:, :size].reshape(batch, *shape)
 
 
-class CompiledResult(ForwardResult):
-    """A `ForwardResult` of one system or a batch, whose arrays are written by machine code.
-
-    For a batch every array has a leading axis, and `rank`, `status`, `mobility` and `condition` are arrays as well.
-    If the forces are not unique (`INDETERMINATE_FORCES`), they are one of the solutions, not the one of least norm.
-    A call with `out=result` overwrites the result.
+class Results:
+    """The block of memory to which machine code writes the results of one system or a batch.
 
     Attributes:
+        chain: the chain.
         layout: the positions of its arrays in memory.
         memory: the block of memory that holds all arrays.
         address: the address of that block.
         batch: the number of systems, or None for one system without a leading axis.
     """
 
+    chain: ClosedChain
     layout: ResultLayout
     memory: Array
     address: int
     batch: int | None
-    __deepcopy__: Any = None  # allows real copies, because unlike other results this one may be overwritten
 
-    def __init__(self, chain: ClosedChain, layout: ResultLayout, batch: int | None) -> None:
-        memory = np.empty(layout.total) if batch is None else aligned(layout.total * batch, np.empty)
-        self.__dict__.update(
-            chain=chain, layout=layout, batch=batch, method="sequential", memory=memory, address=address_of(memory)
+    def __init__(
+        self, chain: ClosedChain, layout: ResultLayout, batch: int | None, memory: Array | None = None
+    ) -> None:
+        if memory is None:
+            memory = np.empty(layout.total) if batch is None else aligned(layout.total * batch, np.empty)
+        self.__dict__.update(chain=chain, layout=layout, batch=batch, memory=memory, address=address_of(memory))
+
+    def array(self, name: str) -> Array:
+        """Return an array as the machine code writes it: floats, even for rank and status."""
+        return self.layout.view(name, self.memory, self.batch)
+
+
+def results_behind(answer: Any, chain: ClosedChain, layout: ResultLayout) -> Results:
+    """Return the memory to which an earlier answer's arrays belong.
+
+    Raises:
+        StateError: It holds no arrays, or these are not in memory of such a layout.
+    """
+    first = answer
+    while not isinstance(first, np.ndarray):
+        parts = list(first.values()) if isinstance(first, Mapping) else first
+        if not isinstance(parts, tuple | list) or not parts:
+            raise StateError(f"out: expected an earlier answer with arrays, got {checks.short(answer)}; leave it out")
+        first = parts[0]
+    memory = first if first.base is None else first.base
+    batch = None if memory.size == layout.total else (memory.size - _LINE) // max(layout.total, 1)
+    if batch is not None:
+        start = -(memory.ctypes.data // 8) % 8
+        memory = memory[start : start + layout.total * batch]
+    found = Results(chain, layout, batch, memory)
+    if memory.dtype != np.float64 or not memory.flags.carray or memory.size != layout.total * (batch or 1):
+        raise StateError(
+            "out: expected an earlier answer of this function and of the same batch size; leave it out first"
         )
+    if found.array(next(iter(layout.shapes))).ctypes.data != first.ctypes.data:
+        raise StateError("out: expected an earlier answer of this function; leave it out first")
+    return found
+
+
+class CompiledResult(Results, ForwardResult):
+    """A `ForwardResult` of one system or a batch, whose arrays are written by machine code.
+
+    For a batch every array has a leading axis, and `rank`, `status`, `mobility` and `condition` are arrays as well.
+    If the forces are not unique (`INDETERMINATE_FORCES`), they are one of the solutions, not the one of least norm.
+    A call with `out=result` overwrites the result.
+    """
+
+    method = "sequential"
+    __deepcopy__: Any = None  # allows real copies, because unlike other results this one may be overwritten
 
     def __getattr__(self, name: str) -> Array:
         """Return an array of results, made when first asked for."""
         if name.startswith("__") or name not in self.layout.shapes:
             raise AttributeError(f"a result has no '{name}'")
         return self.__dict__.setdefault(name, self.array(name))
-
-    def array(self, name: str) -> Array:
-        """Return an array as the machine code writes it: floats, even for rank and status."""
-        return self.layout.view(name, self.memory, self.batch)
 
     @property
     def rank(self) -> Any:  # type: ignore[override]
@@ -129,10 +168,4 @@ class CompiledResult(ForwardResult):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to unpickle or copy the result from its numbers."""
-        return _unpickled, (self.chain, self.layout, self.batch, self.memory)
-
-
-def _unpickled(chain: ClosedChain, layout: ResultLayout, batch: int | None, memory: Array) -> CompiledResult:
-    result = CompiledResult(chain, layout, batch)
-    result.memory[...] = memory
-    return result
+        return CompiledResult, (self.chain, self.layout, self.batch, self.memory.copy())

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holdfast.compiled.externals import state_fields
+from holdfast.compiled.derivative_schedule import FOUND
 from holdfast.compiled.faults import fault, largest_positions
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, CompiledResult
 from holdfast.dynamics import rank
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
-from holdfast.errors import ModelError
+from holdfast.errors import ModelError, StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import results_of, state_fields
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -22,8 +23,35 @@ from holdfast.state import State
 _ALWAYS = {"rank", "status", "condition"}  # results that are valid for every status
 MOST_TRIED = 16  # how many undecided systems are searched for one that satisfies the constraint
 
+NOT_UNIQUE = ("grasp_wrench", "base_wrench")  # results that are not unique if the constraint's rank is low
+
 if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
+    from holdfast.compiled.function import Function
+
+
+def settle(function: Function, found: Mapping[str, Array], result: CompiledResult) -> None:
+    """Resolve undecided statuses, and refuse one system without a solution.
+
+    Derivatives of forces that are not unique are refused; in a batch they become NaN.
+    """
+    compiled, request = function.compiled, function.request
+    resolve_undecided(compiled, found, result)
+    if result.batch is None:
+        require_answer(compiled, found, result)
+    choices = [] if request is None else [name for name in request.results if name in NOT_UNIQUE]
+    low = np.atleast_1d(result.array("status")) == INDETERMINATE
+    if request is None or not low.any() or not choices:
+        return
+    if result.batch is None:
+        others = ", ".join(name for name in results_of(result.chain) if name not in NOT_UNIQUE)
+        raise StateError(
+            f"{choices[0]}: the forces are not unique here, and machine code finds one choice among them, whose"
+            f" derivative means nothing; try those of {others}"
+        )
+    for name in request.found(result.chain):
+        if request.kind == "vjp" or name.partition(".")[0] in choices:
+            result.array(f"{FOUND}{name}")[low] = np.nan
 
 
 def resolve_undecided(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:

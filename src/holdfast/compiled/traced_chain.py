@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import BASE_MOTION, FLOATING, LINKS, TRUNK_BASE_MOTION, TRUNK_LINKS, link_rows
 from holdfast.compiled.structure import Structure
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.constant import Constant, constants
 from holdfast.compiler.derivation import derived
 from holdfast.compiler.node import Node
-from holdfast.compiler.schedule import External, Schedule
+from holdfast.compiler.schedule import External, Role, Schedule
 from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import inputs, tracing
 from holdfast.dynamics.arm.regrouping import regrouped
@@ -27,6 +26,7 @@ from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.spring import Spring
 from holdfast.model.trunk import Trunk
+from holdfast.questions.arrays import BASE_MOTION, FLOATING, LINKS, TRUNK_BASE_MOTION, TRUNK_LINKS, Shape, link_rows
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import changed
 from holdfast.spatial.pose import Pose
@@ -34,6 +34,14 @@ from holdfast.spatial.scalar import Array, Scalar, loops, sqrt, where
 from holdfast.state import Inputs, State
 
 Given = Mapping[str, Array]  # the caller's arrays, traced
+
+
+def externals(
+    inputs: Iterable[str], parameters: Iterable[str], outputs: Iterable[str], shape: Mapping[str, Shape]
+) -> dict[str, External]:
+    """Return a computation's arrays: inputs, then parameters, then outputs."""
+    roles: tuple[tuple[Role, Iterable[str]], ...] = (("input", inputs), ("parameter", parameters), ("output", outputs))
+    return {name: External(shape[name], role) for role, names in roles for name in names}
 
 
 def traced(

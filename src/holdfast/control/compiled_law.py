@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.externals import externals, shapes, state_fields
 from holdfast.compiled.faults import fault, faulty, largest_positions
 from holdfast.compiled.kernels import compile_batch, compiling, key_of
 from holdfast.compiled.structure import Options, Structure
-from holdfast.compiled.traced_chain import Given, traced
+from holdfast.compiled.traced_chain import Given, externals, traced
 from holdfast.compiler.kernel import Bound, Kernel
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
@@ -23,6 +22,7 @@ from holdfast.control.traced_law import law_of, law_outputs
 from holdfast.errors import FrozenError, HoldfastError, MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import shapes, state_fields
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
 

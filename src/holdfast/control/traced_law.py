@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.questions.arrays import shapes, state_fields
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.spatial.traced_array import as_traced

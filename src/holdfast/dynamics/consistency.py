@@ -8,6 +8,7 @@ in docs/theory/contacts.md.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +23,13 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.model.grasp_kinds import GraspKind
+from holdfast.questions.arrays import STATE, Row
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import asked, declare
+from holdfast.questions.question import Part, Question
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, each_of
+from holdfast.spatial.scalar import Array, concatenate, each_of
 from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -89,6 +95,7 @@ def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:
     }
 
 
+@asked
 @np.errstate(all="ignore")  # a gap may overflow
 def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> dict[str, GraspResidual]:
     """Return the constraint residuals of every grasp, by arm name. O(n) + O(l).
@@ -97,6 +104,9 @@ def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> d
         chain: the chain.
         state: any state; it need not satisfy the grasps.
         inputs: base motion, if the bases move.
+
+    Its derivatives are of all residuals in the order of the grasps, concatenated: position and velocity. A rotation
+    vector has no derivative at half a turn; the derivative for the chosen axis is then returned.
 
     Raises:
         StateError: a state or inputs of the wrong shape for the chain.
@@ -156,3 +166,61 @@ def require_rates(motion: ChainMotion, rates: Array) -> None:
             f"W is not what the velocities imply, omega_object - omega_tip = h W: {'; '.join(gaps)}. Expected <="
             f" {RATE_TOLERANCE:g}; try leaving W out"
         )
+
+
+def _closure(case: VariedCase) -> tuple[Array, Array]:
+    gaps, none = residuals_at(case.chain, case.state, case.inputs).values(), np.zeros(0)
+    return concatenate([none, *(gap.position for gap in gaps)]), concatenate([none, *(gap.velocity for gap in gaps)])
+
+
+def rows_of(kind: GraspKind, result: str) -> int:
+    """Return how many rows of a residual, `position` or `velocity`, grasps of a kind have."""
+    return len(kind.position_rows if result == "position" else kind.transmitted)
+
+
+def _by_grasps(chain: ClosedChain, result: str) -> list[Part]:
+    found, end = [], 0
+    for name, grasp in chain.grasps.items():
+        begin, end = end, end + rows_of(grasp.of_kind, result)
+        found.append(Part(slice(begin, end), chain.names.index(name)))
+    return found
+
+
+def _row_count(chain: ClosedChain, result: str) -> tuple[int]:
+    return (_by_grasps(chain, result)[-1].entries.stop if chain.grasps else 0,)
+
+
+def _residuals(chain: ClosedChain, found: Mapping[str, Array]) -> dict[str, GraspResidual]:
+    """Return the residuals of every grasp, by arm name, of those of all grasps, (..., rows) each."""
+    parts = [[part.entries for part in _by_grasps(chain, result)] for result in GraspResidual._fields]
+    return {
+        name: GraspResidual(found["position"][..., rows], found["velocity"][..., rates])
+        for name, rows, rates in zip(chain.grasps, *parts, strict=True)
+    }
+
+
+CLOSURE = declare(
+    Question(
+        "closure",
+        _closure,
+        (
+            Row("position", lambda chain: _row_count(chain, "position"), "rad, m", "position residuals of all grasps"
+                " along contact axes, angles first"),
+            Row("velocity", lambda chain: _row_count(chain, "velocity"), "rad/s, m/s", "velocity residuals of all"
+                " grasps, K (A V(C) - V+)"),
+        ),
+        "the constraint residuals of every grasp",
+        inputs=STATE,
+        parameters=("base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
+        arguments=(
+            *("q", "object_pose", "qd", "object_twist"),
+            *("grasp_pose", "base_pose", "base_twist", "floating_pose", "floating_twist", "trunk_base_twist"),
+        ),
+        by=("q", "object_pose", "qd", "object_twist"),
+        depends_on=("grasps",),
+        parts=_by_grasps,
+        of_object=True,
+        shown=_residuals,
+    ),
+    closure,
+)  # fmt: skip

@@ -3,62 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.closed.forward_derivatives import VirtualPower, arguments_of, backward, results_of
-from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian, units_needed
+from holdfast.dynamics.closed.forward_derivatives import VirtualPower, backward
+from holdfast.dynamics.closed.forward_jacobian import jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.least_forces import LeastForces, least_forces
-from holdfast.dynamics.linearised_function import LinearisedFunction
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.spring_rates import pushed, pushed_along, spring_rates, with_pulled
-from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.frozen import Frozen
+from holdfast.questions.arrays import STATE_AND_TORQUES, arguments_of, gradient_shapes, results_of
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import Derivatives, directions, require_names, with_link_wrenches
+from holdfast.questions.linearised_function import LinearisedFunction
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State, shaped_inputs
-
-STATE_AND_TORQUES = ("q", "qd", "tau", "object_pose", "object_twist")
-
-
-@dataclass(frozen=True, eq=False)
-class Derivatives(Frozen):
-    """Derivatives of a function: `found.q` or `found["q"]`, or for a Jacobian `found["qdd", "q"]`.
-
-    Attributes:
-        result: the value of the function, such as a `ForwardResult`.
-        parts: all derivatives by name, or by result and argument.
-    """
-
-    result: Any
-    parts: Mapping[Any, Array]
-
-    def __repr__(self) -> str:
-        """Return names and shapes of the derivatives."""
-        names = {key: key if isinstance(key, str) else f"{key[0]} by {key[1]}" for key in self.parts}
-        return f"<Derivatives: {', '.join(f'{names[key]} {np.shape(x)}' for key, x in self.parts.items())}>"
-
-    def __getitem__(self, name: Any) -> Array:
-        """Return the derivatives with the given name, or those of a result with respect to an argument."""
-        if name not in self.parts:
-            raise StateError(f"no derivative {name!r}; there are {', '.join(map(str, self.parts))}")
-        return self.parts[name]
-
-    def __getattr__(self, name: str) -> Array:
-        """Return the derivatives with the given name."""
-        if name.startswith("_") or name not in self.parts:
-            raise AttributeError(f"no derivative '{name}'.{checks.did_you_mean(name, [str(x) for x in self.parts])}")
-        return self.parts[name]
+from holdfast.state import Inputs, State
 
 
 @np.errstate(all="ignore")  # what overflows is refused
@@ -265,52 +234,11 @@ def _point(
     return at, result, least, spring_rates(VariedCase(chain, state, given, {}), names)
 
 
-def with_link_wrenches(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
-    """Return the inputs as arrays, with zero link wrenches if none are given."""
-    given = shaped_inputs(chain, inputs)
-    if given.link_wrenches is not None:
-        return given
-    links = sum(arm.joint_count for arm in chain.arms.values())
-    return replace(given, link_wrenches=np.zeros((links, 6)))
-
-
 def result_named(found: ForwardResult, name: str) -> Array:
     """Return the result with the given name in the derivatives."""
     return getattr(found, "base_acceleration" if name == "floating_acceleration" else name)
 
 
-def directions(
-    what: str, along: Mapping[str, ArrayLike], shapes: Mapping[str, tuple[int, ...]]
-) -> dict[str, Array] | list[dict[str, Array]]:
-    """Return a direction in the arguments, or a list of directions if an argument has a leading axis.
-
-    Raises:
-        StateError: an argument has a wrong shape, or the numbers of directions differ; the message gives them.
-    """
-    given = {name: checks.numbers(x, None, name, StateError) for name, x in along.items()}
-    counts = set()
-    for name, x in given.items():
-        if x.shape != shapes[name] and x.shape[1:] != shapes[name]:
-            raise StateError(f"{what}: {name}: expected shape {shapes[name]} or (d, *{shapes[name]}), got {x.shape}")
-        counts |= {len(x)} if x.ndim > len(shapes[name]) else set()
-    if len(counts) > 1:
-        raise StateError(f"{what}: expected one number of directions, got {', '.join(map(str, sorted(counts)))}")
-    if not counts:
-        return given
-    (count,) = counts
-    return [{n: x[k] if x.ndim > len(shapes[n]) else x for n, x in given.items()} for k in range(count)]
-
-
-def require_names(what: str, names: Any, known: Sequence[str]) -> None:
-    """Refuse unknown names, a name that is given twice, and an empty list of names.
-
-    Raises:
-        StateError: a name is unknown, or there are none; the message lists the known ones.
-    """
-    if not checks.is_listed(names) or not isinstance(names, Collection) or not len(names):
-        raise StateError(f"{what}: expected some of {', '.join(known)}, got {checks.short(names)}")
-    for name in names:
-        if not isinstance(name, str) or name not in known:
-            raise StateError(f"{what}: no {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
-    if len(set(names)) < len(names):
-        raise StateError(f"{what}: expected each name once, got {', '.join(names)}")
+# Both names are public: `forward_dynamics.vjp`, as for every question, and `forward_dynamics_vjp`.
+for _derivative in (forward_dynamics_vjp, forward_dynamics_jvp, forward_dynamics_jacobian):
+    setattr(forward_dynamics, _derivative.__name__.rpartition("_")[2], _derivative)

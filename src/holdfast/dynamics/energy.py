@@ -20,6 +20,10 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.trunk import Trunk
+from holdfast.questions.arrays import LINKS, OBJECT, STATE, TRUNK_LINKS, Row
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import asked, declare
+from holdfast.questions.question import Question
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each_of
@@ -90,6 +94,7 @@ def held_body(held: HeldObject, frame: Pose, twist: Array) -> Body:
     return Body(held.spatial_inertia, unrotate(frame.R, twist), frame.R, frame.p)
 
 
+@asked
 @np.errstate(all="ignore")  # what overflows is refused below
 def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> float:
     """Return T = sum 1/2 V^T M V over links and object, plus 1/2 armature qd^2 of the actuators [J]. O(n).
@@ -122,6 +127,7 @@ def arm_kinetic_energy(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Scal
     return sum(body.kinetic_energy for body in links(arm, q, qd, base_twist)) + 0.5 * (arm.armature @ qd**2)
 
 
+@asked
 @np.errstate(all="ignore")  # what overflows is refused below
 def potential_energy(chain: ClosedChain, state: State) -> float:
     """Return the potential energy of gravity and of all springs [J]. O(n).
@@ -329,3 +335,64 @@ def _trunk_elastic_energy(trunk: Trunk, q: Array) -> Scalar:
 def _origins(at: Kinematics) -> list[Array]:
     """Return the link origins O_k, world axes from the world's origin."""
     return [at.tip.p - reach for reach in at.reach]
+
+
+_INERTIAS, _BASES = (*OBJECT, *LINKS, *TRUNK_LINKS), ("base_pose", "floating_pose")
+
+KINETIC = declare(
+    Question(
+        "kinetic_energy",
+        lambda case: (total_kinetic_energy(case.chain, case.state, case.inputs),),
+        (Row("kinetic_energy", (), "J", "kinetic energy"),),
+        "the kinetic energy of links and object, plus 1/2 armature qd^2 of the actuators",
+        inputs=STATE,
+        parameters=(*OBJECT, "base_R", "base_twist"),
+        arguments=(
+            *("q", "object_pose", "qd", "object_twist"),
+            *(*_BASES, "base_twist", "floating_twist", "trunk_base_twist", "armature", *_INERTIAS),
+        ),
+        by=("q", "object_pose", "qd", "object_twist"),
+    ),
+    kinetic_energy,
+)
+POTENTIAL = declare(
+    Question(
+        "potential_energy",
+        lambda case: (total_potential_energy(case.chain, case.state),),
+        (Row("potential_energy", (), "J", "potential energy"),),
+        "the potential energy of gravity and of all springs, zero at the world's origin",
+        inputs=("q", "object_pose"),
+        parameters=("gravity", *OBJECT, "base_R", "base_p"),
+        arguments=("q", "object_pose", "gravity", *_BASES, "grasp_pose", *_INERTIAS),
+        by=("q", "object_pose"),
+        depends_on=("links", "bushings"),
+    ),
+    potential_energy,
+)
+MOMENTUM = declare(
+    Question(
+        "momentum",
+        lambda case: (total_momentum(case.chain, case.state, case.inputs, case.own["about"]),),
+        (Row("momentum", (6,), "N m s, N s", "[angular; linear] momentum about a world point, world axes"),),
+        "the momentum of links and object about a world point",
+        inputs=STATE,
+        parameters=("about", *OBJECT, "base_R", "base_p", "base_twist"),
+    )
+)
+
+
+def _centre(case: VariedCase) -> tuple[Array]:
+    sums = total_mass_moment(case.chain, case.state)
+    return (sums[1:] / sums[0],)
+
+
+CENTRE_OF_MASS = declare(
+    Question(
+        "centre_of_mass",
+        _centre,
+        (Row("centre_of_mass", (3,), "m", "mass centre, world axes"),),
+        "the mass centre of links and object",
+        inputs=("q", "object_pose"),
+        parameters=(*OBJECT, "base_R", "base_p"),
+    )
+)

@@ -21,10 +21,27 @@ from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import (
+    ARGUMENTS,
+    ARRAYS,
+    BASE_RESULT,
+    FLOATING,
+    FLOATING_RESULT,
+    OBJECT,
+    RESULTS,
+    STATE_AND_TORQUES,
+    TRUNK_BASE_MOTION,
+    TRUNK_LINKS,
+    results_of,
+)
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import asked, declare
+from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
+@asked
 @np.errstate(all="ignore")  # what overflows is refused below
 def forward_dynamics(
     chain: ClosedChain,
@@ -148,3 +165,25 @@ def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: S
         method=method,
         held=regular.held,
     )
+
+
+def _solution(case: VariedCase) -> tuple[Array, ...]:
+    motion = chain_motion(case.chain, case.state, case.own["tau"], case.inputs)
+    found = chain_solution(motion, sequential(motion), "auto")
+    return tuple(getattr(found, ARRAYS[name].field or name) for name in results_of(case.chain))
+
+
+FORWARD_DYNAMICS = declare(
+    Question(
+        "forward_dynamics",
+        _solution,
+        (*RESULTS, FLOATING_RESULT, BASE_RESULT),
+        "joint accelerations, the wrench at every grasp and the object's acceleration",
+        inputs=STATE_AND_TORQUES,
+        parameters=("object_wrench", "gravity", *OBJECT, "base_R", "base_twist", "base_acceleration", "grasp_R"),
+        arguments=(*ARGUMENTS, *TRUNK_LINKS, "trunk_link_wrench", *FLOATING, *TRUNK_BASE_MOTION),
+        by=STATE_AND_TORQUES,
+        of=("qdd", "grasp_wrench"),
+        depends_on=("grasps", "links", "forces", "bushings"),
+    )
+)

@@ -7,15 +7,20 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.possible_motion import deciding, require_possible
+from holdfast.dynamics.possible_motion import feasibility, possible, require_holding, require_possible
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import ARGUMENTS, FLOATING_RESULT, TRUNK_BASE_MOTION, TRUNK_LINKS
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import asked, declare
+from holdfast.questions.question import Question, by_joints
 from holdfast.spatial.scalar import Array, array, concatenate, each
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
+@asked
 @np.errstate(all="ignore")  # what overflows is refused below
 def inverse_dynamics(
     chain: ClosedChain,
@@ -50,11 +55,9 @@ def inverse_dynamics(
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), shaped_inputs(chain, inputs))
-    for i, name in enumerate(chain.names):
-        if name not in chain.grasps and f[i].any():
-            raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {f[i]}")
+    require_holding(chain, {"grasp_wrench": f})
     tau, *others = torques_and_deciding(motion, qdd, f, acceleration_of_base(chain, base_acceleration))
-    require_possible(chain, f, dict(zip(deciding(chain), others, strict=True)))
+    require_possible(chain, f, dict(zip(feasibility(chain), others, strict=True)))
     return checks.finite(tau, "inverse dynamics")
 
 
@@ -71,7 +74,7 @@ def acceleration_of_base(chain: ClosedChain, given: ArrayLike | None) -> Array |
 
 
 def torques_and_deciding(motion: ChainMotion, qdd: Array, f: Array, base: Array | None) -> tuple[Array, ...]:
-    """Return the torques of inverse dynamics, (n,), and then the numbers of `deciding`.
+    """Return the torques of inverse dynamics, (n,), and then the arrays of `feasibility`.
 
     The wrenches of bushings are already part of the arms' bias, so their rows in f, (arms, 6), are not used.
     """
@@ -93,3 +96,42 @@ def torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None = None
     if motion.trunk is not None:
         return trunk_torques(motion, qdd, f, np.zeros(6) if base is None and motion.trunk.floats else base).tau
     return concatenate(each(drive_torques, motion.arms.values(), [qdd[part] for part in motion.chain.arm_joints], f))
+
+
+def _torques(case: VariedCase) -> tuple[Array, ...]:
+    """Return tau and the arrays of `feasibility`."""
+    motion = chain_motion(case.chain, case.state, np.zeros(case.chain.joint_count), case.inputs)
+    return torques_and_deciding(motion, case.own["qdd"], case.own["grasp_wrench"], case.own.get(FLOATING_RESULT))
+
+
+def _with_held(case: VariedCase) -> VariedCase:
+    """Return the case with zero wrenches for arms without a grasp."""
+    rows = zip(case.chain.arms, case.own["grasp_wrench"], strict=True)
+    f = array([row if name in case.chain.grasps else np.zeros(6) for name, row in rows])
+    return case._replace(own={**case.own, "grasp_wrench": f})
+
+
+INVERSE_DYNAMICS = declare(
+    Question(
+        "inverse_dynamics",
+        _torques,
+        ("tau",),
+        "the joint torques of a motion under given grasp wrenches, tau = M qdd + C + J^T f + damping qd"
+        " + stiffness (q - rest)",
+        inputs=("q", "qd", "qdd", "grasp_wrench"),
+        parameters=("gravity", "base_R", "base_twist", "base_acceleration"),
+        arguments=(
+            *(name for name in ARGUMENTS if name != "tau"),
+            *("qdd", "grasp_wrench", FLOATING_RESULT),
+            *(*TRUNK_LINKS, "trunk_link_wrench", *TRUNK_BASE_MOTION, "floating_twist", "floating_pose"),
+        ),
+        by=("q", "qd", "qdd", "grasp_wrench"),
+        depends_on=("links", "forces", "bushings"),
+        parts=by_joints,
+        feasibility=feasibility,
+        restricted=_with_held,
+        require=require_holding,
+        settle=possible,
+    ),
+    inverse_dynamics,
+)

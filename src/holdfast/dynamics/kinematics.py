@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
+from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
+from holdfast.questions.arrays import Row
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import declare
+from holdfast.questions.question import Question, by_arm, of_arms
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, concatenate, each
+
+
+class Frames(NamedTuple):
+    """Poses of frames in the world.
+
+    Attributes:
+        R: (..., 3, 3) rotation matrices from the frames' axes to world axes.
+        p: (..., 3) origins of the frames [m].
+    """
+
+    R: Array
+    p: Array
 
 
 def tip_pose(arm: Arm, q: ArrayLike) -> Pose:
@@ -80,3 +100,103 @@ def joint_mass_matrix(arm: Arm, q: ArrayLike) -> Array:
 def _configuration(arm: Arm, q: ArrayLike) -> Kinematics:
     checks.instance(arm, Arm, "arm")
     return forward_kinematics(arm, checks.numbers(q, (arm.joint_count,), "q", StateError))
+
+
+def _each_arm(f: Callable[[Arm, Array], Array], case: VariedCase, arms: Iterable[Arm] | None = None) -> tuple[Array]:
+    """Return what a function makes of every arm and its joint positions, one after the other."""
+    at = standing(case.chain, case.state, case.inputs).arms.values() if arms is None else arms
+    return (concatenate(each(f, at, [case.state.q[part] for part in case.chain.arm_joints])),)
+
+
+def _mass_matrices(case: VariedCase) -> tuple[Array]:
+    arms = case.chain.arms.values()  # the mass matrix does not depend on where the bases are
+    return _each_arm(lambda arm, q: mass_matrix(arm, forward_kinematics(arm, q))[0].ravel(), case, arms)
+
+
+def _jacobians(case: VariedCase) -> tuple[Array]:
+    return _each_arm(lambda arm, q: jacobian(arm, forward_kinematics(arm, q)).ravel(), case)
+
+
+def tip_rotations(case: VariedCase) -> Array:
+    """Return the attitudes of all tips, by rows, one after the other."""
+    return _each_arm(lambda arm, q: forward_kinematics(arm, q).tip.R.ravel(), case)[0]
+
+
+def _tips(case: VariedCase) -> tuple[Array]:
+    return _each_arm(lambda arm, q: _numbers(forward_kinematics(arm, q).tip), case)
+
+
+def _links(case: VariedCase) -> tuple[Array]:
+    return _each_arm(lambda arm, q: concatenate(map(_numbers, link_frames(forward_kinematics(arm, q)))), case)
+
+
+def _numbers(pose: Pose) -> Array:
+    return concatenate([pose.R.ravel(), pose.p])
+
+
+def _frames(x: Array) -> Frames:
+    return Frames(x[..., :9].reshape(*x.shape[:-1], 3, 3), x[..., 9:])
+
+
+_FRAMES = "axes to world axes by rows, then the origin, frame after frame"
+
+MASS_MATRIX = declare(
+    Question(
+        "mass_matrix",
+        _mass_matrices,
+        (
+            Row(
+                "mass_matrix",
+                of_arms(lambda N, _: N * N),
+                "kg m^2, kg m, kg",
+                "joint mass matrices of the arms, one after the other, by rows",
+            ),
+        ),
+        "the joint mass matrix of every arm, armature included",
+        inputs=("q",),
+        shown=by_arm(lambda N: (N, N)),
+    )
+)
+JACOBIAN = declare(
+    Question(
+        "jacobian",
+        _jacobians,
+        (
+            Row(
+                "jacobian",
+                of_arms(lambda N, _: 6 * N),
+                "1, m",
+                "Jacobians of the arms' tips, one after the other, by rows",
+            ),
+        ),
+        "the Jacobian of every arm's tip point, [omega; v] = J qd on a base at rest, world axes",
+        inputs=("q",),
+        parameters=("base_R",),
+        depends_on=(),
+        shown=by_arm(lambda N: (6, N)),
+    )
+)
+TIP_POSES = declare(
+    Question(
+        "tip_poses",
+        _tips,
+        (Row("frame", of_arms(lambda *_: 12), "m", _FRAMES),),
+        "the pose of every arm's tip frame in the world",
+        inputs=("q",),
+        parameters=("base_R", "base_p"),
+        depends_on=(),
+        shown=by_arm(lambda N: (12,), _frames),
+    )
+)
+LINK_POSES = declare(
+    Question(
+        "link_poses",
+        _links,
+        (Row("frame", of_arms(lambda N, _: 12 * N), "m", _FRAMES),),
+        "the poses of every arm's link frames in the world, base to tip; their origins lie on the joints",
+        inputs=("q",),
+        parameters=("base_R", "base_p"),
+        depends_on=(),
+        shown=by_arm(lambda N: (N, 12), _frames),
+    )
+)  # fmt: skip

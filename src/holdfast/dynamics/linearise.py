@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.closed.pose_tangents import rates_of
 from holdfast.dynamics.constraint import DEPENDENT, constraint_rows
 from holdfast.dynamics.derivatives import forward_dynamics_jacobian, result_named
 from holdfast.dynamics.projection import displacement
@@ -28,6 +27,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.pose_tangents import rates_of
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import skew
 from holdfast.state import Inputs, State, shaped_inputs

@@ -6,11 +6,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.spring_wrenches import with_springs
-from holdfast.dynamics.energy import Body, bodies
+from holdfast.dynamics.energy import (
+    Body,
+    bodies,
+    total_kinetic_energy,
+    total_mass_moment,
+    total_momentum,
+    total_potential_energy,
+)
+from holdfast.dynamics.kinematics import tip_rotations
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import OBJECT, STATE, Row
+from holdfast.questions.case import VariedCase
+from holdfast.questions.question import Question, of_arms
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.vector import cross
@@ -65,3 +76,32 @@ def rate_of(chain: ClosedChain, result: ForwardResult, given: Inputs, every: lis
         moment = cross(body.com - body.inertia.m * point, chain.gravity)
         rate = rate + concatenate([moment, body.inertia.m * chain.gravity])
     return rate
+
+
+def _accounts(case: VariedCase) -> tuple[Array, ...]:
+    chain, state, inputs = case.chain, case.state, case.inputs
+    return (
+        tip_rotations(case),
+        total_kinetic_energy(chain, state, inputs),
+        total_potential_energy(chain, state),
+        total_momentum(chain, state, inputs, np.zeros(3)),
+        total_mass_moment(chain, state),
+    )
+
+
+ACCOUNTS = Question(
+    "accounts",
+    _accounts,
+    (
+        Row("tip_R", of_arms(lambda *_: 9), "", "attitudes of the tips, by rows"),
+        Row("kinetic", (), "J", "kinetic energy"),
+        Row("potential", (), "J", "potential energy"),
+        Row("momentum", (6,), "N m s, N s", "momentum about the world's origin, world axes"),
+        Row("mass_moment", (4,), "kg, kg m", "mass, and first moment of mass about the world's origin"),
+    ),
+    "the energies and momenta of a state that a simulation's balances need",
+    inputs=STATE,
+    parameters=("gravity", *OBJECT, "base_R", "base_p", "base_twist"),
+    depends_on=("links", "bushings"),
+    shown=lambda chain, found: found,
+)

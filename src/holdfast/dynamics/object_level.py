@@ -11,6 +11,10 @@ from holdfast.dynamics.constraint import constraint_rows
 from holdfast.errors import SingularChainError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import OBJECT, Row
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import declare
+from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
 
@@ -80,3 +84,20 @@ def motion_basis(chain: ClosedChain, state: State) -> Array:
     """
     require_fit(chain, state)
     return constraint_rows(chain_at_rest(chain, state)).motions
+
+
+def _mobility(case: VariedCase) -> tuple[Array]:
+    return (rest_response(chain_at_rest(case.chain, case.state)).mobility,)
+
+
+OBJECT_MOBILITY = declare(
+    Question(
+        "object_mobility",
+        _mobility,
+        (Row("object_mobility", (6, 6), "", "mobility P at C, world axes: alpha(C) changes by P w"),),
+        "the closed chain's mobility at C",
+        inputs=("q", "object_pose"),
+        parameters=(*OBJECT, "base_R", "base_p", "grasp_R", "grasp_p"),
+        depends_on=("grasps", "links"),
+    )
+)

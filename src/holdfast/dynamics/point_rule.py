@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.forward_derivatives import backward, forward
-from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian, units_needed
+from holdfast.dynamics.closed.forward_jacobian import jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import Point
+from holdfast.questions.arrays import gradient_shapes
 from holdfast.spatial.linear import arrays_of
 from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array, array, concatenate

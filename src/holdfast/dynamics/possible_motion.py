@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from holdfast.dynamics.trunk.trunk_inverse import require_undriven
+from holdfast.dynamics.trunk.trunk_inverse import needs_drive, require_undriven
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -15,7 +15,7 @@ from holdfast.spatial.scalar import Array
 SAME = 1e-9  # largest relative difference between a given wrench and the one that a bushing exerts
 
 
-def deciding(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
+def feasibility(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
     """Return names and shapes of the numbers that show whether wrenches and accelerations are possible.
 
     They are the wrench that a floating base would need, and beside it the largest wrench on the trunk; and the wrench
@@ -45,7 +45,7 @@ def require_possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -
     Args:
         chain: the chain.
         f: (arms, 6) given wrenches.
-        found: the numbers of `deciding`.
+        found: the arrays of `feasibility`.
 
     Raises:
         StateError: they are not possible; the message gives the wrench that is missing.
@@ -61,3 +61,42 @@ def require_possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -
             )
     if chain.floats:
         require_undriven(found["trunk_base_wrench"], found["largest_wrench"])
+
+
+def possible(chain: ClosedChain, given: Mapping[str, Array], found: Mapping[str, Array]) -> dict[str, Array]:
+    """Return results without the arrays of `feasibility`; in a batch, those of impossible systems become NaN.
+
+    Args:
+        chain: the chain.
+        given: the inputs, with grasp_wrench (arms, 6) or (batch, arms, 6).
+        found: results by name, one system's or a batch's, which are overwritten.
+
+    Raises:
+        StateError: One system is not possible: a bushing exerts another wrench, or a floating base would need a drive.
+    """
+    decided, f = feasibility(chain), given["grasp_wrench"]
+    if not decided:
+        return dict(found)
+    results = {name: x for name, x in found.items() if name not in decided}
+    of = {name: found[name] for name in decided}
+    if all(of[name].ndim == len(shape) for name, shape in decided.items()):
+        require_possible(chain, f, of)
+        return results
+    wrong = list(differ(chain, f, of["bushing_wrench"]).values()) if chain.bushings else []
+    wrong += [needs_drive(of["trunk_base_wrench"], of["largest_wrench"])] if chain.floats else []
+    for x in results.values():
+        x[np.logical_or.reduce(wrong)] = np.nan
+    return results
+
+
+def require_holding(chain: ClosedChain, given: Mapping[str, Array]) -> None:
+    """Raise a StateError if a grasp_wrench (..., arms, 6) is not zero for an arm that holds nothing."""
+    f = given["grasp_wrench"]
+    for row, name in enumerate(chain.names):
+        if name in chain.grasps:
+            continue
+        loads = f[..., row, :].reshape(-1, 6)
+        loaded = np.flatnonzero((np.isfinite(loads) & (loads != 0.0)).any(1))
+        if loaded.size:
+            where = f" in system {loaded[0]}" if f.ndim > 2 else ""
+            raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {loads[loaded[0]]}{where}")

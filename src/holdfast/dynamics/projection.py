@@ -23,6 +23,10 @@ from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.consistency import tip_from_contact
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import ARRAYS, FLOATING, OBJECT, STATE, Row, state_fields
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import declare
+from holdfast.questions.question import Question
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum, scan
@@ -220,3 +224,29 @@ def turned_and_shifted(pose: Array, dx: Array) -> Array:
 def position_contact(c: Contact) -> Contact:
     """Return the contact with its position rows, which are fewer than its velocity rows for a nonholonomic grasp."""
     return replace(c, rows=c.grasp.of_kind.position_rows)
+
+
+_OF_CLOSED = "closed."  # the prefix of the names of a projected state's arrays
+
+
+def _projected(case: VariedCase) -> tuple[Array, ...]:
+    found = after_step(case.chain, case.state, case.inputs)
+    return tuple(getattr(found, field) for field in state_fields(case.chain).values())
+
+
+def _closed_row(row: Row) -> Row:
+    return row._replace(name=f"{_OF_CLOSED}{row.name}", meaning=f"closed: {row.meaning}")
+
+
+PROJECT = declare(
+    Question(
+        "project",
+        _projected,
+        tuple(_closed_row(ARRAYS[name]) for name in (*STATE, *FLOATING)),
+        "the state projected onto the grasp constraint, positions and velocities, in the kinetic metric",
+        inputs=STATE,
+        parameters=(*OBJECT, "base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
+        depends_on=("grasps", "links"),
+        shown=lambda chain, found: {name.removeprefix(_OF_CLOSED): x for name, x in found.items()},
+    )
+)

@@ -7,12 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from holdfast.dynamics.closed.forward_derivatives import forward_along
-from holdfast.dynamics.closed.forward_jacobian import Shape
 from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.closed.spring_wrenches import with_springs
-from holdfast.dynamics.linearised_function import Differentiable, LinearisedFunction, linearised_function
-from holdfast.dynamics.varied_case import OF_INPUTS, VariedCase
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import Shape
+from holdfast.questions.case import OF_INPUTS, VariedCase
+from holdfast.questions.linearised_function import LinearisedFunction, linearised_function
+from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
 
 # The arguments that move the ends of springs.
@@ -63,16 +64,16 @@ def with_pulled(
     """
     if springs is None:
         return dict(gradients(by))
-    found = gradients(tuple(dict.fromkeys((*by, *springs.function.results))))
-    more = springs.gradient({name: found[name] for name in springs.function.results})
+    found = gradients(tuple(dict.fromkeys((*by, *springs.function.names))))
+    more = springs.gradient({name: found[name] for name in springs.function.names})
     return {name: found[name] + more[name] if name in more else found[name] for name in by}
 
 
-def _springs(chain: ClosedChain) -> Differentiable:
+def _springs(chain: ClosedChain) -> Question:
     wrenches = ("object_wrench", "link_wrench", *([] if chain.trunk is None else ["trunk_link_wrench"]))
 
     def of(case: VariedCase) -> tuple[Array, ...]:
         found = with_springs(case.chain, case.state, case.inputs)
         return tuple(getattr(found, OF_INPUTS[name]) for name in wrenches)
 
-    return Differentiable("springs", MOVING_ENDS, wrenches, of)
+    return Question("springs", of, wrenches, arguments=MOVING_ENDS)

@@ -25,9 +25,13 @@ from numpy.typing import ArrayLike
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import Grasp, WrenchLimits
+from holdfast.model.grasp import Grasp
 from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.wrench_condition import Condition, largest_force_and_moment
+from holdfast.questions.arrays import CONTACTS, LIMITS, RAD, RATE, TORQUE, Row, value_of
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import asked, declare
+from holdfast.questions.question import Part, Question, by_joints
 from holdfast.spatial.scalar import Array, Scalar, array, each, less, minimum, where
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State, require_fit
@@ -71,10 +75,10 @@ class JointLimits(NamedTuple):
 
 def joint_limits(chain: ClosedChain) -> JointLimits:
     """Return the limits of all joints, arms in order, base to tip."""
-    rows = [(*joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in chain.all_joints]
-    return JointLimits(*np.array(rows, dtype=float).reshape(-1, 4).T)
+    return JointLimits(*value_of(LIMITS, chain))
 
 
+@asked
 def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> Array:
     """Return the margin of every grasp, in the order of `chain.grasps`, (grasps,) [N]. O(l).
 
@@ -84,28 +88,16 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
         grasp_wrench: (arms, 6) wrench of each arm on the object about the contact point, world axes, as in
             `ForwardResult`.
 
+    The derivative of each margin is that of the condition with the least margin, or of one of them if several are
+    equal; that of a norm |B f| is 0 where the norm is 0, and that of an infinite margin is 0.
+
     Raises:
         StateError: a shape is wrong.
     """
     require_fit(chain, state)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     with np.errstate(all="ignore"):  # squares of huge forces
-        return limited_margins(chain, contacts_of(chain), state.object_frame.R, f)
-
-
-def contacts_of(chain: ClosedChain) -> Array:
-    """Return the numbers that determine the margins of all grasps, (grasps, 6); see `contact_of`."""
-    return np.reshape([contact_of(grasp) for grasp in chain.grasps.values()], (-1, 6))
-
-
-def contact_of(grasp: Grasp) -> Array:
-    """Return the numbers that determine the margin of a grasp.
-
-    They are (6,): 1 if it is one-sided, mu, torsion radius or half length, largest moment, largest force, lever.
-    """
-    contact, limits = grasp.contact, grasp.wrench_limits or WrenchLimits()
-    one_sided = [0.0, 1.0, 1.0] if contact is None else [1.0, contact.mu, grasp.contact_size or 1.0]
-    return np.array([*one_sided, limits.moment, limits.force, limits.lever], dtype=float)
+        return limited_margins(chain, value_of(CONTACTS, chain), state.object_frame.R, f)
 
 
 def limited_margins(chain: ClosedChain, contacts: Array, R: Array, f: Array) -> Array:
@@ -122,7 +114,7 @@ def margins_of_grasps(chain: ClosedChain, contacts: Array, R: Array, frames: Ite
 
     Args:
         chain: the chain, of which only names and kinds are used.
-        contacts: (grasps, 6) numbers of `contact_of`.
+        contacts: (grasps, 6) numbers of `questions.arrays.contact_of`.
         R: (3, 3) attitude of the object.
         frames: (3, 3) each, attitudes of the contact frames, object axes.
         f: (arms, 6) wrench of each arm on the object about the contact point, world axes.
@@ -143,7 +135,7 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
 
     Args:
         kind: kind of the grasp.
-        contact: (6,) numbers of `contact_of`.
+        contact: (6,) numbers of `questions.arrays.contact_of`.
         f: (6,) wrench of the arm on the object about the contact point, contact axes.
     """
     one_sided, mu, size, moment, force, lever = contact
@@ -156,7 +148,7 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
 
 
 def limited(contact: Array) -> Scalar:
-    """Return whether a grasp is one-sided or has wrench limits; `contact` as in `contact_of`."""
+    """Return whether a grasp is one-sided or has wrench limits; `contact` as in `questions.arrays.contact_of`."""
     one_sided, _, _, moment, force, _ = contact
     return where(one_sided > 0.5, 0.0, minimum(moment, force)) < math.inf
 
@@ -178,6 +170,7 @@ def conditions(grasp: Grasp) -> tuple[Condition, ...]:
     return found
 
 
+@asked
 def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMargins:
     """Return the margins of all joints. O(n).
 
@@ -185,6 +178,9 @@ def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMarg
         chain: the chain.
         state: joint positions and rates.
         tau: (n,) drive torques, arms in order, base to tip [N m or N].
+
+    The derivative of a position margin is that for the nearer end of the range. Half way between both ends, and at
+    qd = 0 and tau = 0, it is that of one side; those of infinite margins are 0.
 
     Raises:
         StateError: a shape is wrong.
@@ -197,3 +193,57 @@ def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMarg
 def margins_of_joints(limits: JointLimits, q: Array, qd: Array, tau: Array) -> JointMargins:
     """Return the margins of joints for positions, rates and torques (..., n) with any leading axes."""
     return JointMargins(minimum(q - limits.low, limits.high - q), limits.rate - abs(qd), limits.effort - abs(tau))
+
+
+def _margins(case: VariedCase) -> tuple[Array]:
+    return (limited_margins(case.chain, case.own[CONTACTS], case.state.object_frame.R, case.own["grasp_wrench"]),)
+
+
+def _limited(case: VariedCase) -> tuple[Array, ...]:
+    limits = JointLimits(*case.own[LIMITS])
+    found = margins_of_joints(limits, case.state.q, case.state.qd, case.own["tau"])
+    return tuple(where(limited, margin, math.inf) for limited, margin in zip(limits.limited, found, strict=True))
+
+
+def _grasps(chain: ClosedChain, result: str) -> list[Part]:
+    return [Part(slice(k, k + 1), chain.names.index(name)) for k, name in enumerate(chain.grasps)]
+
+
+GRASP_MARGINS = declare(
+    Question(
+        "grasp_margins",
+        _margins,
+        (Row("grasp_margins", ("grasps",), "N", "margins of the grasps; infinite without a limit"),),
+        "the margin of every grasp: how far it is from slipping, lifting off or giving way",
+        inputs=("object_pose", "grasp_wrench"),
+        parameters=(CONTACTS, "grasp_R"),
+        arguments=("object_pose", "grasp_pose", "grasp_wrench"),
+        by=("object_pose", "grasp_wrench"),
+        depends_on=("grasps",),
+        unlimited=True,
+        parts=_grasps,
+        of_object=True,
+    ),
+    grasp_margins,
+)
+JOINT_MARGINS = declare(
+    Question(
+        "joint_margins",
+        _limited,
+        (
+            Row("position", ("n",), RAD, "distance to the nearer end of the range"),
+            Row("rate", ("n",), RATE, "rate limit minus |qd|"),
+            Row("effort", ("n",), TORQUE, "effort limit minus |tau|"),
+        ),
+        "the margins of all joints; infinite without a limit",
+        inputs=("q", "qd", "tau"),
+        parameters=(LIMITS,),
+        arguments=("q", "qd", "tau"),
+        by=("q", "qd", "tau"),
+        depends_on=(),
+        unlimited=True,
+        parts=by_joints,
+        shown=lambda chain, found: JointMargins(**found),
+    ),
+    joint_margins,
+)

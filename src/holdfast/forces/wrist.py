@@ -7,16 +7,22 @@ import numpy as np
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.contact_places import tip_frames
+from holdfast.dynamics.possible_motion import require_holding
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.questions.arrays import Row
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import asked, declare
+from holdfast.questions.question import Part, Question
 from holdfast.spatial.scalar import Array, array, each
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
+@asked
 def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> Array:
     """Return the wrench of each arm on the object across its tip frame, (arms, 6) [N m, N].
 
@@ -78,3 +84,27 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
         alpha = shift_twist(-tip, unrotate(R, by_joints))  # of the link's origin, without the bias
         found.append(across_tip + arm.arm.links[-1].spatial_inertia.apply(alpha) + arm.bias.wrenches[-1])
     return checks.finite(np.array(found), "last joint wrenches")
+
+
+def _wrists(case: VariedCase) -> tuple[Array]:
+    return (across_tips(case.chain, case.state, case.own["grasp_wrench"]),)
+
+
+WRISTS = declare(
+    Question(
+        "wrist_wrenches",
+        _wrists,
+        (Row("wrist_wrenches", ("arms", 6), "N m, N", "wrench of each arm on the object across its tip frame, tip"
+            " axes"),),
+        "the grasp wrenches in tip axes, as force-torque sensors in the wrists measure them",
+        inputs=("q", "grasp_wrench"),
+        parameters=("base_R",),
+        arguments=("q", "base_pose", "floating_pose", "grasp_wrench"),
+        by=("q", "grasp_wrench"),
+        depends_on=(),
+        require=require_holding,
+        parts=lambda chain, _: [Part(slice(6 * row, 6 * row + 6), row) for row in range(len(chain.arms))],
+    ),
+    wrist_wrenches,
+    own=lambda result: {"grasp_wrench": result.grasp_wrench},
+)  # fmt: skip

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import state_fields
 from holdfast.errors import StateError
 from holdfast.gym.task import Phase, Task
 from holdfast.model import checks
+from holdfast.questions.arrays import state_fields
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems
 from holdfast.spatial.scalar import Array

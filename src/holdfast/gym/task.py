@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiler.program import Shape
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.gym.batch_function import BatchFunction
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import shapes, state_fields
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.spatial.frozen import frozen_property, read_only
 from holdfast.spatial.scalar import Array

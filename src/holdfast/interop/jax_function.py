@@ -8,17 +8,14 @@ from typing import Any, Literal
 
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.derivative_schedule import WITH, derivative_shapes
-from holdfast.compiled.externals import FLOATING
-from holdfast.compiled.foreign_code import derivative_code, forward_code
+from holdfast.compiled.foreign_code import answer_code, derivative_code
 from holdfast.compiled.parameters import POSE_ARRAYS
-from holdfast.dynamics.closed.forward_derivatives import results_of
-from holdfast.dynamics.derivatives import STATE_AND_TORQUES
-from holdfast.dynamics.linearised_function import POSES
 from holdfast.errors import StateError
 from holdfast.interop.jax_arguments import checked
 from holdfast.interop.jax_call import Route, available_route, operation
 from holdfast.interop.jax_import import require_jax
 from holdfast.interop.jax_pose import pose_gradient, pose_tangent, rotation_and_origin
+from holdfast.questions.arrays import FLOATING, POSES, STATE_AND_TORQUES, results_of
 
 _FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")
 
@@ -41,7 +38,7 @@ class JaxFunction:
         self._names = (*STATE_AND_TORQUES, *(FLOATING if compiled.chain.floats else ()), *parameters)
         shapes = {name: derivative_shapes(compiled.chain)[name] for name in self._names}
         self._shapes = {name: (*x[:-1], 7) if name in POSES else x for name, x in shapes.items()}
-        code = forward_code(compiled, of, parameters)
+        code = answer_code(compiled.forward_dynamics, of, parameters)
         given = [name for name in self._arrays_of(self._names) if name in code.externals]
         self._forward = operation(compiled, code, given, self.route)
         self._function = self._with_jvp() if forward_mode else self._with_vjp()
@@ -109,7 +106,7 @@ class JaxFunction:
 
     def _derivative(self, kind: Literal["vjp", "jvp"], with_names: Sequence[str]) -> Any:
         self._require_unique_forces()
-        code = derivative_code(self._compiled, kind, self.of, self._names)
+        code = derivative_code(self._compiled.forward_dynamics, kind, self.of, self._names)
         arrays = (*self._arrays_of(self._names), *(f"{WITH}{name}" for name in with_names))
         return operation(self._compiled, code, [name for name in arrays if name in code.externals], self.route)
 

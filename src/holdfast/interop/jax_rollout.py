@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled.derivative_schedule import FOUND, WITH
-from holdfast.compiled.externals import shapes, state_fields
-from holdfast.dynamics.closed.forward_derivatives import results_of
-from holdfast.dynamics.linearised_function import POSES
 from holdfast.errors import SingularChainError, StateError
 from holdfast.interop.jax_arguments import checked, require_names
 from holdfast.interop.jax_call import Route, batched, callback
 from holdfast.interop.jax_import import require_jax
 from holdfast.interop.jax_pose import pose_cotangent, pose_gradient
+from holdfast.questions.arrays import POSES, results_of, shapes, state_fields
 from holdfast.simulation.rollout.adjoint import BEFORE, adjoint_shapes
 from holdfast.simulation.rollout.arguments import step_lengths, whole_number
 from holdfast.simulation.rollout.rollout import Rollout

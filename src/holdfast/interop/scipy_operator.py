@@ -47,7 +47,7 @@ def jacobian_operator(
     lacking = [name for name in ("q", "qd", "tau", "object_pose", "object_twist") if name not in arguments]
     if lacking:
         raise StateError(f"jacobian_operator: expected q, qd, tau, object_pose, object_twist, got no {lacking[0]}")
-    compiled._derivatives("jvp", [of], by, arguments)  # refuses unknown names
+    compiled.forward_dynamics.derived("jvp", [of], by)  # refuses unknown names
     shapes = derivative_shapes(compiled.chain)
     sizes = [math.prod(shapes[name]) for name in by]
 

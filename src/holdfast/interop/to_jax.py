@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from typing import overload
 
 from holdfast.compiled.chain import CompiledChain
-from holdfast.compiled.externals import BASE_MOTION, TRUNK_BASE_MOTION, link_parameters
-from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.errors import StateError
 from holdfast.interop.jax_arguments import require_names
 from holdfast.interop.jax_function import JaxFunction
 from holdfast.interop.jax_import import require_jax
 from holdfast.interop.jax_rollout import JaxRollout
 from holdfast.model import checks
+from holdfast.questions.arrays import BASE_MOTION, TRUNK_BASE_MOTION, link_parameters, results_of
 from holdfast.simulation.rollout.rollout import Rollout
 
 _PARAMETERS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "grasp_pose", "base_pose")

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.compiled.chain import CompiledChain
-from holdfast.dynamics.derivatives import STATE_AND_TORQUES
-from holdfast.dynamics.linearised_function import POSES
 from holdfast.dynamics.projection import turned_and_shifted
 from holdfast.errors import SingularChainError, StateError
 from holdfast.model import checks
+from holdfast.questions.arrays import POSES, STATE_AND_TORQUES
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.spatial.rotation_curve import exp_curve
 from holdfast.spatial.scalar import Array

@@ -11,7 +11,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from holdfast.compiled.externals import state_fields
 from holdfast.errors import ResultError, StateError
 from holdfast.io.files import LONGEST_NAME, file_path, one_line
 from holdfast.io.model_data import model_of
@@ -22,6 +21,7 @@ from holdfast.io.stored_arrays import STATUSES, StoredArrays, piece_name, read_p
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
+from holdfast.questions.arrays import state_fields
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutSystems

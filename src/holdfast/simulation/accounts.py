@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.arm_functions import ACCOUNTS
-from holdfast.compiled.function import CompiledFunction
+from holdfast.compiled.chain import CompiledChain
+from holdfast.compiled.function import Function
 from holdfast.compiled.structure import Options
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.energy import bodies, elastic_energy, rotor_energy
-from holdfast.dynamics.momentum_balance import rate_of
+from holdfast.dynamics.momentum_balance import ACCOUNTS, rate_of
 from holdfast.errors import StateError
 from holdfast.forces.wrist import wrist_wrenches
 from holdfast.model.closed_chain import ClosedChain
@@ -79,8 +79,8 @@ class CompiledAccounts:
         return plain and still and inputs.link_wrenches is None
 
     @cached_property
-    def _function(self) -> CompiledFunction:
-        return CompiledFunction("accounts", self.chain, Options(), ACCOUNTS)
+    def _function(self) -> Function:
+        return Function(CompiledChain(self.chain, Options(), None), ACCOUNTS)
 
     @cached_property
     def _at_origin(self) -> Array:
@@ -93,7 +93,7 @@ class CompiledAccounts:
         The two samples at a jump have the same state.
         """
         if not all(map(np.array_equal, given, self._given)):
-            self._found, self._given = self._function(given, {}, 1), given
+            self._found, self._given = self._function(*given), given
         return self._found
 
     def of(self, at: Instant) -> Accounts:

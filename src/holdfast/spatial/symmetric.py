@@ -90,3 +90,8 @@ def mirrored(B: Array) -> Array:
     rows = B.tolist()
     n = range(len(rows))
     return array([[rows[min(i, j)][max(i, j)] for j in n] for i in n])
+
+
+def symmetric_part(x: Array) -> Array:
+    """Return the symmetric part of x, which is the gradient with respect to a symmetric matrix."""
+    return 0.5 * (x + np.swapaxes(x, -1, -2))

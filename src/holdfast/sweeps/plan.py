@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import state_fields
 from holdfast.control.controller import ControlLaw
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
+from holdfast.questions.arrays import state_fields
 from holdfast.simulation.rollout.arguments import CHAINS, number, step_options, whole_number, whole_steps
 from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.simulation.rollout.rollout import Rollout

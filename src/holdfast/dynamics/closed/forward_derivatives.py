@@ -16,19 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion
-from holdfast.dynamics.closed.pose_tangents import by_motion, rates_of
 from holdfast.dynamics.closed.second_solve import Load, Point, right_hand_side, second_solve
 from holdfast.dynamics.closed.sequential import Second
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
 from holdfast.dynamics.trunk.trunk_derivatives import (
-    BASE_RESULT,
-    FLOATING_RESULT,
-    OF_FLOATING,
-    OF_JOINTS,
-    OF_STANDING,
     OF_TRUNK,
-    TRUNK_LINKS,
     TrunkRates,
     gradient_through_trunk,
     multipliers_through_trunk,
@@ -39,28 +32,18 @@ from holdfast.dynamics.trunk.trunk_derivatives import (
 from holdfast.dynamics.trunk.trunk_power import MOTION, TrunkUnknowns
 from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import (
+    BASE_RESULT,
+    BODY_POSES,
+    FLOATING_RESULT,
+    OF_JOINTS,
+    OF_LINKS,
+    OF_OBJECT,
+)
 from holdfast.spatial.linear import Linear
+from holdfast.spatial.pose_tangents import by_motion, rates_of
 from holdfast.spatial.scalar import Array, array, concatenate, each_of, scan
-
-RESULTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
-OF_LINKS = ("link_mass", "link_com", "link_inertia", "link_wrench")
-OF_OBJECT = ("object_mass", "object_com", "object_inertia", "object_wrench")  # not in the equations of the arms
-POSES = ("object_pose", "grasp_pose", "base_pose")
-ARGUMENTS = (*OF_JOINTS, "object_twist", *OF_OBJECT, *POSES, "gravity", "base_twist", "base_acceleration", *OF_LINKS)
-
-
-def results_of(chain: ClosedChain) -> tuple[str, ...]:
-    """Return the names of a chain's results of forward dynamics; `floating_acceleration` is that of a floating base."""
-    if chain.trunk is None:
-        return RESULTS
-    return (*RESULTS, *([FLOATING_RESULT] if chain.floats else []), BASE_RESULT)
-
-
-def arguments_of(chain: ClosedChain) -> tuple[str, ...]:
-    """Return the names of the arguments with respect to which a chain's forward dynamics can be differentiated."""
-    if chain.trunk is None:
-        return ARGUMENTS
-    return (*ARGUMENTS, *TRUNK_LINKS, "trunk_link_wrench", *(OF_FLOATING if chain.floats else OF_STANDING))
+from holdfast.spatial.symmetric import symmetric_part
 
 
 class VirtualPower(NamedTuple):
@@ -117,7 +100,7 @@ def backward(
         below = {name: x - sign * under[name] for name, x in below.items()}
     found: dict[str, Array] = {name: below[name] for name in (*OF_TRUNK, "floating_pose") if name in below}
     if "trunk_link_inertia" in found:
-        found["trunk_link_inertia"] = symmetric(found["trunk_link_inertia"])
+        found["trunk_link_inertia"] = symmetric_part(found["trunk_link_inertia"])
     for name in (*OF_JOINTS, *OF_LINKS):
         if name in by:
             first = [below[name]] if name in below else []
@@ -165,7 +148,7 @@ def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) 
     found = case.gradient(z, y, wanted)
     numbers = case.numbers(wanted)
     if "link_inertia" in found:
-        found["link_inertia"] = symmetric(found["link_inertia"])
+        found["link_inertia"] = symmetric_part(found["link_inertia"])
     for what in ("base", "grasp"):
         if f"{what}_R" in found:
             found[f"{what}_pose"] = by_motion(found[f"{what}_R"], numbers[f"{what}_R"], found[f"{what}_p"])
@@ -191,7 +174,7 @@ def object_gradient(at: Point, y: Array, of_arms: Sequence[Mapping[str, Array]],
         shift, _ = scan(lambda total, g: (total + g["object_p"], None), np.zeros(3), of_arms)
         found["object_pose"] = by_motion(found["object_R"], case.frame.R, shift)
     if "object_inertia" in wanted:
-        found["object_inertia"] = symmetric(found["object_inertia"])
+        found["object_inertia"] = symmetric_part(found["object_inertia"])
     return {name: found[name] for name in wanted}
 
 
@@ -355,18 +338,13 @@ def tangents_of(
 
 def arm_rates(case: ArmCase, given: Mapping[str, Array]) -> dict[str, Array]:
     """Return the rates of an arm's numbers for tangents of its arguments."""
-    found = {name: x for name, x in given.items() if name not in POSES}
+    found = {name: x for name, x in given.items() if name not in BODY_POSES}
     frames: dict[str, Any] = {"base": case.given.arm.base}
     if case.grasp is not None:
         frames["grasp"] = case.grasp.frame
     for what, frame in frames.items():
         found |= rates_of(given, what, frame.R)
     return found
-
-
-def symmetric(x: Array) -> Array:
-    """Return the symmetric part of x, which is the gradient with respect to a symmetric matrix."""
-    return 0.5 * (x + np.swapaxes(x, -1, -2))
 
 
 def numbers_of(arguments: Iterable[str]) -> list[str]:
@@ -376,5 +354,5 @@ def numbers_of(arguments: Iterable[str]) -> list[str]:
         if name in OF_TRUNK or name == "floating_pose":
             continue  # only the trunk's equations depend on it
         of_pose = [f"{name.removesuffix('_pose')}_R", f"{name.removesuffix('_pose')}_p"]
-        found += of_pose if name in POSES else ["base_acceleration" if name == "gravity" else name]
+        found += of_pose if name in BODY_POSES else ["base_acceleration" if name == "gravity" else name]
     return list(dict.fromkeys(found))

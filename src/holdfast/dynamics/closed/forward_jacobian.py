@@ -17,51 +17,27 @@ import numpy as np
 from holdfast.dynamics.arm.motion import ArmMotion, driven
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.forward_derivatives import (
-    OF_JOINTS,
     arm_rates,
     forward,
     forward_along,
     numbers_of,
-    symmetric,
 )
 from holdfast.dynamics.closed.own_response import OF_MOTION, OwnResponse, joint_responses, own_response
 from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.closed.tip_response import RECURSION_PAYS_FROM, TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
-from holdfast.dynamics.trunk.trunk_derivatives import OF_TRUNK
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import ARRAYS, OF_JOINTS, OF_LINKS, OF_OBJECT, Shape, gradient_shapes
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, array, concatenate, each, each_of
 from holdfast.spatial.spatial_vector import shift_twist
-from holdfast.spatial.symmetric import Symmetric6
+from holdfast.spatial.symmetric import Symmetric6, symmetric_part
 
-Shape = tuple[int, ...]
 # The rates of the results as a function of those of the arguments with the given shapes.
 Rates = Callable[[Point, Mapping[str, Shape]], Callable[[Mapping[str, Array]], dict[str, Array]]]
 
-# Shapes of the arguments that concern the whole chain, and of those of one link.
-OF_CHAIN: dict[str, Shape] = {
-    "object_pose": (6,),
-    "object_twist": (6,),
-    "object_mass": (),
-    "object_com": (3,),
-    "object_inertia": (3, 3),
-    "object_wrench": (6,),
-    "gravity": (3,),
-}
-OF_LINK: dict[str, Shape] = {"link_mass": (), "link_com": (3,), "link_inertia": (3, 3), "link_wrench": (6,)}
-
-
-def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the gradients with respect to every argument."""
-    n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
-    links = sum(arm.joint_count for arm in chain.arms.values())
-    shapes = OF_CHAIN | dict.fromkeys(OF_JOINTS, (n,)) | {"grasp_pose": (g, 6)}
-    shapes |= dict.fromkeys(("base_pose", "base_twist", "base_acceleration"), (l, 6))
-    if chain.trunk is not None:
-        shapes |= dict.fromkeys((*OF_TRUNK, "floating_pose"), (6,))
-        shapes |= {f"trunk_{name}": (len(chain.trunk.bodies), *shape) for name, shape in OF_LINK.items()}
-    return shapes | {name: (links, *shape) for name, shape in OF_LINK.items()}
+# The arguments that concern the whole chain.
+OF_CHAIN = ("object_pose", "object_twist", *OF_OBJECT, "gravity")
 
 
 class ByWrench(NamedTuple):
@@ -158,15 +134,14 @@ def units_needed(chain: ClosedChain, by: Sequence[str]) -> int:
 
 def arm_shape(name: str, N: int) -> Shape:
     """Return the shape of one arm's part of an argument."""
-    if name in OF_JOINTS:
-        return (N,)
-    return (N, *OF_LINK[name]) if name in OF_LINK else (6,)
+    axes = ARRAYS[name].axes
+    return (N, *axes[1:]) if name in (*OF_JOINTS, *OF_LINKS) else (6,)  # type: ignore[index]
 
 
 def direction(unit: Array, name: str, shape: Shape) -> Array:
     """Return the direction in which one number of an argument changes; for inertias it is symmetric."""
     x = unit.reshape(shape)
-    return symmetric(x) if name.endswith("inertia") else x
+    return symmetric_part(x) if name.endswith("inertia") else x
 
 
 def unit_response(at: Point, unit: Array) -> tuple[list[Array], Array]:

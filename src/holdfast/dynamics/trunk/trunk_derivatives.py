@@ -6,29 +6,25 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from holdfast.dynamics.closed.pose_tangents import by_motion, by_motions, rates_of
 from holdfast.dynamics.closed.second_solve import Load, Point
 from holdfast.dynamics.closed.virtual_power import Unknowns
 from holdfast.dynamics.trunk.trunk_power import MOTION, CarriedBase, TrunkCase, TrunkUnknowns
 from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import TRUNK
+from holdfast.questions.arrays import BASE_RESULT, FLOATING_RESULT, LINKS, OF_JOINTS, TRUNK_LINKS
+from holdfast.spatial.pose_tangents import by_motion, by_motions, rates_of
 from holdfast.spatial.scalar import Array, concatenate, each_of
 
-OF_JOINTS = ("q", "qd", "tau", "armature", "damping")
 # Arguments of the trunk only, and their names in its equations.
-TRUNK_LINKS = {"trunk_link_mass": "link_mass", "trunk_link_com": "link_com", "trunk_link_inertia": "link_inertia"}
 OF_TRUNK = {
-    **TRUNK_LINKS,
+    **dict(zip(TRUNK_LINKS, LINKS, strict=True)),
     "trunk_link_wrench": "wrenches",
     "trunk_base_twist": "base_twist",
     "trunk_base_acceleration": "base_acceleration",
     "floating_twist": "base_twist",
 }
-OF_FLOATING = ("floating_pose", "floating_twist")
-OF_STANDING = ("trunk_base_twist", "trunk_base_acceleration")
 # The rates of the trunk's dL/dy for rates of the arguments and of the dL/dy of its arms.
 TrunkRates = Callable[[Mapping[str, Array], Mapping[str, Unknowns]], TrunkUnknowns]
-FLOATING_RESULT, BASE_RESULT = "floating_acceleration", "trunk_base_wrench"
 
 
 def trunk_load(at: Point, cotangents: Mapping[str, Array]) -> TrunkLoad:

@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiled.traced_chain import Given, traced
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
-from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
-from holdfast.forces.force_derivatives import CONTACTS
+from holdfast.questions.arrays import CONTACTS, gradient_shapes, shapes, state_fields
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.rollout.kernel import StepKernel, step_externals
 from holdfast.simulation.rollout.varied_step import CONTROL, MARGIN, WORK, VariedStep

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.externals import FLOATING, LINKS, STATE, TRUNK_LINKS, state_fields
 from holdfast.compiled.parameters import WRENCHES, parse_parameters
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import FLOATING, LINKS, STATE, TRUNK_LINKS, state_fields
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED

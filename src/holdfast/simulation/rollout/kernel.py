@@ -11,20 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import BASE_MOTION, externals, link_parameters, shapes
 from holdfast.compiled.kernels import key_of
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
-from holdfast.compiled.traced_chain import Given, traced
+from holdfast.compiled.traced_chain import Given, externals, traced
 from holdfast.compiler.kernel import BatchKernel, address_of
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.control.controller import ControlLaw
 from holdfast.errors import StateError
-from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.questions.arrays import BASE_MOTION, CONTACTS, link_parameters, shapes
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.joint_friction import joint_friction

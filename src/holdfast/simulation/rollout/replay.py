@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import LINKS, TRUNK_LINKS, link_rows, state_fields
 from holdfast.compiled.statuses import system
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.link import Link
+from holdfast.questions.arrays import LINKS, TRUNK_LINKS, link_rows, state_fields
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import state_fields
 from holdfast.compiled.structure import Options
 from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
@@ -17,6 +16,7 @@ from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import busy
+from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.rollout.arguments import (
     MOST_STEPS,

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import FLOATING_FIELDS, STATE_FIELDS
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.indeterminate import with_smallest_forces
@@ -17,6 +16,7 @@ from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.questions.arrays import ARRAYS, FLOATING, STATE
 from holdfast.simulation.instant import WORST_CONDITION, Instant
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.rollout.kernel import Systems
@@ -47,13 +47,14 @@ class StageInputs:
 
 def state_rows(states: Sequence[State]) -> dict[str, Array]:
     """Return states as arrays with one row per state."""
-    fields = STATE_FIELDS | (FLOATING_FIELDS if states[0].base_pose is not None else {})
+    names = (*STATE, *(FLOATING if states[0].base_pose is not None else ()))
+    fields = {name: ARRAYS[name].field for name in names}
     return {name: np.array([getattr(state, field) for state in states]) for name, field in fields.items()}
 
 
 def state_of(systems: Systems, row: int) -> State:
     """Return the state of one system without changing any bits."""
-    fields = STATE_FIELDS | FLOATING_FIELDS
+    fields = {name: ARRAYS[name].field for name in (*STATE, *FLOATING)}
     return found_state({field: systems[name][row].copy() for name, field in fields.items() if name in systems})
 
 

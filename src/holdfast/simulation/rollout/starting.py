@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.externals import state_fields
 from holdfast.compiled.faults import faulty, largest_positions
 from holdfast.compiled.statuses import MOST_TRIED, system
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.rank import closed_near, held_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.arguments import fitting, kernel_arguments
 from holdfast.simulation.rollout.systems import RolloutSystems

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import state_fields
 from holdfast.errors import FrozenError, StateError
 from holdfast.forces.margins import joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import state_fields
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.stability import cell, fastest_passive
 from holdfast.spatial.frozen import read_only

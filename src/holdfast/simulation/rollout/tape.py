@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.externals import state_fields
-from holdfast.dynamics.closed.forward_derivatives import results_of
-from holdfast.dynamics.derivatives import Derivatives, require_names
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
+from holdfast.questions.arrays import results_of, state_fields
+from holdfast.questions.derivatives import Derivatives, require_names
 from holdfast.simulation.rollout.adjoint import BEFORE, AdjointKernel, adjoint_shapes
 from holdfast.simulation.rollout.arguments import (
     CHAINS,

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.externals import state_fields
 from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_status
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
@@ -24,9 +23,9 @@ from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
-from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import CONTACTS, state_fields
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment, GivenInputs
 from holdfast.simulation.increment import increment_rate, no_turns

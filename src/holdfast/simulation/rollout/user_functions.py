@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiled.traced_chain import unit_pose
 from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.node import Node
@@ -23,6 +22,7 @@ from holdfast.control.controller import ControlLaw
 from holdfast.control.traced_law import comparable, law_program
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import shapes, state_fields
 from holdfast.simulation.environment import BaseMotion, GivenInputs, inputs_at, motion_of, require_wrenches, take_state
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose

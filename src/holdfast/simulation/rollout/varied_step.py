@@ -15,21 +15,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.externals import state_fields
 from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_status
 from holdfast.compiled.traced_chain import Given, framed
 from holdfast.dynamics.closed.chain_solution import ChainSolution
-from holdfast.dynamics.closed.forward_derivatives import results_of
-from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.spring_wrenches import with_springs, without_springs
 from holdfast.dynamics.point_rule import PointRule, by_pose, motion_of
 from holdfast.dynamics.projection import STEP_ROUNDS, Change, displaced_by, quickened, turned_and_shifted
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION, OF_ROUND, change_of, impulse_point, round_point
-from holdfast.dynamics.varied_case import VariedCase
-from holdfast.forces.force_derivatives import CONTACTS
 from holdfast.forces.margins import limited_margins
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import CONTACTS, gradient_shapes, results_of, state_fields
+from holdfast.questions.case import VariedCase
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import OF_WORK, no_turns
 from holdfast.simulation.linearly_implicit import Implicit, passive_joints

@@ -13,6 +13,7 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk
+from holdfast.questions.arrays import ARRAYS, value_of
 from holdfast.spatial.frozen import changed
 from holdfast.spatial.inertia import about_origin
 from holdfast.spatial.pose import Pose
@@ -22,16 +23,10 @@ from holdfast.state import Inputs, State
 
 Body = TypeVar("Body", Link, HeldObject)
 Numbers = Mapping[str, Array]
-OF_INPUTS = {
-    "object_wrench": "object_wrench",
-    "link_wrench": "link_wrenches",
-    "base_twist": "base_twists",
-    "base_acceleration": "base_accelerations",
-    "trunk_link_wrench": "trunk_link_wrenches",
-    "trunk_base_twist": "trunk_base_twist",
-    "trunk_base_acceleration": "trunk_base_acceleration",
-}
-OF_STATE = {"q": "q", "qd": "qd", "object_twist": "object_twist", "floating_twist": "base_twist"}
+OF_INPUTS, OF_STATE = (
+    {name: row.field for name, row in ARRAYS.items() if row.role == role and row.field and not row.is_pose}
+    for role in ("input", "state")
+)
 
 
 class VariedCase(NamedTuple):
@@ -51,39 +46,15 @@ class VariedCase(NamedTuple):
 
     def numbers(self, names: Sequence[str]) -> dict[str, Array]:
         """Return the named numbers; rows are arms, grasps or links, and rotations are matrices."""
-        arms, body, frame = list(self.chain.arms.values()), self.chain.held_object, self.state.object_frame
-        grasps, links = list(self.chain.grasps.values()), [link for arm in arms for link in arm.links]
-        bodies = [] if self.chain.trunk is None else self.chain.trunk.bodies
-        joints, floating = self.chain.all_joints, self.state.base_frame or Pose.identity()
-        own = {
-            "object_R": lambda: frame.R,
-            "object_p": lambda: frame.p,
-            "object_mass": lambda: body.mass,
-            "object_com": lambda: body.com,
-            "object_inertia": lambda: body.inertia,
-            "gravity": lambda: self.chain.gravity,
-            "grasp_R": lambda: np.reshape([grasp.frame.R for grasp in grasps], (-1, 3, 3)),
-            "grasp_p": lambda: np.reshape([grasp.frame.p for grasp in grasps], (-1, 3)),
-            "base_R": lambda: [arm.base.R for arm in arms],
-            "base_p": lambda: [arm.base.p for arm in arms],
-            "floating_R": lambda: floating.R,
-            "floating_p": lambda: floating.p,
-            "armature": lambda: [joint.armature for joint in joints],
-            "damping": lambda: [joint.damping for joint in joints],
-            "link_mass": lambda: [link.mass for link in links],
-            "link_com": lambda: np.reshape([link.com for link in links], (-1, 3)),
-            "link_inertia": lambda: np.reshape([link.inertia for link in links], (-1, 3, 3)),
-        }
-        own |= {
-            "trunk_link_mass": lambda: [body.mass for body in bodies],
-            "trunk_link_com": lambda: [body.com for body in bodies],
-            "trunk_link_inertia": lambda: [body.inertia for body in bodies],
-        }
-        own |= {name: lambda field=field: getattr(self.state, field) for name, field in OF_STATE.items()}
-        own |= {name: lambda field=field: getattr(self.inputs, field) for name, field in OF_INPUTS.items()}
-        own |= {name: lambda x=x: x for name, x in self.own.items()}
-        found = {name: np.asarray(own[name]()) for name in names}
+        frame, floating = self.state.object_frame, self.state.base_frame or Pose.identity()
+        own = {"object_R": frame.R, "object_p": frame.p, "floating_R": floating.R, "floating_p": floating.p, **self.own}
+        found = {name: np.asarray(own[name] if name in own else self._number(name)) for name in names}
         return {name: x if x.dtype == object else x.astype(float) for name, x in found.items()}
+
+    def _number(self, name: str) -> Any:
+        if name in OF_STATE:
+            return getattr(self.state, OF_STATE[name])
+        return getattr(self.inputs, OF_INPUTS[name]) if name in OF_INPUTS else value_of(name, self.chain)
 
     def varied(self, numbers: Numbers) -> VariedCase:
         """Return the case with some numbers replaced by scalars of any kind; nothing is checked."""

@@ -1,80 +1,26 @@
-"""Linearisation of functions that need no linear solve, by running their code on numbers that record operations.
+"""Linearisation of questions that need no linear solve, by running their code on numbers that record operations.
 
-Such a function takes a `VariedCase` and returns arrays. Its linearisation (`spatial.differentiation`) gives gradients
+Such a question takes a `VariedCase` and returns arrays. Its linearisation (`spatial.differentiation`) gives gradients
 in reverse mode and rates in forward mode. The names of the arguments and the derivatives by poses are as in
 `forward_dynamics_vjp`.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.forward_derivatives import POSES as OF_BODIES
-from holdfast.dynamics.closed.forward_derivatives import arguments_of, symmetric
-from holdfast.dynamics.closed.pose_tangents import by_motions
-from holdfast.dynamics.varied_case import VariedCase
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import POSES, Shape
+from holdfast.questions.case import VariedCase
+from holdfast.questions.question import Question
 from holdfast.spatial.differentiation import bare, linearised
 from holdfast.spatial.linear import Linear, arrays_of
+from holdfast.spatial.pose_tangents import by_motions
 from holdfast.spatial.scalar import Array, concatenate, each
+from holdfast.spatial.symmetric import symmetric_part
 from holdfast.spatial.vector import skew
-
-Shape = tuple[int, ...]
-
-POSES = (*OF_BODIES, "floating_pose")
-
-
-class Part(NamedTuple):
-    """Entries of a result that depend on much the same.
-
-    Attributes:
-        entries: of the result, flat.
-        arm: the row of the arm to which they belong; None for a trunk.
-    """
-
-    entries: slice
-    arm: int | None
-
-
-class Differentiable(NamedTuple):
-    """A function to be differentiated.
-
-    Attributes:
-        name: name of the function.
-        arguments: names of all its arguments, for any chain.
-        results: names of its results.
-        compute: returns its results for a case.
-        unlimited: whether a result may be infinite, as a margin without a limit is.
-        shape: the shape of a result of a chain.
-        parts: the parts of a result of a chain, in order; None if it has none. Those of arms in the world depend on
-            nothing of other arms.
-        of_object: whether parts depend on the object and on their grasps.
-        deciding: further arrays that `compute` returns after the results, by name with their shapes: they are not
-            differentiated, but show whether the function is defined there.
-    """
-
-    name: str
-    arguments: tuple[str, ...]
-    results: tuple[str, ...]
-    compute: Callable[[VariedCase], tuple[Any, ...]]
-    unlimited: bool = False
-    shape: Callable[[ClosedChain, str], Shape] = lambda chain, result: ()
-    parts: Callable[[ClosedChain, str], Sequence[Part]] | None = None
-    of_object: bool = False
-    deciding: Callable[[ClosedChain], Mapping[str, Shape]] = lambda chain: {}
-
-    def arguments_at(self, chain: ClosedChain, own: Iterable[str]) -> tuple[str, ...]:
-        """Return the names of its arguments that exist for a chain, and of further inputs."""
-        return tuple(name for name in self.arguments if name in (*own, *arguments_of(chain)))
-
-    def parts_of(self, chain: ClosedChain, result: str) -> Sequence[Part]:
-        """Return the parts of a result of a chain; one if it has none."""
-        whole = Part(slice(0, math.prod(self.shape(chain, result))), None)
-        return [whole] if self.parts is None else self.parts(chain, result)
 
 
 class LinearisedFunction(NamedTuple):
@@ -89,7 +35,7 @@ class LinearisedFunction(NamedTuple):
         results: what the function returns there, by name, also what is not differentiated.
     """
 
-    function: Differentiable
+    function: Question
     case: VariedCase
     names: tuple[str, ...]
     numbers: Mapping[str, Array]
@@ -99,7 +45,7 @@ class LinearisedFunction(NamedTuple):
     @property
     def shapes(self) -> dict[str, Shape]:
         """Shapes of the results, by name."""
-        return {name: of.shape for name, of in zip(self.function.results, self.linear.results, strict=True)}
+        return {name: of.shape for name, of in zip(self.function.names, self.linear.results, strict=True)}
 
     def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
         """Return the gradients of sum(cotangent . result) by argument; for poses with respect to [turn; shift]."""
@@ -118,7 +64,7 @@ class LinearisedFunction(NamedTuple):
             count = entries.stop - entries.start
             if not count:  # an anchor has no torques
                 continue
-            linear, varied = self.linear.of_entries(self.function.results.index(result), entries)
+            linear, varied = self.linear.of_entries(self.function.names.index(result), entries)
             row = gradient_of(linear)
             rows = each(row, units[:count, :count]) if count > 1 else [row(np.ones(1))]
             found += [self._row(varied, x) for x in rows]
@@ -144,7 +90,7 @@ class LinearisedFunction(NamedTuple):
                 R, p = _parts_of(name)
                 found[name] = by_motions(found[R], self.numbers[R], found[p])
             elif name.endswith("inertia"):
-                found[name] = symmetric(found[name])
+                found[name] = symmetric_part(found[name])
         return {name: found[name] for name in self.names}
 
     def rates(self, tangents: Mapping[str, Array]) -> dict[str, Array]:
@@ -158,13 +104,7 @@ class LinearisedFunction(NamedTuple):
                 given |= {R: spun @ self.numbers[R], p: tangent[..., 3:]}
             else:
                 given[name] = tangent
-        return dict(zip(self.function.results, self.linear.rates(*given.values()), strict=True))
-
-
-def by_joints(chain: ClosedChain, result: str) -> list[Part]:
-    """Return the parts, by arms, of a result with one entry for each joint."""
-    rows = {name: row for row, name in enumerate(chain.arms)}
-    return [Part(entries, rows.get(name)) for name, entries in chain.joints.items()]
+        return dict(zip(self.function.names, self.linear.rates(*given.values()), strict=True))
 
 
 def gradient_of(linear: Linear) -> Callable[[Array], Array]:
@@ -172,7 +112,7 @@ def gradient_of(linear: Linear) -> Callable[[Array], Array]:
     return lambda cotangent: linear.gradient(cotangent)[0]
 
 
-def linearised_function(function: Differentiable, case: VariedCase, by: Sequence[str]) -> LinearisedFunction:
+def linearised_function(function: Question, case: VariedCase, by: Sequence[str]) -> LinearisedFunction:
     """Return the linearisation of a function in some of its arguments."""
     names = tuple(dict.fromkeys(by))
     numbers = case.numbers([part for name in names for part in _parts_of(name)])
@@ -180,10 +120,9 @@ def linearised_function(function: Differentiable, case: VariedCase, by: Sequence
     results: dict[str, Array] = {}
 
     def of(*given: Array) -> tuple[Any, ...]:
-        found = function.compute(case.varied(dict(zip(numbers, given, strict=True))))
-        returned = (*function.results, *function.deciding(case.chain))
-        results.update({name: bare(x) for name, x in zip(returned, found, strict=True)})
-        return found[: len(function.results)]
+        found = function.compute(function.restricted(case.varied(dict(zip(numbers, given, strict=True)))))
+        results.update({name: bare(x) for name, x in zip(function.shapes(case.chain), found, strict=True)})
+        return found[: len(function.names)]
 
     return LinearisedFunction(function, case, names, numbers, linearised(of, *numbers.values()), results)
 
