@@ -47,7 +47,7 @@ def main() -> None:
     fast = hf.compile(chain)
     f = hf.interop.to_jax(fast, of=["qdd"])
 
-    own = fast.bind_derivatives("vjp", of=["qdd"])
+    own = fast.forward_dynamics.bind("vjp", of=["qdd"])
     for name, x in zip(("q", "qd", "tau", "object_pose", "object_twist"), values, strict=True):
         own.arrays[name][...] = x
     own.given["qdd"][...] = 1.0

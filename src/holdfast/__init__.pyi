@@ -20,15 +20,12 @@ from .compiled.chain import compile as compile
 from .control.controller import ControlLaw as ControlLaw
 from .control.holding_torques import holding_torques as holding_torques
 from .dynamics.closing import close as close
+from .dynamics.derivatives import forward_dynamics as forward_dynamics
 from .dynamics.derivatives import forward_dynamics_jacobian as forward_dynamics_jacobian
 from .dynamics.derivatives import forward_dynamics_jvp as forward_dynamics_jvp
 from .dynamics.derivatives import forward_dynamics_vjp as forward_dynamics_vjp
 from .dynamics.diagnose import diagnose as diagnose
-from .dynamics.forward import forward_dynamics as forward_dynamics
 from .dynamics.inverse import inverse_dynamics as inverse_dynamics
-from .dynamics.inverse_derivatives import inverse_dynamics_jacobian as inverse_dynamics_jacobian
-from .dynamics.inverse_derivatives import inverse_dynamics_jvp as inverse_dynamics_jvp
-from .dynamics.inverse_derivatives import inverse_dynamics_vjp as inverse_dynamics_vjp
 from .dynamics.project import project as project
 from .dynamics.regressor import regressor as regressor
 from .errors import ClosureError as ClosureError

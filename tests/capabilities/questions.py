@@ -160,9 +160,9 @@ def of_texts(c: Case) -> Any:
     base = found.base_acceleration if c.chain.floats else None
     given = c.chain, c.state, found.qdd, found.grasp_wrench, c.inputs, base
     return [
-        hf.inverse_dynamics_vjp(*given, tau=np.ones(c.chain.joint_count), by=("q",)).q,
-        dynamics.kinetic_energy_vjp(c.chain, c.state, inputs=c.inputs, by=("q",)).q,
-        dynamics.potential_energy_vjp(c.chain, c.state, by=("q",)).q,
+        hf.inverse_dynamics.vjp(*given, tau=np.ones(c.chain.joint_count), by=("q",)).q,
+        dynamics.kinetic_energy.vjp(c.chain, c.state, inputs=c.inputs, by=("q",)).q,
+        dynamics.potential_energy.vjp(c.chain, c.state, by=("q",)).q,
     ]
 
 
@@ -173,10 +173,10 @@ def of_margins(c: Case) -> Any:
     of_gaps = np.ones(sum(map(len, gaps)))
     wrists = np.ones((len(c.chain.arms), 6))
     return [
-        dynamics.closure_vjp(c.chain, c.state, c.inputs, position=of_gaps, by=("q",)).q,
-        forces.joint_margins_vjp(c.chain, c.state, c.tau, position=cotangent, by=("q",)).q,
-        forces.wrist_wrenches_vjp(c.chain, c.state, found, wrist_wrenches=wrists, by=("q",)).q,
-        forces.grasp_margins_vjp(
+        dynamics.closure.vjp(c.chain, c.state, c.inputs, position=of_gaps, by=("q",)).q,
+        forces.joint_margins.vjp(c.chain, c.state, c.tau, position=cotangent, by=("q",)).q,
+        forces.wrist_wrenches.vjp(c.chain, c.state, found, wrist_wrenches=wrists, by=("q",)).q,
+        forces.grasp_margins.vjp(
             c.chain, c.state, found.grasp_wrench, grasp_margins=np.ones(len(c.chain.grasps))
         ).grasp_wrench,
     ]

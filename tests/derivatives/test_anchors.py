@@ -70,10 +70,10 @@ def test_inverse_dynamics(joints, first):
     random, chain, s = np.random.default_rng(1), p.chain, p.state
     qdd, wrench, tau = (random.normal(size=shape) for shape in (len(s.q), (len(chain.arms), 6), len(s.q)))
     inputs, by = replace(p.inputs, link_wrenches=None), ("q", "grasp_wrench", "base_pose")
-    pulled = hf.inverse_dynamics_vjp(chain, s, qdd, wrench, inputs, tau=tau, by=by)
-    own = hf.inverse_dynamics_jacobian(chain, s, qdd, wrench, inputs, by=by)
+    pulled = hf.inverse_dynamics.vjp(chain, s, qdd, wrench, inputs, tau=tau, by=by)
+    own = hf.inverse_dynamics.jacobian(chain, s, qdd, wrench, inputs, by=by)
     moving = {"base_twist": p.inputs.base_twists, "base_acceleration": p.inputs.base_accelerations}
-    one = hf.compile(chain).inverse_dynamics_jacobian(s.q, s.qd, qdd, wrench, by=by, **moving)
+    one = hf.compile(chain).inverse_dynamics.jacobian(s.q, s.qd, qdd, wrench, by=by, **moving)
     for name in by:
         size = np.abs(own["tau", name]).max()
         assert np.abs(np.tensordot(tau, own["tau", name], 1) - pulled[name]).max() < 1e-12 * size
@@ -97,9 +97,9 @@ def test_inverse_dynamics_of_anchors_alone():
         {name: a for name, a in chain.arms.items() if name in chain.grasps}, chain.held_object, chain.grasps
     )
     state = hf.State(np.zeros(0), np.zeros(0), p.state.object_pose, p.state.object_twist)
-    found = hf.inverse_dynamics_jacobian(chain, state, np.zeros(0), np.zeros((1, 6)), by=("q", "object_pose"))
+    found = hf.inverse_dynamics.jacobian(chain, state, np.zeros(0), np.zeros((1, 6)), by=("q", "object_pose"))
     assert found["tau", "q"].shape == (0, 0) and found["tau", "object_pose"].shape == (0, 6)
-    one = hf.compile(chain).inverse_dynamics_jacobian(*np.zeros((3, 0)), np.zeros((1, 6)), by=("q", "base_pose"))
+    one = hf.compile(chain).inverse_dynamics.jacobian(*np.zeros((3, 0)), np.zeros((1, 6)), by=("q", "base_pose"))
     assert one["tau", "q"].shape == (0, 0) and one["tau", "base_pose"].shape == (0, 1, 6)
-    kinetic = hf.dynamics.kinetic_energy_jacobian(chain, state, by=("q", "object_twist"))
+    kinetic = hf.dynamics.kinetic_energy.jacobian(chain, state, by=("q", "object_twist"))
     assert kinetic["kinetic_energy", "q"].shape == (0,) and kinetic["kinetic_energy", "object_twist"].shape == (6,)

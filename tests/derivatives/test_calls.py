@@ -241,7 +241,7 @@ def test_bound_forms():
     p, own = one_arm()
     fast, random = compiled(p), np.random.default_rng(0)
     of = ("qdd", "grasp_wrench")
-    vjp, jvp, matrix = (fast.bind_derivatives(kind, of=of, by=FEW, **own) for kind in ("vjp", "jvp", "jacobian"))
+    vjp, jvp, matrix = (fast.forward_dynamics.bind(kind, of=of, by=FEW, **own) for kind in ("vjp", "jvp", "jacobian"))
     for _ in range(2):
         own["tau"] = random.normal(size=p.chain.joint_count)
         cotangents = {name: random.normal(size=shapes(p)[name]) for name in of}
@@ -308,7 +308,7 @@ def test_a_floating_base_is_an_input():
         floating_acceleration=np.stack([cotangent] * 3),
         by=by,
     )
-    bound = fast.bind_derivatives("vjp", of=("floating_acceleration",), by=by, **acting)
+    bound = fast.forward_dynamics.bind("vjp", of=("floating_acceleration",), by=by, **acting)
     for name, x in own.items():
         bound.arrays[name][...] = x
     bound.given["floating_acceleration"][...] = cotangent

@@ -207,7 +207,7 @@ def test_rates_are_five_point_differences():
     fast, random = Alone(of.p.chain), np.random.default_rng(3)
     given = dict(zip(("q", "qd", "qdd", "grasp_wrench"), inputs_of(of), strict=True))
     along = {name: random.normal(size=x.shape) * (x != 0.0) for name, x in given.items()}
-    found = fast.inverse_dynamics_jvp(*given.values(), along=along)
+    found = fast.inverse_dynamics.jvp(*given.values(), along=along)
     points = [fast.inverse_dynamics(*(x + k * STEP * along[name] for name, x in given.items())) for k in FIVE_POINTS]
     differences = sum(w * tau for w, tau in zip(FIVE_POINTS.values(), points, strict=True)) / STEP
     assert relative_gap(found.tau, differences) < 1e-9
@@ -312,7 +312,7 @@ def test_bound_calls_refuse_what_they_do_not_know():
     bound.set(gravity=gravity, object_pose=of.p.state.object_pose)
     bound.given["potential_energy"][...] = 1.0
     bound()
-    expected = fast.potential_energy_vjp(of.p.state.q, of.p.state.object_pose, by=["q"], gravity=gravity)
+    expected = fast.potential_energy.vjp(of.p.state.q, of.p.state.object_pose, by=["q"], gravity=gravity)
     assert np.array_equal(bound.found.q, expected.q)
 
 
@@ -331,12 +331,12 @@ def test_invalid_systems():
     of = function_case("potential_energy", "plain")
     fast, q = Alone(of.p.chain), np.tile(of.p.state.q, (3, 1))
     q[1, 0] = np.nan
-    found = fast.potential_energy_vjp(q, of.p.state.object_pose, by=["q"])
+    found = fast.potential_energy.vjp(q, of.p.state.object_pose, by=["q"])
     assert np.isnan(found.q[1]).all() and np.isfinite(found.q[[0, 2]]).all()
     with pytest.raises(hf.StateError, match=r"^q: expected finite numbers, got nan"):
-        fast.potential_energy_vjp(q[1], of.p.state.object_pose, by=["q"])
+        fast.potential_energy.vjp(q[1], of.p.state.object_pose, by=["q"])
     with pytest.raises(hf.StateError, match=r"^potential_energy: expected finite numbers, got inf"):
-        fast.potential_energy_vjp(q[0], of.p.state.object_pose, by=["q"], potential_energy=np.inf)
+        fast.potential_energy.vjp(q[0], of.p.state.object_pose, by=["q"], potential_energy=np.inf)
 
 
 def test_names_and_shapes_that_do_not_fit_are_refused():
@@ -344,19 +344,19 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
     fast, n = Alone(of.p.chain), of.p.chain.joint_count
     given: Any = inputs_of(of)
     with pytest.raises(hf.StateError, match="inverse_dynamics_vjp: no 'tau'"):
-        fast.inverse_dynamics_vjp(*given, by=["tau"], tau=np.ones(n))
+        fast.inverse_dynamics.vjp(*given, by=["tau"], tau=np.ones(n))
     with pytest.raises(hf.StateError, match="inverse_dynamics_jacobian: no 'qdd'"):
-        fast.inverse_dynamics_jacobian(*given, of=["qdd"])
+        fast.inverse_dynamics.jacobian(*given, of=["qdd"])
     with pytest.raises(hf.StateError, match="inverse_dynamics_jvp: expected some of"):
-        fast.inverse_dynamics_jvp(*given, along={})
+        fast.inverse_dynamics.jvp(*given, along={})
     with pytest.raises(hf.StateError, match="inverse_dynamics_jvp: along: expected"):
-        fast.inverse_dynamics_jvp(*given, along=3)  # pyright: ignore[reportArgumentType]
+        fast.inverse_dynamics.jvp(*given, along=3)  # pyright: ignore[reportArgumentType]
     with pytest.raises(hf.StateError, match=r"^tau: expected shape"):
-        fast.inverse_dynamics_vjp(*given, by=["q"], tau=np.ones(n + 1))
+        fast.inverse_dynamics.vjp(*given, by=["q"], tau=np.ones(n + 1))
     with pytest.raises(hf.StateError, match="no parameter 'object_mass'"):
-        fast.inverse_dynamics_vjp(*given, by=["q"], tau=np.ones(n), object_mass=1.0)
+        fast.inverse_dynamics.vjp(*given, by=["q"], tau=np.ones(n), object_mass=1.0)
     with pytest.raises(hf.StateError, match="holds nothing, expected zeros"):
-        fast.inverse_dynamics_vjp(*given[:3], grasp_wrench=np.ones_like(given[3]), tau=np.ones(n))
+        fast.inverse_dynamics.vjp(*given[:3], grasp_wrench=np.ones_like(given[3]), tau=np.ones(n))
 
 
 @pytest.mark.parametrize("kind", ["bushing", "floating"])
@@ -409,10 +409,10 @@ def test_arms_of_one_type_share_their_code(monkeypatch):
     monkeypatch.setenv("HOLDFAST_CACHE", "off")
     fast = Alone(chain)
     given = (p.state.q, p.state.qd, np.ones(n), np.ones((3, 6)))
-    fast.inverse_dynamics_vjp(*given, tau=np.ones(n))
+    fast.inverse_dynamics.vjp(*given, tau=np.ones(n))
     assert made and all(len(keys) == 1 for _, keys in made)
     assert {group.count for group in made[0][0].groups} == {3}
     made.clear()
-    fast.inverse_dynamics_jacobian(*given)
+    fast.inverse_dynamics.jacobian(*given)
     rows = [keys for _, keys in made[-3:]]
     assert rows[0] == rows[1] == rows[2]

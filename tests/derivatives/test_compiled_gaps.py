@@ -62,7 +62,7 @@ def test_half_a_turn():
     ((name, arm),) = p.chain.arms.items()
     turned = arm.with_tip(hf.Pose(arm.tip.R @ np.diag([1.0, -1.0, -1.0]), arm.tip.p))
     fast, s = Alone(replace(p.chain, arms={name: turned})), p.state
-    found = fast.closure_vjp(s.q, s.qd, s.object_pose, s.object_twist, by=["q"], position=np.ones(6))
+    found = fast.closure.vjp(s.q, s.qd, s.object_pose, s.object_twist, by=["q"], position=np.ones(6))
     assert np.isfinite(found.q).all()
     assert np.linalg.norm(found.result[name].position[:3]) == pytest.approx(np.pi, abs=1e-12)
 
@@ -96,8 +96,8 @@ def test_margins_where_two_conditions_are_equal(force):
     grasp = replace(grasp, frame=hf.Pose.identity(), contact=hf.Friction(1.0))
     chain, f = replace(p.chain, grasps={name: grasp}), np.array([[0.0, 0.0, 0.0, 0.0, 0.0, force]])
     state = hf.State(p.state.q, p.state.qd, hf.Pose.identity(), np.zeros(6))
-    expected = hf.forces.grasp_margins_vjp(chain, state, f, grasp_margins=[1.0])
-    found = Alone(chain).grasp_margins_vjp(state.object_pose, f, grasp_margins=[1.0])
+    expected = hf.forces.grasp_margins.vjp(chain, state, f, grasp_margins=[1.0])
+    found = Alone(chain).grasp_margins.vjp(state.object_pose, f, grasp_margins=[1.0])
     assert found.result == expected.result == [force]
     for by in ("object_pose", "grasp_wrench"):
         assert np.array_equal(found[by], expected[by])

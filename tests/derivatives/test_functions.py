@@ -97,7 +97,7 @@ def test_inverse_after_forward_dynamics_returns_the_change_of_torques(kind):
     along = random_directions(p, random, names_for(p))
     there = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, inputs=p.inputs, along=along)
     results = ("qdd", "grasp_wrench", *(["floating_acceleration"] if p.chain.floats else []))
-    back = hf.inverse_dynamics_jvp(
+    back = hf.inverse_dynamics.jvp(
         p.chain,
         p.state,
         there.result.qdd,
@@ -121,8 +121,8 @@ def test_energy_changes_by_the_power(kind):
     if chain.floats:
         motion |= {"floating_pose": state.base_twist}
         faster |= {"floating_twist": result.base_acceleration}
-    rate = dynamics.kinetic_energy_jvp(chain, state, still, along=motion | faster)["kinetic_energy"]
-    rate = rate + dynamics.potential_energy_jvp(chain, state, along=motion)["potential_energy"]
+    rate = dynamics.kinetic_energy.jvp(chain, state, still, along=motion | faster)["kinetic_energy"]
+    rate = rate + dynamics.potential_energy.jvp(chain, state, along=motion)["potential_energy"]
     power = dynamics.power(chain, state, p.tau, result, still)
     assert float(rate) == pytest.approx(sum(power), abs=1e-11 * np.abs(power).sum())
 
@@ -137,7 +137,7 @@ def test_positions_open_as_fast_as_velocities_say(kind):
     motion = {"q": state.qd, "object_pose": state.object_twist}
     motion |= {"floating_pose": state.base_twist} if chain.floats else {}
     still = replace(p.inputs, base_twists=None, trunk_base_twist=None)
-    found = dynamics.closure_jvp(chain, state, still, along=motion)
+    found = dynamics.closure.jvp(chain, state, still, along=motion)
     now = np.concatenate([gap.velocity for gap in dynamics.closure(chain, state, still).values()])
     assert np.abs(now).max() > 0.1
     assert relative_gap(found.position, now) < 1e-9
@@ -163,7 +163,7 @@ def test_what_torques_do_not_depend_on_has_a_gradient_of_nothing():
 def test_names_and_shapes_that_do_not_fit_are_refused():
     of = function_case("inverse_dynamics", "plain")
     n = of.p.chain.joint_count
-    with pytest.raises(hf.StateError, match="inverse_dynamics_vjp: no 'tau'"):
+    with pytest.raises(hf.StateError, match="inverse_dynamics.vjp: no 'tau'"):
         of.called("_vjp", by=["tau"], tau=np.ones(n))
     with pytest.raises(hf.StateError, match="expected some of"):
         of.called("_vjp", by=[], tau=np.ones(n))
@@ -175,5 +175,5 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
         of.called("_vjp", tau=np.ones(n + 1))
     with pytest.raises(hf.StateError, match="expected shape"):
         of.called("_jvp", along={"q": np.ones(n + 1)})
-    with pytest.raises(hf.StateError, match="kinetic_energy_jacobian: no 'gravity'"):
+    with pytest.raises(hf.StateError, match="kinetic_energy.jacobian: no 'gravity'"):
         function_case("kinetic_energy", "plain").called("_jacobian", by=["gravity"])

@@ -110,7 +110,7 @@ of_chain(hf.inverse_dynamics_jacobian, **NEEDED, of=["tau"], by=["q", "grasp_wre
 of_chain(
     dynamics.closure_vjp,
     by=["q", "object_pose"],
-    position=lambda p: np.ones(len(dynamics.closure_jacobian(p.chain, p.state, of=["position"])["position", "q"])),
+    position=lambda p: np.ones(len(dynamics.closure.jacobian(p.chain, p.state, of=["position"])["position", "q"])),
 )
 of_chain(dynamics.closure_jvp, along=lambda p: {"q": _qdd(p), "object_twist": PUSH})
 of_chain(dynamics.closure_jacobian, of=["position", "velocity"], by=["q", "qd"])

@@ -59,7 +59,7 @@ FOUND = {
     "names of columns": (lambda: base_parameters(np.eye(2), ["a", np.nan]), hf.ModelError, r"names\[1\]: expected str"),
     "tips": (lambda: load_urdf_trunk(HEAVY_BASE, np.array("x")), hf.SceneError, "tips: expected links by arm"),
     "a joint twice": (
-        lambda: dynamics.closure_jvp(CHAIN, STATE, along={"q": np.zeros(3)}),
+        lambda: dynamics.closure.jvp(CHAIN, STATE, along={"q": np.zeros(3)}),
         hf.StateError,
         "expected shape",
     ),

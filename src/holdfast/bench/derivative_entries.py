@@ -152,7 +152,7 @@ def bound(system: System, fast: Any, what: str) -> Way:
     options = {"of": OF, "by": NAMES} | request.names
     made = []
     for state in entries.each_state(system):
-        one = fast.bind_derivatives(request.kind, **options, **dict(zip(NAMES, state, strict=True)))
+        one = fast.forward_dynamics.bind(request.kind, **options, **dict(zip(NAMES, state, strict=True)))
         for name, x in request.numbers.items():
             one.given[name][...] = x
         made.append(one)

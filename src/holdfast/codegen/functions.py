@@ -111,7 +111,8 @@ def exported_function(
         return _step(compiled, state, scheme, base_motion or {})
     chain, rank = compiled.chain, generic_rank_of(compiled, state)
     own = parameters_of(chain, rank) | {"object_pose": np.eye(7)[0]} | _arrays(chain, state)
-    question, _, kind = name.rpartition("_") if name.rpartition("_")[2] in get_args(Kind) else (name, "", None)
+    kind: Kind | None = next((kind for kind in get_args(Kind) if name.endswith(f"_{kind}")), None)
+    question = name if kind is None else name.removesuffix(f"_{kind}")
     if name not in exported_names():
         raise ModelError(f"export: functions: no '{name}'.{checks.did_you_mean(name, exported_names())}")
     asked, request = QUESTIONS[question], None

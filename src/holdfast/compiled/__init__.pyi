@@ -1,5 +1,6 @@
 """Where robots meet the compiler: chains become schedules of stages, and these machine code."""
 
-from .bound_dynamics import BoundDynamics as BoundDynamics
+from .bound import BoundFunction as BoundFunction
 from .chain import CompiledChain as CompiledChain
+from .function import Function as Function
 from .result import CompiledResult as CompiledResult

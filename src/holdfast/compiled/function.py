@@ -54,7 +54,8 @@ class Function:
 
     def __new__(cls, *_: Any) -> Function:
         """Return a function with a class of its own, because Python looks `__call__` up in the class."""
-        return super().__new__(type(cls.__name__, (cls,), {"__module__": cls.__module__, "__doc__": cls.__doc__}))
+        own: Any = type(cls.__name__, (cls,), {"__module__": cls.__module__, "__doc__": cls.__doc__})
+        return object.__new__(own)
 
     def __init__(
         self,

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.compiled.derivative_schedule import FOUND
 from holdfast.compiled.faults import fault, largest_positions
-from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, CompiledResult
+from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, Results
 from holdfast.dynamics import rank
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.errors import ModelError, StateError
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from holdfast.compiled.function import Function
 
 
-def settle(function: Function, found: Mapping[str, Array], result: CompiledResult) -> None:
+def settle(function: Function, found: Mapping[str, Array], result: Results) -> None:
     """Resolve undecided statuses, and refuse one system without a solution.
 
     Derivatives of forces that are not unique are refused; in a batch they become NaN.
@@ -54,7 +54,7 @@ def settle(function: Function, found: Mapping[str, Array], result: CompiledResul
             result.array(f"{FOUND}{name}")[low] = np.nan
 
 
-def resolve_undecided(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:
+def resolve_undecided(compiled: CompiledChain, found: Mapping[str, Array], result: Results) -> None:
     """Resolve the statuses that machine code left undecided because the generic rank was unknown.
 
     The generic rank is determined near the first undecided system that nearly satisfies the grasp constraint, and is
@@ -100,7 +100,7 @@ def system(chain: ClosedChain, found: Mapping[str, Array], row: int) -> tuple[Cl
     return replace(chain, grasps=grasps), state
 
 
-def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:
+def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: Results) -> None:
     """Raise the error that the reference would raise if one system has no solution.
 
     Raises:
@@ -110,11 +110,11 @@ def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: 
     """
     status = int(result.array("status"))
     if status == SINGULAR:
-        rank.status_at(*system(compiled.chain, found, 0), result.rank, compiled.generic_rank)
+        rank.status_at(*system(compiled.chain, found, 0), int(result.array("rank")), compiled.generic_rank)
     if status == INVALID:
-        if compiled.generic_rank is not None and result.rank > compiled.generic_rank:
+        if compiled.generic_rank is not None and result.array("rank") > compiled.generic_rank:
             chain, state = system(compiled.chain, found, 0)
-            rank.require_trusted(chain_at_rest(chain, state), state, rank.Pivots(result.rank, np.inf))
+            rank.require_trusted(chain_at_rest(chain, state), state, rank.Pivots(int(result.array("rank")), np.inf))
         raise fault(found, largest_positions(compiled.chain)) or ModelError(
             "the accelerations are not finite: an arm's mass matrix is singular here, or sizes overflow; holdfast."
             "forward_dynamics on the same state names the arm and the joint"

@@ -1,9 +1,6 @@
 """The algorithms: open chain (`arm`), closed chain (`closed`), and what is asked of them."""
 
 from .closing import project_velocity as project_velocity
-from .closure_derivatives import closure_jacobian as closure_jacobian
-from .closure_derivatives import closure_jvp as closure_jvp
-from .closure_derivatives import closure_vjp as closure_vjp
 from .consistency import GraspResidual as GraspResidual
 from .consistency import closure as closure
 from .contact_attitude import ContactAttitude as ContactAttitude
@@ -15,12 +12,6 @@ from .energy import kinetic_energy as kinetic_energy
 from .energy import momentum as momentum
 from .energy import potential_energy as potential_energy
 from .energy import power as power
-from .energy_derivatives import kinetic_energy_jacobian as kinetic_energy_jacobian
-from .energy_derivatives import kinetic_energy_jvp as kinetic_energy_jvp
-from .energy_derivatives import kinetic_energy_vjp as kinetic_energy_vjp
-from .energy_derivatives import potential_energy_jacobian as potential_energy_jacobian
-from .energy_derivatives import potential_energy_jvp as potential_energy_jvp
-from .energy_derivatives import potential_energy_vjp as potential_energy_vjp
 from .impulse import Attachment as Attachment
 from .impulse import attach as attach
 from .impulse import release as release

@@ -1,14 +1,5 @@
 """Forces at the grasps: margins, the split into motion and internal forces, loads of wrists."""
 
-from .force_derivatives import grasp_margins_jacobian as grasp_margins_jacobian
-from .force_derivatives import grasp_margins_jvp as grasp_margins_jvp
-from .force_derivatives import grasp_margins_vjp as grasp_margins_vjp
-from .force_derivatives import joint_margins_jacobian as joint_margins_jacobian
-from .force_derivatives import joint_margins_jvp as joint_margins_jvp
-from .force_derivatives import joint_margins_vjp as joint_margins_vjp
-from .force_derivatives import wrist_wrenches_jacobian as wrist_wrenches_jacobian
-from .force_derivatives import wrist_wrenches_jvp as wrist_wrenches_jvp
-from .force_derivatives import wrist_wrenches_vjp as wrist_wrenches_vjp
 from .force_split import Split as Split
 from .force_split import split as split
 from .margin_interval import MarginRange as MarginRange
