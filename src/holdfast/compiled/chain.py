@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from holdfast import outer
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.bound_dynamics import BoundDynamics
 from holdfast.compiled.calls import Calls
@@ -220,9 +221,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives, Closu
         Raises:
             HoldfastError: `holdfast.codegen.export_c` raised it.
         """
-        from holdfast.codegen.export import export_c
-
-        return export_c(self, folder, **{"progress": self.progress, **options})
+        return outer.export_c(self, folder, **{"progress": self.progress, **options})
 
     @cached_property
     def moving(self) -> CompiledChain:
