@@ -128,6 +128,14 @@ def test_the_core_imports_no_outer_room():
             assert ("importlib", "import_module") not in imported(path), path
 
 
+def test_the_core_loads_no_outer_room():
+    """When every module of the core is imported, no other room is loaded."""
+    files = [path.relative_to(ROOT.parent).with_suffix("") for path in FILES if room(path) in CORE]
+    names = [".".join(path.parts).removesuffix(".__init__") for path in files]
+    loaded = fresh(f"import sys, importlib; [*map(importlib.import_module, {names})]; print(*sys.modules)").split()
+    assert {name.split(".")[1] for name in loaded if name.startswith("holdfast.")} <= CORE | {"outer"}
+
+
 def test_what_the_core_asks_of_outer_rooms():
     """What the core asks of `outer` is there, all that is there is asked, and each stands in the module it names."""
     asked = {
