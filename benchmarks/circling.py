@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.bench.systems import follow
 from holdfast import project
-from holdfast.bench.systems import follow
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.dynamics.inverse import inverse_dynamics
 from holdfast.model.closed_chain import ClosedChain

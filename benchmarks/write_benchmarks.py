@@ -1,6 +1,6 @@
 """Write what a benchmark run measured: the page, its figures, the README's table.
 
-holdfast bench --json > results/bench.json
+python -m benchmarks.bench --json > results/bench.json
 python benchmarks/write_benchmarks.py results/bench.json
 """
 
@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
-import bench_page
-import bench_plots
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.bench import page, plots
 
 ROOT = Path(__file__).parents[1]
 
@@ -19,12 +21,12 @@ ROOT = Path(__file__).parents[1]
 def main() -> None:
     """Write page, figures and table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("document", type=Path, help="what `holdfast bench --json` printed")
+    parser.add_argument("document", type=Path, help="what `python -m benchmarks.bench --json` printed")
     document = json.loads(parser.parse_args().document.read_text())
-    (ROOT / "docs" / "benchmarks.md").write_text(bench_page.page(document))
-    bench_plots.save(document, ROOT / "docs" / "images")
+    (ROOT / "docs" / "benchmarks.md").write_text(page.page(document))
+    plots.save(document, ROOT / "docs" / "images")
     readme = ROOT / "README.md"
-    readme.write_text(bench_page.with_table(readme.read_text(), bench_page.readme(document)))
+    readme.write_text(page.with_table(readme.read_text(), page.readme(document)))
     print("wrote docs/benchmarks.md, docs/images/bench_*.png and the table in README.md")
 
 

@@ -47,8 +47,7 @@ MAY_IMPORT = {
     "codegen": USE | {"io"},
     "view": FILES_AND_SCENES,
     "plot": {"view"},
-    "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
-    "cli": FILES_AND_SCENES | {"bench", "codegen", "sweeps", "view", "holdfast"},
+    "cli": FILES_AND_SCENES | {"codegen", "sweeps", "view", "holdfast"},
 }
 # constructors that read files, and methods that write or draw, ask the room that does so, when called
 ON_CALL = {

@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from holdfast.bench.entries import Answers, Candidate, Entry
-from holdfast.bench.systems import System
+from benchmarks.bench.entries import Answers, Candidate, Entry
+from benchmarks.bench.systems import System
 from holdfast.interop.mjcf_writer import HARDEST, coordinates, document
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array

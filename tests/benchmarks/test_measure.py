@@ -5,13 +5,13 @@ import time
 
 import numpy as np
 import pytest
+from benchmarks.bench import measure
+from benchmarks.bench.clock import Effort, summary, timed
+from benchmarks.bench.entries import Candidate, Timed, relative_error
+from benchmarks.bench.systems import make_system
 
 import holdfast
-from holdfast.bench import measure
-from holdfast.bench.clock import Effort, summary, timed
-from holdfast.bench.entries import Candidate, Timed, relative_error
-from holdfast.bench.systems import make_system
-from tests.bench.tiny import EFFORT, exact_rival
+from tests.benchmarks.tiny import EFFORT, exact_rival
 
 
 @pytest.fixture(scope="module")

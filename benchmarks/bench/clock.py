@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.bench.entries import Timed
+from benchmarks.bench.entries import Timed
 from holdfast.spatial.scalar import Array
 
 

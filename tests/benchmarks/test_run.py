@@ -4,11 +4,11 @@ import json
 import sys
 
 import pytest
+from benchmarks.bench import acceptance, peers, tables
+from benchmarks.bench.entries import ACCURATE
+from benchmarks.bench.run import run
 
-from holdfast.bench import acceptance, peers, tables
-from holdfast.bench.entries import ACCURATE
-from holdfast.bench.run import run
-from tests.bench.tiny import TINY, tiny_document
+from tests.benchmarks.tiny import TINY, tiny_document
 
 SCHEMA = {
     "document": "format mode accuracy rounds machine peers systems batches rollouts trunks derivatives growth compile"

@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
+from benchmarks.bench.entries import ACCURATE, relative_error
+from benchmarks.bench.measure import reference
+from benchmarks.bench.systems import make_system
 
 from holdfast import ClosedChain, State, forward_dynamics
-from holdfast.bench.entries import ACCURATE, relative_error
-from holdfast.bench.measure import reference
-from holdfast.bench.systems import make_system
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install mujoco-core")
 
-from holdfast.bench import mujoco_peer as entries  # noqa: E402
-from holdfast.bench.mujoco_peer import inputs, mjcf  # noqa: E402
+from benchmarks.bench import mujoco_peer as entries  # noqa: E402
+from benchmarks.bench.mujoco_peer import inputs, mjcf  # noqa: E402
 
 
 def test_same_arms_and_object():

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from benchmarks.bench.systems import make_system
+from benchmarks.bench.trunk_systems import FLOATING, TORSO, make_trunk_system
 from benchmarks.operation_counts import on_trunk
 
-from holdfast.bench.systems import make_system
-from holdfast.bench.trunk_systems import FLOATING, TORSO, make_trunk_system
 from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.structure import Options, Structure
 from tests.longer import mostly_long

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 
-from holdfast.bench import mujoco_peer, pinocchio_peer
-from holdfast.bench.entries import Candidate
-from holdfast.bench.systems import System
+from benchmarks.bench import mujoco_peer, pinocchio_peer
+from benchmarks.bench.entries import Candidate
+from benchmarks.bench.systems import System
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from holdfast.bench.entries import ACCURATE, Answers, Candidate, Entry, relative_error
-from holdfast.bench.systems import System
+from benchmarks.bench.entries import ACCURATE, Answers, Candidate, Entry, relative_error
+from benchmarks.bench.systems import System
 from holdfast.model.arm import Arm
 from holdfast.model.trunk import Trunk
 from holdfast.spatial import rotation

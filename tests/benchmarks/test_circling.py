@@ -1,8 +1,5 @@
 """The motion to step for long: periodic, closed, never at rest; and the page on drift that is made of it."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from benchmarks.circling import DAMPING, PERIOD, STIFFNESS, circling, rate_of, waves
@@ -41,12 +38,11 @@ def test_states_are_closed_and_kept(t):
     assert np.abs(found - wanted).max() <= 0.1 * np.abs(wanted).max()
 
 
-def test_page_on_drift(monkeypatch):
+def test_page_on_drift():
     """Figures in caption and table are the runs'; ours is the first, the best of the others is named."""
     pytest.importorskip("matplotlib", reason="needs matplotlib: pip install 'holdfast[plot]'")
-    monkeypatch.setattr(sys, "path", [str(Path(__file__).parents[2] / "benchmarks"), *sys.path])
-    import drift_figure
-    from drift_runs import Run
+    from benchmarks import drift_figure
+    from benchmarks.drift_runs import Run
 
     gaps = (np.full(400, 2e-16), np.full(400, 3e-6), np.r_[np.full(399, 4e-9), 5e-9])
     runs = [Run(f"lib{k} 1.0", f"way {k}", f"set {k}", 1e-3, gap) for k, gap in enumerate(gaps)]

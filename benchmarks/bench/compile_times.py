@@ -7,16 +7,18 @@ import os
 import subprocess
 import sys
 import tempfile
+from pathlib import Path
 
 from holdfast.errors import HoldfastError
 
+ROOT = Path(__file__).parents[2]  # from which a new process imports `benchmarks`
 # llvmlite is imported first, since its loading is not compilation. The first result is included in case of lazy work.
 PROGRAM = """
 import json, sys, time
 import llvmlite.binding
 import holdfast
-from holdfast.bench.entries import each_state
-from holdfast.bench.systems import make_system
+from benchmarks.bench.entries import each_state
+from benchmarks.bench.systems import make_system
 system = make_system(int(sys.argv[1]), int(sys.argv[2]), 1)
 state = each_state(system)[0]
 compile = holdfast.compile
@@ -57,7 +59,7 @@ def _fresh(sizes: tuple[str, str], cache: str) -> dict[str, float]:
     """Return the measurement of a new process."""
     environment = os.environ | {"HOLDFAST_CACHE": cache, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     run = subprocess.run(
-        [sys.executable, "-c", PROGRAM, *sizes], env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", PROGRAM, *sizes], env=environment, cwd=ROOT, capture_output=True, text=True, check=False
     )
     if run.returncode:
         raise HoldfastError(f"compiling {' x '.join(sizes)} in a process of its own failed: {run.stderr[-500:]}")

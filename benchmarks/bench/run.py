@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 import holdfast
-from holdfast.bench import acceptance, derivative_entries, entries, machine, peers, trunk_entries
-from holdfast.bench.clock import Effort, summary, timed
-from holdfast.bench.compile_times import compile_times
-from holdfast.bench.entries import ACCURATE, LIBRARY, relative_error
-from holdfast.bench.measure import measure_system, reference
-from holdfast.bench.rollout_entries import MUJOCO, SCHEMES, STEP, STEPS, mj_step, rollout
-from holdfast.bench.systems import System, make_system
-from holdfast.bench.trunk_systems import FLOATING, TORSO
+from benchmarks.bench import acceptance, derivative_entries, entries, machine, peers, trunk_entries
+from benchmarks.bench.clock import Effort, summary, timed
+from benchmarks.bench.compile_times import compile_times
+from benchmarks.bench.entries import ACCURATE, LIBRARY, relative_error
+from benchmarks.bench.measure import measure_system, reference
+from benchmarks.bench.rollout_entries import MUJOCO, SCHEMES, STEP, STEPS, mj_step, rollout
+from benchmarks.bench.systems import System, make_system
+from benchmarks.bench.trunk_systems import FLOATING, TORSO
 
 Size = tuple[int, int]  # number of arms, joints per arm
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from holdfast.bench.entries import ACCURATE, BIND, BIND_COPYING, PUBLIC
+from benchmarks.bench.entries import ACCURATE, BIND, BIND_COPYING, PUBLIC
 
 Document = dict[str, Any]
 Record = dict[str, Any]

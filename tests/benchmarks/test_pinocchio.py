@@ -4,15 +4,14 @@ import functools
 
 import numpy as np
 import pytest
-
-from holdfast.bench.entries import ACCURATE, relative_error
-from holdfast.bench.measure import reference
-from holdfast.bench.systems import make_system
+from benchmarks.bench.entries import ACCURATE, relative_error
+from benchmarks.bench.measure import reference
+from benchmarks.bench.systems import make_system
 
 pytest.importorskip("pinocchio", reason="needs Pinocchio: pip install pin")
 
-from holdfast.bench import pinocchio_peer as entries
-from holdfast.bench.pinocchio_peer import PinocchioModel
+from benchmarks.bench import pinocchio_peer as entries
+from benchmarks.bench.pinocchio_peer import PinocchioModel
 
 SIZES = ((2, 7), (4, 7), (2, 24))
 
@@ -102,7 +101,7 @@ def test_one_thread():
     import sys
 
     code = (
-        "from holdfast.bench import run, clock\n"
+        "from benchmarks.bench import run, clock\n"
         "run.run(run.Plan('none', ((2, 7),), (1,), (), (), 1, clock.Effort(1e-4, 1)))\n"
         "import pinocchio; print(pinocchio.omp_get_max_threads())"
     )

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from holdfast.bench.entries import LIBRARY, PUBLIC
+from benchmarks.bench.entries import LIBRARY, PUBLIC
 
 Document = dict[str, Any]
 INEXACT = "*"

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from benchmarks.bench.systems import make_system
 
 from holdfast import State, forward_dynamics
-from holdfast.bench.systems import make_system
 from holdfast.dynamics import closure
 
 CLOSED = 1e-9

@@ -1,12 +1,11 @@
-"""`holdfast bench`."""
+"""`python -m benchmarks.bench`."""
 
 import json
 
 import pytest
+from benchmarks.bench import __main__ as command
 
-from holdfast.cli import bench as command
-from holdfast.cli import main
-from tests.bench.tiny import TINY, tiny_document
+from tests.benchmarks.tiny import TINY, tiny_document
 
 
 @pytest.fixture
@@ -26,7 +25,7 @@ def quickly(monkeypatch):
 @pytest.mark.slow
 def test_json_only_on_stdout(quickly, capsys):
     """One document on stdout, nothing else."""
-    assert main(["bench", "--quick", "--json"]) == 0
+    assert command.main(["--quick", "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out) == tiny_document()
     assert err == "measuring: something\n"
@@ -36,7 +35,7 @@ def test_json_only_on_stdout(quickly, capsys):
 @pytest.mark.slow
 def test_tables(quickly, capsys):
     """Ratios before times, then the acceptance checks; every entry is named."""
-    assert main(["bench"]) == 0
+    assert command.main([]) == 0
     out, err = capsys.readouterr()
     assert err == "measuring: something\n"
     assert quickly == [command.FULL]
@@ -50,14 +49,14 @@ def test_tables(quickly, capsys):
 def test_absent_peer(quickly, capsys, monkeypatch):
     """What was not compared is said below the tables."""
     monkeypatch.setitem(tiny_document()["peers"], "mujoco", {"absent": "No module named 'mujoco'; try pip install x"})
-    assert main(["bench", "--quick"]) == 0
+    assert command.main(["--quick"]) == 0
     assert "mujoco: not compared: No module named 'mujoco'; try pip install x" in capsys.readouterr().out
 
 
 @pytest.mark.long
 def test_quick_run(capsys):
     """The real thing, small."""
-    assert main(["bench", "--quick", "--json"]) == 0
+    assert command.main(["--quick", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["mode"] == "quick"
     assert [record["name"] for record in document["systems"]] == ["2 x 7", "4 x 7", "2 x 24"]

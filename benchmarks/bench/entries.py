@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.bench.systems import System
+from benchmarks.bench.systems import System
 from holdfast.spatial.scalar import Array
 
 ACCURATE = 1e-9  # largest relative error of joint accelerations for which results count as equal

@@ -1,15 +1,12 @@
 """From the document to Markdown, and to the figures of the page."""
 
 import copy
-import sys
-from pathlib import Path
 
 import pytest
-from benchmarks import bench_page as page
+from benchmarks.bench import page, tables
+from benchmarks.bench.tables import Table, number
 
-from holdfast.bench import tables
-from holdfast.bench.tables import Table, number
-from tests.bench.tiny import tiny_document
+from tests.benchmarks.tiny import tiny_document
 
 
 @pytest.mark.slow
@@ -85,22 +82,21 @@ def test_disturbed_times_are_marked():
 
 
 @pytest.fixture
-def bench_plots(monkeypatch):
-    """The script's module."""
+def plots():
+    """The module, which needs matplotlib."""
     pytest.importorskip("matplotlib", reason="needs matplotlib: pip install 'holdfast[plot]'")
-    monkeypatch.setattr(sys, "path", [str(Path(__file__).parents[2] / "benchmarks"), *sys.path])
-    import bench_plots
+    from benchmarks.bench import plots
 
-    return bench_plots
+    return plots
 
 
 @pytest.mark.slow
-def test_figures(bench_plots, tmp_path):
+def test_figures(plots, tmp_path):
     """Three pictures, log-log, our line in each."""
-    names = bench_plots.save(tiny_document(), tmp_path)
+    names = plots.save(tiny_document(), tmp_path)
     assert sorted(names) == ["bench_arms.png", "bench_batch.png", "bench_links.png"]
     assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in names)
-    figure = bench_plots.batch_curve(tiny_document())
+    figure = plots.batch_curve(tiny_document())
     (panel,) = figure.axes
     assert (panel.get_xscale(), panel.get_yscale()) == ("log", "log")
     assert any(line.get_label().startswith("holdfast") for line in panel.lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.bench.systems import STATES, System, follow, serial_arm
+from benchmarks.bench.systems import STATES, System, follow, serial_arm
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.closing import project_velocity
 from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest

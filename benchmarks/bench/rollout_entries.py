@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 import holdfast
-from holdfast.bench.entries import LIBRARY, Timed
-from holdfast.bench.mujoco_peer import inputs, mjcf
-from holdfast.bench.systems import System
+from benchmarks.bench.entries import LIBRARY, Timed
+from benchmarks.bench.mujoco_peer import inputs, mjcf
+from benchmarks.bench.systems import System
 
 STEP = 1e-3  # s
 STEPS = 20  # steps from each state under constant torques, before the states are reset

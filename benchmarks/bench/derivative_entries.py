@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.bench import entries
-from holdfast.bench.clock import Effort, summary, timed
-from holdfast.bench.entries import LIBRARY, NAMES, Timed
-from holdfast.bench.pinocchio_peer import PinocchioModel
-from holdfast.bench.systems import System
+from benchmarks.bench import entries
+from benchmarks.bench.clock import Effort, summary, timed
+from benchmarks.bench.entries import LIBRARY, NAMES, Timed
+from benchmarks.bench.pinocchio_peer import PinocchioModel
+from benchmarks.bench.systems import System
 from holdfast.dynamics.derivatives import (
     forward_dynamics_jacobian,
     forward_dynamics_jvp,

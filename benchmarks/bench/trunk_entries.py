@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import holdfast
-from holdfast.bench import entries, pinocchio_peer
-from holdfast.bench.clock import Effort, timed
-from holdfast.bench.measure import record_of, reference
-from holdfast.bench.systems import System
-from holdfast.bench.trunk_systems import make_trunk_system
+from benchmarks.bench import entries, pinocchio_peer
+from benchmarks.bench.clock import Effort, timed
+from benchmarks.bench.measure import record_of, reference
+from benchmarks.bench.systems import System
+from benchmarks.bench.trunk_systems import make_trunk_system
 
 BATCH = 4096  # states in one call
 WAYS: tuple[str, ...] = ("call", "bound", "batch")

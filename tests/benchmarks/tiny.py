@@ -3,12 +3,12 @@
 import functools
 from unittest import mock
 
-from holdfast.bench import pinocchio_peer
-from holdfast.bench.clock import Effort
-from holdfast.bench.entries import Answers, Candidate, Entry
-from holdfast.bench.measure import reference
-from holdfast.bench.run import Plan, run
-from holdfast.bench.trunk_systems import TRUNKS
+from benchmarks.bench import pinocchio_peer
+from benchmarks.bench.clock import Effort
+from benchmarks.bench.entries import Answers, Candidate, Entry
+from benchmarks.bench.measure import reference
+from benchmarks.bench.run import Plan, run
+from benchmarks.bench.trunk_systems import TRUNKS
 
 EFFORT = Effort(turn=1e-4, rounds=3)
 TINY = Plan(

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.bench import entries
-from holdfast.bench.clock import Effort, summary, timed
-from holdfast.bench.entries import ACCURATE, Answers, Candidate, Entry, answers_of, relative_error
-from holdfast.bench.machine import memory_available
-from holdfast.bench.systems import System
+from benchmarks.bench import entries
+from benchmarks.bench.clock import Effort, summary, timed
+from benchmarks.bench.entries import ACCURATE, Answers, Candidate, Entry, answers_of, relative_error
+from benchmarks.bench.machine import memory_available
+from benchmarks.bench.systems import System
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
