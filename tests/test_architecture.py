@@ -16,6 +16,7 @@ from tests.surface import PUBLIC, names_of
 
 ROOT = Path(holdfast.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
+BENCHMARKS = sorted((Path(__file__).parents[1] / "benchmarks").rglob("*.py"))
 ROOMS = {path.relative_to(ROOT).parts[0].removesuffix(".py") for path in FILES}
 
 # Dependency only leftward: each room and the rooms it may look into. `errors` is open to all.
@@ -77,8 +78,8 @@ def room(path: Path) -> str:
     return path.relative_to(ROOT).parts[0].removesuffix(".py")
 
 
-def imported_rooms(path: Path) -> set[str]:
-    """Return the rooms that a file imports, inside functions too; `holdfast` is the package itself."""
+def imported_names(path: Path) -> list[str]:
+    """Return the dotted names that a file imports, inside functions too."""
     names = []
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
@@ -87,7 +88,16 @@ def imported_rooms(path: Path) -> set[str]:
             assert node.level == 0, f"{path}: relative import"
             assert all(alias.name != "*" for alias in node.names), f"{path}: star import"
             names += [f"{node.module}.{alias.name}" for alias in node.names]
-    ours = [name.split(".") for name in names if name.split(".")[0] == "holdfast" and name != "holdfast.__version__"]
+    return names
+
+
+def imported_rooms(path: Path) -> set[str]:
+    """Return the rooms that a file imports; `holdfast` is the package itself."""
+    ours = [
+        name.split(".")
+        for name in imported_names(path)
+        if name.split(".")[0] == "holdfast" and name != "holdfast.__version__"
+    ]
     return {parts[1] if len(parts) > 1 and parts[1] in ROOMS else "holdfast" for parts in ours}
 
 
@@ -102,6 +112,13 @@ def test_imports_go_left():
     assert {name: rooms for name, rooms in wrong.items() if rooms} == {}
 
 
+def test_nothing_outside_the_package():
+    """The library imports neither its benchmarks nor its tests and examples."""
+    outside = {path.name for path in Path(__file__).parents[1].iterdir() if path.is_dir()}
+    assert "benchmarks" in outside
+    assert [path for path in FILES if {name.split(".")[0] for name in imported_names(path)} & outside] == []
+
+
 def test_rooms_are_not_circular():
     """Ordering the rooms by what they may import leaves none that wait for each other."""
     waiting = {name: set(rooms) - {"holdfast"} for name, rooms in MAY_IMPORT.items()}
@@ -113,7 +130,7 @@ def test_rooms_are_not_circular():
 
 def test_file_sizes():
     """One algorithm a file, one screen an algorithm: none over 400 lines, median at most 120."""
-    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in FILES}
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in [*FILES, *BENCHMARKS]}
     assert max(lines.values()) <= 400, max(lines, key=lines.__getitem__)
     assert statistics.median(lines.values()) <= 120
 
@@ -144,12 +161,12 @@ def public_definitions(tree: ast.Module):
 def test_docstrings():
     """Every file, public function, class and method begins with a sentence."""
     lacking = []
-    for path in FILES:
+    for path in [*FILES, *BENCHMARKS]:
         tree = parsed(path)
         for name, node in {"file": tree, **dict(public_definitions(tree))}.items():
             first = (ast.get_docstring(node) or "").split("\n")[0].strip()
             if not first or (name != "file" and not first.endswith(".")):
-                lacking.append(f"{path.relative_to(ROOT)}: {name}: {first!r}")
+                lacking.append(f"{path}: {name}: {first!r}")
     assert not lacking, lacking
 
 

@@ -27,9 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables or one JSON document, and return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bench", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--json", action="store_true", help="print one JSON document instead of tables")
-    parser.add_argument(
-        "--quick", action="store_true", help="only a few small sizes: half a minute, not several minutes"
-    )
+    parser.add_argument("--quick", action="store_true", help="measure only a few small sizes, in half a minute")
     chosen = parser.parse_args(arguments)
     try:
         with progress_bar("measuring", say=say, time_left=False) as show:

@@ -13,13 +13,8 @@ from benchmarks.bench.clock import Effort, summary, timed
 from benchmarks.bench.entries import LIBRARY, NAMES, Timed
 from benchmarks.bench.pinocchio_peer import PinocchioModel
 from benchmarks.bench.systems import System
-from holdfast.dynamics.derivatives import (
-    forward_dynamics_jacobian,
-    forward_dynamics_jvp,
-    forward_dynamics_vjp,
-)
+from holdfast import State, forward_dynamics_jacobian, forward_dynamics_jvp, forward_dynamics_vjp
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
 
 BATCH = 1024  # states in one call
 FEWEST = 64  # states in one call at least, because

@@ -13,9 +13,8 @@ from benchmarks.bench.clock import Effort, summary, timed
 from benchmarks.bench.entries import ACCURATE, Answers, Candidate, Entry, answers_of, relative_error
 from benchmarks.bench.machine import memory_available
 from benchmarks.bench.systems import System
-from holdfast.dynamics.forward import forward_dynamics
+from holdfast import State, forward_dynamics
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
 
 ALONE = 300e6  # entries of at least so many bytes are measured one at a time: built, timed beside ours, and freed
 MARGIN = 1.3  # an entry is measured if this many times its memory is free

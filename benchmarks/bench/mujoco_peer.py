@@ -14,10 +14,9 @@ import numpy as np
 
 from benchmarks.bench.entries import Answers, Candidate, Entry
 from benchmarks.bench.systems import System
+from holdfast import ClosedChain, State
 from holdfast.interop.mjcf_writer import HARDEST, coordinates, document
-from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
 
 LIBRARY = "mujoco"
 SOLVERS = (("Newton", "dense"), ("Newton", "sparse"), ("CG", "sparse"), ("PGS", "dense"))

@@ -21,10 +21,8 @@ import numpy as np
 
 from benchmarks.bench.entries import ACCURATE, Answers, Candidate, Entry, relative_error
 from benchmarks.bench.systems import System
-from holdfast.model.arm import Arm
-from holdfast.model.trunk import Trunk
+from holdfast import Arm, Pose, Trunk
 from holdfast.spatial import rotation
-from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 LIBRARY = "pinocchio"

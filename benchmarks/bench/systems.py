@@ -6,19 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.errors import ClosureError
-from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import Grasp
-from holdfast.model.held_object import HeldObject
-from holdfast.model.joint import Joint
-from holdfast.model.link import Link
+from holdfast import Arm, ClosedChain, ClosureError, Grasp, HeldObject, Joint, Link, Pose
+from holdfast.dynamics import tip_jacobian, tip_pose
 from holdfast.robots import PANDA_HOME, panda
 from holdfast.robots.panda import FR3_ARMATURE
 from holdfast.spatial import rotation
-from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist
 
@@ -105,7 +97,7 @@ def make_system(arm_count: int, joint_count: int, states: int | None = None, see
     for i in range(arm_count):
         grasp = Grasp("rigid", _place_on_circle(2 * np.pi * i / arm_count))
         q = home + random.uniform(-0.3, 0.3, joint_count)
-        tip = forward_kinematics(arm, q).tip
+        tip = tip_pose(arm, q)
         arms[f"arm{i}"], grasps[f"arm{i}"] = arm.at(centre @ grasp.frame @ tip.inverse()), grasp
         first.append(q)
     chain = ClosedChain(arms, box, grasps)
@@ -157,7 +149,7 @@ def _state(
     for (name, grasp), guess in zip(chain.grasps.items(), near, strict=True):
         arm, contact = chain.arms[name], frame @ grasp.frame
         q = follow(arm, guess, contact) if moved else guess
-        J = jacobian(arm, forward_kinematics(arm, q))
+        J = tip_jacobian(arm, q)
         own = random.uniform(-0.5, 0.5, len(q))
         # the rates nearest to random ones with which the tip follows the box, including null-space motion
         rates.append(own + np.linalg.lstsq(J, shift_twist(contact.p - frame.p, twist) - J @ own)[0])
@@ -173,12 +165,12 @@ def follow(arm: Arm, q: Array, target: Pose) -> Array:
     """
     left = np.inf
     for _ in range(50):
-        at = forward_kinematics(arm, q)
-        gap = np.concatenate([at.tip.R @ rotation.log(at.tip.R.T @ target.R), target.p - at.tip.p])
+        tip = tip_pose(arm, q)
+        gap = np.concatenate([tip.R @ rotation.log(tip.R.T @ target.R), target.p - tip.p])
         left = float(np.abs(gap).max())
         if left <= CLOSED:
             return q
-        step = np.linalg.lstsq(jacobian(arm, at), gap)[0]
+        step = np.linalg.lstsq(tip_jacobian(arm, q), gap)[0]
         q = q + step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
     if left <= 1e3 * CLOSED:  # closed up to rounding
         return q

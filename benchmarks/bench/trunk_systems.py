@@ -5,21 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.bench.systems import STATES, System, follow, serial_arm
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.closing import project_velocity
+from holdfast import ClosedChain, Grasp, HeldObject, Joint, Link, Pose, State, Trunk, contact_frame
+from holdfast.dynamics import project_velocity, tip_pose
 from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
-from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.contact_frame import contact_frame
-from holdfast.model.grasp import Grasp
-from holdfast.model.held_object import HeldObject
-from holdfast.model.joint import Joint
-from holdfast.model.link import Link
-from holdfast.model.trunk import BASE, Trunk
+from holdfast.model.trunk import BASE
 from holdfast.robots import PANDA_HOME
 from holdfast.spatial import rotation
-from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
 
 TORSO = "trunk of 3, 2 x 7"
 FLOATING = "floating base, 2 x 7"
@@ -50,7 +42,7 @@ def make_trunk_system(name: str, states: int = STATES, seed: int = 0) -> System:
     """
     random, trunk, arm = np.random.default_rng(seed), TRUNKS[name], serial_arm(7)
     home = {hand: np.array(PANDA_HOME) + random.uniform(-0.3, 0.3, 7) for hand in HANDS}
-    arms = {hand: arm.at(BOX @ HANDS[hand] @ forward_kinematics(arm, q).tip.inverse()) for hand, q in home.items()}
+    arms = {hand: arm.at(BOX @ HANDS[hand] @ tip_pose(arm, q).inverse()) for hand, q in home.items()}
     grasps = {hand: Grasp("rigid", frame) for hand, frame in HANDS.items()}
     last = BASE if trunk.floating is not None else trunk.joint_count - 1
     chain = ClosedChain(arms, HeldObject.box(3.0, 0.4, 0.3, 0.2), grasps, trunk=trunk, mounts=dict.fromkeys(arms, last))
