@@ -13,7 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks.bench import page, plots
+from benchmarks import bench_page, bench_plots
 
 ROOT = Path(__file__).parents[1]
 
@@ -23,10 +23,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("document", type=Path, help="what `python -m benchmarks.bench --json` printed")
     document = json.loads(parser.parse_args().document.read_text())
-    (ROOT / "docs" / "benchmarks.md").write_text(page.page(document))
-    plots.save(document, ROOT / "docs" / "images")
+    (ROOT / "docs" / "benchmarks.md").write_text(bench_page.page(document))
+    bench_plots.save(document, ROOT / "docs" / "images")
     readme = ROOT / "README.md"
-    readme.write_text(page.with_table(readme.read_text(), page.readme(document)))
+    readme.write_text(bench_page.with_table(readme.read_text(), bench_page.readme(document)))
     print("wrote docs/benchmarks.md, docs/images/bench_*.png and the table in README.md")
 
 

@@ -3,7 +3,8 @@
 import copy
 
 import pytest
-from benchmarks.bench import page, tables
+from benchmarks import bench_page as page
+from benchmarks.bench import tables
 from benchmarks.bench.tables import Table, number
 
 from tests.benchmarks.tiny import tiny_document
@@ -85,7 +86,7 @@ def test_disturbed_times_are_marked():
 def plots():
     """The module, which needs matplotlib."""
     pytest.importorskip("matplotlib", reason="needs matplotlib: pip install 'holdfast[plot]'")
-    from benchmarks.bench import plots
+    from benchmarks import bench_plots as plots
 
     return plots
 
