@@ -13,7 +13,7 @@ FILES = {
     "src/holdfast/model/link.py": "from holdfast.model.joint import Joint\n",
     "src/holdfast/model/joint.py": "from holdfast.model.arm import (\n    Arm,\n    Link,\n)\n",
     "src/holdfast/view/page.py": "import typing\n\nif typing.TYPE_CHECKING:\n    import holdfast.model.arm\n",
-    "src/holdfast/compiled/__init__.py": "class CompiledChain:\n    n = 1\n\n    def a(self): ...\n    def _b(self): ...\n",
+    "src/holdfast/compiled/__init__.py": "class CompiledChain:\n    n = 1\n\n    def a(self): ...\n\n    _b = a\n",
     "benchmarks/bench/clock.py": "x = 1\n",
     "tests/test_it.py": '"""A\ntest."""\n\n# none\ny = """2\n\n"""\n',
 }
