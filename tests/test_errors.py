@@ -27,7 +27,7 @@ def test_an_old_keyword():
 
 
 def test_an_old_name_of_a_module(monkeypatch):
-    """A module's `__getattr__` answers an old name; `from module import old` is told so, too."""
+    """A module's `__getattr__` answers an old name."""
     module = types.ModuleType("module_with_an_old_name")
 
     def lookup(name):
