@@ -41,7 +41,7 @@ def code_lines(text: str) -> int:
             found |= set(range(token.start[0], token.end[0] + 1))
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
-            found -= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
+            found -= set(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
     return len(found)
 
 

@@ -64,6 +64,7 @@ def runs(report: Callable[[str], None] = print) -> Iterator[Run]:
     motion = circling()
     report("holdfast")
     yield by_holdfast(motion)
+    ways: list[tuple[Callable[..., Run], tuple[object, ...]]]
     ways = [(by_pinocchio, ("Euler",)), (by_pinocchio, ("RK4",))]
     ways += [(by_mujoco, ("Euler", STEP, False))]
     ways += [(by_mujoco, (*way, True)) for way in (("implicitfast", STEP), ("RK4", STEP), ("RK4", SMALL_STEP))]
