@@ -19,6 +19,7 @@ from tests.surface import PUBLIC, names_of
 
 ROOT = Path(holdfast.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
+BENCHMARKS = sorted((Path(__file__).parents[1] / "benchmarks").rglob("*.py"))
 ROOMS = {path.relative_to(ROOT).parts[0].removesuffix(".py") for path in FILES}
 
 # Dependency only leftward: each room and the rooms it may look into. `errors` and `outer` are open to all.
@@ -51,8 +52,7 @@ MAY_IMPORT = {
     "codegen": USE | {"io"},
     "view": FILES_AND_SCENES,
     "plot": {"view"},
-    "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
-    "cli": FILES_AND_SCENES | {"bench", "codegen", "sweeps", "view", "holdfast"},
+    "cli": FILES_AND_SCENES | {"codegen", "sweeps", "view", "holdfast"},
 }
 # imports inside functions, of what the room cannot know when it is loaded
 ON_CALL = {"io/result_reader.py": {"scenario"}, "sweeps/result.py": {"view"}}
@@ -172,6 +172,14 @@ def test_circles_of_modules_are_small():
     assert [circle for circle in circles if len(circle) > LARGEST_CIRCLE] == []
 
 
+def test_nothing_outside_the_package():
+    """The library imports neither its benchmarks nor its tests and examples."""
+    outside = {path.name for path in Path(__file__).parents[1].iterdir() if path.is_dir()}
+    assert {"benchmarks", "examples", "tests"} <= outside
+    for path in FILES:
+        assert not {module.split(".")[0] for module, _ in imported(path)} & outside, path
+
+
 def test_rooms_are_not_circular():
     """Ordering the rooms by what they may import leaves none that wait for each other."""
     waiting = {name: set(rooms) - {"holdfast"} for name, rooms in MAY_IMPORT.items()}
@@ -183,7 +191,7 @@ def test_rooms_are_not_circular():
 
 def test_file_sizes():
     """One algorithm a file, one screen an algorithm: none over 400 lines, median at most 120."""
-    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in FILES}
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in [*FILES, *BENCHMARKS]}
     assert max(lines.values()) <= 400, max(lines, key=lines.__getitem__)
     assert statistics.median(lines.values()) <= 120
 
@@ -214,12 +222,12 @@ def public_definitions(tree: ast.Module):
 def test_docstrings():
     """Every file, public function, class and method begins with a sentence."""
     lacking = []
-    for path in FILES:
+    for path in [*FILES, *BENCHMARKS]:
         tree = parsed(path)
         for name, node in {"file": tree, **dict(public_definitions(tree))}.items():
             first = (ast.get_docstring(node) or "").split("\n")[0].strip()
             if not first or (name != "file" and not first.endswith(".")):
-                lacking.append(f"{path.relative_to(ROOT)}: {name}: {first!r}")
+                lacking.append(f"{path}: {name}: {first!r}")
     assert not lacking, lacking
 
 
