@@ -19,15 +19,18 @@ from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.faults import fault, faulty, largest_positions
 from holdfast.compiled.kernels import compile_batch, compiling, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
-from holdfast.compiled.result import CompiledResult, Results, results_behind
+from holdfast.compiled.result import CompiledResult, Results
 from holdfast.compiled.structure import Options
 from holdfast.compiler.targets import Builtin
+from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.questions.arrays import MOVING
+from holdfast.questions.arrays import MOVING, POSES
 from holdfast.questions.derivatives import unit_cotangent
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
+
+_LARGEST = float(np.finfo(np.float64).max)
 
 if TYPE_CHECKING:
     from holdfast.codegen.export import ExportedCode
@@ -83,8 +86,16 @@ class Function:
         self.calls = Calls(code, {name: x for name, x in own.items() if name not in given})
         self._rank, self._largest = compiled.generic_rank, largest_positions(self.chain)
         self._ranks = {name: len(e.shape) for name, e in self.externals.items()}
+        self._builtin = self._made_builtin(given)
+        # The builtin runs calls that repeat `out`, or have none, in machine code; it passes all others to `_checked`.
+        type(self).__call__ = self._builtin.function  # type: ignore[method-assign]
+
+    def _made_builtin(self, given: tuple[str, ...]) -> Builtin:
+        """Return the builtin that answers plain calls, of the inputs in order and by name."""
+        made, question, code = self.computation, self.question, self.calls.kernel
         first = given if tuple(self.externals)[: len(given)] == given else made.inputs
-        self._builtin = Builtin(
+        own = self._own = self.results(None)
+        builtin = Builtin(
             code.single_address,
             self.calls.own_table(),
             [self.externals[name].shape for name in first],
@@ -94,9 +105,25 @@ class Function:
             question.summary,
             [name.removeprefix(WITH) for name in first],
             len(first) - len(made.inputs),
+            [] if self.has_status else [LARGEST_ARGUMENT if name == "q" else _LARGEST for name in first],
+            [name in POSES for name in first],
+            0 if self.has_status else 2 if question.unlimited else 1,
         )
-        # The builtin runs calls that repeat `out` in machine code and passes all others to `_checked`.
-        type(self).__call__ = self._builtin.function  # type: ignore[method-assign]
+        holds = question.require is None or len(self.chain.grasps) == len(self.chain.arms)
+        self._plain = self.has_status or (holds and not question.feasibility(self.chain))
+        if not self._plain or (self.request is not None and question.unlimited):
+            return builtin
+        table = np.array(self.calls.row({}, own), dtype=np.int64)
+        names = list(self.calls.layout.shapes)
+        whole = own.array(names[0])
+        if len(names) == 1 and question.shows_one and whole.size == own.memory.size:
+            builtin.answer(table, own.memory, whole.copy if whole.ndim else whole.item)
+        else:
+            builtin.answer(table, own.memory, own.memory.copy, self._of_copy)
+        return builtin
+
+    def _of_copy(self, memory: Array) -> Any:
+        return self.shown(type(self._own)(self.chain, self.calls.layout, None, memory))
 
     @property
     def name(self) -> str:
@@ -140,8 +167,13 @@ class Function:
         inputs = {name: found[name] for name in self._inputs}
         if batch is None and not self.has_status and (wrong := fault(inputs, self._largest)) is not None:
             raise wrong
-        result = self.results(batch) if out is None else self._results_of(out, batch)
-        if out is not None and batch is None and len(found) == len(inputs) and self.has_status:
+        result = self._results_of(out, batch)
+        if (
+            out is not None
+            and batch is None
+            and len(found) == len(inputs)
+            and isinstance(out, Results | CompiledDerivatives)
+        ):
             self._builtin.expect(out, result.memory, self.calls.row(found, result)[len(found) :])
         if batch is not None:
             compile_batch(self.calls.kernel, self.chain, self.name, self.compiled.progress)
@@ -149,7 +181,7 @@ class Function:
             statuses.settle(self, self.calls.own | found | _origins(parameters), result)
         if not self.has_status:
             self._settle(inputs, result)
-        return self.shown(result) if out is None else out
+        return overwritten(out, self.shown(result), self.name)
 
     def _arrays(self, given: Sequence[Any], by_name: Mapping[str, Any]) -> dict[str, Array]:
         """Return the arrays of a call as machine code reads them, inputs first.
@@ -180,16 +212,16 @@ class Function:
         return kind(self.chain, self.calls.layout, batch)
 
     def _results_of(self, out: Any, batch: int | None) -> Results:
-        """Return the memory behind an earlier answer.
+        """Return the memory for the results of a call: that of earlier results, if these have memory of their own.
 
         Raises:
-            StateError: It is no answer of this function, or one of another batch size.
+            StateError: `out` belongs to another function, or has another batch size.
         """
+        if out is None or not (self.has_status or self.request is not None):
+            return self.results(batch)
         results = out.results if isinstance(out, CompiledDerivatives) else out
-        if isinstance(out, CompiledDerivatives) and out.request != self.request:
+        if (out.request if isinstance(out, CompiledDerivatives) else None) != self.request:
             raise StateError("out: expected earlier derivatives of the same names; leave it out first")
-        if not self.has_status and self.request is None:
-            results = results_behind(out, self.chain, self.calls.layout)
         arrays.require_fit(results, self.chain, batch)
         return results
 
@@ -395,3 +427,29 @@ def _origins(parameters: Mapping[str, Any]) -> dict[str, Array]:
     """Return the positions of given bases, which only the search for the generic rank needs."""
     given = parameters.get("base_pose")
     return {} if given is None else {"base_p": np.array(given, dtype=float)[..., 4:]}
+
+
+def overwritten(out: Any, answer: Any, what: str) -> Any:
+    """Return `out` with the numbers of an answer; the answer itself if `out` is None or has the same memory.
+
+    Raises:
+        StateError: `out` is no earlier answer of the same shape.
+    """
+    if out is None:
+        return answer
+    if isinstance(answer, CompiledResult | CompiledDerivatives):
+        return out
+    parts, targets = arrays_in(answer), arrays_in(out)
+    if [x.shape for x in parts] != [x.shape for x in targets] or not all(x.flags.writeable for x in targets):
+        raise StateError(f"{what}: out: expected an earlier answer with arrays of the same shapes; leave it out")
+    for x, target in zip(parts, targets, strict=True):
+        target[...] = x
+    return out
+
+
+def arrays_in(answer: Any) -> list[Array]:
+    """Return the arrays of an answer, which may be nested in tuples and mappings."""
+    if isinstance(answer, Mapping | tuple):
+        parts = answer.values() if isinstance(answer, Mapping) else answer
+        return [x for part in parts for x in arrays_in(part)]
+    return [answer] if isinstance(answer, np.ndarray) else []
