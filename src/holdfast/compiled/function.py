@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from os import PathLike
@@ -13,9 +13,10 @@ import numpy as np
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.calls import Calls
-from holdfast.compiled.derivative_computation import computation_of, request_of
+from holdfast.compiled.derivative_computation import computation_of
 from holdfast.compiled.derivative_schedule import WITH, Kind, Request
 from holdfast.compiled.derivatives import CompiledDerivatives
+from holdfast.compiled.differentiated import Differentiated
 from holdfast.compiled.faults import fault, faulty, largest_positions
 from holdfast.compiled.kernels import compile_batch, compiling, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
@@ -26,7 +27,6 @@ from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.questions.arrays import MOVING, POSES
-from holdfast.questions.derivatives import unit_cotangent
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
 
-class Function:
+class Function(Differentiated):
     """A question about a compiled chain: `compiled.inverse_dynamics(q, qd, qdd, grasp_wrench)`.
 
     It takes one system or a batch: any argument or parameter may have a leading batch axis, and those without it are
@@ -60,6 +60,11 @@ class Function:
         own: Any = type(cls.__name__, (cls,), {"__module__": cls.__module__, "__doc__": cls.__doc__})
         return object.__new__(own)
 
+    @classmethod
+    def of(cls, *made: Any) -> Function:
+        """Return a new function; see the constructor."""
+        return Function(*made)
+
     def __init__(
         self,
         compiled: CompiledChain,
@@ -76,7 +81,7 @@ class Function:
             options: the options of the machine code; by default those of the chain.
         """
         self.compiled, self.chain, self.question, self.request = compiled, compiled.chain, question, request
-        self._options, self._made = options or compiled.options, dict[Any, Function]()
+        self._options = options or compiled.options
         with compiling(self.chain, self.name, compiled.progress):
             self.computation = made = computation_of(question, request, self.chain, self._options)
             self.externals, self.has_status = dict(made.externals), made.has_status
@@ -84,6 +89,7 @@ class Function:
         self._inputs = given = (*made.inputs, *made.by_name)
         own = parameters_of(self.chain, compiled.generic_rank) | dict(made.fixed)
         self.calls = Calls(code, {name: x for name, x in own.items() if name not in given})
+        self._show = question.shown(self.chain)
         self._rank, self._largest = compiled.generic_rank, largest_positions(self.chain)
         self._ranks = {name: len(e.shape) for name, e in self.externals.items()}
         self._builtin = self._made_builtin(given)
@@ -124,11 +130,6 @@ class Function:
 
     def _of_copy(self, memory: Array) -> Any:
         return self.shown(type(self._own)(self.chain, self.calls.layout, None, memory))
-
-    @property
-    def name(self) -> str:
-        """The name of the question, with the kind of derivatives if these are computed."""
-        return self.question.name if self.request is None else f"{self.question.name}_{self.request.kind}"
 
     def __repr__(self) -> str:
         """Return the question and the chain."""
@@ -243,98 +244,7 @@ class Function:
             return CompiledDerivatives(self.request, results)
         if isinstance(results, CompiledResult):
             return results
-        return self.question.shown(
-            self.chain, {name: results.array(name) for name in self.question.names_at(self.chain)}
-        )
-
-    def vjp(
-        self, *given: Any, by: Sequence[str] = (), out: Any = None, threads: int = 1, **cotangents_and_parameters: Any
-    ) -> CompiledDerivatives:
-        """Return the gradients of sum(cotangent . result), at a few times the cost of the answer.
-
-        Args:
-            *given: the arguments of the question, in order or by name.
-            by: the arguments of which gradients are returned; by default `question.by`.
-            out: earlier derivatives of the same names, to be overwritten.
-            threads: the number of threads for a batch.
-            **cotangents_and_parameters: cotangents by result, and parameters as in a call.
-
-        Returns:
-            The gradient by every argument, in the shape of the argument; by poses (.., 6) [turn; shift]. In a batch,
-            gradients of a system without an answer are NaN.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or a cotangent belongs to forces that are not unique.
-            SingularChainError: The configuration of a single system is singular.
-        """
-        further, results = cotangents_and_parameters, self._names
-        cotangents = {name: further.pop(name) for name in results if name in further}
-        cotangents = cotangents or unit_cotangent(self.question, self.chain)
-        return self.derived("vjp", tuple(cotangents), by or self.question.by)._with(
-            given, cotangents, further, out, threads
-        )
-
-    def jvp(
-        self,
-        *given: Any,
-        along: Mapping[str, Any],
-        of: Sequence[str] | None = None,
-        out: Any = None,
-        threads: int = 1,
-        **parameters: Any,
-    ) -> CompiledDerivatives:
-        """Return the rates of the results along tangents of the arguments, at a few times the cost of the answer.
-
-        Args:
-            *given: the arguments of the question, in order or by name.
-            along: the tangents by argument, each in the shape of the argument's gradient; (d, ...) for d directions of
-                one system at once, (batch, ...) for a batch.
-            of: the results; by default all.
-            out: earlier derivatives of the same names, to be overwritten.
-            threads: the number of threads for a batch.
-            **parameters: parameters as in a call.
-
-        Returns:
-            The rate of every result, in the shape of the result, with a leading axis if there are several directions
-            or a batch.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or a requested force is not unique.
-            SingularChainError: The configuration of a single system is singular.
-        """
-        checks.instance(along, Mapping, f"{self.name}.jvp: along", StateError)
-        return self.derived("jvp", self._names if of is None else of, tuple(along))._with(
-            given, along, parameters, out, threads
-        )
-
-    def jacobian(
-        self,
-        *given: Any,
-        of: Sequence[str] = (),
-        by: Sequence[str] = (),
-        out: Any = None,
-        threads: int = 1,
-        **parameters: Any,
-    ) -> CompiledDerivatives:
-        """Return the Jacobian.
-
-        Args:
-            *given: the arguments of the question, in order or by name.
-            of: the results; by default `question.of`.
-            by: the arguments; by default `question.by`.
-            out: earlier derivatives of the same names, to be overwritten.
-            threads: the number of threads for a batch.
-            **parameters: parameters as in a call.
-
-        Returns:
-            `found[of, by]`, (*shape of the result, *shape of the argument's gradient), with a leading axis for a batch.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or a requested force is not unique.
-            SingularChainError: The configuration of a single system is singular.
-        """
-        of, by = of or self.question.of or self._names, by or self.question.by
-        return self.derived("jacobian", of, by)._with(given, {}, parameters, out, threads)
+        return self._show({name: results.array(name) for name in self._names})
 
     def bind(
         self,
@@ -373,54 +283,10 @@ class Function:
         """Write the function as C or object files that run without Python; see `CompiledChain.export`."""
         return self.compiled.export(folder, functions=[self.name], **options)
 
-    def derived(self, kind: Kind, of: Sequence[str], by: Collection[str]) -> Function:
-        """Return the function of some derivatives; its machine code is made when it is first requested.
-
-        Raises:
-            StateError: A name is unknown, or the question cannot be differentiated.
-        """
-        try:
-            asked = kind, type(of), tuple(of), type(by), tuple(by)  # types: a string is not a list of names
-            return self._made[asked]
-        except (KeyError, TypeError):  # asked for the first time, or no names
-            request = request_of(self.question, self.chain, kind, of, by)
-        if (found := self._made.get(request)) is None:
-            found = self._made[request] = Function(self.compiled, self.question, request, self._options)
-        self._made[kind, type(of), tuple(of), type(by), tuple(by)] = found
-        return found
-
-    def _with(
-        self, given: Sequence[Any], vectors: Mapping[str, Any], further: dict[str, Any], out: Any, threads: int
-    ) -> CompiledDerivatives:
-        """Return derivatives, of the question's inputs, cotangents or tangents, and parameters."""
-        assert self.request is not None
-        inputs, values = self.question.inputs, [*given]
-        if len(given) > len(inputs):
-            raise StateError(f"{self.name}: expected {', '.join(inputs)}, got {len(given)} arguments")
-        own = (
-            self.computation.inputs[: -len(self.request.given) or None]
-            if self.request.given
-            else self.computation.inputs
-        )
-        for name in own[len(given) :]:
-            if name not in further:
-                require_inputs([name] if name not in inputs else (), further)
-                raise StateError(f"{self.name}: expected {', '.join(inputs)}, got no {name}")
-            values.append(further.pop(name))
-        values += [vectors[name] for name in self.request.given]
-        if threads == 1:
-            return self(*values, out=out, **further)
-        return self(*values, out=out, threads=threads, **further)
-
     @cached_property
     def when_moving(self) -> Function:
         """The function for moving bases; it is made when the motion of a base is first given."""
         return Function(self.compiled, self.question, self.request, replace(self._options, base_motion=True))
-
-    @cached_property
-    def _names(self) -> tuple[str, ...]:
-        """The names of the results that can be differentiated."""
-        return self.question.names_at(self.chain)
 
 
 def _origins(parameters: Mapping[str, Any]) -> dict[str, Array]:
