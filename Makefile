@@ -62,11 +62,13 @@ counts: $(VENV)/.dev
 capabilities: $(VENV)/.dev
 	HOLDFAST_COMPILE=quick $(BIN)/python -m tests.capabilities.page --write docs/coverage.md
 
-# Speed against other libraries, into docs/benchmarks.md and the README (minutes; leave the machine alone meanwhile).
+# Speed against other libraries, into docs/benchmarks.md and the README, and the cost of a step of `simulate` into
+# docs/limitations.md (minutes; leave the machine alone meanwhile).
 bench: $(VENV)/.bench
 	mkdir -p results
 	$(BIN)/holdfast bench --json > results/bench.json
 	$(BIN)/python benchmarks/write_benchmarks.py results/bench.json
+	$(BIN)/python benchmarks/simulation_cost.py --write docs/limitations.md
 
 # Closure error against time, beside Pinocchio and MuJoCo, into docs/drift.md (minutes).
 drift: $(VENV)/.bench

@@ -69,15 +69,18 @@ def costs() -> Iterator[tuple[str, float]]:
         run = lambda s=systems, n=steps: rollout.step(s.copy(), STEP, steps=n)  # noqa: E731
         plural = "system" if count == 1 else "systems, each of them"
         yield f"rollout of {count} {plural}, the same `ControlLaw`", microseconds(run, steps * count)
+    wanted = hf.forward_dynamics(gripped, state, hold)
+    best = lambda: hf.forces.largest_margin(gripped, state, wanted, effort_limits=True)  # noqa: E731
+    yield "one `largest_margin` of the soft fingers, with effort limits", microseconds(best, 1)
 
 
 def table() -> str:
     """Return the table of costs as Markdown."""
-    rows = [f"| {what} | {cost:.{0 if cost >= 10 else 1}f} us |" for what, cost in costs()]
+    rows = [f"| {what} | {cost:,.{0 if cost >= 10 else 1}f} us |" for what, cost in costs()]
     name = processor()[0]
-    return "\n".join(["| two Pandas and a box, steps of 1 ms | processor time of a step |", "|---|---|", *rows]) + (
-        f"\n\nOne thread, {name}; after the first run, which compiles.\n"
-    )
+    return "\n".join(
+        ["| two Pandas and a box, steps of 1 ms | processor time of a step or call |", "|---|---|", *rows]
+    ) + (f"\n\nOne thread, {name}; after the first run, which compiles.\n")
 
 
 def main() -> None:
