@@ -93,8 +93,7 @@ def test_blocks_run(page, tmp_path, monkeypatch):
 def test_first_example():
     """README and the home page begin with the same program: an import and at most eight lines, without a quaternion."""
     first, home = (
-        next(text for language, text in fences(page) if language == "python")
-        for page in (PAGES[0], DOCS / "index.md")
+        next(text for language, text in fences(page) if language == "python") for page in (PAGES[0], DOCS / "index.md")
     )
     assert first == home
     assert len([line for line in first.splitlines() if line.strip() and not line.startswith("import")]) <= 8
