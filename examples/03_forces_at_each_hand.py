@@ -18,7 +18,7 @@ SQUEEZE = 30.0  # N
 
 
 def main(out: Path = OUT) -> dict[str, float]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     arms = {"left": iiwa14([1, 0, 0, 0, -0.7, 0, 0]), "right": iiwa14([0, 0, 0, 1, 0.7, 0, 0])}
     box = hf.HeldObject.box(mass=5.0, x=0.3, y=0.3, z=0.2)
     grasps = {
@@ -42,7 +42,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     figure.savefig(out / "03_forces_at_each_hand.png", dpi=DPI)
 
     print(f"at rest, left hand: {np.round(force[0, 0], 2) + 0.0} N, right hand: {np.round(force[0, 1], 2) + 0.0} N")
-    print(f"largest at one hand: {np.linalg.norm(force, axis=2).max():.2f} N; internal force: {internal[0, 0, 0]:.2f} N")
+    print(f"largest at one hand: {np.linalg.norm(force, axis=2).max():.2f} N, internally {internal[0, 0, 0]:.2f} N")
     print(f"largest |sum of forces - m (a - g)|: {error:.1e} N")
     return {
         "weight": float(-box.mass * chain.gravity[2]),

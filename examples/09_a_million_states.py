@@ -1,4 +1,4 @@
-"""A million states of two arms with a box: what can they do with a tenth of their drives' strength to spare?"""
+"""A million states of two arms with a box: what can they do with a tenth of their torque limits in reserve?"""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EACH = 16_384  # states in a batch: one configuration, its own velocity and torq
 
 
 def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     arms = {"left": iiwa14([1, 0, 0, 0, -0.7, 0, 0]), "right": iiwa14([0, 0, 0, 1, 0.7, 0, 0])}
     box = hf.HeldObject.box(mass=5.0, x=0.3, y=0.3, z=0.2)
     grasps = {
@@ -60,7 +60,7 @@ def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
     draw(out, upward, felt)
     print(f"{states:,} states, {valid:,} of them valid: {seconds:.2f} s, {states / seconds / 1e6:.2f} million a second")
     print(f"the box accelerates upward by {np.quantile(upward, 0.99):.2f} m/s^2 or more in 1 % of them")
-    print(f"and the left hand feels {np.quantile(felt, 0.99):.0f} N or more; |sum f - m (a - g)| <= {error:.1e} N")
+    print(f"and the left hand carries {np.quantile(felt, 0.99):.0f} N or more; |sum f - m (a - g)| <= {error:.1e} N")
     return {
         "states": states,
         "valid": valid,
