@@ -18,10 +18,11 @@ from tests.capabilities.questions import TABLES, Answer, answer
 
 HEAD = """# Coverage
 
-A smoke test: which functions work with which kinds of chain? `make capabilities` (`tests/capabilities/`) generates this page by trying
-all of them. Each section lists the gaps first, with the message of the error raised; everything else works. Each row of a table is a
-chain with one special feature, with two arms of seven joints unless it says otherwise; each column is a function. *Yes* means that it
-returned finite numbers. Whether the numbers are right is checked by other tests.
+A smoke test: which functions work with which kinds of chain? `make capabilities` (`tests/capabilities/`) generates this
+page by trying all of them. Each section lists the gaps first, with the message of the error raised; everything else
+works. Each row of a table is a chain with one special feature, with two arms of seven joints unless it says otherwise;
+each column is a function. *Yes* means that it returned finite numbers. Whether the numbers are right is checked by
+other tests.
 """
 
 

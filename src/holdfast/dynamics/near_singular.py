@@ -93,7 +93,8 @@ def lost_at(motion: ChainMotion, rank: int, generic_rank: int) -> list[str]:
     """
     length = length_scale([c.offset for c in motion.contacts])
     columns = wrench_directions(motion, length).columns[:, rank:generic_rank]
-    loads = [f"{_load(motion, column, length)} causes no joint torque and does not move the object" for column in columns.T]
+    loads = [_load(motion, column, length) for column in columns.T]
+    loads = [f"{load} causes no joint torque and does not move the object" for load in loads]
     return loads + lost_by_arms(motion, LOST_BY_ARM)
 
 

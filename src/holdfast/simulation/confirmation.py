@@ -130,7 +130,8 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
         joint, reason = decay.joint, f"slowed down at {decay.rate:.3g} 1/s by damping, friction or its controller"
         limit = step_for(decay, scheme)
     else:
-        joint, reason, limit = _most_different(window, until), "whose motion changes when the step is halved", 0.5 * step
+        joint, reason = _most_different(window, until), "whose motion changes when the step is halved"
+        limit = 0.5 * step
     fitting = _working(window, until, limit)
     advice = f"a step of {fitting:g} s" if np.isfinite(fitting) else "a much smaller step"
     if (hold := window.segment.settings.hold) is not None:
