@@ -8,12 +8,12 @@ from types import FunctionType
 
 import numpy as np
 import pytest
+from holdfast.compiled.arm_functions import COMPUTATIONS
+from holdfast.compiled.functions import ChainFunctions
 
 import holdfast
 from holdfast import ClosedChain, Inputs, MethodNotApplicable, Pose, State, StateError
 from holdfast.compiled import CompiledChain
-from holdfast.compiled.arm_functions import COMPUTATIONS
-from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.not_compiled import REASONS
 from holdfast.compiled.structure import Options
 from holdfast.compiler.interpret import interpret_schedule

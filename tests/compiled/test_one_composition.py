@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from holdfast.compiled.arm_functions import COMPUTATIONS
 
 import holdfast
 from holdfast.compiled import traced_chain
-from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.structure import Options, Structure
 from holdfast.control.controller import held_torques

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from holdfast.compiled.externals import FLOATING
 
 import holdfast as hf
 from holdfast.compiled import arrays
-from holdfast.compiled.externals import FLOATING
 from holdfast.dynamics import Status
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import chain_motion

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-import holdfast as hf
 from holdfast.compiled.closure_derivatives import ClosureDerivatives
 from holdfast.compiled.compiled_derivatives import options_of
-from holdfast.compiled.derivative_schedule import WITH
 from holdfast.compiled.force_derivatives import ForceDerivatives
 from holdfast.compiled.function_derivatives import FunctionDerivatives
 from holdfast.compiled.functions import ChainFunctions
+
+import holdfast as hf
+from holdfast.compiled.derivative_schedule import WITH
 from holdfast.compiled.structure import optional_parameters
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.interpret import interpret_schedule
