@@ -24,6 +24,7 @@ from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.trunk import Trunk
+from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf.source import Source
 from holdfast.scenario import parts
 from holdfast.scenario.names import require_names
@@ -104,6 +105,7 @@ def load_scene(
     *,
     trust_xacro: bool = False,
     robots: Mapping[str, Source] | None = None,
+    packages: Mapping[str, str | PathLike[str]] | None = None,
 ) -> Scenario:
     """Return the scenario of a TOML file.
 
@@ -112,6 +114,8 @@ def load_scene(
         folder: folder to which the file names of robots in the scene are relative; None for the scene's own folder.
         trust_xacro: whether to expand the xacro files that the scene names, which runs the Python code in them.
         robots: URDFs to use instead of the files that the scene names, by arm name; "trunk" for the trunk.
+        packages: folders of packages by name, in addition to those of the scene, for `$(find name)` and
+            `package://name` in the robots' files.
 
     Raises:
         SceneError: the file is unreadable or invalid, with the path of the first fault, or it names a xacro file
@@ -122,7 +126,9 @@ def load_scene(
     file = file_path(path, "path", SceneError)
     home = file.parent if folder is None else file_path(folder, "folder", SceneError)
     text = typed.read_bytes(file, LARGEST_FILE)
-    return parse_scene(text, str(file), file.stem, RobotFiles(home, trust_xacro, robots or {}))
+    return parse_scene(
+        text, str(file), file.stem, RobotFiles(home, trust_xacro, robots or {}, given_packages(packages))
+    )
 
 
 def parse_scene(text: bytes, source: str, name: str, files: RobotFiles, changes: Sequence[str] = ()) -> Scenario:
@@ -193,6 +199,7 @@ def build_robots(data: SceneData, files: RobotFiles, at: Location) -> tuple[Scen
     if len(data.arms) > MOST_ARMS:
         raise (at / "arms").refuse(f"expected at most {MOST_ARMS} arms, got {len(data.arms)}")
     require_names((arm.name for arm in data.arms), at / "arms", "name")
+    files = replace(files, packages={**data.packages, **files.packages})
     trunk = None if data.trunk is None else scene_trunk(data.trunk, data.arms, files, at)
     robots, joints = {}, 0 if trunk is None else trunk.trunk.joint_count
     for i, arm in enumerate(data.arms):
