@@ -84,7 +84,8 @@ class HeldObject(Frozen):
 
         Raises:
             ModelError: both or neither of mass and density are given, or a number is not > 0.
-            SceneError: the file cannot be read, or its surface is open, inside out or flat.
+            SceneError: the file cannot be read, or its surface is open, inside out or flat, or encloses places twice
+                (shells that overlap, lie within others, or occur twice; a cavity's surface looks inward).
         """
         from holdfast.robots.mesh_files.solid import held_object_from_mesh
 
