@@ -16,7 +16,7 @@ from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style as style
 from holdfast.view.base_travel import base_travel
-from holdfast.view.figure_style import COLUMN, COMPONENTS, arm_style, new_figure, stacked_panels
+from holdfast.view.figure_style import COLUMN, COMPONENTS, arm_style, drawn_text, new_figure, stacked_panels
 from holdfast.view.margin_figure import friction_margin_figure
 
 ARMS_ABREAST = 4
@@ -144,7 +144,7 @@ def columns_of_panels(
 def _title(chain: ClosedChain, arm: int) -> str:
     """Return an arm's name and, if it begins with one, its grasp's kind."""
     name = chain.names[arm]
-    return f"{name} ({chain.grasps[name].kind})" if name in chain.grasps else name
+    return drawn_text(name) + (f" ({chain.grasps[name].kind})" if name in chain.grasps else "")
 
 
 def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
@@ -166,7 +166,7 @@ def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
     driven = [name for name, joints in chain.joints_of.items() if joints]
     with columns_of_panels(len(driven), 3.2, 0.5, (_label(chain), "share of limit [%]")) as (figure, columns):
         for name, (torque, share) in zip(driven, columns, strict=True):
-            torque.set_title(name)
+            torque.set_title(drawn_text(name))
             _draw(chain, run, name, torque, share)
         for _, share in columns:  # once all are drawn: those of a row have one axis
             share.set_ylim(0, max(105.0, share.get_ylim()[1]))
@@ -186,7 +186,7 @@ def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: An
     for k, joint in enumerate(joints):
         place = sorted(first).index(k) if k in first else None
         colour, line = ("#bbbbbb", "-") if place is None else style.JOINT_STYLES[place]
-        label = "_" if place is None else joint.name or f"joint{k + 1}"
+        label = "_" if place is None else drawn_text(joint.name or f"joint{k + 1}")
         torque.plot(run.t, tau[:, k], linestyle=line, color=colour, label=label)
         if limited[k]:
             share.plot(run.t, use[:, k], linestyle=line, color=colour, label=label)
@@ -245,7 +245,7 @@ def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:
         for i, name in enumerate(chain.names):
             if run.holding[:, i].any():
                 colour, line = arm_style(i)
-                share.plot(run.t, shares[:, i], linestyle=line, color=colour, label=name)
+                share.plot(run.t, shares[:, i], linestyle=line, color=colour, label=drawn_text(name))
         share.set_ylim(*_wide_enough(shares))
         force.plot(run.t, net, "-", color=style.BLACK)
         force.set_ylim(0, 1.08 * net.max() or 1.0)
