@@ -27,7 +27,7 @@ INTERNAL, DANGER = PURPLE, VERMILLION
 TRUNK_COLOUR = "#707883"  # grey: it belongs to no arm
 
 DPI = 200
-LONGEST_LABEL = 60  # characters
+LONGEST_LABEL = 32  # characters
 COLUMN = 3.5  # inches: one column of a two-column page
 STYLE: dict[Any, Any] = {  # keys and values of matplotlib's rcParams
     "font.size": 8,
@@ -79,10 +79,10 @@ def stacked_panels(height: float, labels: Sequence[str], ratios: Sequence[float]
 def drawn_text(name: str) -> str:
     """Return a name as figures show it: printable, on one line, dollar signs as such instead of formulas between them.
 
-    A space comes before a low line, since matplotlib leaves labels that begin with one out of legends.
+    A space comes before a low line, since matplotlib leaves labels that begin with one, or are empty, out of legends.
     """
     shown = one_line(name, LONGEST_LABEL).replace("$", r"\$")
-    return f" {shown}" if shown.startswith("_") else shown
+    return f" {shown}" if shown.startswith("_") or not shown else shown
 
 
 def write_figure(figure: Any, path: Path) -> None:
