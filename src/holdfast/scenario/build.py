@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.assembly.assemble import assemble
+from holdfast.assembly.plausibility import plausibility_notes
 from holdfast.assembly.slack import with_slack_bushings
 from holdfast.control.controller import Controller
 from holdfast.dynamics.closed.chain_motion import chain_motion
@@ -95,8 +96,9 @@ class Scenario:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on what in these files was changed or ignored when they were loaded."""
-        return tuple(dict.fromkeys(note for one in self.made.values() for note in one.notes))
+        """Notes on what in these files was changed or ignored, and on numbers of the scene that are unlikely."""
+        of_files = (note for one in self.made.values() for note in one.notes)
+        return tuple(dict.fromkeys([*of_files, *plausibility_notes(self.chain, self.state.object_frame)]))
 
 
 def load_scene(

@@ -17,8 +17,11 @@ from holdfast.robots.mesh_files.limits import MeshFault
 from holdfast.robots.mesh_files.mesh import Mesh, distinct
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.robots.mesh_files.winding import require_enclosed_once
+from holdfast.robots.notes import show_notes
+from holdfast.robots.visuals import equivalent_box
 from holdfast.spatial.scalar import Array
 
+LONGEST, HEAVIEST = 50.0, 1e6  # [m, kg]
 THINNEST = 1e-12  # a surface that encloses less than this part of its extent's cube is flat
 
 
@@ -59,7 +62,18 @@ def held_object_from_mesh(
     volume = found.volume * size**3
     of_density = given if mass is None else given / volume
     inertia = of_density * size**5 * found.inertia
-    return HeldObject(of_density * volume, inertia, size * found.centre, shape=MeshFile(str(place), (size, size, size)))
+    made = HeldObject(of_density * volume, inertia, size * found.centre, shape=MeshFile(str(place), (size, size, size)))
+    show_notes([f"{place}: {note}" for note in size_notes(made)], stacklevel=4)
+    return made
+
+
+def size_notes(held: HeldObject) -> list[str]:
+    """Return a note on an object of a mesh file that is too large or heavy for any arm, with the likely cause."""
+    edges = equivalent_box(held)[0]
+    if edges.max() <= LONGEST and held.mass <= HEAVIEST:
+        return []
+    size = " x ".join(f"{edge:.3g}" for edge in edges)
+    return [f"as large as a box of {size} m, {held.mass:.3g} kg: is the file in millimetres? Try scale=0.001"]
 
 
 def solid(mesh: Mesh) -> Solid:
