@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.assembly.plausibility import outward_normal, plausibility_notes
+from holdfast.assembly.outward_normal import outward_normal
+from holdfast.assembly.plausibility import plausibility_notes
 from holdfast.cli import main
 from holdfast.errors import ModelWarning
 from holdfast.view import meshes
@@ -97,6 +98,11 @@ def test_likely():
             assert bool(told) == ((abs(roll), pitch, yaw) == (quarter, 0, 2 * quarter))
     for place in ([0, 0, 0], [-0.1, 0, 0], [-0.15, 0.1, 0]):
         assert not plausibility_notes(pandas(grasps=with_left(frame(*place, 0, 1, 0, 0))))
+    crank = hf.Arm([hf.Joint("revolute", [0, 1, 0])], [hf.Link(1.0, [0.1, 0, 0], 0.01 * np.eye(3))])
+    pinned = {"crank": hf.Grasp("hinge", GRASPS["left"].frame @ UPSIDE_DOWN)}
+    assert not plausibility_notes(hf.ClosedChain({"crank": crank}, BOX, pinned))
+    assert plausibility_notes(hf.ClosedChain({"crank": crank}, BOX, {
+        "crank": hf.Grasp("ball", pinned["crank"].frame, hf.Friction(0.5))}))  # fmt: skip
     (note,) = plausibility_notes(chain, frame(0, 0, 0.7, 0, 0, 0, 1))
     assert "half a turn about z; if none was meant: [1, 0, 0, 0]" in note
 

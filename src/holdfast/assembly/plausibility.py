@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from holdfast.assembly.outward_normal import outward_normal
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
-from holdfast.model.visuals import Cylinder, Mesh, Sphere
+from holdfast.model.visuals import Mesh
 from holdfast.robots.mesh_files.solid import size_notes
 from holdfast.robots.visuals import equivalent_box
 from holdfast.spatial import rotation
@@ -19,7 +20,7 @@ from holdfast.spatial.scalar import Array
 DENSEST = 3e4  # [kg/m^3]; osmium has 2.3e4
 HEAVIEST = 30.0  # mass of an object, relative to that of the arms that hold it against gravity; robots lift their own
 LONGEST = 30.0  # length of an object, relative to that of the longest arm
-ON_FACE = 1e-6  # distance from a face, relative to the size, below which a contact lies on it
+FEWEST = 5  # joints of an arm with a hand; cranks of mechanisms are pinned to an object with any attitude
 LIKE = 0.99  # least cosine between directions that are meant to be the same
 
 
@@ -31,7 +32,8 @@ def plausibility_notes(chain: ClosedChain, object_pose: Pose | None = None) -> t
         notes.append(f"gravity: [{_few(g)}] points upward, along +z; it is the acceleration of a falling body, try -z")
     notes += _of_object(chain)
     for name, grasp in chain.grasps.items():
-        notes += _of_grasp(name, grasp, chain.held_object) if chain.arms[name].joints or grasp.contact else ()
+        presses = grasp.contact is not None or (grasp.of_kind.oriented and len(chain.arms[name].joints) >= FEWEST)
+        notes += _of_grasp(name, grasp, chain.held_object) if presses else ()
     poses = {f"arm '{name}': base": arm.base for name, arm in chain.arms.items() if name not in chain.mounts}
     for what, pose in {**poses, **({} if object_pose is None else {"object: pose": object_pose})}.items():
         notes += _of_order(what, pose)
@@ -72,30 +74,6 @@ def _of_grasp(name: str, grasp: Grasp, held: HeldObject) -> Iterator[str]:
             f"grasp '{name}': the contact frame's z axis points out of the object, but should point into it; try the"
             " frame after half a turn about its x axis, frame @ Pose.from_rpy(pi, 0, 0)"
         )
-
-
-def outward_normal(held: HeldObject, place: Array) -> Array | None:
-    """Return the outward normal (3,) of the object's surface at a place on it, None elsewhere and on edges.
-
-    The surface is that of the object's sphere or cylinder or, without a shape, of the box with its inertia.
-    """
-    if isinstance(held.shape, Sphere):
-        distance = float(np.linalg.norm(place))
-        return place / distance if abs(distance - held.shape.radius) < ON_FACE * held.shape.radius else None
-    if isinstance(held.shape, Cylinder):
-        sizes, axes = np.array([2 * held.shape.radius, held.shape.length]), np.eye(3)
-        across = np.array([place[0], place[1], 0.0])
-        radius = float(np.linalg.norm(across))
-        local, axes = np.array([radius, place[2]]), np.column_stack([across / (radius or 1.0), axes[:, 2]])
-    elif held.shape is None:
-        sizes, at = equivalent_box(held)
-        local, axes = at.R.T @ (place - at.p), at.R
-    else:
-        return None
-    off = np.abs(local) - 0.5 * sizes
-    face = int(np.argmax(off))
-    inside = np.delete(off, face) < -ON_FACE * sizes.max()
-    return np.sign(local[face]) * axes[:, face] if abs(off[face]) < ON_FACE * sizes.max() and inside.all() else None
 
 
 def _of_order(what: str, pose: Pose) -> Iterator[str]:
