@@ -346,7 +346,7 @@ def _require_distinct(root: Element) -> None:
         names = sorted(part.get("name", "") for tag in tags for part in root.iter(tag) if part.get("name"))
         for one, next_one in itertools.pairwise(["", *names]):
             if one_line(next_one, len(next_one)) != next_one:
-                raise ModelError(f"to_mjcf: {ascii(next_one)[:60]}: expected printable names, which XML can contain")
+                raise ModelError(f"to_mjcf: {ascii(next_one)[:60]}: expected printable names")
             if one == next_one:
                 raise ModelError(
                     f"to_mjcf: two are called '{one}' ({tags[0]}); try other names of arms, joints or links"
