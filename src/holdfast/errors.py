@@ -78,3 +78,7 @@ def warn_renamed(old: str, new: str, until: str) -> None:
     """
     message = f"{old} is now {new}; the old name goes with version {until}"
     warnings.warn(message, DeprecatedNameWarning, stacklevel=3)
+
+
+class ModelWarning(UserWarning):
+    """A robot's file was read, but not as it stands: each line names an element, and what became of it."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from holdfast.assembly.limits import longest_reach, required_reach
 from holdfast.assembly.on_trunk import on_own_bases
+from holdfast.assembly.plausibility import plausibility_notes
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -98,6 +99,7 @@ class AssemblyReport(Frozen):
         rank: number of independent rows of the grasp constraint.
         rows: number of all its rows, six per grasp.
         trunk: the report on the trunk; None without one.
+        unlikely: notes on numbers that are possible but unlikely, with their likely cause.
         not_checked: what was not checked.
     """
 
@@ -106,6 +108,7 @@ class AssemblyReport(Frozen):
     rank: int
     rows: int
     trunk: TrunkReport | None = None
+    unlikely: tuple[str, ...] = ()
     not_checked: tuple[str, ...] = (
         "collisions between arms, object and surroundings",
         "whether the actuators can bear the load",
@@ -119,6 +122,7 @@ class AssemblyReport(Frozen):
     def __str__(self) -> str:
         lines = [*([] if self.trunk is None else [str(self.trunk)]), *map(str, self.arms)]
         lines += [f"  note: {arm.name}: {arm.tip_note}" for arm in self.arms if arm.tip_note]
+        lines += [f"  note: {note}" for note in self.unlikely]
         lines.append(f"mobility {self.mobility}, rank {self.rank} of {self.rows}")
         if self.rank < self.rows:
             lines.append("  rows are dependent: singular, or grasp forces not unique; holdfast.diagnose tells which")
@@ -145,6 +149,7 @@ def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
         rank,
         chain.constraint_row_count,
         _trunk_report(chain, state),
+        plausibility_notes(chain, state.object_frame),
     )
 
 

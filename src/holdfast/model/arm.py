@@ -68,7 +68,7 @@ class Arm(Frozen):
     def _check_frames(self) -> str:
         """Check name, tip and base, and return the label of the arm in messages."""
         kind = type(self).__name__.lower()
-        checks.instance(self.name, str, f"{kind}: name")
+        checks.name(self.name, f"{kind}: name")
         label = f"{kind} '{self.name}'" if self.name else kind
         object.__setattr__(self, "tip", checks.pose(self.tip, f"{label}: tip"))
         object.__setattr__(self, "base", checks.pose(self.base, f"{label}: base"))

@@ -119,6 +119,15 @@ def instance(value: Any, kind: type | tuple[type, ...], what: str, error: type[H
         raise error(f"{what}: expected {expected}, got {type(value).__name__}")
 
 
+def name(value: Any, what: str) -> None:
+    """Check that a value is a text that files can hold: one without lone surrogates."""
+    instance(value, str, what)
+    if not value.isascii() and any("\ud800" <= letter <= "\udfff" for letter in value):
+        raise ModelError(
+            f"{what}: expected a text that UTF-8 can encode, got {ascii(value)[:60]}, a lone surrogate in it"
+        )
+
+
 def flag(value: Any, what: str, error: type[HoldfastError] = ModelError) -> bool:
     """Return a truth value; numbers, texts and arrays are none."""
     if not isinstance(value, bool | np.bool_):

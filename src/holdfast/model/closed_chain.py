@@ -55,7 +55,7 @@ class ClosedChain(Frozen):
         if not self.arms:
             raise ModelError("chain: expected at least one arm, got none")
         for name, arm in self.arms.items():
-            checks.instance(name, str, f"chain: name of arm {name!r}")
+            checks.name(name, f"chain: name of arm {name!r}")
             if not isinstance(arm, Arm):
                 raise ModelError(f"arm '{name}': expected an Arm, got {type(arm).__name__}")
         if not isinstance(self.held_object, HeldObject):

@@ -61,7 +61,7 @@ class Joint(Frozen):
     rest: float = field(default=0.0, metadata=ADDED)
 
     def __post_init__(self) -> None:
-        checks.instance(self.name, str, "joint: name")
+        checks.name(self.name, "joint: name")
         label = f"joint '{self.name}'" if self.name else "joint"
         if not isinstance(self.kind, str) or self.kind not in JOINT_TYPES:
             expected = " or ".join(map(repr, JOINT_TYPES))

@@ -34,7 +34,7 @@ class Link(Frozen):
     physical: bool = True
 
     def __post_init__(self) -> None:
-        checks.instance(self.name, str, "link: name")
+        checks.name(self.name, "link: name")
         checks.instance(self.physical, bool, "link: physical")
         label = f"link '{self.name}'" if self.name else "link"
         put = object.__setattr__

@@ -233,6 +233,7 @@ def load_urdf(
     physical: bool = True,
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
+    packages: Mapping[str, str | PathLike[str]] | None = None,
 ) -> Arm:
     """Return the arm between two links of a URDF file. O(links).
 
@@ -255,6 +256,7 @@ def load_urdf(
         physical: False accepts principal moments that no mass distribution has.
         xacro_args: values of the file's <xacro:arg> elements by name.
         trust_xacro: whether to expand a `.xacro` file, which runs the Python code in it.
+        packages: folders of packages by name, for `$(find name)` and `package://name` (see `read_urdf`).
 
     Raises:
         SceneError: the file has an error or does not contain such an arm; the message gives file, line, element and
@@ -272,6 +274,7 @@ def load_urdf(
         physical=physical,
         xacro_args=xacro_args,
         trust_xacro=trust_xacro,
+        packages=packages,
     ).arm
 
 
@@ -285,6 +288,7 @@ def load_urdf_arms(
     physical: bool = True,
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
+    packages: Mapping[str, str | PathLike[str]] | None = None,
 ) -> dict[str, Arm]:
     """Return several arms of one robot, each with its base at its place on the robot. O(arms links).
 
@@ -303,10 +307,11 @@ def load_urdf_arms(
         physical: as for `load_urdf`.
         xacro_args: as for `load_urdf`.
         trust_xacro: as for `load_urdf`.
+        packages: as for `load_urdf`.
 
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf`.
     """
     options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
-    options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro}
+    options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
     return {name: chain.arm for name, chain in urdf_chains(path_or_text, arms, **options).items()}

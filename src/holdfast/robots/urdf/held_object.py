@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from os import PathLike
+from typing import Any
 
 from holdfast.model.held_object import HeldObject
 from holdfast.robots.urdf.bodies import inertia_parts
@@ -13,13 +14,21 @@ from holdfast.spatial.inertia import welded
 from holdfast.spatial.pose import Pose
 
 
-def held_object_from_urdf(path_or_text: str | PathLike[str], link: str | None, physical: bool) -> HeldObject:
+def held_object_from_urdf(
+    path_or_text: str | PathLike[str], link: str | None, physical: bool, **options: Any
+) -> HeldObject:
     """Return the object of a URDF file; see `HeldObject.from_urdf`. O(links).
+
+    Args:
+        path_or_text: path of the file, or its text.
+        link: name of the link; None for the root.
+        physical: as for `HeldObject`.
+        **options: xacro_args, trust_xacro and packages of `read_urdf`.
 
     Raises:
         SceneError: as for `HeldObject.from_urdf`.
     """
-    robot = read_urdf(path_or_text)
+    robot = read_urdf(path_or_text, **options)
     start = robot.root if link is None else known_link(robot, link, "link")
     at, waiting, moving = {start: Pose.identity()}, [start], []
     while waiting:

@@ -24,6 +24,7 @@ class UrdfOptions(TypedDict, total=False):
     physical: bool
     xacro_args: Mapping[str, str] | None
     trust_xacro: bool
+    packages: Mapping[str, str | PathLike[str]] | None
 
 
 def read_robot(path_or_text: str | PathLike[str] | Source, options: UrdfOptions) -> UrdfRobot:
@@ -35,7 +36,12 @@ def read_robot(path_or_text: str | PathLike[str] | Source, options: UrdfOptions)
     """
     if unknown := options.keys() - UrdfOptions.__annotations__.keys():
         raise TypeError(f"got an unexpected keyword argument '{min(unknown)}'")
-    return read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
+    return read_urdf(
+        path_or_text,
+        xacro_args=options.get("xacro_args"),
+        trust_xacro=options.get("trust_xacro", False),
+        packages=options.get("packages"),
+    )
 
 
 def locks_of(robot: UrdfRobot, paths: Collection[list[PassedJoint]], options: UrdfOptions) -> Locks:

@@ -27,6 +27,7 @@ def read_urdf(
     *,
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
+    packages: Mapping[str, str | PathLike[str]] | None = None,
 ) -> UrdfRobot:
     """Return the tree of links and joints that a URDF file describes. O(links + joints).
 
@@ -39,13 +40,15 @@ def read_urdf(
         xacro_args: values of the file's <xacro:arg> elements by name.
         trust_xacro: whether to expand a `.xacro` file. This runs the Python expressions in it and in the files that it
             includes, with all permissions of the user.
+        packages: folders of packages by name, for `$(find name)` and `package://name`. Others are searched beside the
+            file's own package, in its workspace and in ROS's environment variables.
 
     Raises:
         SceneError: the file has an error (the message gives file, line and element), or is a .xacro file and
             `trust_xacro` is False.
         MissingExtra: the file is a .xacro file, and xacrodoc is not installed.
     """
-    source = read_source(path_or_text, xacro_args, trust_xacro)
+    source = read_source(path_or_text, xacro_args, trust_xacro, packages)
     root = parse_document(source.text, source.name)
     if root.tag != "robot":
         raise root.refuse("expected <robot> as the outermost element")
@@ -57,7 +60,7 @@ def read_urdf(
     joints = _by_name([joint for apart, _ in parts for joint in apart])
     folder = "" if source.folder is None else str(source.folder.resolve())
     name = attributes.name(root) if root.attributes.get("name", "").strip() else ""
-    robot = UrdfRobot(name, links, joints, _root(root, links, joints), root, notes, folder)
+    robot = UrdfRobot(name, links, joints, _root(root, links, joints), root, notes, folder, source.packages)
     _refuse_circles(robot)
     return robot
 

@@ -10,6 +10,7 @@ from functools import cached_property
 from holdfast.model.joint import UNBOUNDED
 from holdfast.model.joint_types import JOINT_TYPES
 from holdfast.robots.urdf.document import Element
+from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
@@ -134,6 +135,7 @@ class UrdfRobot:
         element: the <robot> element.
         notes: one sentence for each part of the <robot> element itself that was ignored.
         folder: folder to which relative names of meshes refer; "" for a text without a file.
+        packages: folders of packages by name, as given or as found by xacro.
     """
 
     name: str
@@ -143,6 +145,7 @@ class UrdfRobot:
     element: Element = field(repr=False)
     notes: tuple[str, ...]
     folder: str = ""
+    packages: Mapping[str, str] = field(default_factory=FrozenDict)
 
     @cached_property
     def joint_above(self) -> Mapping[str, UrdfJoint]:
