@@ -82,6 +82,6 @@ class ObjectTracking(Frozen):
         """
         target = cast(Callable[[float], Target], self.path)(t)
         frame = state.object_frame
-        error = concatenate([rotation.log_below_pi(target.pose.R @ frame.R.T), target.pose.p - frame.p])
+        error = concatenate([rotation.log(target.pose.R @ frame.R.T), target.pose.p - frame.p])
         found = target.acceleration + self.damping * (target.twist - state.object_twist) + self.stiffness * error
         return checks.finite(found, "object tracking: acceleration")
