@@ -1,5 +1,5 @@
 """Controllers, which are functions (t, state, memory) -> (torques, memory)."""
 
-import lazy_loader
+from holdfast.names import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -14,12 +14,14 @@ from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.paths import ObjectPath, Target, path_function
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import State, require_fit
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class ObjectTracking(Frozen):
     """Computed torque, tau = M qdd + C + J^T f + torques of dampers and springs, for the object's acceleration.
