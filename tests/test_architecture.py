@@ -18,7 +18,7 @@ ROOT = Path(holdfast.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
 ROOMS = {path.relative_to(ROOT).parts[0].removesuffix(".py") for path in FILES}
 
-# Dependency only leftward: each room and the rooms it may look into. `errors` is open to all.
+# Dependency only leftward: each room and the rooms it may look into. `errors` and `names` are open to all.
 MATHEMATICS = {"spatial"}
 MODEL = MATHEMATICS | {"model"}
 DYNAMICS = MODEL | {"state", "dynamics", "compiler", "compiled", "progress"}
@@ -26,6 +26,7 @@ USE = DYNAMICS | {"forces", "simulation", "control"}
 FILES_AND_SCENES = USE | {"robots", "assembly", "interop", "scenario", "io"}
 MAY_IMPORT = {
     "errors": set(),
+    "names": set(),
     "progress": set(),
     "spatial": set(),
     "model": MATHEMATICS,
@@ -99,7 +100,7 @@ def test_imports_go_left():
         here, name = room(path), path.relative_to(ROOT).as_posix()
         if here not in ("__init__", "__main__"):
             assert here in MAY_IMPORT, f"a new room: say in MAY_IMPORT where {here} belongs"
-            wrong[name] = imported_rooms(path) - MAY_IMPORT[here] - ON_CALL.get(name, set()) - {here, "errors"}
+            wrong[name] = imported_rooms(path) - MAY_IMPORT[here] - ON_CALL.get(name, set()) - {here, "errors", "names"}
     assert {name: rooms for name, rooms in wrong.items() if rooms} == {}
 
 
@@ -181,8 +182,9 @@ def fresh(code: str) -> str:
 
 
 def test_import_loads_little():
-    """`import holdfast` loads none of its modules; the model brings NumPy and nothing heavy."""
-    assert not fresh("import sys, holdfast; print(*(m for m in sys.modules if m.startswith('holdfast.')))")
+    """`import holdfast` loads what finds its names; the model brings NumPy and nothing heavy."""
+    own = fresh("import sys, holdfast; print(*(m for m in sys.modules if m.startswith('holdfast.')))").split()
+    assert set(own) == {"holdfast.errors", "holdfast.names"}
     loaded = fresh("import sys, holdfast; holdfast.Pose; print(*{m.split('.')[0] for m in sys.modules})").split()
     assert "numpy" in loaded
     assert not set(loaded) & HEAVY
@@ -192,7 +194,7 @@ def test_the_model_loads_little():
     """What a model is made of loads no algorithm, file or machine code: they wait until they are used."""
     code = "import sys, holdfast as hf; hf.Arm, hf.ClosedChain, hf.State, hf.ModelError; print(*sys.modules)"
     loaded = {module.split(".")[1] for module in fresh(code).split() if module.startswith("holdfast.")}
-    assert loaded == {"errors", "model", "spatial", "state"}
+    assert loaded == {"errors", "model", "names", "spatial", "state"}
 
 
 def test_the_list_of_commands_loads_no_command():
@@ -201,4 +203,4 @@ def test_the_list_of_commands_loads_no_command():
     *page, modules = fresh(code).splitlines()
     assert any("Simulate a scene" in line for line in page)
     loaded = {module.split(".")[1] for module in modules.split() if module.startswith("holdfast.")}
-    assert loaded == {"cli", "errors", "model", "progress", "spatial"}
+    assert loaded == {"cli", "errors", "model", "names", "progress", "spatial"}

@@ -5,8 +5,8 @@ Raises:
 """
 
 from holdfast.gym.registration import register_ids
-from holdfast.names import attach
+from holdfast.names import attach as _attach
 
 register_ids()
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = _attach(__name__, __file__)
