@@ -11,11 +11,11 @@ import numpy as np
 
 from holdfast.model.bushing import Bushing
 from holdfast.model.motion_subspace import MotionSubspace
-from holdfast.model.tip_turn import ABOUT_X, ABOUT_Z, CROSS, FREE, FULL, TipTurn
+from holdfast.model.tip_turn import ABOUT_X, ABOUT_Z, CROSS, FULL, no_turn
 from holdfast.model.wrench_condition import MOMENT_Y, MOMENT_Z, NORMAL, Condition, friction_cone
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen, frozen_property
-from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, maximum, sin, sqrt
+from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, maximum, sin, sqrt, where
 from holdfast.spatial.vector import cross
 
 PERPENDICULAR = 1e-6  # sine of the angle below which two directions count as parallel
@@ -93,7 +93,11 @@ class GraspKind(Frozen):
         free: contact axes about which (0, 1, 2) and along which (3, 4, 5) the object can move relative to the tip.
         carried_by: the body in which each of these axes is fixed; it determines g.
         closed_angles: contact axes about which the tip must not be rotated if the grasp is closed.
-        turn: measures of the closed angles.
+        turn: function of the tip's attitude in contact axes (3, 3) that returns the rotation vector that closes the
+            angles (3,) [rad].
+        opening: function of the same that returns the opposite of `turn`, with the sine as its length (3,).
+        cosine: function of the same that returns the cosine of that angle; None takes the angle from `turn`, which
+            costs more. A negative one belongs to an angle that its sine does not show.
         axes: function of the attitudes of contact frame and tip in the world that returns the axes of the free and
             transmitted directions in the world (3, 3).
         regrasped: function of the attitudes of contact frame and tip relative to the object that returns the attitude
@@ -115,7 +119,9 @@ class GraspKind(Frozen):
     free: tuple[int, ...]
     carried_by: tuple[Literal["object", "tip", "world"], ...]
     closed_angles: tuple[int, ...] = ()
-    turn: TipTurn = FREE
+    turn: Callable[[Array], Array] = no_turn
+    opening: Callable[[Array], Array] = no_turn
+    cosine: Callable[[Array], Scalar] | None = None
     axes: Callable[[Array, Array], Array] = contact_axes
     regrasped: Callable[[Array, Array], Array | None] = contact_axes
     size: Literal["torsion_radius", "half_length"] | None = None
@@ -230,13 +236,13 @@ class GraspKind(Frozen):
         """
         if self.given is not None:
             return self.given.gap(tip, p)
-        return concatenate([self.turn.closing(tip), -self.across(p, tip, arctan2)])
+        return concatenate([self.turn(tip), -self.across(p, tip, arctan2)])
 
     def small_gap(self, tip: Array, p: Array) -> Array:
         """Return the opposite displacement, with sines of angles, (6,)."""
         if self.given is not None:
             return self.given.small_gap(tip, p)
-        return concatenate([self.turn.opening(tip), self.across(p, tip, lambda sine, _: sine)])
+        return concatenate([self.opening(tip), self.across(p, tip, lambda sine, _: sine)])
 
     def hidden_gap(self, tip: Array, p: Array) -> Scalar:
         """Return the largest gap that `small_gap` does not show, because an angle exceeds a quarter turn; 0 if none.
@@ -245,11 +251,19 @@ class GraspKind(Frozen):
         """
         if self.given is not None:
             return self.given.hidden_gap(tip, p)
-        found = rotation.beyond_quarter_turn(self.turn.cosine(tip))
+        found = self._hidden_angle(tip) if self.closed_angles else 0.0
         if not self.threaded:
             return found
         _, cosine = _sine_cosine_past_thread(p, tip, self.pitch)
         return maximum(found, abs(self.pitch) * rotation.beyond_quarter_turn(cosine))
+
+    def _hidden_angle(self, tip: Array) -> Scalar:
+        """Return an angle that exceeds a quarter turn [rad]; 0 for others."""
+        if self.cosine is not None:
+            return rotation.beyond_quarter_turn(self.cosine(tip))
+        turn = self.turn(tip)
+        angle = sqrt(turn @ turn)
+        return where(angle > 0.5 * math.pi, angle, 0.0)
 
     def across(self, p: Array, tip: Array, angle: Callable[[Scalar, Scalar], Scalar]) -> Array:
         """Return the displacement of a tip's origin without its free translations, contact axes, (3,) [m].
@@ -284,12 +298,12 @@ def _sine_cosine_past_thread(p: Array, tip: Array, pitch: float) -> tuple[Scalar
 
 
 GRASP_KINDS: dict[str, GraspKind] = {
-    "rigid": GraspKind((), (), (0, 1, 2), FULL, regrasped=tip_attitude, equality="weld"),
+    "rigid": GraspKind((), (), (0, 1, 2), *FULL, regrasped=tip_attitude, equality="weld"),
     "hinge": GraspKind(
         (0,),
         ("object",),
         (1, 2),
-        ABOUT_X,
+        *ABOUT_X,
         regrasped=attitude_about_tip_axis,
         size="half_length",
         friction=sliding_or_tipping,
@@ -309,18 +323,18 @@ GRASP_KINDS: dict[str, GraspKind] = {
         (0, 1),
         ("tip", "object"),
         (2,),
-        CROSS,
+        *CROSS,
         axes=cross_axes,
         regrasped=attitude_across_tip_axis,
     ),
-    "slider": GraspKind((3,), ("object",), (0, 1, 2), FULL, regrasped=tip_attitude),
-    "cylinder": GraspKind((0, 3), ("object", "object"), (1, 2), ABOUT_X, regrasped=attitude_about_tip_axis),
-    "screw": GraspKind((0,), ("object",), (1, 2), ABOUT_X, regrasped=tip_attitude, threaded=True),
+    "slider": GraspKind((3,), ("object",), (0, 1, 2), *FULL, regrasped=tip_attitude),
+    "cylinder": GraspKind((0, 3), ("object", "object"), (1, 2), *ABOUT_X, regrasped=attitude_about_tip_axis),
+    "screw": GraspKind((0,), ("object",), (1, 2), *ABOUT_X, regrasped=tip_attitude, threaded=True),
     "planar": GraspKind(
         (2, 3, 4),
         ("object", "object", "object"),
         (0, 1),
-        ABOUT_Z,
+        *ABOUT_Z,
         regrasped=attitude_about_tip_normal,
     ),
     "subspace": GraspKind((), (), (0, 1, 2), axes=tip_attitude, regrasped=tip_attitude, by_hand=True),

@@ -89,7 +89,6 @@ def cross_opening(tip: Array) -> Array:
     return concatenate([np.zeros(2), [tip[1, 0]]])
 
 
-FREE = TipTurn(no_turn, no_turn, no_cosine)
 FULL = TipTurn(full_turn, full_opening, rotation.cosine)
 ABOUT_X = TipTurn(axis_turn, axis_opening, axis_cosine)
 ABOUT_Z = TipTurn(normal_turn, normal_opening, normal_cosine)
