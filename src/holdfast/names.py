@@ -94,7 +94,7 @@ def called(of: Called) -> Called:
         for name, method in [*vars(of).items()]:
             if inspect.isfunction(method) and (name in ("__init__", "__call__") or not name.startswith("_")):
                 setattr(of, name, _called(method, of.__name__ if name.startswith("__") else name))
-        return of
+        return of  # type: ignore[return-value]
     return _called(of, of.__name__)  # type: ignore[return-value]
 
 

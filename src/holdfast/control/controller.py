@@ -195,20 +195,22 @@ class GivenLaw(Frozen):
         law, size = self.law, self.law.memory.shape
         if memory is None:
             memory = law.memory
-        elif np.shape(memory) != size:
+        elif _shape_of(memory) != size:
             memory = checks.numbers(memory, size, "control law: memory", StateError)
         tau, kept = torques_and_memory(law.torque(t, state, memory, self.values), "control law")
         kept = law.memory if kept is None and size == (0,) else kept
-        if np.shape(kept) != size:
-            raise StateError(
-                f"control law: memory: expected it to return shape {size}, as its `memory` has, got {_got(kept)}"
-            )
+        if (got := _shape_of(kept)) != size:
+            shown = checks.short(kept) if got is None else f"shape {got}"
+            raise StateError(f"control law: memory: expected shape {size}, as its `memory` has, got {shown}")
         return np.asarray(tau), kept
 
 
-def _got(x: Any) -> str:
-    """Return the shape of what came, or what it is."""
-    return "none" if x is None else f"shape {np.shape(x)}"
+def _shape_of(x: Any) -> Shape | None:
+    """Return the shape of an array or of what can become one; None of anything else."""
+    try:
+        return None if x is None else np.shape(x)
+    except (TypeError, ValueError):
+        return None
 
 
 def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> Any:

@@ -82,7 +82,7 @@ def law_outputs(
     for what, x, size in (("torques", drive, chain.joint_count), ("memory", kept, len(law.memory))):
         if x.shape != (size,):
             like = ", as its `memory` has" if what == "memory" else ""
-            raise CompileError(f"control law: {what}: expected it to return shape ({size},){like}, got {x.shape}")
+            raise CompileError(f"control law: {what}: expected shape ({size},){like}, got {x.shape}")
     return drive, kept
 
 
