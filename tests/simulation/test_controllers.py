@@ -43,7 +43,7 @@ def run(controller, steps: int, **options):
         (
             ControlLaw(lambda t, x, m, given: (-x.qd, np.zeros(3)), np.zeros(2)),
             HoldfastError,
-            r"control law: memory: expected shape \(2,\), as its `memory` has, got (shape )?\(3,\)",
+            r"control law: memory: expected shape \(2,\), got (shape )?\(3,\); try ControlLaw\(torque, memory=",
         ),
         ("holding", ModelError, "controller: expected a function .*, got str"),
         (

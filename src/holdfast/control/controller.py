@@ -201,7 +201,10 @@ class GivenLaw(Frozen):
         kept = law.memory if kept is None and size == (0,) else kept
         if (got := _shape_of(kept)) != size:
             shown = checks.short(kept) if got is None else f"shape {got}"
-            raise StateError(f"control law: memory: expected shape {size}, as its `memory` has, got {shown}")
+            raise StateError(
+                f"control law: memory: expected shape {size}, got {shown}; try ControlLaw(torque, memory=...) of the shape"
+                " that the function returns"
+            )
         return np.asarray(tau), kept
 
 

@@ -81,8 +81,8 @@ def law_outputs(
     drive, kept = array(found[0]), np.zeros(0) if none else array(found[1])
     for what, x, size in (("torques", drive, chain.joint_count), ("memory", kept, len(law.memory))):
         if x.shape != (size,):
-            like = ", as its `memory` has" if what == "memory" else ""
-            raise CompileError(f"control law: {what}: expected shape ({size},){like}, got {x.shape}")
+            advice = f"; try ControlLaw(torque, memory=np.zeros({x.shape}))" if what == "memory" else ""
+            raise CompileError(f"control law: {what}: expected shape ({size},), got {x.shape}{advice}")
     return drive, kept
 
 
