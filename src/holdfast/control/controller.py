@@ -202,8 +202,8 @@ class GivenLaw(Frozen):
         if (got := _shape_of(kept)) != size:
             shown = checks.short(kept) if got is None else f"shape {got}"
             raise StateError(
-                f"control law: memory: expected shape {size}, got {shown}; try ControlLaw(torque, memory=...) of the shape"
-                " that the function returns"
+                f"control law: memory: expected shape {size}, got {shown}; try ControlLaw(torque, memory=...) of the"
+                " shape that the function returns"
             )
         return np.asarray(tau), kept
 
