@@ -15,6 +15,7 @@ from . import plot as plot
 from . import robots as robots
 from . import simulation as simulation
 from . import sweeps as sweeps
+from . import view as view
 from .assembly.assemble import assemble as assemble
 from .compiled.chain import compile as compile
 from .control.controller import ControlLaw as ControlLaw

@@ -15,6 +15,7 @@ from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.model.tip_direction import advice_for, tip_angle
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -88,6 +89,7 @@ class TrunkReport(Frozen):
         return f"trunk: {base}, {_at_limit(self.joint, self.margin, self.unit)}"
 
 
+@called
 @dataclass(frozen=True)
 class AssemblyReport(Frozen):
     """The report on a closed chain.

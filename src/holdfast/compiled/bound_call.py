@@ -10,11 +10,13 @@ from holdfast.compiled.parameters import parse_parameters, rank_number
 from holdfast.compiled.result import UNDECIDED, CompiledResult
 from holdfast.dynamics.result import Status
 from holdfast.errors import StateError
+from holdfast.names import named, no_arguments
 
 if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
 
+@named
 class BoundCall:
     """A call without arguments that overwrites the same result each time; for one thread at a time.
 
@@ -35,8 +37,10 @@ class BoundCall:
         """Return the kind of call and the chain's arms."""
         return f"<{type(self).__name__} of {', '.join(self._compiled.chain.names)}>"
 
-    def __call__(self) -> Status:
+    def __call__(self, *none: Any) -> Status:
         """Compute the results from the inputs."""
+        if none:
+            no_arguments("bound call", none)
         code = self.run()
         if code == 0:
             return Status.OK

@@ -9,6 +9,7 @@ from holdfast.compiled.derivative_computation import FunctionRequest
 from holdfast.compiled.derivative_schedule import FOUND, WITH
 from holdfast.compiled.function import CompiledFunction
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import named, no_arguments
 from holdfast.spatial.scalar import Array
 
 
@@ -45,6 +46,7 @@ class FoundDerivatives:
         return parts[name]
 
 
+@named
 class BoundFunctionDerivatives:
     """Derivatives of a function with fixed arrays: write into the inputs, call, read `found`. For one thread at a time.
 
@@ -70,8 +72,10 @@ class BoundFunctionDerivatives:
         self.run = self._bound.run
         self.set(**given)
 
-    def __call__(self) -> None:
+    def __call__(self, *none: Any) -> None:
         """Compute the derivatives from the inputs."""
+        if none:
+            no_arguments("bound call", none)
         self.run()
 
     def set(self, **inputs_or_parameters: Any) -> None:

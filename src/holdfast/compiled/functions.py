@@ -345,7 +345,7 @@ class ChainFunctions(ChainMethods):
 
     def __getattr__(self, name: str) -> NoReturn:
         """Raise the error for a missing attribute; for a library function, it says why it is not compiled."""
-        raise missing(name, type(self).__name__)
+        raise missing(name, self)
 
     def _function(self, name: str) -> CompiledFunction:
         """Return a compiled computation; it is compiled when first requested."""

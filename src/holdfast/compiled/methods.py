@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 from holdfast.compiled.kernels import compiling
 from holdfast.compiled.structure import Options
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 
 Code = TypeVar("Code")
 
@@ -24,6 +25,10 @@ class ChainMethods:
     chain: ClosedChain
     options: Options
     progress: bool = False
+
+    def __init_subclass__(cls) -> None:
+        """Let wrong calls of its methods raise errors of ours."""
+        called(cls)
 
     def _code(self, key: Hashable, what: str, make: Callable[[], Code]) -> Code:
         """Return the machine code of a key; it is made, and progress is shown, when it is first requested."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import unknown_attribute
 from holdfast.spatial.scalar import Array
 
 _ROUNDS = "it goes on for as many rounds as it takes"
@@ -43,13 +44,13 @@ class NotCompiledError(MethodNotApplicable, AttributeError):
     """A compiled chain has no such method; the message says why and what to use instead."""
 
 
-def missing(name: str, kind: str) -> AttributeError:
+def missing(name: str, of: object) -> AttributeError:
     """Return the error for an attribute that a compiled chain does not have."""
     if path := _PATHS.get(name):
         return NotCompiledError(
             f"compile: '{name}' runs as reference only: {REASONS[path]}. holdfast.{path} computes it from the chain"
         )
-    return AttributeError(f"'{kind}' object has no attribute '{name}'")
+    return unknown_attribute(of, name)
 
 
 def require_holding(chain: ClosedChain, f: Array) -> None:

@@ -15,12 +15,14 @@ from holdfast.model.fingerprint import PICTURE
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Visuals
+from holdfast.names import called
 from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen, changed, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Arm(Frozen):
     """A serial chain of joints and links, ordered from base to tip.

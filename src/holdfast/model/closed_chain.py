@@ -19,12 +19,14 @@ from holdfast.model.joint import Joint
 from holdfast.model.spring import Spring
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
+from holdfast.names import called
 from holdfast.spatial.converted import ArrayField, making
 from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class ClosedChain(Frozen):
     """Named arms that hold one object, in a fixed order, each on its own base or on a common trunk.

@@ -13,12 +13,14 @@ from holdfast import outer
 from holdfast.model import checks
 from holdfast.model.fingerprint import PICTURE
 from holdfast.model.visuals import Cylinder, Shape, Sphere
+from holdfast.names import called
 from holdfast.spatial import inertia as spatial_inertia
 from holdfast.spatial.converted import REQUIRED, ArrayField, making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.inertia import RigidInertia
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class HeldObject(Frozen):
     """A rigid body with origin C, which need not be its mass centre.

@@ -8,12 +8,14 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.spatial import inertia as spatial_inertia
 from holdfast.spatial.converted import ArrayField, making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.inertia import RigidInertia
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Link(Frozen):
     """A rigid body moved by one joint; the origin of its frame lies on that joint.

@@ -15,6 +15,7 @@ from holdfast.model.fingerprint import PICTURE
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Visuals
+from holdfast.names import called
 from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
@@ -23,6 +24,7 @@ NAME = "trunk"  # name of its joints in flat arrays, which no arm may have
 BASE = "base"  # name of the floating body as a mount for arms
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Trunk(Frozen):
     """A serial chain of joints and links on which arms are mounted: a torso, an arm with a hand, a floating base.

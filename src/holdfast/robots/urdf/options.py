@@ -6,7 +6,9 @@ from collections.abc import Collection, Mapping
 from os import PathLike
 from typing import Any, TypedDict
 
+from holdfast.errors import CallError
 from holdfast.model import checks
+from holdfast.names import did_you_mean
 from holdfast.robots.urdf.path import Locks, PassedJoint, checked_locks
 from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.refusals import refuse_unsupported
@@ -31,11 +33,13 @@ def read_robot(path_or_text: str | PathLike[str] | Source, options: UrdfOptions)
     """Return the links and joints in a file.
 
     Raises:
-        TypeError: there is no such option.
+        CallError: there is no such option.
         SceneError, MissingExtra: as for `load_urdf`.
     """
-    if unknown := options.keys() - UrdfOptions.__annotations__.keys():
-        raise TypeError(f"got an unexpected keyword argument '{min(unknown)}'")
+    known = UrdfOptions.__annotations__
+    if unknown := options.keys() - known.keys():
+        hint = did_you_mean(min(unknown), known)
+        raise CallError(f"URDF: got an unexpected keyword argument '{min(unknown)}'.{hint}")
     return read_urdf(
         path_or_text,
         xacro_args=options.get("xacro_args"),

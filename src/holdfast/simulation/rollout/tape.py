@@ -18,6 +18,7 @@ from holdfast.dynamics.derivatives import Derivatives, require_names
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.simulation.rollout.adjoint import BEFORE, AdjointKernel, adjoint_shapes
 from holdfast.simulation.rollout.arguments import (
     CHAINS,
@@ -57,6 +58,7 @@ class StoredStep(NamedTuple):
     went: Array
 
 
+@called
 class Tape:
     """Stored steps of systems, for gradients; created by `Rollout.tape`.
 
