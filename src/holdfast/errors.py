@@ -61,3 +61,7 @@ class FrozenError(HoldfastError, AttributeError, TypeError):
 
 class MissingExtra(HoldfastError, ImportError):
     """An optional package is needed; the message names the extra that brings it."""
+
+
+class ModelWarning(UserWarning):
+    """A robot's file was read, but not as it stands: each line names an element, and what became of it."""

@@ -33,6 +33,7 @@ class Arm(Frozen):
         base: pose of the base frame in the world.
         name: name in messages.
         visuals: appearance according to its file, for the viewer; discarded if the number of links differs.
+        notes: notes on what its file has and was not read, or was read differently, for reports.
     """
 
     joints: Sequence[Joint]
@@ -41,6 +42,7 @@ class Arm(Frozen):
     base: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
     visuals: Visuals | None = field(default=None, metadata=PICTURE)
+    notes: Sequence[str] = field(default=(), metadata=PICTURE)
 
     def __post_init__(self) -> None:
         label, put = self._check_frames(), object.__setattr__
@@ -64,6 +66,7 @@ class Arm(Frozen):
         put(self, "links", tuple(one for joint, link in pairs for one in _links(joint, link)))
         put(self, "joints", tuple(part for joint in self.joints for part in joint.parts))
         put(self, "visuals", fitting_visuals(self.visuals, len(self.links), label))
+        put(self, "notes", tuple(self.notes))
 
     def _check_frames(self) -> str:
         """Check name, tip and base, and return the label of the arm in messages."""

@@ -13,18 +13,19 @@ from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.tip_direction import tip_advice, tip_angle
+from holdfast.robots.notes import show_notes
 from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, welded_link
 from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
 from holdfast.robots.urdf.path import Locks, checked_locks, ends, known_link, path_between, resting_position
-from holdfast.robots.urdf.refusals import hanging, refuse_loose, shared
-from holdfast.robots.urdf.robot import MOVING, UrdfRobot
+from holdfast.robots.urdf.refusals import coupling_notes, hanging, refuse_loose, shared
+from holdfast.robots.urdf.robot import MOVING, UrdfJoint, UrdfRobot
 from holdfast.robots.urdf.source import Source
 from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
 
 SAME_PLACE = 1e-6  # [m] distance below which the origins of two frames are at the same place
-OF_JOINT = ("position_limits", "rate_limit", "effort_limit", "damping", "friction", "stiffness", "rest")
+OF_JOINT = ("position_limits", "rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
 UPRIGHT = 0.1  # [rad] largest angle between z and the direction to the tip
 
 
@@ -56,6 +57,11 @@ class UrdfChain:
     notes: tuple[str, ...]
     tip_note: str = ""
 
+    @property
+    def warned(self) -> tuple[str, ...]:
+        """The notes of which `load_urdf` warns: all but those on links without mass and shape, which are frames."""
+        return (*self.arm.notes, *([self.tip_note] if self.tip_note else []))
+
 
 def urdf_chain(
     path_or_text: str | PathLike[str] | Source,
@@ -81,7 +87,15 @@ def urdf_chain(
     locks = locks_of(robot, [path], options)
     folded = fold(start, path, locks)
     refuse_loose(locks, hanging(locks, folded))
-    return chain_of(locks, folded, mount_of(options), options)
+    return _alone(locks, folded, mount_of(options), options)
+
+
+def _alone(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
+    """Return an arm to which nothing outside of it is coupled."""
+    chain = chain_of(locks, folded, mount, options)
+    notes = coupling_notes(locks.robot, chain.bodies, [joint.name for joint in chain.arm.joints])
+    arm = replace(chain.arm, notes=(*notes, *chain.arm.notes))
+    return replace(chain, arm=arm, notes=(*notes, *chain.notes))
 
 
 def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
@@ -94,9 +108,11 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
         )
     bodies = (folded.on_base, *(body.links for body in folded.bodies))
     visuals, unread = visuals_of_bodies(robot, bodies)
-    arm = Arm(*joints_and_links(robot, folded, options), _plain(folded.tip), mount, robot.name, visuals)
+    joints, links, changed = joints_and_links(robot, folded, options)
     inside = {name for links in bodies for name in links}
-    locked, notes = read_within(locks, folded)
+    locked, notes, frames = read_within(locks, folded)
+    notes += [*changed, *unread]
+    arm = Arm(joints, links, _plain(folded.tip), mount, robot.name, visuals, notes)
     tip_note = _tip_note(robot, arm, tip, folded)
     return UrdfChain(
         arm=arm,
@@ -106,31 +122,55 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
         locked=locked,
         bodies=bodies,
         elsewhere=tuple(name for name in robot.links if name not in inside),
-        notes=(*notes, *unread, *([tip_note] if tip_note else [])),
+        notes=(*notes, *frames, *([tip_note] if tip_note else [])),
         tip_note=tip_note,
     )
 
 
-def joints_and_links(robot: UrdfRobot, folded: FoldedChain, options: UrdfOptions) -> tuple[list[Joint], list[Link]]:
-    """Return the joints of a chain and the links that they move, base to tip."""
-    physical = options.get("physical", True)
+def joints_and_links(
+    robot: UrdfRobot, folded: FoldedChain, options: UrdfOptions
+) -> tuple[list[Joint], list[Link], list[str]]:
+    """Return the joints of a chain and the links that they move, base to tip, with notes on changed inertias."""
+    physical, notes = options.get("physical", True), list[str]()
     links = [
-        welded_link(robot, body.links, f"joint {quoted(body.step.joint.name)} moves it", physical)
+        welded_link(robot, body.links, f"joint {quoted(body.step.joint.name)} moves it", physical, notes)
         for body in folded.bodies
     ]
-    return [_joint(body) for body in folded.bodies], links
+    return [_joint(body) for body in folded.bodies], links, notes
 
 
-def read_within(locks: Locks, folded: FoldedChain) -> tuple[dict[str, float], list[str]]:
-    """Return the positions of locked joints within a chain and its base, and the notes on its links and joints."""
+def read_within(locks: Locks, folded: FoldedChain) -> tuple[dict[str, float], list[str], list[str]]:
+    """Return the positions of locked joints within a chain and its base, the notes on its links and joints, and frames.
+
+    Those are links without mass and shape. They are noted, too, but there is no need to warn of them.
+    """
     robot = locks.robot
     inside = {name: robot.links[name] for links in (folded.on_base, *folded.moving) for name in links}
     within = [joint for joint in robot.joints.values() if joint.parent in inside and joint.child in inside]
     locked = {j.name: q for j in within if not j.is_fixed and (q := locks.position(j)) is not None}
     notes = [note for part in (robot, *inside.values(), *within) for note in part.notes]
     moving = [robot.links[name] for links in folded.moving for name in links]
-    notes += [link.element.message("no <inertial>, taken as massless") for link in moving if link.inertial is None]
-    return locked, notes
+    massless = [link.element for link in moving if link.inertial is None]
+    shaped = [element for element in massless if any(map(element.first, ("visual", "collision")))]
+    said = {element: element.message("no <inertial>, taken as massless") for element in massless}
+    notes += [*map(said.pop, shaped), *_locked_notes(locks, within)]
+    return locked, notes, [*said.values()]
+
+
+def _locked_notes(locks: Locks, within: list[UrdfJoint]) -> list[str]:
+    """Return notes on joints whose lock is no plain answer to `lock_others`."""
+    notes = []
+    for joint in within:
+        if joint.kind not in MOVING and not joint.is_fixed and locks.passes_over(joint):
+            notes.append(joint.element.message(f"{joint.kind}, locked in the pose of its <origin>"))
+        elif joint.mimic is None or joint.name in locks.given or (q := locks.position(joint)) is None:
+            continue
+        elif joint.mimic.joint not in locks.robot.joints:
+            notes.append(joint.element.message(f"mimic: no joint {quoted(joint.mimic.joint)}; locked at {q:g}"))
+        elif joint.name in locks.on_path:
+            why = f"since it mimics {quoted(joint.mimic.joint)}, which is locked"
+            notes.append(joint.element.message(f"locked at {q:g}, {why}"))
+    return notes
 
 
 def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: FoldedChain) -> str:
@@ -149,6 +189,8 @@ def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: FoldedChain) -> str:
 def _joint(body: WeldedBody) -> Joint:
     """Return the joint that moves a body."""
     joint, down = body.step
+    if joint.fault is not None:
+        raise joint.fault
     with joint.element.refusals():
         return Joint(
             kind=MOVING[joint.kind],  # pyright: ignore[reportArgumentType]
@@ -190,8 +232,9 @@ def urdf_chains(
     mount, chains = mount_of(options), {}
     for name, folded in folds.items():
         at, notes = _standing(locks, folded.base)
-        chain = chain_of(locks, folded, mount @ at, options)
-        chains[name] = replace(chain, notes=(*notes, *chain.notes))
+        chain = _alone(locks, folded, mount @ at, options)
+        arm = replace(chain.arm, notes=(*notes, *chain.arm.notes))
+        chains[name] = replace(chain, arm=arm, notes=(*notes, *chain.notes))
     return chains
 
 
@@ -256,13 +299,16 @@ def load_urdf(
         xacro_args: values of the file's <xacro:arg> elements by name.
         trust_xacro: whether to expand a `.xacro` file, which runs the Python code in it.
 
+    Warns:
+        ModelWarning: once, with all notes on what was not read, or was interpreted differently from the file.
+
     Raises:
         SceneError: the file has an error or does not contain such an arm; the message gives file, line, element and
             advice.
         ModelError: the mount is not a pose.
         MissingExtra: the file is a `.xacro` file, and xacrodoc is not installed.
     """
-    return urdf_chain(
+    chain = urdf_chain(
         path_or_text,
         base=base,
         tip=tip,
@@ -272,7 +318,9 @@ def load_urdf(
         physical=physical,
         xacro_args=xacro_args,
         trust_xacro=trust_xacro,
-    ).arm
+    )
+    show_notes(chain.warned)
+    return chain.arm
 
 
 def load_urdf_arms(
@@ -304,9 +352,14 @@ def load_urdf_arms(
         xacro_args: as for `load_urdf`.
         trust_xacro: as for `load_urdf`.
 
+    Warns:
+        ModelWarning: as for `load_urdf`, once for all arms.
+
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf`.
     """
     options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
     options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro}
-    return {name: chain.arm for name, chain in urdf_chains(path_or_text, arms, **options).items()}
+    chains = urdf_chains(path_or_text, arms, **options)
+    show_notes(note for chain in chains.values() for note in chain.warned)
+    return {name: chain.arm for name, chain in chains.items()}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Collection, Container, Mapping, Sequence
 from typing import NamedTuple
 
 from holdfast.robots.urdf.bodies import FoldedChain, moving_branches
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint, path_between, resting_position
-from holdfast.robots.urdf.robot import MOVING, UrdfJoint
+from holdfast.robots.urdf.robot import MOVING, WORLD, UrdfJoint, UrdfRobot
 
 MOST_REASONS = 8  # reasons in one message
 MOST_HELD = 40  # joints in the advice of one message
@@ -33,6 +33,38 @@ def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
         )
 
 
+def coupling_notes(
+    robot: UrdfRobot, bodies: Sequence[Collection[str]], joints: Container[str], floats: bool = False
+) -> list[str]:
+    """Return notes on couplings without effect, whose ends are on one moving body.
+
+    Args:
+        robot: the robot.
+        bodies: names of the links of each body; the first is the base.
+        joints: names of the joints that move.
+        floats: whether the base is a free body.
+
+    Raises:
+        SceneError: a coupling acts on a body that moves.
+    """
+    at = {link: k for k, links in enumerate(bodies) for link in links}
+    world = -2 if floats else 0
+    notes = []
+    for coupling in robot.couplings:
+        places = {world if link == WORLD and link not in at else at.get(link, -1) for link in coupling.links}
+        moving = {k for k in places if k > 0 or (floats and k == 0)}
+        acts = any(joint in joints for joint in coupling.joints)
+        if acts or (moving and len(places) > 1) or len(coupling.links | coupling.joints) < 2:
+            ends = " and ".join(quoted(one) for one in sorted(coupling.links or coupling.joints)) or "no known link"
+            raise coupling.element.refuse(
+                f"closes a loop, which a serial arm cannot contain: it couples {ends}; try locking the joints between"
+                " them (locked=, lock_others=True), or deleting it if no arm passes through it"
+            )
+        if moving:
+            notes.append(coupling.element.message("not read, since it has no effect between links that are locked together"))
+    return notes
+
+
 class LooseJoint(NamedTuple):
     """A joint that must be locked.
 
@@ -52,7 +84,9 @@ def hanging(
     passed = {joint.name for joint, _ in folded.path} if passed is None else passed
     return [
         LooseJoint(
-            joint, f"moves link {quoted(joint.child)}, which hangs on the {what} but is not between base and tip"
+            joint,
+            f"moves link {quoted(joint.child)}, which hangs on the {what} but is not between base and tip"
+            + (f", and mimics {quoted(joint.mimic.joint)}, which moves" if joint.mimic and locks.others else ""),
         )
         for links in folded.moving
         for joint in moving_branches(links, passed, locks)
