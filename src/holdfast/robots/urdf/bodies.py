@@ -126,8 +126,9 @@ def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool, not
 
         m = sum m_i,  c = sum m_i c_i / m,  J = sum R_i J_i R_i^T + m_i (d_i.d_i 1 - d_i d_i^T)
 
-    with d_i = c_i - c. Each link must be physically possible, up to `SLIGHT` of the body's inertia; what is raised to the
-    nearest possible inertia is noted in `notes`. `moved` is the reason why the body must have a mass.
+    with d_i = c_i - c. Each link must be physically possible. An inertia that is impossible by less than `SLIGHT` of the
+    body's is raised to the nearest possible one, and noted in `notes`. `moved` is the reason why the body must have a
+    mass.
 
     Raises:
         SceneError: a link is physically impossible, or the body has no <inertial>.
@@ -151,7 +152,9 @@ def inertia_parts(
     Raises:
         SceneError: a link is physically impossible, or has no weight.
     """
-    stated = [(robot.links[link], inertial, at) for link, at in links.items() if (inertial := robot.links[link].inertial)]
+    stated = [
+        (robot.links[link], inertial, at) for link, at in links.items() if (inertial := robot.links[link].inertial)
+    ]
     for link, inertial, _ in stated:
         if link.fault is not None and inertial.mass > 0.0:
             raise link.fault

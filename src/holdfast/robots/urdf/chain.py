@@ -7,26 +7,22 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any, Unpack
 
-import numpy as np
-
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots.notes import show_notes
 from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, welded_link
+from holdfast.robots.urdf.chain_notes import coupling_notes, read_within, tip_note_of
 from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
 from holdfast.robots.urdf.path import Locks, checked_locks, ends, known_link, path_between, resting_position
-from holdfast.robots.urdf.refusals import coupling_notes, hanging, refuse_loose, shared
-from holdfast.robots.urdf.robot import MOVING, UrdfJoint, UrdfRobot
+from holdfast.robots.urdf.refusals import hanging, refuse_loose, shared
+from holdfast.robots.urdf.robot import MOVING, UrdfRobot
 from holdfast.robots.urdf.source import Source
 from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
 
-SAME_PLACE = 1e-6  # [m] distance below which the origins of two frames are at the same place
 OF_JOINT = ("position_limits", "rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
-UPRIGHT = 0.1  # [rad] largest angle between z and the direction to the tip
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +109,7 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
     locked, notes, frames = read_within(locks, folded)
     notes += [*changed, *unread]
     arm = Arm(joints, links, _plain(folded.tip), mount, robot.name, visuals, notes)
-    tip_note = _tip_note(robot, arm, tip, folded)
+    tip_note = tip_note_of(robot, arm, tip, folded)
     return UrdfChain(
         arm=arm,
         robot=robot,
@@ -137,53 +133,6 @@ def joints_and_links(
         for body in folded.bodies
     ]
     return [_joint(body) for body in folded.bodies], links, notes
-
-
-def read_within(locks: Locks, folded: FoldedChain) -> tuple[dict[str, float], list[str], list[str]]:
-    """Return the positions of locked joints within a chain and its base, the notes on its links and joints, and frames.
-
-    Those are links without mass and shape. They are noted, too, but there is no need to warn of them.
-    """
-    robot = locks.robot
-    inside = {name: robot.links[name] for links in (folded.on_base, *folded.moving) for name in links}
-    within = [joint for joint in robot.joints.values() if joint.parent in inside and joint.child in inside]
-    locked = {j.name: q for j in within if not j.is_fixed and (q := locks.position(j)) is not None}
-    notes = [note for part in (robot, *inside.values(), *within) for note in part.notes]
-    moving = [robot.links[name] for links in folded.moving for name in links]
-    massless = [link.element for link in moving if link.inertial is None]
-    shaped = [element for element in massless if any(map(element.first, ("visual", "collision")))]
-    said = {element: element.message("no <inertial>, taken as massless") for element in massless}
-    notes += [*map(said.pop, shaped), *_locked_notes(locks, within)]
-    return locked, notes, [*said.values()]
-
-
-def _locked_notes(locks: Locks, within: list[UrdfJoint]) -> list[str]:
-    """Return notes on joints whose lock is no plain answer to `lock_others`."""
-    notes = []
-    for joint in within:
-        if joint.kind not in MOVING and not joint.is_fixed and locks.passes_over(joint):
-            notes.append(joint.element.message(f"{joint.kind}, locked in the pose of its <origin>"))
-        elif joint.mimic is None or joint.name in locks.given or (q := locks.position(joint)) is None:
-            continue
-        elif joint.mimic.joint not in locks.robot.joints:
-            notes.append(joint.element.message(f"mimic: no joint {quoted(joint.mimic.joint)}; locked at {q:g}"))
-        elif joint.name in locks.on_path:
-            why = f"since it mimics {quoted(joint.mimic.joint)}, which is locked"
-            notes.append(joint.element.message(f"locked at {q:g}, {why}"))
-    return notes
-
-
-def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: FoldedChain) -> str:
-    """Return the note on a tip whose z axis does not point out of the hand, with better links at this place, or ''."""
-    if not (advice := tip_advice(arm)):
-        return ""
-    better = [
-        f"tip={quoted(name)}"
-        for name, at in folded.bodies[-1].links.items()
-        if np.allclose(at.p, arm.tip.p, rtol=0, atol=SAME_PLACE) and tip_angle(arm.with_tip(at)) < UPRIGHT
-    ]
-    others = f", or {' or '.join(better[:3])}, a frame at the same place" if better else ""
-    return robot.links[tip].element.message(f"as a tip: {advice}{others}")
 
 
 def _joint(body: WeldedBody) -> Joint:

@@ -24,6 +24,7 @@ OF_JOINT = {
     "damping": "damping",
     "friction": "friction",
 }
+ENGINES = ("ode", "simbody", "bullet", "dart")  # parts of <physics>
 SWITCHES = {"true": True, "1": True, "false": False, "0": False}
 Statements = dict[str, list[tuple[float, Element]]]  # values with the elements that state them, by quantity
 
@@ -101,7 +102,9 @@ def gravity(found: Extensions, element: Element, link: str) -> None:
     word = text_of(element).lower()
     if link not in found.links:
         if (word in SWITCHES) and SWITCHES[word] != (element.tag == "gravity"):
-            found.note("", [element.message("gravity off: expected the name of a link in reference=, got none; not read")])
+            found.note(
+                "", [element.message("gravity off: expected the name of a link in reference=, got none; not read")]
+            )
         elif word not in SWITCHES:
             found.note("", [element.message("not read; try gravity= of the chain")])
         return
@@ -129,7 +132,7 @@ def _of_joint(found: Extensions, element: Element, joint: str) -> None:
     else:  # physics, and the engines in it
         found.note(joint, extension_notes(element, "sdf physics"))
         for child in element.children:
-            if child.tag in OF_JOINT or child.children:
+            if child.tag in OF_JOINT or child.tag in ENGINES:
                 _of_joint(found, child, joint)
 
 
@@ -164,17 +167,17 @@ def with_extensions(found: Extensions) -> tuple[list[UrdfLink], list[UrdfJoint]]
 
 
 def _link(found: Extensions, link: UrdfLink) -> UrdfLink:
-    fault = found.faults.get(link.name)
+    fault = link.fault or found.faults.get(link.name)
     try:
         stated = found.weights.get(link.name, [(1.0, link.element)])
         if not agreed(stated, "switch of gravity"):
-            fault = stated[0][1].refuse(
-                f"gravity off for link {quoted(link.name)}: expected every body to have weight, as the model has no such"
-                " switch; try deleting it and adding the link's weight to the joint torques, or, if nothing has"
-                " weight, gravity=[0, 0, 0] of the chain"
+            fault = fault or stated[0][1].refuse(
+                f"gravity off for link {quoted(link.name)}: expected every body to have weight, since the model has no"
+                " such switch; try deleting it, and joint torques that carry the link; or gravity=[0, 0, 0] of the"
+                " chain if nothing is to have weight"
             )
     except SceneError as disagreement:
-        fault = disagreement
+        fault = fault or disagreement
     return replace(link, notes=(*link.notes, *found.notes.get(link.name, ())), fault=fault)
 
 
@@ -182,12 +185,16 @@ def _joint(found: Extensions, joint: UrdfJoint) -> UrdfJoint:
     stated, rotors = found.values.get(joint.name, {}), found.rotors.get(joint.name, {})
     notes, fault, values = [*joint.notes, *found.notes.get(joint.name, ())], joint.fault, {}
     if joint.kind == PLANAR and (stated or rotors):
-        notes.append(joint.element.message(f"{', '.join([*stated, *(['rotor'] if rotors else [])])}: ignored for a planar joint"))
+        notes.append(
+            joint.element.message(f"{', '.join([*stated, *(['rotor'] if rotors else [])])}: ignored for a planar joint")
+        )
     if joint.kind in MOVING:
         fault = fault or found.faults.get(joint.name)
         try:
             own = {quantity: getattr(joint, quantity) for quantity in (*stated, "armature")}
-            stated = {name: [*([(own[name], joint.element)] if own[name] else []), *said] for name, said in stated.items()}
+            stated = {
+                name: [*([(own[name], joint.element)] if own[name] else []), *said] for name, said in stated.items()
+            }
             values = {quantity: agreed(said, quantity) for quantity, said in stated.items()}
             values["armature"] = own["armature"] + sum(agreed(said, "rotor inertia") for said in rotors.values())
         except SceneError as disagreement:

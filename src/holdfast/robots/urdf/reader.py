@@ -34,8 +34,9 @@ def read_urdf(
 ) -> UrdfRobot:
     """Return the tree of links and joints that a URDF file describes. O(links + joints).
 
-    All links and joints are read. Masses, inertias, limits and drives are checked only when they are used. Angles within 1e-12 rad of a
-    multiple of pi/2 are rounded to that multiple. A planar joint becomes two prismatic joints and a revolute one.
+    All links and joints are read. Masses, inertias, limits and drives are checked only when they are used. Angles
+    within 1e-12 rad of a multiple of pi/2 are rounded to that multiple. A planar joint becomes two prismatic joints and
+    a revolute one.
 
     Args:
         path_or_text: a file, or the text itself (which begins with `<`). A file whose name ends
@@ -118,7 +119,9 @@ def _root(element: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, 
             more than one root.
     """
     if not links:
-        raise element.refuse("expected at least one <link>, got none")
+        of_xacro = "xmlns:xacro" in element.attributes or element.source.endswith("(expanded)")
+        why = ": the file contains macros only and calls none; try to load the file that calls them" if of_xacro else ""
+        raise element.refuse(f"expected at least one <link>, got none{why}")
     above: dict[str, UrdfJoint] = {}
     for joint in joints.values():
         for side, link in (("parent", joint.parent), ("child", joint.child)):
@@ -153,9 +156,13 @@ def _refuse_circles(robot: UrdfRobot) -> None:
 def _link(element: Element) -> UrdfLink:
     """Return a link, which is massless without <inertial>."""
     notes = list(unread_notes(element))
-    inertial = element.first("inertial")
-    weight = None if inertial is None else _inertial(inertial, notes)
-    return UrdfLink(attributes.name(element), weight, element, tuple(notes))
+    inertial, weight, fault = element.first("inertial"), None, None
+    if inertial is not None and (missing := [tag for tag in ("mass", "inertia") if inertial.first(tag) is None]):
+        weight = UrdfInertial(1.0, np.zeros(3), np.zeros((3, 3)), inertial)
+        fault = inertial.refuse(f"expected <{missing[0]}>, got none")  # matters only on a body that moves
+    elif inertial is not None:
+        weight = _inertial(inertial, notes)
+    return UrdfLink(attributes.name(element), weight, element, tuple(notes), fault)
 
 
 def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
@@ -188,10 +195,11 @@ def _joint(element: Element) -> UrdfJoint:
     """
     notes = list(unread_notes(element))
     kind = _kind(element)
-    axis, drive = np.array([1.0, 0.0, 0.0]), {}
+    axis = np.array([1.0, 0.0, 0.0])
+    drive: dict[str, Any] = {}
     try:
         if kind in MOVING:
-            drive = {"mimic": _mimic(element)}
+            drive["mimic"] = _mimic(element)
         if kind in MOVING or kind == PLANAR:
             axis = _axis(element, notes)
         if kind in MOVING:

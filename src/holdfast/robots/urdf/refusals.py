@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Mapping, Sequence
+from collections.abc import Container, Mapping
 from typing import NamedTuple
 
 from holdfast.robots.urdf.bodies import FoldedChain, moving_branches
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint, path_between, resting_position
-from holdfast.robots.urdf.robot import MOVING, WORLD, UrdfJoint, UrdfRobot
+from holdfast.robots.urdf.robot import MOVING, UrdfJoint
 
 MOST_REASONS = 8  # reasons in one message
 MOST_HELD = 40  # joints in the advice of one message
@@ -31,38 +31,6 @@ def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
             f"mimic: expected joints that move independently, got one that follows {quoted(mimic.joint)}"
             f"{f', and {others}' if following[1:] else ''}; try {_held(following)}"
         )
-
-
-def coupling_notes(
-    robot: UrdfRobot, bodies: Sequence[Collection[str]], joints: Container[str], floats: bool = False
-) -> list[str]:
-    """Return notes on couplings without effect, whose ends are on one moving body.
-
-    Args:
-        robot: the robot.
-        bodies: names of the links of each body; the first is the base.
-        joints: names of the joints that move.
-        floats: whether the base is a free body.
-
-    Raises:
-        SceneError: a coupling acts on a body that moves.
-    """
-    at = {link: k for k, links in enumerate(bodies) for link in links}
-    world = -2 if floats else 0
-    notes = []
-    for coupling in robot.couplings:
-        places = {world if link == WORLD and link not in at else at.get(link, -1) for link in coupling.links}
-        moving = {k for k in places if k > 0 or (floats and k == 0)}
-        acts = any(joint in joints for joint in coupling.joints)
-        if acts or (moving and len(places) > 1) or len(coupling.links | coupling.joints) < 2:
-            ends = " and ".join(quoted(one) for one in sorted(coupling.links or coupling.joints)) or "no known link"
-            raise coupling.element.refuse(
-                f"closes a loop, which a serial arm cannot contain: it couples {ends}; try locking the joints between"
-                " them (locked=, lock_others=True), or deleting it if no arm passes through it"
-            )
-        if moving:
-            notes.append(coupling.element.message("not read, since it has no effect between links that are locked together"))
-    return notes
 
 
 class LooseJoint(NamedTuple):

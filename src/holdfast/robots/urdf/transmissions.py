@@ -12,7 +12,7 @@ from typing import NamedTuple
 from holdfast.robots.urdf.attributes import parsed
 from holdfast.robots.urdf.document import Element, quoted
 from holdfast.robots.urdf.extensions import Extensions, agreed
-from holdfast.robots.urdf.vocabulary import extension_notes, of_drive, text_of
+from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, of_drive, text_of
 
 
 class _Said(NamedTuple):
@@ -30,7 +30,7 @@ def ros2_control(found: Extensions, element: Element) -> None:
     for child in element.children:
         if child.tag == "transmission":
             driven |= transmission(found, child, joints)
-        elif child.tag == "hardware" and any(of_drive(p.attributes.get("name", "")) == "inertia" for p in child.children):
+        elif child.tag == "hardware" and any(one.quantity != "ratio" for one in _said(child)):
             found.note("", [child.message("rotor inertia: expected it in a joint or a transmission; not read")])
     for name, joint in joints.items():
         if name not in driven:
@@ -51,13 +51,14 @@ def transmission(found: Extensions, element: Element, described: dict[str, Eleme
         element: the element.
         described: elements of ros2_control that describe joints, by joint.
     """
-    joints = [child for child in element.children if child.tag.lower().endswith("joint")]
-    actuators = [child for child in element.children if child.tag.lower().endswith("actuator")]
+    parts = [child for child in element.children if child.tag in VOCABULARY["transmission"].extensions]
+    joints = [part for part in parts if part.tag.lower().endswith("joint")]
+    actuators = [part for part in parts if part not in joints]
     names = {joint.attributes.get("name", "") for joint in joints}
     about = next(iter(names)) if len(names) == 1 else ""
     shared = [element, *joints, *(described[name] for name in names if name in described)]
     found.note(about, extension_notes(element, "transmission"))
-    for part in (*joints, *actuators):
+    for part in parts:
         found.note(about, extension_notes(part, "transmission part"))
     with found.faults_of(names):
         said = [one for part in (*shared, *actuators) for one in _said(part)]
@@ -79,7 +80,9 @@ def _add_rotors(
     if not turning:
         drives = [(element, [*common, *(one for said in own.values() for one in said)])]
     for part, said in drives:
-        by = {q: [(one.value, one.element) for one in said if one.quantity == q] for q in ("inertia", "armature", "ratio")}
+        by: dict[str, list[tuple[float, Element]]] = {"inertia": [], "armature": [], "ratio": []}
+        for one in said:
+            by[one.quantity].append((one.value, one.element))
         if not any(value for value, _ in by["inertia"] + by["armature"]):
             continue
         if joint not in found.joints:

@@ -1,4 +1,4 @@
-"""What every element of a robot's file does to its motion: read, noted, refused, or nothing. No name is ignored silently.
+"""What every element of a robot's file does to its motion: read, noted, refused, or nothing.
 
 The rows cover URDF and what stands in it for Gazebo (SDF), ros2_control, Drake and MuJoCo. An element without a row is
 noted by name; in URDF itself, a name that looks like a misspelling is refused.
@@ -55,8 +55,7 @@ _OF_DRIVES = {  # what is said of a drive, by name without prefix, underscores a
     **dict.fromkeys(("mechanicalreduction", "gearratio", "reduction", "gearreduction", "reductionratio"), "ratio"),
 }
 _PARTS = ("joint", "passive_joint", "gap_joint", "rollJoint", "flexJoint", "actuator", "leftActuator", "rightActuator")
-_WIRED = ("hardwareInterface", "role", "offset", "robotNamespace", "motorTorqueConstant",
-          "pulsesPerRevolution")
+_WIRED = ("hardwareInterface", "role", "offset", "robotNamespace", "motorTorqueConstant", "pulsesPerRevolution")
 _ENCODER = ("deadBandUpper", "deadBandLower", "saturationUpper", "saturationLower", "ignoreTransmissionAbsoluteEncoder")
 VOCABULARY = {
     "robot": Vocabulary(
@@ -183,7 +182,7 @@ def unread_notes(element: Element) -> tuple[str, ...]:
 
 
 def extension_notes(element: Element, row: str) -> list[str]:
-    """Return notes on the children of an extension that move masses or exert forces and are not read, or are unknown."""
+    """Return notes on children of an extension that act on the motion and are not read, or are unknown."""
     known, notes = VOCABULARY[row], []
     for child in element.children:
         effect = known.effect(child.tag)
