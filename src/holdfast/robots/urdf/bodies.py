@@ -126,9 +126,9 @@ def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool, not
 
         m = sum m_i,  c = sum m_i c_i / m,  J = sum R_i J_i R_i^T + m_i (d_i.d_i 1 - d_i d_i^T)
 
-    with d_i = c_i - c. Each link must be physically possible. An inertia that is impossible by less than `SLIGHT` of the
-    body's is raised to the nearest possible one, and noted in `notes`. `moved` is the reason why the body must have a
-    mass.
+    with d_i = c_i - c. Each link must be physically possible. An inertia that is impossible by less than `SLIGHT` of
+    the body's is raised to the nearest possible one, and noted in `notes`. `moved` is the reason why the body must have
+    a mass.
 
     Raises:
         SceneError: a link is physically impossible, or the body has no <inertial>.

@@ -31,6 +31,8 @@ def read_within(locks: Locks, folded: FoldedChain) -> tuple[dict[str, float], li
     massless = [link.element for link in moving if link.inertial is None]
     shaped = [element for element in massless if any(map(element.first, ("visual", "collision")))]
     said = {element: element.message("no <inertial>, taken as massless") for element in massless}
+    faults = [joint.fault for joint in robot.joints.values() if joint.fault is not None]
+    notes += [f"{fault}; not read, since the joint does not move here" for fault in dict.fromkeys(faults)]
     notes += [*map(said.pop, shaped), *_locked_notes(locks, within)]
     return locked, notes, [*said.values()]
 

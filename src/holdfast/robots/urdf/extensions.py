@@ -199,6 +199,4 @@ def _joint(found: Extensions, joint: UrdfJoint) -> UrdfJoint:
             values["armature"] = own["armature"] + sum(agreed(said, "rotor inertia") for said in rotors.values())
         except SceneError as disagreement:
             fault = fault or disagreement
-        if fault is not None:
-            notes.append(f"{fault}; not read, since the joint is locked")
     return replace(joint, notes=tuple(notes), fault=fault, **values)
