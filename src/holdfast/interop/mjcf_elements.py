@@ -19,15 +19,15 @@ NOTED = (
 REFUSED = ("connect", "weld", "distance", "flexstrain", "flexvert", "fixed", "spatial", "pulley")
 # inputs, sensors, contacts, pictures and sizes
 NONE = (
-    "motor", "exclude", "pair", "size", "statistic", "custom", "numeric", "text", "tuple", "element", "key", "keyframe",
-    "visual", "global", "quality", "headlight", "map", "scale", "rgba", "texture", "material", "layer", "hfield",
-    "skin", "bone", "camera", "light", "config", "instance", "lengthrange", "pin", "sensor", "accelerometer",
-    "actuatorfrc", "actuatorpos", "actuatorvel", "ballangvel", "ballquat", "camprojection", "clock", "e_kinetic",
-    "e_potential", "force", "frameangacc", "frameangvel", "framelinacc", "framelinvel", "framepos", "framequat", "framexaxis",
-    "frameyaxis", "framezaxis", "fromto", "gyro", "insidesite", "jointactuatorfrc", "jointlimitfrc", "jointlimitpos",
-    "jointlimitvel", "jointpos", "jointvel", "magnetometer", "normal", "rangefinder", "subtreeangmom", "subtreecom",
-    "subtreelinvel", "tactile", "tendonactuatorfrc", "tendonlimitfrc", "tendonlimitpos", "tendonlimitvel", "tendonpos",
-    "tendonvel", "torque", "touch", "user", "velocimeter",
+    "motor", "exclude", "pair", "size", "statistic", "custom", "numeric", "text", "tuple", "element", "key",
+    "keyframe", "visual", "global", "quality", "headlight", "map", "scale", "rgba", "texture", "material", "layer",
+    "hfield", "skin", "bone", "camera", "light", "config", "instance", "lengthrange", "pin", "sensor",
+    "accelerometer", "actuatorfrc", "actuatorpos", "actuatorvel", "ballangvel", "ballquat", "camprojection", "clock",
+    "e_kinetic", "e_potential", "force", "frameangacc", "frameangvel", "framelinacc", "framelinvel", "framepos",
+    "framequat", "framexaxis", "frameyaxis", "framezaxis", "fromto", "gyro", "insidesite", "jointactuatorfrc",
+    "jointlimitfrc", "jointlimitpos", "jointlimitvel", "jointpos", "jointvel", "magnetometer", "normal",
+    "rangefinder", "subtreeangmom", "subtreecom", "subtreelinvel", "tactile", "tendonactuatorfrc", "tendonlimitfrc",
+    "tendonlimitpos", "tendonlimitvel", "tendonpos", "tendonvel", "torque", "touch", "user", "velocimeter",
 )  # fmt: skip
 EFFECTS = {
     **dict.fromkeys(READ, "read"),
