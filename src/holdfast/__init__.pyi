@@ -37,7 +37,6 @@ from .errors import HoldfastError as HoldfastError
 from .errors import MethodNotApplicable as MethodNotApplicable
 from .errors import MissingExtra as MissingExtra
 from .errors import ModelError as ModelError
-from .errors import ModelWarning as ModelWarning
 from .errors import ResultError as ResultError
 from .errors import SceneError as SceneError
 from .errors import SingularChainError as SingularChainError

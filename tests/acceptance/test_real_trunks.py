@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import holdfast as hf
-from holdfast.robots import load_urdf_trunk
+from holdfast import load_urdf_trunk
 from holdfast.robots.arms_on_trunk import ArmsOnTrunk
 from tests.acceptance.test_real_robots import FOLDER
 

@@ -19,9 +19,10 @@ from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
     from holdfast.robots.descriptions import load_robot_description
-    from holdfast.robots.urdf import load_urdf_trunk, urdf_chain
+    from holdfast.robots.urdf import urdf_chain
 
-# Built-in arms do not need the readers of files, which are therefore imported lazily.
+# Built-in arms do not need the readers of files, which are therefore imported lazily; `load_urdf_trunk` is public at
+# the top, beside `load_urdf_arms`, and stays here for programs that have it from here.
 _FROM_FILES = {"descriptions": ["load_robot_description"], "urdf": ["load_urdf_trunk", "urdf_chain"]}
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs=_FROM_FILES)
 
@@ -39,7 +40,6 @@ __all__ = [
     "gen3",
     "iiwa14",
     "load_robot_description",
-    "load_urdf_trunk",
     "panda",
     "stewart_platform",
     "three_finger_hand",

@@ -97,19 +97,6 @@ def turned(inertia: Array, R: Array) -> Array:
     return product(product(R, inertia), R.T)
 
 
-def possible_inertia(inertia: Array) -> tuple[Array, float]:
-    """Return an inertia that a mass distribution can have, and by how much a principal moment was raised for it.
-
-    Principal moments A <= B <= C are possible if A >= 0 and A + B >= C. A negative A is raised to 0, then A and B to a
-    sum of C.
-    """
-    moments, axes = np.linalg.eigh(inertia)
-    raised = np.maximum(moments, 0.0)
-    raised[:2] += 0.5 * max(raised[2] - raised[0] - raised[1], 0.0)
-    J = turned(np.diag(raised), axes)
-    return 0.5 * (J + J.T), float((raised - moments).max())
-
-
 def about_origin(mass: Scalar, com: Array, inertia: Array) -> RigidInertia:
     """Return the inertia about the body's origin from mass, mass centre and inertia about it."""
     h = mass * com

@@ -17,7 +17,7 @@ from holdfast.errors import ModelError
 from holdfast.model.link import Link
 from holdfast.robots.urdf.path import Locks, PassedJoint
 from holdfast.robots.urdf.robot import UrdfJoint, UrdfRobot
-from holdfast.spatial.inertia import possible_inertia, turned, welded
+from holdfast.spatial.inertia import turned, welded
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import product
@@ -127,8 +127,7 @@ def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool, not
         m = sum m_i,  c = sum m_i c_i / m,  J = sum R_i J_i R_i^T + m_i (d_i.d_i 1 - d_i d_i^T)
 
     with d_i = c_i - c. Each link must be physically possible. An inertia that is impossible by less than `SLIGHT` of
-    the body's is raised to the nearest possible one, and noted in `notes`. `moved` is the reason why the body must have
-    a mass.
+    the body's is used as it stands, and noted in `notes`. `moved` is the reason why the body must have a mass.
 
     Raises:
         SceneError: a link is physically impossible, or the body has no <inertial>.
@@ -160,20 +159,19 @@ def inertia_parts(
             raise link.fault
     parts = [(one.mass, at.p + product(at.R, one.com), turned(one.inertia, at.R)) for _, one, at in stated]
     largest = float(np.linalg.eigvalsh(welded(parts)[2])[-1]) if parts else 0.0  # of the whole body
-    for k, (link, one, at) in enumerate(stated):
+    for link, one, _ in stated:
         with one.element.refusals():
             try:
-                own = Link(one.mass, one.com, one.inertia, link.name, physical)
+                Link(one.mass, one.com, one.inertia, link.name, physical)
             except ModelError:
-                possible, change = possible_inertia(one.inertia)
-                if change > SLIGHT * largest:
+                a, b, c = np.linalg.eigvalsh(one.inertia).tolist()
+                excess = max(-a, c - a - b)
+                if one.mass < 0.0 or excess > SLIGHT * largest:
                     raise
-                own = Link(one.mass, one.com, possible, link.name)
                 notes.append(
                     one.element.message(
-                        f"inertia: no mass distribution has its principal moments; raised by {change:.2g} kg m^2 to the"
-                        f" nearest possible ones, {change / largest:.1g} of the largest moment of the whole body"
+                        f"inertia: no mass distribution has principal moments {a:.3g}, {b:.3g}, {c:.3g}; used as it"
+                        f" stands, since this is {excess / largest:.1g} of the largest moment of the whole body"
                     )
                 )
-        parts[k] = (own.mass, parts[k][1], turned(own.inertia, at.R))
     return parts
