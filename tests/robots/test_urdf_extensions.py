@@ -91,6 +91,16 @@ def test_a_joint_to_the_world():
         hf.load_urdf_trunk(fixed, ["tip"], floating=True, lock_others=True)
 
 
+def test_weight_on_request():
+    """`physical=False` gives weight to a link for which the file switches gravity off, and notes it."""
+    text = robot(after='<gazebo reference="hand"><turnGravityOff>true</turnGravityOff></gazebo>')
+    with pytest.raises(SceneError, match="try physical=False, which gives it weight"):
+        hf.load_urdf(text, tip="tip", lock_others=True)
+    with pytest.warns(ModelWarning, match="gravity off for link 'hand': not read, it has weight"):
+        arm = hf.load_urdf(text, tip="tip", lock_others=True, physical=False)
+    assert arm.links[-1].mass == 4.0
+
+
 def test_couplings_of_joints():
     """A joint that follows another in SDF is refused where it moves, and nothing where both are locked."""
     mimic = '<gazebo reference="pinch"><axis><mimic joint="elbow"><multiplier>2</multiplier></mimic></axis></gazebo>'

@@ -15,6 +15,7 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model.link import Link
+from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint
 from holdfast.robots.urdf.robot import UrdfJoint, UrdfRobot
 from holdfast.spatial.inertia import turned, welded
@@ -155,8 +156,17 @@ def inertia_parts(
         (robot.links[link], inertial, at) for link, at in links.items() if (inertial := robot.links[link].inertial)
     ]
     for link, inertial, _ in stated:
-        if link.fault is not None and inertial.mass > 0.0:
+        if link.fault is not None:
             raise link.fault
+        if link.weightless is not None and inertial.mass > 0.0:
+            off = f"gravity off for link {quoted(link.name)}"
+            if physical:
+                raise link.weightless.refuse(
+                    f"{off}: expected every body to have weight, since the model has no such switch; try"
+                    " physical=False, which gives it weight, and joint torques that carry it; or gravity=[0, 0, 0] of"
+                    " the chain if nothing is to have weight"
+                )
+            notes.append(link.weightless.message(f"{off}: not read, it has weight"))
     parts = [(one.mass, at.p + product(at.R, one.com), turned(one.inertia, at.R)) for _, one, at in stated]
     largest = float(np.linalg.eigvalsh(welded(parts)[2])[-1]) if parts else 0.0  # of the whole body
     for link, one, _ in stated:

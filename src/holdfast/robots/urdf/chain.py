@@ -244,7 +244,8 @@ def load_urdf(
         locked: positions of joints to lock [rad or m], by name. A joint that mimics a locked one is locked, too.
         lock_others: lock every other joint on the arm at 0, or at its limit nearest to 0.
         mount: pose of the base link in the world (a Pose or wxyz_xyz); by default the world frame.
-        physical: False accepts principal moments that no mass distribution has.
+        physical: False accepts principal moments that no mass distribution has, and gives weight to links for which the
+            file switches gravity off.
         xacro_args: values of the file's <xacro:arg> elements by name.
         trust_xacro: whether to expand a `.xacro` file, which runs the Python code in it.
 

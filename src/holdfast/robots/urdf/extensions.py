@@ -167,18 +167,13 @@ def with_extensions(found: Extensions) -> tuple[list[UrdfLink], list[UrdfJoint]]
 
 
 def _link(found: Extensions, link: UrdfLink) -> UrdfLink:
-    fault = link.fault or found.faults.get(link.name)
+    fault, weightless = link.fault or found.faults.get(link.name), None
     try:
         stated = found.weights.get(link.name, [(1.0, link.element)])
-        if not agreed(stated, "switch of gravity"):
-            fault = fault or stated[0][1].refuse(
-                f"gravity off for link {quoted(link.name)}: expected every body to have weight, since the model has no"
-                " such switch; try deleting it, and joint torques that carry the link; or gravity=[0, 0, 0] of the"
-                " chain if nothing is to have weight"
-            )
+        weightless = None if agreed(stated, "switch of gravity") else stated[0][1]
     except SceneError as disagreement:
         fault = fault or disagreement
-    return replace(link, notes=(*link.notes, *found.notes.get(link.name, ())), fault=fault)
+    return replace(link, notes=(*link.notes, *found.notes.get(link.name, ())), fault=fault, weightless=weightless)
 
 
 def _joint(found: Extensions, joint: UrdfJoint) -> UrdfJoint:

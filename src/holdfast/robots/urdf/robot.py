@@ -46,7 +46,8 @@ class UrdfLink:
         inertial: mass, mass centre and inertia; None if the file gives none.
         element: the <link> element.
         notes: notes on what was not read, or was interpreted differently from the file.
-        fault: why it cannot be part of a body that moves, such as gravity switched off; None if it can.
+        fault: why it cannot be part of a body that moves, such as a mass without inertia; None if it can.
+        weightless: the element that switches gravity off for it; None if it has weight.
     """
 
     name: str
@@ -54,6 +55,7 @@ class UrdfLink:
     element: Element = field(repr=False)
     notes: tuple[str, ...]
     fault: SceneError | None = None
+    weightless: Element | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
