@@ -114,6 +114,16 @@ def test_masses_that_mujoco_changes(name):
     assert read_urdf(robot(after='<mujoco><compiler meshdir="m"/></mujoco>')).notes == ()
 
 
+def test_within_a_sensor():
+    """A sensor has no effect; what would have one elsewhere is noted."""
+    sensor = '<sensor name="s"><update_rate>9</update_rate><imu><noise><mean>1</mean></noise></imu>{}</sensor>'
+    for place in ("{}", '<gazebo reference="base">{}</gazebo>'):
+        assert read_urdf(robot(after=place.format(sensor.format("")))).notes == ()
+        found = read_urdf(robot(after=place.format(sensor.format("<a><springStiffness>3</springStiffness></a>"))))
+        (note,) = [note for part in (found, *found.links.values()) for note in part.notes]
+        assert "springStiffness: not read within a sensor" in note
+
+
 def test_what_names_nothing():
     """A switch or a spring for a link or joint that is not there is noted; so is a rotor."""
     text = robot(

@@ -98,6 +98,9 @@ class HeldObject(Frozen):
             link: name of the link; by default the root, if the file has no movable joints.
             physical: False accepts principal moments that no mass distribution has.
 
+        Warns:
+            ModelWarning: once, with all notes on what was not read.
+
         Raises:
             SceneError: the file has an error, the link is unknown, or other links move relative to it.
         """

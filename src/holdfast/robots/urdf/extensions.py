@@ -14,7 +14,7 @@ from holdfast.errors import SceneError
 from holdfast.robots.urdf.attributes import parsed
 from holdfast.robots.urdf.document import Element, quoted
 from holdfast.robots.urdf.robot import MOVING, PLANAR, WORLD, Coupling, UrdfJoint, UrdfLink
-from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, is_off, text_of
+from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, is_off, text_of
 
 OF_JOINT = {
     "springStiffness": "stiffness",
@@ -87,7 +87,9 @@ def gazebo(found: Extensions, element: Element) -> None:
     found.note(about, extension_notes(element, "gazebo"))
     for child in element.children:
         effect = VOCABULARY["gazebo"].effect(child.tag)
-        if effect == "refused":
+        if child.tag == "sensor":
+            found.note(about, hidden_notes(child))
+        elif effect == "refused":
             found.couple(child)
         elif effect == "read" and child.tag in ("gravity", "turnGravityOff"):
             with found.faults_of([about]):

@@ -18,7 +18,7 @@ from holdfast.robots.urdf.planar import taken_apart
 from holdfast.robots.urdf.robot import MOVING, PLANAR, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
 from holdfast.robots.urdf.source import Source, read_source
 from holdfast.robots.urdf.transmissions import ros2_control, transmission
-from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, unread_notes
+from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, unread_notes
 from holdfast.spatial.inertia import turned
 from holdfast.spatial.scalar import Array
 
@@ -81,6 +81,8 @@ def _extensions(root: Element, links: Mapping[str, UrdfLink], joints: Mapping[st
             transmission(found, element, {})
         elif element.tag == "ros2_control":
             ros2_control(found, element)
+        elif element.tag == "sensor":
+            found.note("", hidden_notes(element))
         elif element.tag == "mujoco":
             found.note("", [*extension_notes(element, "mujoco"), *_of_compiler(element)])
     for link in links.values():

@@ -193,6 +193,16 @@ def extension_notes(element: Element, row: str) -> list[str]:
     return notes
 
 
+def hidden_notes(element: Element) -> list[str]:
+    """Return notes on what acts on the motion within a sensor, where it is not read."""
+    found, waiting = [], [child for child in element.children if child.tag not in ("plugin", "controller")]
+    for one in waiting:  # the loop appends to this list
+        acts = one.tag in (*_GRAVITY, *_SPRING) or of_drive(one.tag) or (one.tag == "joint" and one.first("child"))
+        found += [one.message("not read within a sensor")] if acts and not is_off(one) else []
+        waiting += one.children
+    return found
+
+
 def of_drive(name: str) -> str:
     """Return "inertia" for a name of a rotor's inertia, "ratio" for one of a gear ratio, "armature", or ""."""
     return _OF_DRIVES.get(name.removeprefix("drake:").replace("_", "").lower(), "")
