@@ -73,7 +73,7 @@ def test_a_finger_that_follows_nothing(mimic, options, said, recwarn):
 def test_a_finger_that_follows_the_arm():
     """It cannot be locked by `lock_others`, and the message says why."""
     text = changed(LIMIT, LIMIT + '<mimic joint="wrist"/>')
-    why = "hangs on the arm but is not between base and tip, and mimics 'wrist', which moves"
+    why = "hangs on the arm but is not between base and tip, and mimics 'wrist', which moves, so that lock_others"
     with pytest.raises(SceneError, match=why):
         hf.load_urdf(text, tip="hand", lock_others=True)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.arm import Arm, fitting_visuals
+from holdfast.model.arm import Arm, checked_notes, fitting_visuals
 from holdfast.model.fingerprint import PICTURE
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
@@ -48,7 +48,7 @@ class Trunk(Frozen):
         if not isinstance(self.floating, Link | None):
             raise ModelError(f"trunk: floating: expected a Link or None, got {type(self.floating).__name__}")
         put(self, "base", checks.pose(self.base, "trunk: base"))
-        put(self, "notes", tuple(self.notes))
+        put(self, "notes", checked_notes(self.notes, NAME))
         for part in ("joints", "links"):
             if not isinstance(getattr(self, part), Sequence):
                 raise ModelError(f"trunk: {part}: expected a list, got {type(getattr(self, part)).__name__}")
