@@ -86,6 +86,7 @@ def rotors(joint: str, inertia: float, ratio: float) -> dict[str, str]:
             f'<joint name="{joint}">{params[0]}</joint>' + in_ros2.format("", gear2)
         ),
         "parameters of an actuator": ROS2.format(in_ros2.format("".join(params), "")),
+        "at the joint": f'<gazebo reference="{joint}"><gearRatio>{n}</gearRatio>{rotor2}</gazebo>',
         "said twice": ros.format(joint, "", drake, SIMPLE) + ROS2.format(in_ros2.format(rotor2, gear2)),
     }
 
@@ -156,6 +157,9 @@ def files(seed: int = 0) -> list[ExtendedFile]:
     made.append(ExtendedFile("spring: in the joint", robot(dynamics=own), truth))
     again = springs("elbow", k, rest, damping)["springStiffness"]
     made.append(ExtendedFile("spring: said twice", robot(dynamics=own, after=again), truth))
+    rotor = "<rotor_inertia>2e-4</rotor_inertia><gear_ratio>50</gear_ratio>"
+    for name, said in (("in the joint", rotor), ("of the joint's actuator", f'<actuator name="m">{rotor}</actuator>')):
+        made.append(ExtendedFile(f"rotor: {name}", robot(dynamics=said), {"elbow": {"armature": 2e-4 * 50**2}}))
     zeros = '<dynamics damping="0" friction="0.0"/>'
     made.append(
         ExtendedFile("spring: zeros in the joint", robot(dynamics=zeros, before=again),
@@ -180,6 +184,8 @@ def wrong(k: float) -> list[ExtendedFile]:
     contradiction = springs("elbow", k, 0.1, 1)["by value"] + springs("elbow", k + 1, 0.1, 1)["by value"]
     once = rotors("elbow", 1e-4, 50.0)["motorInertia"]
     two_gears = once.replace('"elbow">', '"elbow"><mechanicalReduction>3</mechanicalReduction>')
+    apart = once + rotors("elbow", 2e-4, 50.0)["ros2_control"].replace('"m"', '"another"')
+    unnamed = once.replace(' name="m"', "")
     differential = once.replace("<actuator", '<joint name="wrist"/><actuator')
     return [
         ExtendedFile("spring: contradiction", robot(after=contradiction), refused="expected one stiffness"),
@@ -188,6 +194,12 @@ def wrong(k: float) -> list[ExtendedFile]:
             "rotor: contradiction", robot(after=once + once.replace("0.0001", "0.0002")), refused="expected one rotor"
         ),
         ExtendedFile("rotor: two gears", robot(after=two_gears), refused="expected one gear ratio"),
+        ExtendedFile(
+            "rotor: other values elsewhere", robot(after=apart), refused="expected one rotor inertia at the joint"
+        ),
+        ExtendedFile(
+            "rotor: two without names", robot(after=unnamed + once), refused="expected one rotor, or actuators"
+        ),
         ExtendedFile("rotor: of two joints", robot(after=differential), refused="closes a loop"),
         ExtendedFile("rotor: no number", robot(after=once.replace("0.0001", "${J}")), refused="expected a number"),
         ExtendedFile("gravity: no switch", robot(hand="<gravity>off</gravity>"), refused="expected true or false"),

@@ -153,7 +153,7 @@ def checked_notes(notes: Any, label: str) -> tuple[str, ...]:
     Raises:
         ModelError: the argument is no list of strings.
     """
-    listed = tuple(notes) if isinstance(notes, Sequence) and not isinstance(notes, str) else (None,)
+    listed: tuple[Any, ...] = tuple(notes) if isinstance(notes, Sequence) and not isinstance(notes, str) else (None,)
     if not all(isinstance(note, str) for note in listed):
         raise ModelError(f"{label}: notes: expected a list of strings, got {checks.short(notes)}")
     return listed

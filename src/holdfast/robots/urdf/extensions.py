@@ -6,6 +6,7 @@ rotors of joints. Gravity switched off and couplings of bodies are kept, to be r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -38,7 +39,7 @@ class Extensions:
         joints: its joints.
         frames: link of each <frame> of Drake.
         values: what is said of each joint.
-        rotors: inertia of each rotor, reflected to its joint; by joint and drive.
+        rotors: inertia of each rotor, reflected to its joint; by joint, and by kind of element and name of the drive.
         weights: whether each link has weight.
         faults: the first error in what is said of a link or joint.
         notes: what was not read, by link or joint; of the robot under "".
@@ -49,7 +50,7 @@ class Extensions:
     joints: Mapping[str, UrdfJoint]
     frames: Mapping[str, str]
     values: dict[str, Statements] = field(default_factory=dict)
-    rotors: dict[str, Statements] = field(default_factory=dict)
+    rotors: dict[str, dict[tuple[str, str], list[tuple[float, Element]]]] = field(default_factory=dict)
     weights: dict[str, list[tuple[float, Element]]] = field(default_factory=dict)
     faults: dict[str, SceneError] = field(default_factory=dict)
     notes: dict[str, list[str]] = field(default_factory=dict)
@@ -94,7 +95,7 @@ def gazebo(found: Extensions, element: Element) -> None:
         elif effect == "read" and child.tag in ("gravity", "turnGravityOff"):
             with found.faults_of([about]):
                 gravity(found, child, about)
-        elif effect == "read":
+        elif effect == "read" and child.tag in (*OF_JOINT, "axis", "dynamics", "physics"):
             with found.faults_of([about]):
                 _of_joint(found, child, about)
 
@@ -178,6 +179,24 @@ def _link(found: Extensions, link: UrdfLink) -> UrdfLink:
     return replace(link, notes=(*link.notes, *found.notes.get(link.name, ())), fault=fault, weightless=weightless)
 
 
+def _armature(rotors: Mapping[tuple[str, str], list[tuple[float, Element]]]) -> float:
+    """Return the sum of a joint's rotors; elements of several kinds describe the same drives.
+
+    Raises:
+        SceneError: they disagree, or it is not clear whether two rotors are the same.
+    """
+    totals: dict[str, float] = {}
+    for (kind, name), said in rotors.items():
+        if kind in totals and not all(name for other, name in rotors if other == kind):
+            raise said[0][1].refuse("expected one rotor, or actuators with names, since several rotors add up")
+        totals[kind] = totals.get(kind, 0.0) + agreed(said, "rotor inertia")
+    first, *others = [*totals.values()] or [0.0]
+    if not all(math.isclose(first, other, rel_tol=1e-9) for other in others):
+        shown = ", ".join(f"{total:g} in <{kind}>" for kind, total in totals.items())
+        raise next(iter(rotors.values()))[0][1].refuse(f"expected one rotor inertia at the joint, got {shown}")
+    return first
+
+
 def _joint(found: Extensions, joint: UrdfJoint) -> UrdfJoint:
     stated, rotors = found.values.get(joint.name, {}), found.rotors.get(joint.name, {})
     notes, fault, values = [*joint.notes, *found.notes.get(joint.name, ())], joint.fault, {}
@@ -193,7 +212,7 @@ def _joint(found: Extensions, joint: UrdfJoint) -> UrdfJoint:
                 name: [*([(own[name], joint.element)] if own[name] else []), *said] for name, said in stated.items()
             }
             values = {quantity: agreed(said, quantity) for quantity, said in stated.items()}
-            values["armature"] = own["armature"] + sum(agreed(said, "rotor inertia") for said in rotors.values())
+            values["armature"] = own["armature"] + _armature(rotors)
         except SceneError as disagreement:
             fault = fault or disagreement
     return replace(joint, notes=tuple(notes), fault=fault, **values)

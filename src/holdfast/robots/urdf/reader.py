@@ -17,7 +17,7 @@ from holdfast.robots.urdf.extensions import Extensions, gazebo, gravity, with_ex
 from holdfast.robots.urdf.planar import taken_apart
 from holdfast.robots.urdf.robot import MOVING, PLANAR, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
 from holdfast.robots.urdf.source import Source, read_source
-from holdfast.robots.urdf.transmissions import ros2_control, transmission
+from holdfast.robots.urdf.transmissions import drive, ros2_control, transmission
 from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, unread_notes
 from holdfast.spatial.inertia import turned
 from holdfast.spatial.scalar import Array
@@ -77,6 +77,7 @@ def _extensions(root: Element, links: Mapping[str, UrdfLink], joints: Mapping[st
             found.couple(element)
         elif element.tag == "gazebo":
             gazebo(found, element)
+            drive(found, element, element.attributes.get("reference", ""))
         elif element.tag == "transmission":
             transmission(found, element, {})
         elif element.tag == "ros2_control":
@@ -85,6 +86,8 @@ def _extensions(root: Element, links: Mapping[str, UrdfLink], joints: Mapping[st
             found.note("", hidden_notes(element))
         elif element.tag == "mujoco":
             found.note("", [*extension_notes(element, "mujoco"), *_of_compiler(element)])
+    for joint in joints.values():
+        drive(found, joint.element, joint.name)
     for link in links.values():
         for element in link.element.children:
             if element.tag in VOCABULARY["link"].extensions:

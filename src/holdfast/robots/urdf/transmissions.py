@@ -1,4 +1,4 @@
-"""The rotors of drives: inertia and gear ratio in <transmission> and <ros2_control>.
+"""The rotors of drives: inertia and gear ratio in <transmission> and <ros2_control>, or at the joint.
 
 A rotor that turns n times as fast as its joint adds n^2 times its inertia to the joint, which is the joint's armature.
 """
@@ -41,6 +41,12 @@ def ros2_control(found: Extensions, element: Element) -> None:
             found.note(name, [joint.message("param 'mimic': not read; try <mimic> in the joint")])
         found.note(name, extension_notes(joint, "transmission part"))
     found.note("", extension_notes(element, "ros2_control"))
+
+
+def drive(found: Extensions, element: Element, joint: str) -> None:
+    """Read what a <joint> says of its drive, or a <gazebo> element of a joint's."""
+    with found.faults_of([joint]):
+        _add_rotors(found, element, joint, [child for child in element.children if child.tag == "actuator"], [element])
 
 
 def transmission(found: Extensions, element: Element, described: dict[str, Element]) -> set[str]:
@@ -96,8 +102,15 @@ def _add_rotors(
         armature = agreed(by["armature"], "armature") if by["armature"] else reflected
         if by["inertia"] and not math.isclose(armature, reflected, rel_tol=1e-9):
             raise part.refuse(f"expected armature = inertia ratio^2 = {reflected:g}, got {armature:g}")
-        name = part.attributes.get("name") or f"line {part.line}"
-        found.rotors.setdefault(joint, {}).setdefault(name, []).append((armature, part))
+        name = part.attributes.get("name", "") if part.tag != "joint" else joint
+        found.rotors.setdefault(joint, {}).setdefault((_kind(part), name), []).append((armature, part))
+
+
+def _kind(element: Element) -> str:
+    """Return the name of the element of <robot> in which an element stands."""
+    while element.parent is not None and element.parent.parent is not None:
+        element = element.parent
+    return element.tag
 
 
 def _said(element: Element) -> list[_Said]:

@@ -54,6 +54,10 @@ _OF_DRIVES = {  # what is said of a drive, by name without prefix, underscores a
     **dict.fromkeys(("armature", "reflectedinertia"), "armature"),
     **dict.fromkeys(("mechanicalreduction", "gearratio", "reduction", "gearreduction", "reductionratio"), "ratio"),
 }
+_DRIVE = (
+    "rotor_inertia", "rotorInertia", "motor_inertia", "motorInertia", "drake:rotor_inertia", "armature", "gear_ratio",
+    "gearRatio", "drake:gear_ratio", "mechanicalReduction", "mechanical_reduction", "actuator",
+)  # fmt: skip
 _PARTS = ("joint", "passive_joint", "gap_joint", "rollJoint", "flexJoint", "actuator", "leftActuator", "rightActuator")
 _WIRED = ("hardwareInterface", "role", "offset", "robotNamespace", "motorTorqueConstant", "pulsesPerRevolution")
 _ENCODER = ("deadBandUpper", "deadBandLower", "saturationUpper", "saturationLower", "ignoreTransmissionAbsoluteEncoder")
@@ -84,6 +88,7 @@ VOCABULARY = {
         ("name", "type"),
         ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic", "drake:mimic"),
         ("calibration", "safety_controller", "hardwareInterface", "dont_collapse"),
+        _DRIVE,
     ),
     "parent": Vocabulary(("link",)),
     "child": Vocabulary(("link",)),
@@ -106,7 +111,7 @@ VOCABULARY = {
             "stopKp", "stopKd", "stopCfm", "stopErp", "fudgeFactor", "initial_joint_position", "preserveFixedJoint",
             "disableFixedJointLumping", "must_be_base_link", "allow_auto_disable", "audio_source", "audio_sink",
         ),
-        extensions=(*_GRAVITY, *_SPRING, "axis", "dynamics", "physics"),
+        extensions=(*_GRAVITY, *_SPRING, *_DRIVE, "axis", "dynamics", "physics"),
         noted=(
             "kinematic", "static", "enable_wind", "wind", "velocity_decay", "dampingFactor", "inertial", "link",
             "model", "include", "actor", "world", "axis2", "screw_thread_pitch", "thread_pitch", "gearbox_ratio",
@@ -186,7 +191,7 @@ def extension_notes(element: Element, row: str) -> list[str]:
     known, notes = VOCABULARY[row], []
     for child in element.children:
         effect = known.effect(child.tag)
-        if not effect and not of_drive(child.tag):
+        if not effect and not (row.startswith("transmission") and of_drive(child.tag)):
             notes.append(child.message("unknown element, not read"))
         elif effect == "noted" and not is_off(child):
             notes.append(child.message("acts on the motion, but is not read"))
