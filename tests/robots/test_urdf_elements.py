@@ -99,7 +99,9 @@ def test_what_is_off_needs_no_note():
     off = (
         "<kinematic>0</kinematic><velocity_decay><linear>0.0</linear></velocity_decay><enable_wind>false</enable_wind>"
     )
-    assert not urdf_chain(robot(after=f'<gazebo reference="hand">{off}</gazebo>'), tip="hand", lock_others=True).warned
+    assert not urdf_chain(
+        robot(after=f'<gazebo reference="hand">{off}</gazebo>'), tip="hand", lock_others=True
+    ).arm.notes
     gazebo = read_urdf(robot(after=f"<gazebo>{off}<static/></gazebo>")).element.first("gazebo")
     assert gazebo is not None
     assert [is_off(child) for child in gazebo.children] == [True, True, True, False]

@@ -33,7 +33,7 @@ def load_robot_description(
         MissingExtra: the extra `robots` is not installed.
     """
     chain = urdf_chain(robot_description_path(name, xacro_args=xacro_args, trust_xacro=trust_xacro), **options)
-    show_notes(chain.warned)
+    show_notes(chain.arm.notes)
     return chain.arm
 
 

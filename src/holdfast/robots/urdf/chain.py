@@ -38,8 +38,9 @@ class UrdfChain:
         bodies: N + 1 mappings from link name to pose: first the links on the base in the base's
             frame, then the links welded to arm link k in its frame.
         elsewhere: names of the links that move relative to the base by joints off the path.
-        notes: notes, with line numbers, on what was not read, or was interpreted differently from the file; and on a
-            tip whose z axis does not point out of the hand.
+        notes: notes, with line numbers, on what was not read, or was interpreted differently from the file; on links
+            without mass and shape; and on a tip whose z axis does not point out of the hand. `load_urdf` warns of the
+            first, which are the notes of the arm, too.
         tip_note: the last of these notes alone; "" if there is none.
     """
 
@@ -52,11 +53,6 @@ class UrdfChain:
     elsewhere: tuple[str, ...]
     notes: tuple[str, ...]
     tip_note: str = ""
-
-    @property
-    def warned(self) -> tuple[str, ...]:
-        """The notes of which `load_urdf` warns: all but those on links without mass and shape, which are frames."""
-        return (*self.arm.notes, *([self.tip_note] if self.tip_note else []))
 
 
 def urdf_chain(
@@ -269,7 +265,7 @@ def load_urdf(
         xacro_args=xacro_args,
         trust_xacro=trust_xacro,
     )
-    show_notes(chain.warned)
+    show_notes(chain.arm.notes)
     return chain.arm
 
 
@@ -311,5 +307,5 @@ def load_urdf_arms(
     options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
     options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro}
     chains = urdf_chains(path_or_text, arms, **options)
-    show_notes(note for chain in chains.values() for note in chain.warned)
+    show_notes(note for chain in chains.values() for note in chain.arm.notes)
     return {name: chain.arm for name, chain in chains.items()}

@@ -80,7 +80,7 @@ def load_urdf_trunk(
         ModelWarning: as for `load_urdf_arms`.
     """
     chain = urdf_trunk(path_or_text, tips, base=base, floating=floating, **options)
-    show_notes([*chain.found.trunk.notes, *(note for one in chain.chains.values() for note in one.warned)])
+    show_notes([*chain.found.trunk.notes, *(note for one in chain.chains.values() for note in one.arm.notes)])
     return chain.found
 
 
