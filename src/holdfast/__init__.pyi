@@ -59,6 +59,7 @@ from .model.spring import Spring as Spring
 from .model.trunk import Trunk as Trunk
 from .robots.urdf import load_urdf as load_urdf
 from .robots.urdf import load_urdf_arms as load_urdf_arms
+from .robots.urdf import load_urdf_trunk as load_urdf_trunk
 from .scenario.build import load_scene as load_scene
 from .simulation.events import Attach as Attach
 from .simulation.events import Release as Release

@@ -151,11 +151,11 @@ def test_entities_do_not_grow():
 
 def test_unknown_words_become_notes():
     """What is not read is told; what cannot matter for dynamics is not."""
-    text = TWO_ARMED.replace(LINK, '<link name="left_lower" colour="red"><gravity>0</gravity>stray', 1)
+    text = TWO_ARMED.replace(LINK, '<link name="left_lower" colour="red"><buoyancy>0</buoyancy>stray', 1)
     text = text.replace("</robot>", '<gazebo/><transmission/><plugin name="p"/></robot>')
     notes = [note.split(": ", 1)[1] for note in urdf_chain(text, **ARM).notes]
     assert "link 'left_lower': colour: unknown, not read" in notes
-    assert "link 'left_lower', gravity: unknown element, not read" in notes
+    assert "link 'left_lower', buoyancy: unknown element, not read" in notes
     assert "link 'left_lower': text 'stray', not read" in notes
     assert "plugin 'p': unknown element, not read" in notes
     assert not any("gazebo" in note or "transmission" in note for note in notes)

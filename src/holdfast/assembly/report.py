@@ -39,6 +39,7 @@ class ArmReport(Frozen):
         tip_angle: angle between the tip's z axis and the direction out of the hand [rad]; NaN if unknown.
         tip_note: advice if that z axis does not point out of the hand; otherwise "".
         jointed: whether it has joints; an anchor has none, and no reach.
+        notes: notes on its file: what was not read, or was read differently.
     """
 
     name: str
@@ -52,6 +53,7 @@ class ArmReport(Frozen):
     tip_angle: float
     tip_note: str
     jointed: bool = True
+    notes: tuple[str, ...] = ()
 
     @property
     def reach_used(self) -> float:
@@ -77,12 +79,14 @@ class TrunkReport(Frozen):
         margin: distance of that joint from its limit [rad or m]; infinite if no joint has limits.
         unit: unit of the margin, "rad" or "m".
         floats: whether its base is free.
+        notes: notes on its file, as for an arm.
     """
 
     joint: str
     margin: float
     unit: str
     floats: bool
+    notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         base = "a floating base" if self.floats else "a base in the world"
@@ -117,6 +121,12 @@ class AssemblyReport(Frozen):
         "friction at one-sided contacts",
     )
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The notes on the files of trunk and arms, each once."""
+        parts = [*([] if self.trunk is None else [self.trunk]), *self.arms]
+        return tuple(dict.fromkeys(note for part in parts for note in part.notes))
+
     def __repr__(self) -> str:
         """Return mobility and rank; `print` shows the arms, too."""
         return f"<AssemblyReport: {len(self.arms)} arms, mobility {self.mobility}, rank {self.rank} of {self.rows}>"
@@ -125,6 +135,7 @@ class AssemblyReport(Frozen):
         lines = [*([] if self.trunk is None else [str(self.trunk)]), *map(str, self.arms)]
         lines += [f"  note: {arm.name}: {arm.tip_note}" for arm in self.arms if arm.tip_note]
         lines += [f"  note: {note}" for note in self.unlikely]
+        lines += [f"  note: {note}" for note in self.notes]
         lines.append(f"mobility {self.mobility}, rank {self.rank} of {self.rows}")
         if self.rank < self.rows:
             lines.append("  rows are dependent: singular, or grasp forces not unique; holdfast.diagnose tells which")
@@ -159,7 +170,7 @@ def _trunk_report(chain: ClosedChain, state: State) -> TrunkReport | None:
     if chain.trunk is None:
         return None
     joint, margin, unit = _nearest_limit(chain.trunk.joints, state.q[chain.joints[TRUNK]])
-    return TrunkReport(joint, margin, unit or "rad", chain.floats)
+    return TrunkReport(joint, margin, unit or "rad", chain.floats, tuple(chain.trunk.notes))
 
 
 def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) -> ArmReport:
@@ -177,6 +188,7 @@ def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) 
         tip_angle=tip_angle(arm),
         tip_note=advice_for(arm, chain.grasps[name]) if name in chain.grasps else "",
         jointed=bool(arm.joints),
+        notes=tuple(arm.notes),
     )
 
 

@@ -35,6 +35,7 @@ class Arm(Frozen):
         base: pose of the base frame in the world.
         name: name in messages.
         visuals: appearance according to its file, for the viewer; discarded if the number of links differs.
+        notes: notes on what its file has and was not read, or was read differently, for reports.
     """
 
     joints: Sequence[Joint]
@@ -43,6 +44,7 @@ class Arm(Frozen):
     base: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
     visuals: Visuals | None = field(default=None, metadata=PICTURE)
+    notes: Sequence[str] = field(default=(), metadata=PICTURE)
 
     def __post_init__(self) -> None:
         label, put = self._check_frames(), object.__setattr__
@@ -66,6 +68,7 @@ class Arm(Frozen):
         put(self, "links", tuple(one for joint, link in pairs for one in _links(joint, link)))
         put(self, "joints", tuple(part for joint in self.joints for part in joint.parts))
         put(self, "visuals", fitting_visuals(self.visuals, len(self.links), label))
+        put(self, "notes", checked_notes(self.notes, label))
 
     def _check_frames(self) -> str:
         """Check name, tip and base, and return the label of the arm in messages."""
@@ -144,6 +147,18 @@ def fitting_visuals(visuals: Any, links: int, label: str) -> Visuals | None:
     """
     checks.instance(visuals, (Visuals, type(None)), f"{label}: visuals")
     return visuals if visuals is not None and len(visuals.bodies) == links + 1 else None
+
+
+def checked_notes(notes: Any, label: str) -> tuple[str, ...]:
+    """Return notes as a tuple.
+
+    Raises:
+        ModelError: the argument is no list of strings.
+    """
+    listed: tuple[Any, ...] = tuple(notes) if isinstance(notes, Sequence) and not isinstance(notes, str) else (None,)
+    if not all(isinstance(note, str) for note in listed):
+        raise ModelError(f"{label}: notes: expected a list of strings, got {checks.short(notes)}")
+    return listed
 
 
 def _links(joint: Joint, link: Link) -> tuple[Link, ...]:

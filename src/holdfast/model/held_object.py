@@ -112,6 +112,9 @@ class HeldObject(Frozen):
             trust_xacro: whether to expand a `.xacro` file, which runs the Python code in it.
             packages: folders of packages by name, for `$(find name)` (see `read_urdf`).
 
+        Warns:
+            ModelWarning: once, with all notes on what was not read.
+
         Raises:
             SceneError: the file has an error, the link is unknown, or other links move relative to it.
             MissingExtra: the file is a `.xacro` file, and xacrodoc is not installed.

@@ -14,5 +14,4 @@ from .panda import PANDA_HOME as PANDA_HOME
 from .panda import panda as panda
 from .ur5e import UR5E_HOME as UR5E_HOME
 from .ur5e import ur5e as ur5e
-from .urdf import load_urdf_trunk as load_urdf_trunk
 from .urdf import urdf_chain as urdf_chain

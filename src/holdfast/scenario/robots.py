@@ -187,7 +187,7 @@ def file_refusals(at: Location) -> Iterator[None]:
 
 
 def with_drives(data: UrdfData, chains: Sequence[Sequence[Joint]], at: Location) -> list[list[Joint]]:
-    """Return the joints of chains with armature and springs from the scene, which URDF cannot express.
+    """Return the joints of chains with armature and springs from the scene instead of those of the file.
 
     Raises:
         SceneError: a joint does not exist, or a quantity is impossible.

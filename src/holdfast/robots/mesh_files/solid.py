@@ -63,7 +63,7 @@ def held_object_from_mesh(
     of_density = given if mass is None else given / volume
     inertia = of_density * size**5 * found.inertia
     made = HeldObject(of_density * volume, inertia, size * found.centre, shape=MeshFile(str(place), (size, size, size)))
-    show_notes([f"{place}: {note}" for note in size_notes(made)], stacklevel=4)
+    show_notes([f"{place}: {note}" for note in size_notes(made)])
     return made
 
 

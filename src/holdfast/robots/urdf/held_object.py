@@ -6,6 +6,7 @@ from os import PathLike
 from typing import Any
 
 from holdfast.model.held_object import HeldObject
+from holdfast.robots.notes import show_notes
 from holdfast.robots.urdf.bodies import inertia_parts
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import known_link
@@ -44,7 +45,9 @@ def held_object_from_urdf(
             f"expected one rigid body, got joints that move parts of it: {listed(moving)}; try link=, naming one of"
             f" {listed(list(robot.links))}, or joints of type fixed"
         )
-    parts = inertia_parts(robot, at, physical)
+    notes: list[str] = []
+    parts = inertia_parts(robot, at, physical, notes)
+    show_notes((*robot.notes, *(note for name in at for note in robot.links[name].notes), *notes))
     if not parts:
         raise robot.links[start].element.refuse(f"expected <inertial> in {quoted(start)}, got none; try adding one")
     mass, com, inertia = welded(parts)

@@ -18,7 +18,7 @@ from holdfast.spatial.pose import Pose
 
 
 class UrdfOptions(TypedDict, total=False):
-    """The keywords that `load_urdf`, `load_urdf_arms`, `urdf_chain` and `urdf_chains` share."""
+    """The keywords that `load_urdf`, `load_urdf_arms`, `load_urdf_trunk`, `urdf_chain` and `urdf_chains` share."""
 
     locked: Mapping[str, float] | None
     lock_others: bool
