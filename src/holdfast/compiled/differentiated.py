@@ -15,6 +15,7 @@ from holdfast.compiled.structure import Options
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.questions.derivatives import unit_cotangent
 from holdfast.questions.question import Question
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from holdfast.compiled.function import Function
 
 
+@called
 class Differentiated:
     """The part of a `Function` that differentiates it."""
 

@@ -26,6 +26,7 @@ from holdfast.compiler.targets import Builtin
 from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.errors import StateError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.questions.arrays import MOVING, POSES
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
 
+@called
 class Function(Differentiated):
     """A question about a compiled chain: `compiled.inverse_dynamics(q, qd, qdd, grasp_wrench)`.
 

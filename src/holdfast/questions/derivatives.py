@@ -306,7 +306,9 @@ def directions(
     counts = set()
     for name, x in given.items():
         if x.shape != shapes[name] and x.shape[1:] != shapes[name]:
-            raise StateError(f"{what}: {name}: expected shape {shapes[name]} or (d, *{shapes[name]}), got {x.shape}")
+            raise StateError(
+                f"{what}: {name}: expected shape {checks.shapes_with_rows(shapes[name], 'd')}, got {x.shape}"
+            )
         counts |= {len(x)} if x.ndim > len(shapes[name]) else set()
     if len(counts) > 1:
         raise StateError(f"{what}: expected one number of directions, got {', '.join(map(str, sorted(counts)))}")
