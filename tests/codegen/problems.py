@@ -6,11 +6,11 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from holdfast.compiled.arm_functions import CLOSED, COMPUTATIONS
 
 import holdfast as hf
 from holdfast.codegen.arrays import CONTROL, LAST
 from holdfast.codegen.functions import ExportedFunction, exported_function, exported_law
-from holdfast.compiled.arm_functions import CLOSED, COMPUTATIONS
 from holdfast.compiled.derivative_schedule import FOUND, UNITS
 from holdfast.control import compile_law
 from holdfast.spatial.scalar import sin

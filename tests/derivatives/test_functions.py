@@ -163,7 +163,7 @@ def test_what_torques_do_not_depend_on_has_a_gradient_of_nothing():
 def test_names_and_shapes_that_do_not_fit_are_refused():
     of = function_case("inverse_dynamics", "plain")
     n = of.p.chain.joint_count
-    with pytest.raises(hf.StateError, match="inverse_dynamics.vjp: no 'tau'"):
+    with pytest.raises(hf.StateError, match=r"inverse_dynamics\.vjp: no 'tau'"):
         of.called("_vjp", by=["tau"], tau=np.ones(n))
     with pytest.raises(hf.StateError, match="expected some of"):
         of.called("_vjp", by=[], tau=np.ones(n))
@@ -175,5 +175,5 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
         of.called("_vjp", tau=np.ones(n + 1))
     with pytest.raises(hf.StateError, match="expected shape"):
         of.called("_jvp", along={"q": np.ones(n + 1)})
-    with pytest.raises(hf.StateError, match="kinetic_energy.jacobian: no 'gravity'"):
+    with pytest.raises(hf.StateError, match=r"kinetic_energy\.jacobian: no 'gravity'"):
         function_case("kinetic_energy", "plain").called("_jacobian", by=["gravity"])

@@ -104,33 +104,33 @@ of_chain(_after_release, name="momentum of a release", arm="arm1")
 of_chain(hf.forward_dynamics_vjp, tau=_tau, qdd=_qdd, grasp_wrench=_wrench, by=FREE, inputs=_inputs, check=False)
 ALONG: dict[str, Any] = {"along": lambda p: {"q": _qdd(p), "object_pose": PUSH, "gravity": np.ones(3)}}
 of_chain(hf.forward_dynamics_jvp, tau=_tau, **ALONG, check=False)
-of_chain(hf.inverse_dynamics_vjp, **NEEDED, tau=_tau, by=["q", "qd"])
-of_chain(hf.inverse_dynamics_jvp, **NEEDED, along=_of_q)
-of_chain(hf.inverse_dynamics_jacobian, **NEEDED, of=["tau"], by=["q", "grasp_wrench"])
+of_chain(hf.inverse_dynamics.vjp, **NEEDED, tau=_tau, by=["q", "qd"])
+of_chain(hf.inverse_dynamics.jvp, **NEEDED, along=_of_q)
+of_chain(hf.inverse_dynamics.jacobian, **NEEDED, of=["tau"], by=["q", "grasp_wrench"])
 of_chain(
-    dynamics.closure_vjp,
+    dynamics.closure.vjp,
     by=["q", "object_pose"],
     position=lambda p: np.ones(len(dynamics.closure.jacobian(p.chain, p.state, of=["position"])["position", "q"])),
 )
-of_chain(dynamics.closure_jvp, along=lambda p: {"q": _qdd(p), "object_twist": PUSH})
-of_chain(dynamics.closure_jacobian, of=["position", "velocity"], by=["q", "qd"])
-of_chain(dynamics.kinetic_energy_vjp, by=["q", "qd"], kinetic_energy=1.0)
-of_chain(dynamics.kinetic_energy_jvp, along=_of_q)
-of_chain(dynamics.kinetic_energy_jacobian, of=["kinetic_energy"], by=["q"])
-of_chain(dynamics.potential_energy_vjp, by=["q"], potential_energy=1.0)
-of_chain(dynamics.potential_energy_jvp, along=lambda p: {"q": _qdd(p), "gravity": np.ones(3)})
-of_chain(dynamics.potential_energy_jacobian, of=["potential_energy"], by=["q"])
+of_chain(dynamics.closure.jvp, along=lambda p: {"q": _qdd(p), "object_twist": PUSH})
+of_chain(dynamics.closure.jacobian, of=["position", "velocity"], by=["q", "qd"])
+of_chain(dynamics.kinetic_energy.vjp, by=["q", "qd"], kinetic_energy=1.0)
+of_chain(dynamics.kinetic_energy.jvp, along=_of_q)
+of_chain(dynamics.kinetic_energy.jacobian, of=["kinetic_energy"], by=["q"])
+of_chain(dynamics.potential_energy.vjp, by=["q"], potential_energy=1.0)
+of_chain(dynamics.potential_energy.jvp, along=lambda p: {"q": _qdd(p), "gravity": np.ones(3)})
+of_chain(dynamics.potential_energy.jacobian, of=["potential_energy"], by=["q"])
 of_chain(
-    forces.grasp_margins_vjp,
+    forces.grasp_margins.vjp,
     grasp_wrench=_wrench,
     by=["grasp_wrench"],
     grasp_margins=lambda p: np.ones(len(p.chain.arms)),
 )
-of_chain(forces.grasp_margins_jvp, grasp_wrench=_wrench, along={"object_pose": PUSH})
-of_chain(forces.grasp_margins_jacobian, grasp_wrench=_wrench, of=["grasp_margins"], by=["grasp_wrench"])
-of_chain(forces.joint_margins_vjp, tau=_tau, by=["q", "tau"], effort=_qdd)
-of_chain(forces.joint_margins_jvp, tau=_tau, along=lambda p: {"tau": _qdd(p)})
-of_chain(forces.joint_margins_jacobian, tau=_tau, of=["effort"], by=["tau"])
-of_chain(forces.wrist_wrenches_vjp, **SOLVED, by=["q"], wrist_wrenches=_wrench)
-of_chain(forces.wrist_wrenches_jvp, **SOLVED, along=_of_q)
-of_chain(forces.wrist_wrenches_jacobian, **SOLVED, of=["wrist_wrenches"], by=["q"])
+of_chain(forces.grasp_margins.jvp, grasp_wrench=_wrench, along={"object_pose": PUSH})
+of_chain(forces.grasp_margins.jacobian, grasp_wrench=_wrench, of=["grasp_margins"], by=["grasp_wrench"])
+of_chain(forces.joint_margins.vjp, tau=_tau, by=["q", "tau"], effort=_qdd)
+of_chain(forces.joint_margins.jvp, tau=_tau, along=lambda p: {"tau": _qdd(p)})
+of_chain(forces.joint_margins.jacobian, tau=_tau, of=["effort"], by=["tau"])
+of_chain(forces.wrist_wrenches.vjp, **SOLVED, by=["q"], wrist_wrenches=_wrench)
+of_chain(forces.wrist_wrenches.jvp, **SOLVED, along=_of_q)
+of_chain(forces.wrist_wrenches.jacobian, **SOLVED, of=["wrist_wrenches"], by=["q"])

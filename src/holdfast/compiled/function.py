@@ -101,7 +101,7 @@ class Function:
     @property
     def name(self) -> str:
         """The name of the question, with the kind of derivatives if these are computed."""
-        return self.question.name if self.request is None else f"{self.question.name}_{self.request.kind}"
+        return self.question.name if self.request is None else f"{self.question.name}.{self.request.kind}"
 
     def __repr__(self) -> str:
         """Return the question and the chain."""
@@ -339,7 +339,7 @@ class Function:
 
     def export(self, folder: str | PathLike[str], **options: Any) -> ExportedCode:
         """Write the function as C or object files that run without Python; see `CompiledChain.export`."""
-        return self.compiled.export(folder, functions=[self.name], **options)
+        return self.compiled.export(folder, functions=[self.name.replace(".", "_")], **options)
 
     def derived(self, kind: Kind, of: Sequence[str], by: Collection[str]) -> Function:
         """Return the function of some derivatives; its machine code is made when it is first requested.
