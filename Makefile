@@ -62,7 +62,7 @@ capabilities: $(VENV)/.dev
 # Speed against other libraries, into docs/benchmarks.md and the README (minutes; leave the machine alone meanwhile).
 bench: $(VENV)/.bench
 	mkdir -p results
-	$(BIN)/holdfast bench --json > results/bench.json
+	$(BIN)/python -m benchmarks.bench --json > results/bench.json
 	$(BIN)/python benchmarks/write_benchmarks.py results/bench.json
 
 # Closure error against time, beside Pinocchio and MuJoCo, into docs/drift.md (minutes).

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from holdfast.bench import acceptance
-from holdfast.bench.entries import LIBRARY, PUBLIC
+from benchmarks.bench import acceptance
+from benchmarks.bench.entries import LIBRARY, PUBLIC
 from holdfast.view import figure_style
 from holdfast.view.figure_style import BLACK, BLUE, COLUMN, GREEN, ORANGE, PURPLE, SKY, STYLE, VERMILLION
 

@@ -11,19 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast import project
-from holdfast.bench.systems import follow
+from benchmarks.bench.systems import follow
+from holdfast import ClosedChain, Grasp, HeldObject, Pose, State, inverse_dynamics, project
 from holdfast.control.grasp_forces import commanded_wrenches
-from holdfast.dynamics.inverse import inverse_dynamics
-from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import Grasp
-from holdfast.model.held_object import HeldObject
 from holdfast.robots import panda
 from holdfast.robots.panda import FR3_ARMATURE
 from holdfast.spatial import rotation
-from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, cos, sin
-from holdfast.state import State
 
 PERIOD = 1.45  # s
 CENTRE = Pose.translation(0.0, 0.0, 0.7)

@@ -14,22 +14,26 @@ import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import holdfast as hf
-from holdfast.bench import entries
-from holdfast.bench.clock import Effort, timed
-from holdfast.bench.derivative_entries import JVP, VJP, bound
-from holdfast.bench.systems import make_system
+from benchmarks.bench import entries
+from benchmarks.bench.clock import Effort, timed
+from benchmarks.bench.derivative_entries import JVP, VJP, bound
+from benchmarks.bench.systems import make_system
 
 SIZES = {"2 x 7": 1.8, "4 x 7": 1.8, "16 x 7": 2.0, "64 x 7": 2.0, "2 x 24": 2.7, "2 x 96": 2.7}  # and goals of VJP
+ROOT = Path(__file__).parents[1]  # from which a new process imports `benchmarks`
 COMPILED = {"2 x 7": 1.5, "64 x 7": 2.0, "2 x 96": 12.0}  # goals [s]
 EFFORT = Effort(turn=0.03, rounds=15)
 FIRST_GRADIENT = """
 import sys, time
 import holdfast as hf
-from holdfast.bench.systems import make_system
+from benchmarks.bench.systems import make_system
 system = make_system(*map(int, sys.argv[1:]))
 start = time.process_time()
 fast = hf.compile(system.chain)
@@ -50,7 +54,8 @@ def compiled_in(name: str) -> float:
         command = [sys.executable, "-c", FIRST_GRADIENT, *map(str, sizes(name))]
         environment = os.environ | {"HOLDFAST_CACHE": cache}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
-        return float(subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout)
+        run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment, cwd=ROOT)
+        return float(run.stdout)
 
 
 def main() -> None:

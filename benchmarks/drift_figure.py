@@ -5,13 +5,16 @@ python benchmarks/drift_figure.py
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from circling import PERIOD, RADIUS
-from drift_runs import DURATION, Run, runs
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.circling import PERIOD, RADIUS
+from benchmarks.drift_runs import DURATION, Run, runs
 from holdfast.view import figure_style
 from holdfast.view.figure_style import BLUE, COLUMN, GREEN, ORANGE, PURPLE, SKY, STYLE, VERMILLION
 

@@ -13,13 +13,13 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from circling import Circling, circling
 
+from benchmarks.bench.mujoco_peer import inputs, mjcf
+from benchmarks.bench.pinocchio_peer import PinocchioModel
+from benchmarks.bench.rollout_entries import DEFAULT_IMPEDANCE
+from benchmarks.bench.systems import System
+from benchmarks.circling import Circling, circling
 from holdfast import ControlLaw, State, compile_rollout
-from holdfast.bench.mujoco_peer import inputs, mjcf
-from holdfast.bench.pinocchio_peer import PinocchioModel
-from holdfast.bench.rollout_entries import DEFAULT_IMPEDANCE
-from holdfast.bench.systems import System
 from holdfast.dynamics import closure
 from holdfast.interop.mjcf_writer import HARDEST
 from holdfast.spatial.scalar import Array
@@ -64,6 +64,7 @@ def runs(report: Callable[[str], None] = print) -> Iterator[Run]:
     motion = circling()
     report("holdfast")
     yield by_holdfast(motion)
+    ways: list[tuple[Callable[..., Run], tuple[object, ...]]]
     ways = [(by_pinocchio, ("Euler",)), (by_pinocchio, ("RK4",))]
     ways += [(by_mujoco, ("Euler", STEP, False))]
     ways += [(by_mujoco, (*way, True)) for way in (("implicitfast", STEP), ("RK4", STEP), ("RK4", SMALL_STEP))]

@@ -8,12 +8,15 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import holdfast as hf
-from holdfast.bench.systems import make_system
+from benchmarks.bench.systems import make_system
 
 STEP, ROUNDS = 1e-3, 7
 

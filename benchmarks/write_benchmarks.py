@@ -1,6 +1,6 @@
 """Write what a benchmark run measured: the page, its figures, the README's table.
 
-holdfast bench --json > results/bench.json
+python -m benchmarks.bench --json > results/bench.json
 python benchmarks/write_benchmarks.py results/bench.json
 """
 
@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
-import bench_page
-import bench_plots
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks import bench_page, bench_plots
 
 ROOT = Path(__file__).parents[1]
 
@@ -19,7 +21,7 @@ ROOT = Path(__file__).parents[1]
 def main() -> None:
     """Write page, figures and table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("document", type=Path, help="what `holdfast bench --json` printed")
+    parser.add_argument("document", type=Path, help="what `python -m benchmarks.bench --json` printed")
     document = json.loads(parser.parse_args().document.read_text())
     (ROOT / "docs" / "benchmarks.md").write_text(bench_page.page(document))
     bench_plots.save(document, ROOT / "docs" / "images")

@@ -9,35 +9,41 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.sparse.csgraph import connected_components
 
 import holdfast
+from holdfast import outer
 from tests.surface import PUBLIC, names_of
 
 ROOT = Path(holdfast.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
+BENCHMARKS = sorted((Path(__file__).parents[1] / "benchmarks").rglob("*.py"))
 ROOMS = {path.relative_to(ROOT).parts[0].removesuffix(".py") for path in FILES}
 
-# Dependency only leftward: each room and the rooms it may look into. `errors` is open to all.
+# Dependency only leftward: each room and the rooms it may look into. `errors` and `outer` are open to all.
 MATHEMATICS = {"spatial"}
 MODEL = MATHEMATICS | {"model"}
-DYNAMICS = MODEL | {"state", "dynamics", "compiler", "compiled", "progress"}
+DYNAMICS = MODEL | {"state", "questions", "dynamics", "compiler", "compiled", "progress"}
 USE = DYNAMICS | {"forces", "simulation", "control"}
 FILES_AND_SCENES = USE | {"robots", "assembly", "interop", "scenario", "io"}
 MAY_IMPORT = {
     "errors": set(),
+    "outer": set(),  # names modules of outer rooms, and imports them when a method of the core asks
     "progress": set(),
     "spatial": set(),
     "model": MATHEMATICS,
+    "questions": MODEL | {"state"},
     "state": MODEL,
-    "dynamics": MODEL | {"state"},
+    "dynamics": MODEL | {"state", "questions"},
     "compiler": set(),  # knows nothing of robots
     "compiled": DYNAMICS - {"compiled"} | {"forces"},
-    "forces": MODEL | {"state", "dynamics"},
+    "forces": MODEL | {"state", "questions", "dynamics"},
     "control": DYNAMICS | {"forces"},
     "simulation": DYNAMICS | {"forces", "control"},
     "robots": MODEL,
-    "assembly": DYNAMICS | {"robots"},
+    "assembly": DYNAMICS,
     "interop": USE | {"robots", "io"},
     "scenario": FILES_AND_SCENES - {"scenario"},
     "io": USE | {"robots"},
@@ -47,22 +53,14 @@ MAY_IMPORT = {
     "codegen": USE | {"io"},
     "view": FILES_AND_SCENES,
     "plot": {"view"},
-    "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
-    "cli": FILES_AND_SCENES | {"bench", "codegen", "sweeps", "view", "holdfast"},
+    "cli": FILES_AND_SCENES | {"codegen", "sweeps", "view", "holdfast"},
 }
-# constructors that read files, and methods that write or draw, ask the room that does so, when called
-ON_CALL = {
-    "compiled/chain.py": {"codegen"},
-    "model/closed_chain.py": {"view"},
-    "model/held_object.py": {"robots"},
-    "simulation/run_outputs.py": {"io", "view", "interop"},
-    "simulation/summary.py": {"view"},
-    "simulation/rollout/record.py": {"io"},
-    "simulation/rollout/recording.py": {"io"},
-    "simulation/simulate.py": {"io"},
-    "io/result_reader.py": {"scenario"},
-    "sweeps/result.py": {"view"},
-}
+# imports inside functions, of what the room cannot know when it is loaded
+ON_CALL = {"io/result_reader.py": {"scenario"}, "sweeps/result.py": {"view"}}
+FOR_TYPES = {"compiled/chain.py": {"codegen"}, "compiled/function.py": {"codegen"}}
+CORE = {"errors", "progress", "state", "spatial", "model", "questions", "dynamics", "forces", "compiler", "compiled"}
+CORE |= {"control", "simulation", "assembly"}
+LARGEST_CIRCLE = 3  # modules that import each other, some of them inside functions
 HEAVY = {"scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath"}
 HEAVY |= {"pandas", "pyarrow", "xarray", "IPython", "jax", "gymnasium"}
 
@@ -78,18 +76,34 @@ def room(path: Path) -> str:
     return path.relative_to(ROOT).parts[0].removesuffix(".py")
 
 
-def imported_rooms(path: Path) -> set[str]:
-    """Return the rooms that a file imports, inside functions too; `holdfast` is the package itself."""
-    names = []
-    for node in ast.walk(parsed(path)):
+@functools.cache
+def imported(path: Path, types: bool = True) -> set[tuple[str, str]]:
+    """Return (module, name) of what a file imports, inside functions too; the name is empty for a whole module.
+
+    Args:
+        path: the source file.
+        types: whether imports that only type checkers see count.
+    """
+    nodes = {*ast.walk(parsed(path))}
+    if not types:
+        conditions = [node for node in nodes if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+        nodes -= {inner for node in conditions for statement in node.body for inner in ast.walk(statement)}
+    names = set()
+    for node in nodes:
         if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
+            names |= {(alias.name, "") for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
             assert all(alias.name != "*" for alias in node.names), f"{path}: star import"
-            names += [f"{node.module}.{alias.name}" for alias in node.names]
-    ours = [name.split(".") for name in names if name.split(".")[0] == "holdfast" and name != "holdfast.__version__"]
-    return {parts[1] if len(parts) > 1 and parts[1] in ROOMS else "holdfast" for parts in ours}
+            names |= {(node.module, alias.name) for alias in node.names}
+    return names
+
+
+def imported_rooms(path: Path, types: bool = True) -> set[str]:
+    """Return the rooms that a file imports; `holdfast` is the package itself."""
+    names = [f"{module}.{name}".split(".") for module, name in imported(path, types)]
+    ours = [parts for parts in names if parts[0] == "holdfast" and parts[1] != "__version__"]
+    return {parts[1] if parts[1] in ROOMS else "holdfast" for parts in ours}
 
 
 def test_imports_go_left():
@@ -99,8 +113,72 @@ def test_imports_go_left():
         here, name = room(path), path.relative_to(ROOT).as_posix()
         if here not in ("__init__", "__main__"):
             assert here in MAY_IMPORT, f"a new room: say in MAY_IMPORT where {here} belongs"
-            wrong[name] = imported_rooms(path) - MAY_IMPORT[here] - ON_CALL.get(name, set()) - {here, "errors"}
+            allowed = MAY_IMPORT[here] | ON_CALL.get(name, set()) | FOR_TYPES.get(name, set())
+            wrong[name] = imported_rooms(path) - allowed - {here, "errors", "outer"}
     assert {name: rooms for name, rooms in wrong.items() if rooms} == {}
+
+
+def test_the_core_imports_no_outer_room():
+    """What computes imports no file format, screen or command, not even inside functions, nor by a string."""
+    for path in FILES:
+        if room(path) in CORE:
+            assert imported_rooms(path, types=False) <= CORE | {"outer"}, path
+            texts = [node.value for node in ast.walk(parsed(path)) if isinstance(node, ast.Constant)]
+            modules = [text.split(".") for text in texts if isinstance(text, str) and text.startswith("holdfast.")]
+            assert not [parts for parts in modules if " " not in parts[1] and parts[1] not in CORE], path
+            assert ("importlib", "import_module") not in imported(path), path
+
+
+def test_the_core_loads_no_outer_room():
+    """When every module of the core is imported, no other room is loaded."""
+    files = [path.relative_to(ROOT.parent).with_suffix("") for path in FILES if room(path) in CORE]
+    names = [".".join(path.parts).removesuffix(".__init__") for path in files]
+    loaded = fresh(f"import sys, importlib; [*map(importlib.import_module, {names})]; print(*sys.modules)").split()
+    assert {name.split(".")[1] for name in loaded if name.startswith("holdfast.")} <= CORE | {"outer"}
+
+
+def test_what_the_core_asks_of_outer_rooms():
+    """What the core asks of `outer` is there, all that is there is asked, and each stands in the module it names."""
+    asked = {
+        (room(path), node.attr)
+        for path in FILES
+        if ("holdfast", "outer") in imported(path)
+        for node in ast.walk(parsed(path))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "outer"
+    }
+    assert {here for here, _ in asked} <= CORE
+    assert {name for _, name in asked} == outer.MODULE_OF.keys()
+    for name, module in outer.MODULE_OF.items():
+        assert module.split(".")[1] in MAY_IMPORT.keys() - CORE, name
+        assert getattr(outer, name).__module__ == module, name
+    with pytest.raises(AttributeError, match=r"holdfast\.outer.*no_such_name"):
+        _ = outer.no_such_name
+
+
+def test_circles_of_modules_are_small():
+    """At most three modules import each other, directly or through others, imports inside functions included.
+
+    A package that collects the names of its files is imported with each of them; this does not count.
+    """
+    files = {".".join(path.relative_to(ROOT.parent).with_suffix("").parts): path for path in FILES}
+    modules = {name.removesuffix(".__init__"): path for name, path in files.items()}
+    number = {name: k for k, name in enumerate(modules)}
+    imports = np.zeros((len(modules), len(modules)), dtype=bool)
+    for name, path in modules.items():
+        for module, member in imported(path, types=False):
+            targets = {module, f"{module}.{member}"} & modules.keys()
+            imports[number[name], [number[target] for target in targets]] = True
+    count, circle_of = connected_components(imports, connection="strong")
+    circles = [[name for name, k in number.items() if circle_of[k] == i] for i in range(count)]
+    assert [circle for circle in circles if len(circle) > LARGEST_CIRCLE] == []
+
+
+def test_nothing_outside_the_package():
+    """The library imports neither its benchmarks nor its tests and examples."""
+    outside = {path.name for path in Path(__file__).parents[1].iterdir() if path.is_dir()}
+    assert {"benchmarks", "examples", "tests"} <= outside
+    for path in FILES:
+        assert not {module.split(".")[0] for module, _ in imported(path)} & outside, path
 
 
 def test_rooms_are_not_circular():
@@ -114,7 +192,7 @@ def test_rooms_are_not_circular():
 
 def test_file_sizes():
     """One algorithm a file, one screen an algorithm: none over 400 lines, median at most 120."""
-    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in FILES}
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in [*FILES, *BENCHMARKS]}
     assert max(lines.values()) <= 400, max(lines, key=lines.__getitem__)
     assert statistics.median(lines.values()) <= 120
 
@@ -145,12 +223,12 @@ def public_definitions(tree: ast.Module):
 def test_docstrings():
     """Every file, public function, class and method begins with a sentence."""
     lacking = []
-    for path in FILES:
+    for path in [*FILES, *BENCHMARKS]:
         tree = parsed(path)
         for name, node in {"file": tree, **dict(public_definitions(tree))}.items():
             first = (ast.get_docstring(node) or "").split("\n")[0].strip()
             if not first or (name != "file" and not first.endswith(".")):
-                lacking.append(f"{path.relative_to(ROOT)}: {name}: {first!r}")
+                lacking.append(f"{path}: {name}: {first!r}")
     assert not lacking, lacking
 
 
@@ -192,7 +270,7 @@ def test_the_model_loads_little():
     """What a model is made of loads no algorithm, file or machine code: they wait until they are used."""
     code = "import sys, holdfast as hf; hf.Arm, hf.ClosedChain, hf.State, hf.ModelError; print(*sys.modules)"
     loaded = {module.split(".")[1] for module in fresh(code).split() if module.startswith("holdfast.")}
-    assert loaded == {"errors", "model", "spatial", "state"}
+    assert loaded == {"errors", "model", "outer", "spatial", "state"}
 
 
 def test_the_list_of_commands_loads_no_command():

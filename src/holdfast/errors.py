@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 
 class HoldfastError(Exception):
@@ -61,3 +62,19 @@ class FrozenError(HoldfastError, AttributeError, TypeError):
 
 class MissingExtra(HoldfastError, ImportError):
     """An optional package is needed; the message names the extra that brings it."""
+
+
+class DeprecatedNameWarning(FutureWarning):
+    """A name that goes with the next minor version; the message names its replacement."""
+
+
+def warn_renamed(old: str, new: str, until: str) -> None:
+    """Warn the caller of a function, or of a module's `__getattr__`, that it was reached by an old name.
+
+    Args:
+        old: the name that was used, such as `hf.old` or `simulate(old=)`.
+        new: the name to use.
+        until: the version without the old name.
+    """
+    message = f"{old} is now {new}; the old name goes with version {until}"
+    warnings.warn(message, DeprecatedNameWarning, stacklevel=3)

@@ -7,12 +7,12 @@ import time
 
 import numpy as np
 import pytest
+from benchmarks.bench import rollout_entries
+from benchmarks.bench.clock import Effort, timed
+from benchmarks.bench.systems import make_system
 from benchmarks.circling import PERIOD, circling
 
 from holdfast import ControlLaw, compile_rollout
-from holdfast.bench import rollout_entries
-from holdfast.bench.clock import Effort, timed
-from holdfast.bench.systems import make_system
 from holdfast.dynamics import closure
 
 pytestmark = pytest.mark.long

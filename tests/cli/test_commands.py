@@ -18,8 +18,7 @@ from tests.systems import two_collinear_stretched_6r
 
 FILE = str(Path(__file__).parents[1] / "data" / "cases.json")
 COMMANDS = (
-    "solve", "diagnose", "simulate", "sweep", "summary", "view", "plot", "export", "export-c", "bench", "methods",
-    "doctor",
+    "solve", "diagnose", "simulate", "sweep", "summary", "view", "plot", "export", "export-c", "methods", "doctor",
 )  # fmt: skip
 
 
@@ -53,9 +52,10 @@ def test_version(capsys):
         (["slove", FILE], "no command 'slove'. Did you mean 'solve'?"),
         (
             ["fly"],
-            "no command 'fly'. Known: solve, diagnose, simulate, sweep, summary, plot, view, export, export-c, bench,"
+            "no command 'fly'. Known: solve, diagnose, simulate, sweep, summary, plot, view, export, export-c,"
             " methods, doctor.",
         ),
+        (["bench"], "no command 'bench'; try `python -m benchmarks.bench` in a clone of the repository"),
         (["solve"], "Missing from holdfast solve: FILE"),
         (["--verbose"], "Unrecognized options: --verbose"),
         (["methods", "extra"], "Unrecognized options: extra"),

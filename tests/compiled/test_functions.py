@@ -206,7 +206,7 @@ def test_interpreter(function):
     made, given = getattr(fast, function), one(inputs_of(fast.chain, 1), 0)
     expected = interpret_schedule(made.computation.schedule(), made.calls.own | given)
     results = {name: expected[name] for name in QUESTIONS[function].names_at(fast.chain)}
-    assert same_bits(called(fast, function, given), flat(QUESTIONS[function].shown(fast.chain, results)))
+    assert same_bits(called(fast, function, given), flat(QUESTIONS[function].shown(fast.chain)(results)))
 
 
 @pytest.mark.parametrize("name", ["two", "all kinds", "rows first"])

@@ -57,7 +57,7 @@ def test_a_gradient_along_a_direction_is_a_cotangent_along_the_rates(name, kind)
 @ALL
 def test_functions_return_what_their_questions_compute(name, kind):
     of = function_case(name, kind)
-    assert same(of.called(), of.question.shown(of.p.chain, of.values()))
+    assert same(of.called(), of.question.shown(of.p.chain)(of.values()))
 
 
 @pytest.mark.slow

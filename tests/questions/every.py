@@ -111,7 +111,7 @@ def reference(name: str, chain: hf.ClosedChain, given: Given, inputs: hf.Inputs 
     """Return the reference's answer for one system, as arrays by name."""
     question, state = QUESTIONS[name], state_by_name(chain, given)
     case = case_of(question, chain, state, inputs or inputs_by_name(given), given)
-    return flat(question.shown(chain, computed(question, case)))
+    return flat(question.shown(chain)(computed(question, case)))
 
 
 def asked(name: str, chain: Any, state: Any, inputs: Any, given: Mapping[str, Any], kind: str = "", **more: Any) -> Any:

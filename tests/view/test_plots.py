@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from holdfast import ClosedChain
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.summary import summarise
-from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names
+from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.view import figure_style, plots
 from holdfast.view.margin_figure import slips
 from holdfast.view.plots import figures

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from holdfast import outer
 from holdfast.assembly.limits import longest_reach, shoulder
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.robots.recognise import home_of
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -55,7 +55,7 @@ def starting_configurations(arm: Arm, preferred: Array, count: int) -> Iterator[
 
 def preferred_configuration(arm: Arm) -> Array:
     """Return the home configuration of a built-in robot, or the middle of the joint limits (0 without limits), (N,)."""
-    home = home_of(arm)
+    home = outer.home_of(arm)
     return np.mean(_range(arm), axis=0) if home is None else home
 
 

@@ -1,4 +1,4 @@
-"""The command line: `holdfast solve | diagnose | simulate | view | plot | export | export-c | bench | ...`.
+"""The command line: `holdfast solve | diagnose | simulate | view | plot | export | export-c | ...`.
 
 Exit codes: 0 success; 2 bad input; 3 the physics does not permit the result, or nothing was solved; 70 a fault of this
 program; 71 not enough memory; 74 stdout cannot be written; 130 interrupted; 141 stdout is a closed pipe.

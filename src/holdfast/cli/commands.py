@@ -29,10 +29,10 @@ COMMANDS = {
     "view": "view",
     "export": "results",
     "export-c": "export_c",
-    "bench": "bench",
     "methods": "methods",
     "doctor": "doctor",
 }
+MOVED = {"bench": "try `python -m benchmarks.bench` in a clone of the repository"}
 
 
 def run(arguments: list[str]) -> int:
@@ -51,12 +51,17 @@ def run(arguments: list[str]) -> int:
             raise SceneError(f"expected a name that is not empty and contains no NUL, got {argument!r}")
     first = arguments[0] if arguments else "--help"
     if not first.startswith("-") and first not in COMMANDS:
-        raise SceneError(f"no command {first!r}.{checks.did_you_mean(first, COMMANDS)}")
+        raise SceneError(f"no command {first!r}{_instead(first)}")
     _refuse_repeated(arguments)
     offered = _only_described if first in ("-h", "--help") else _later
     commands = {name: offered(name) for name in ([first] if first in COMMANDS else COMMANDS)}
     call = _parsed(arguments or ["--help"], commands)
     return call if isinstance(call, int) else call()
+
+
+def _instead(first: str) -> str:
+    """Return the end of the message about an unknown command."""
+    return f"; {MOVED[first]}" if first in MOVED else f".{checks.did_you_mean(first, COMMANDS)}"
 
 
 _REPEATABLE = ("--set", "--function", "--of", "--by")

@@ -9,9 +9,9 @@ from importlib import metadata
 
 from rich.table import Table
 
-from holdfast.bench.machine import processor
 from holdfast.cli.console import print_document, stdout
 from holdfast.cli.options import Switch
+from holdfast.cli.processor import processor
 
 # as /proc/cpuinfo and sysctl spell them; asimd is ARM's name for NEON
 FEATURES = {"avx2": "avx2", "avx512": "avx512f", "fma": "fma", "neon": "asimd"}

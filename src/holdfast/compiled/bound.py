@@ -11,6 +11,7 @@ from holdfast.compiled import statuses
 from holdfast.compiled.derivative_schedule import WITH
 from holdfast.compiled.parameters import parse_parameters, rank_number
 from holdfast.compiled.result import UNDECIDED
+from holdfast.dynamics.result import Status
 from holdfast.errors import FrozenError, StateError
 from holdfast.model import checks
 from holdfast.questions.arrays import ARRAYS, MOVING
@@ -41,7 +42,7 @@ class BoundFunction:
     run: Any
 
     def __init__(self, function: Function, given: Mapping[str, Any]) -> None:
-        self._function, self._externals = function, function.externals
+        self._function, self._externals, self._has_status = function, function.externals, function.has_status
         self._bound = function.calls.bind()
         self._written = function.results(None)
         self._bound.use({name: self._written.array(name) for name in function.calls.layout.shapes})
@@ -78,8 +79,10 @@ class BoundFunction:
     def __call__(self) -> Any:
         """Compute the results from the inputs."""
         code = self.run()
-        if not self._function.has_status:
+        if not self._has_status:
             return self.result if self.found is None else None
+        if code == 0:
+            return Status.OK
         if code == UNDECIDED:
             compiled = self._function.compiled
             statuses.resolve_undecided(compiled, self._bound.arrays, self._written)

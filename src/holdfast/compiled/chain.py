@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib import import_module
 from os import PathLike
 from typing import TYPE_CHECKING, Any, get_args
 
+from holdfast import outer
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.function import Function
 from holdfast.compiled.not_compiled import missing
 from holdfast.compiled.structure import Options, optional_parameters, require_rank
 from holdfast.dynamics.closed.tip_response import Route
+from holdfast.dynamics.consistency import CLOSURE
+from holdfast.dynamics.energy import KINETIC
+from holdfast.dynamics.forward import FORWARD_DYNAMICS
+from holdfast.dynamics.inverse import INVERSE_DYNAMICS
+from holdfast.dynamics.kinematics import MASS_MATRIX
 from holdfast.dynamics.methods import method_named
+from holdfast.dynamics.object_level import OBJECT_MOBILITY
+from holdfast.dynamics.projection import PROJECT
 from holdfast.errors import MethodNotApplicable
+from holdfast.forces.margins import GRASP_MARGINS
+from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.question import QUESTIONS
@@ -23,10 +32,11 @@ if TYPE_CHECKING:
     from holdfast.codegen.export import ExportedCode
 
 
-# The files that declare the library's questions.
-_DECLARING = ("consistency", "energy", "forward", "inverse", "kinematics", "object_level", "projection")
-for _name in (*(f"dynamics.{name}" for name in _DECLARING), "forces.margins", "forces.wrist"):
-    import_module(f"holdfast.{_name}")
+# One question of each file that declares some; the import adds all of them to `QUESTIONS`.
+DECLARED = (
+    *(CLOSURE, FORWARD_DYNAMICS, GRASP_MARGINS, INVERSE_DYNAMICS, KINETIC),
+    *(MASS_MATRIX, OBJECT_MOBILITY, PROJECT, WRISTS),
+)
 
 
 def compile(
@@ -137,9 +147,7 @@ class CompiledChain:
         Raises:
             HoldfastError: `holdfast.codegen.export_c` raised it.
         """
-        from holdfast.codegen.export import export_c
-
-        return export_c(self, folder, **{"progress": self.progress, **options})
+        return outer.export_c(self, folder, **{"progress": self.progress, **options})
 
     def __repr__(self) -> str:
         """Return a short description that names the chain."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import holdfast
+import holdfast.questions
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, externals, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.schedule import External, Schedule
@@ -123,7 +123,7 @@ def _by_bushings(question: Question, chain: ClosedChain) -> bool:
 def source_key(question: Question) -> str:
     """Return a key of the source of a question that is declared outside this library; "" for one of the library."""
     path = getattr(sys.modules.get(question.compute.__module__), "__file__", None)
-    if path is None or Path(path).is_relative_to(Path(holdfast.__file__).parent):
+    if path is None or Path(path).is_relative_to(Path(holdfast.questions.__file__).parents[1]):
         return ""
     import hashlib
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from os import PathLike
@@ -13,28 +13,31 @@ import numpy as np
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.calls import Calls
-from holdfast.compiled.derivative_computation import computation_of, request_of
+from holdfast.compiled.derivative_computation import computation_of
 from holdfast.compiled.derivative_schedule import WITH, Kind, Request
 from holdfast.compiled.derivatives import CompiledDerivatives
+from holdfast.compiled.differentiated import Differentiated
 from holdfast.compiled.faults import fault, faulty, largest_positions
 from holdfast.compiled.kernels import compile_batch, compiling, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
-from holdfast.compiled.result import CompiledResult, Results, results_behind
+from holdfast.compiled.result import CompiledResult, Results
 from holdfast.compiled.structure import Options
 from holdfast.compiler.targets import Builtin
+from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.questions.arrays import MOVING
-from holdfast.questions.derivatives import unit_cotangent
+from holdfast.questions.arrays import MOVING, POSES
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
+
+_LARGEST = float(np.finfo(np.float64).max)
 
 if TYPE_CHECKING:
     from holdfast.codegen.export import ExportedCode
     from holdfast.compiled.chain import CompiledChain
 
 
-class Function:
+class Function(Differentiated):
     """A question about a compiled chain: `compiled.inverse_dynamics(q, qd, qdd, grasp_wrench)`.
 
     It takes one system or a batch: any argument or parameter may have a leading batch axis, and those without it are
@@ -57,6 +60,11 @@ class Function:
         own: Any = type(cls.__name__, (cls,), {"__module__": cls.__module__, "__doc__": cls.__doc__})
         return object.__new__(own)
 
+    @classmethod
+    def of(cls, *made: Any) -> Function:
+        """Return a new function; see the constructor."""
+        return Function(*made)
+
     def __init__(
         self,
         compiled: CompiledChain,
@@ -73,7 +81,7 @@ class Function:
             options: the options of the machine code; by default those of the chain.
         """
         self.compiled, self.chain, self.question, self.request = compiled, compiled.chain, question, request
-        self._options, self._made = options or compiled.options, dict[Any, Function]()
+        self._options = options or compiled.options
         with compiling(self.chain, self.name, compiled.progress):
             self.computation = made = computation_of(question, request, self.chain, self._options)
             self.externals, self.has_status = dict(made.externals), made.has_status
@@ -81,10 +89,19 @@ class Function:
         self._inputs = given = (*made.inputs, *made.by_name)
         own = parameters_of(self.chain, compiled.generic_rank) | dict(made.fixed)
         self.calls = Calls(code, {name: x for name, x in own.items() if name not in given})
+        self._show = question.shown(self.chain)
         self._rank, self._largest = compiled.generic_rank, largest_positions(self.chain)
         self._ranks = {name: len(e.shape) for name, e in self.externals.items()}
+        self._builtin = self._made_builtin(given)
+        # The builtin runs calls that repeat `out`, or have none, in machine code; it passes all others to `_checked`.
+        type(self).__call__ = self._builtin.function  # type: ignore[method-assign]
+
+    def _made_builtin(self, given: tuple[str, ...]) -> Builtin:
+        """Return the builtin that answers plain calls, of the inputs in order and by name."""
+        made, question, code = self.computation, self.question, self.calls.kernel
         first = given if tuple(self.externals)[: len(given)] == given else made.inputs
-        self._builtin = Builtin(
+        own = self._own = self.results(None)
+        builtin = Builtin(
             code.single_address,
             self.calls.own_table(),
             [self.externals[name].shape for name in first],
@@ -94,14 +111,25 @@ class Function:
             question.summary,
             [name.removeprefix(WITH) for name in first],
             len(first) - len(made.inputs),
+            [] if self.has_status else [LARGEST_ARGUMENT if name == "q" else _LARGEST for name in first],
+            [name in POSES for name in first],
+            0 if self.has_status else 2 if question.unlimited else 1,
         )
-        # The builtin runs calls that repeat `out` in machine code and passes all others to `_checked`.
-        type(self).__call__ = self._builtin.function  # type: ignore[method-assign]
+        holds = question.require is None or len(self.chain.grasps) == len(self.chain.arms)
+        self._plain = self.has_status or (holds and not question.feasibility(self.chain))
+        if not self._plain or (self.request is not None and question.unlimited):
+            return builtin
+        table = np.array(self.calls.row({}, own), dtype=np.int64)
+        names = list(self.calls.layout.shapes)
+        whole = own.array(names[0])
+        if len(names) == 1 and question.shows_one and whole.size == own.memory.size:
+            builtin.answer(table, own.memory, whole.copy if whole.ndim else whole.item)
+        else:
+            builtin.answer(table, own.memory, own.memory.copy, self._of_copy)
+        return builtin
 
-    @property
-    def name(self) -> str:
-        """The name of the question, with the kind of derivatives if these are computed."""
-        return self.question.name if self.request is None else f"{self.question.name}.{self.request.kind}"
+    def _of_copy(self, memory: Array) -> Any:
+        return self.shown(type(self._own)(self.chain, self.calls.layout, None, memory))
 
     def __repr__(self) -> str:
         """Return the question and the chain."""
@@ -140,8 +168,13 @@ class Function:
         inputs = {name: found[name] for name in self._inputs}
         if batch is None and not self.has_status and (wrong := fault(inputs, self._largest)) is not None:
             raise wrong
-        result = self.results(batch) if out is None else self._results_of(out, batch)
-        if out is not None and batch is None and len(found) == len(inputs) and self.has_status:
+        result = self._results_of(out, batch)
+        if (
+            out is not None
+            and batch is None
+            and len(found) == len(inputs)
+            and isinstance(out, Results | CompiledDerivatives)
+        ):
             self._builtin.expect(out, result.memory, self.calls.row(found, result)[len(found) :])
         if batch is not None:
             compile_batch(self.calls.kernel, self.chain, self.name, self.compiled.progress)
@@ -149,7 +182,7 @@ class Function:
             statuses.settle(self, self.calls.own | found | _origins(parameters), result)
         if not self.has_status:
             self._settle(inputs, result)
-        return self.shown(result) if out is None else out
+        return overwritten(out, self.shown(result), self.name)
 
     def _arrays(self, given: Sequence[Any], by_name: Mapping[str, Any]) -> dict[str, Array]:
         """Return the arrays of a call as machine code reads them, inputs first.
@@ -180,16 +213,16 @@ class Function:
         return kind(self.chain, self.calls.layout, batch)
 
     def _results_of(self, out: Any, batch: int | None) -> Results:
-        """Return the memory behind an earlier answer.
+        """Return the memory for the results of a call: that of earlier results, if these have memory of their own.
 
         Raises:
-            StateError: It is no answer of this function, or one of another batch size.
+            StateError: `out` belongs to another function, or has another batch size.
         """
+        if out is None or not (self.has_status or self.request is not None):
+            return self.results(batch)
         results = out.results if isinstance(out, CompiledDerivatives) else out
-        if isinstance(out, CompiledDerivatives) and out.request != self.request:
+        if (out.request if isinstance(out, CompiledDerivatives) else None) != self.request:
             raise StateError("out: expected earlier derivatives of the same names; leave it out first")
-        if not self.has_status and self.request is None:
-            results = results_behind(out, self.chain, self.calls.layout)
         arrays.require_fit(results, self.chain, batch)
         return results
 
@@ -211,105 +244,14 @@ class Function:
             return CompiledDerivatives(self.request, results)
         if isinstance(results, CompiledResult):
             return results
-        return self.question.shown(
-            self.chain, {name: results.array(name) for name in self.question.names_at(self.chain)}
-        )
-
-    def vjp(
-        self, *given: Any, by: Sequence[str] = (), out: Any = None, threads: int = 1, **cotangents_and_parameters: Any
-    ) -> CompiledDerivatives:
-        """Return the gradients of sum(cotangent . result), at a few times the cost of the answer.
-
-        Args:
-            *given: the arguments of the question, in order or by name.
-            by: the arguments of which gradients are returned; by default `question.by`.
-            out: earlier derivatives of the same names, to be overwritten.
-            threads: the number of threads for a batch.
-            **cotangents_and_parameters: cotangents by result, and parameters as in a call.
-
-        Returns:
-            The gradient by every argument, in the shape of the argument; by poses (.., 6) [turn; shift]. In a batch,
-            gradients of a system without an answer are NaN.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or a cotangent belongs to forces that are not unique.
-            SingularChainError: The configuration of a single system is singular.
-        """
-        further, results = cotangents_and_parameters, self._names
-        cotangents = {name: further.pop(name) for name in results if name in further}
-        cotangents = cotangents or unit_cotangent(self.question, self.chain)
-        return self.derived("vjp", tuple(cotangents), by or self.question.by)._with(
-            given, cotangents, further, out, threads
-        )
-
-    def jvp(
-        self,
-        *given: Any,
-        along: Mapping[str, Any],
-        of: Sequence[str] | None = None,
-        out: Any = None,
-        threads: int = 1,
-        **parameters: Any,
-    ) -> CompiledDerivatives:
-        """Return the rates of the results along tangents of the arguments, at a few times the cost of the answer.
-
-        Args:
-            *given: the arguments of the question, in order or by name.
-            along: the tangents by argument, each in the shape of the argument's gradient; (d, ...) for d directions of
-                one system at once, (batch, ...) for a batch.
-            of: the results; by default all.
-            out: earlier derivatives of the same names, to be overwritten.
-            threads: the number of threads for a batch.
-            **parameters: parameters as in a call.
-
-        Returns:
-            The rate of every result, in the shape of the result, with a leading axis if there are several directions
-            or a batch.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or a requested force is not unique.
-            SingularChainError: The configuration of a single system is singular.
-        """
-        checks.instance(along, Mapping, f"{self.name}.jvp: along", StateError)
-        return self.derived("jvp", self._names if of is None else of, tuple(along))._with(
-            given, along, parameters, out, threads
-        )
-
-    def jacobian(
-        self,
-        *given: Any,
-        of: Sequence[str] = (),
-        by: Sequence[str] = (),
-        out: Any = None,
-        threads: int = 1,
-        **parameters: Any,
-    ) -> CompiledDerivatives:
-        """Return the Jacobian.
-
-        Args:
-            *given: the arguments of the question, in order or by name.
-            of: the results; by default `question.of`.
-            by: the arguments; by default `question.by`.
-            out: earlier derivatives of the same names, to be overwritten.
-            threads: the number of threads for a batch.
-            **parameters: parameters as in a call.
-
-        Returns:
-            `found[of, by]`, (*shape of the result, *shape of the argument's gradient), with a leading axis for a batch.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or a requested force is not unique.
-            SingularChainError: The configuration of a single system is singular.
-        """
-        of, by = of or self.question.of or self._names, by or self.question.by
-        return self.derived("jacobian", of, by)._with(given, {}, parameters, out, threads)
+        return self._show({name: results.array(name) for name in self._names})
 
     def bind(
         self,
         kind: Kind | None = None,
         *,
-        of: Sequence[str] = (),
-        by: Sequence[str] = (),
+        of: Sequence[str] | None = None,
+        by: Sequence[str] | None = None,
         **arrays_or_parameters: Any,
     ) -> BoundFunction:
         """Return the function, or derivatives of it, bound to fixed arrays: a call without arguments.
@@ -333,65 +275,45 @@ class Function:
                 f"{self.name}.bind: expected vjp, jvp or jacobian, got {checks.short(kind)}."
                 f"{checks.did_you_mean(str(kind), get_args(Kind))}"
             )
-        return BoundFunction(
-            self.derived(kind, of or self.question.of or self._names, by or self.question.by), arrays_or_parameters
-        )
+        return BoundFunction(self._chosen(kind, of, by), arrays_or_parameters)
 
     def export(self, folder: str | PathLike[str], **options: Any) -> ExportedCode:
         """Write the function as C or object files that run without Python; see `CompiledChain.export`."""
         return self.compiled.export(folder, functions=[self.name.replace(".", "_")], **options)
-
-    def derived(self, kind: Kind, of: Sequence[str], by: Collection[str]) -> Function:
-        """Return the function of some derivatives; its machine code is made when it is first requested.
-
-        Raises:
-            StateError: A name is unknown, or the question cannot be differentiated.
-        """
-        try:
-            asked = kind, type(of), tuple(of), type(by), tuple(by)  # types: a string is not a list of names
-            return self._made[asked]
-        except (KeyError, TypeError):  # asked for the first time, or no names
-            request = request_of(self.question, self.chain, kind, of, by)
-        if (found := self._made.get(request)) is None:
-            found = self._made[request] = Function(self.compiled, self.question, request, self._options)
-        self._made[kind, type(of), tuple(of), type(by), tuple(by)] = found
-        return found
-
-    def _with(
-        self, given: Sequence[Any], vectors: Mapping[str, Any], further: dict[str, Any], out: Any, threads: int
-    ) -> CompiledDerivatives:
-        """Return derivatives, of the question's inputs, cotangents or tangents, and parameters."""
-        assert self.request is not None
-        inputs, values = self.question.inputs, [*given]
-        if len(given) > len(inputs):
-            raise StateError(f"{self.name}: expected {', '.join(inputs)}, got {len(given)} arguments")
-        own = (
-            self.computation.inputs[: -len(self.request.given) or None]
-            if self.request.given
-            else self.computation.inputs
-        )
-        for name in own[len(given) :]:
-            if name not in further:
-                require_inputs([name] if name not in inputs else (), further)
-                raise StateError(f"{self.name}: expected {', '.join(inputs)}, got no {name}")
-            values.append(further.pop(name))
-        values += [vectors[name] for name in self.request.given]
-        if threads == 1:
-            return self(*values, out=out, **further)
-        return self(*values, out=out, threads=threads, **further)
 
     @cached_property
     def when_moving(self) -> Function:
         """The function for moving bases; it is made when the motion of a base is first given."""
         return Function(self.compiled, self.question, self.request, replace(self._options, base_motion=True))
 
-    @cached_property
-    def _names(self) -> tuple[str, ...]:
-        """The names of the results that can be differentiated."""
-        return self.question.names_at(self.chain)
-
 
 def _origins(parameters: Mapping[str, Any]) -> dict[str, Array]:
     """Return the positions of given bases, which only the search for the generic rank needs."""
     given = parameters.get("base_pose")
     return {} if given is None else {"base_p": np.array(given, dtype=float)[..., 4:]}
+
+
+def overwritten(out: Any, answer: Any, what: str) -> Any:
+    """Return `out` with the numbers of an answer; the answer itself if `out` is None or has the same memory.
+
+    Raises:
+        StateError: `out` is no earlier answer of the same shape.
+    """
+    if out is None:
+        return answer
+    if isinstance(answer, CompiledResult | CompiledDerivatives):
+        return out
+    parts, targets = arrays_in(answer), arrays_in(out)
+    if [x.shape for x in parts] != [x.shape for x in targets] or not all(x.flags.writeable for x in targets):
+        raise StateError(f"{what}: out: expected an earlier answer with arrays of the same shapes; leave it out")
+    for x, target in zip(parts, targets, strict=True):
+        target[...] = x
+    return out
+
+
+def arrays_in(answer: Any) -> list[Array]:
+    """Return the arrays of an answer, which may be nested in tuples and mappings."""
+    if isinstance(answer, Mapping | tuple):
+        parts = answer.values() if isinstance(answer, Mapping) else answer
+        return [x for part in parts for x in arrays_in(part)]
+    return [answer] if isinstance(answer, np.ndarray) else []

@@ -12,8 +12,6 @@ import numpy as np
 from holdfast.compiler.kernel import address_of, aligned
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.result import ForwardResult, Status
-from holdfast.errors import StateError
-from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
@@ -85,33 +83,6 @@ class Results:
     def array(self, name: str) -> Array:
         """Return an array as the machine code writes it: floats, even for rank and status."""
         return self.layout.view(name, self.memory, self.batch)
-
-
-def results_behind(answer: Any, chain: ClosedChain, layout: ResultLayout) -> Results:
-    """Return the memory to which an earlier answer's arrays belong.
-
-    Raises:
-        StateError: It holds no arrays, or these are not in memory of such a layout.
-    """
-    first = answer
-    while not isinstance(first, np.ndarray):
-        parts = list(first.values()) if isinstance(first, Mapping) else first
-        if not isinstance(parts, tuple | list) or not parts:
-            raise StateError(f"out: expected an earlier answer with arrays, got {checks.short(answer)}; leave it out")
-        first = parts[0]
-    memory = first if first.base is None else first.base
-    batch = None if memory.size == layout.total else (memory.size - _LINE) // max(layout.total, 1)
-    if batch is not None:
-        start = -(memory.ctypes.data // 8) % 8
-        memory = memory[start : start + layout.total * batch]
-    found = Results(chain, layout, batch, memory)
-    if memory.dtype != np.float64 or not memory.flags.carray or memory.size != layout.total * (batch or 1):
-        raise StateError(
-            "out: expected an earlier answer of this function and of the same batch size; leave it out first"
-        )
-    if found.array(next(iter(layout.shapes))).ctypes.data != first.ctypes.data:
-        raise StateError("out: expected an earlier answer of this function; leave it out first")
-    return found
 
 
 class CompiledResult(Results, ForwardResult):

@@ -27,7 +27,7 @@ from holdfast.model.grasp_kinds import GraspKind
 from holdfast.questions.arrays import STATE, Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
-from holdfast.questions.question import Part, Question
+from holdfast.questions.question import Part, Question, Show
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, concatenate, each_of
 from holdfast.spatial.spatial_vector import rotate
@@ -190,13 +190,16 @@ def _row_count(chain: ClosedChain, result: str) -> tuple[int]:
     return (_by_grasps(chain, result)[-1].entries.stop if chain.grasps else 0,)
 
 
-def _residuals(chain: ClosedChain, found: Mapping[str, Array]) -> dict[str, GraspResidual]:
-    """Return the residuals of every grasp, by arm name, of those of all grasps, (..., rows) each."""
+def _residuals(chain: ClosedChain) -> Show:
+    """Return what shows the residuals of every grasp, by arm name, of those of all grasps, (..., rows) each."""
     parts = [[part.entries for part in _by_grasps(chain, result)] for result in GraspResidual._fields]
-    return {
-        name: GraspResidual(found["position"][..., rows], found["velocity"][..., rates])
-        for name, rows, rates in zip(chain.grasps, *parts, strict=True)
-    }
+    rows = list(zip(chain.grasps, *parts, strict=True))
+
+    def shown(found: Mapping[str, Array]) -> dict[str, GraspResidual]:
+        x, v = found["position"], found["velocity"]
+        return {name: GraspResidual(x[..., of_x], v[..., of_v]) for name, of_x, of_v in rows}
+
+    return shown
 
 
 CLOSURE = declare(

@@ -247,6 +247,6 @@ PROJECT = declare(
         inputs=STATE,
         parameters=(*OBJECT, "base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
         depends_on=("grasps", "links"),
-        shown=lambda chain, found: {name.removeprefix(_OF_CLOSED): x for name, x in found.items()},
+        shown=lambda chain: lambda found: {name.removeprefix(_OF_CLOSED): x for name, x in found.items()},
     )
 )

@@ -243,7 +243,7 @@ JOINT_MARGINS = declare(
         depends_on=(),
         unlimited=True,
         parts=by_joints,
-        shown=lambda chain, found: JointMargins(**found),
+        shown=lambda chain: lambda found: JointMargins(**found),
     ),
     joint_margins,
 )

@@ -14,9 +14,10 @@ from holdfast.io.model_data import model_text
 from holdfast.io.replaced_folder import replaced_folder, require_free
 from holdfast.io.result_folder import CHUNK, ResultWriter, is_of_a_result, run_meta
 from holdfast.io.result_meta import BASES, FORMAT, INTERRUPTED, META, MODEL, ResultMeta
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
 from holdfast.simulation.summary import summarise
-from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names
+from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.spatial.scalar import Array
 
 ADVICE = "overwrite=True"

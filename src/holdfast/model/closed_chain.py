@@ -8,6 +8,7 @@ from html import escape
 
 import numpy as np
 
+from holdfast import outer
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -98,13 +99,12 @@ class ClosedChain(Frozen):
 
     def _repr_html_(self) -> str:
         """Return a table of the arms with their grasps and of the object beside a drawing of these, for notebooks."""
-        from holdfast.view.chain_diagram import chain_diagram
-
         titles = ("", "", "stands", "grasp")
         head = "".join(f"<th>{title}</th>" for title in titles)
         body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self._table())
         table = f"<table><tr>{head}</tr>{body}</table>"
-        return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:start">{table}{chain_diagram(self)}</div>'
+        diagram = outer.chain_diagram(self)
+        return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:start">{table}{diagram}</div>'
 
     def _table(self) -> list[tuple[str, str, str, str]]:
         """Return the name, joints, base and grasp of trunk, arms and object."""

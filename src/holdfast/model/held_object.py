@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 
+from holdfast import outer
 from holdfast.model import checks
 from holdfast.model.fingerprint import PICTURE
 from holdfast.model.visuals import Cylinder, Shape, Sphere
@@ -85,9 +86,7 @@ class HeldObject(Frozen):
             ModelError: both or neither of mass and density are given, or a number is not > 0.
             SceneError: the file cannot be read, or its surface is open, inside out or flat.
         """
-        from holdfast.robots.mesh_files.solid import held_object_from_mesh
-
-        return held_object_from_mesh(path, mass, density, scale)
+        return outer.held_object_from_mesh(path, mass, density, scale)
 
     @staticmethod
     def from_urdf(path_or_text: str | PathLike[str], link: str | None = None, *, physical: bool = True) -> HeldObject:
@@ -101,9 +100,7 @@ class HeldObject(Frozen):
         Raises:
             SceneError: the file has an error, the link is unknown, or other links move relative to it.
         """
-        from holdfast.robots.urdf.held_object import held_object_from_urdf
-
-        return held_object_from_urdf(path_or_text, link, physical)
+        return outer.held_object_from_urdf(path_or_text, link, physical)
 
     @frozen_property
     def spatial_inertia(self) -> RigidInertia:

@@ -19,6 +19,7 @@ from holdfast.spatial.scalar import Array
 
 Dependence = Literal["grasps", "links", "forces", "bushings"]
 Found = Mapping[str, Array]
+Show = Callable[[Found], Any]  # the results of one system or a batch -> what a user gets
 
 
 class Part(NamedTuple):
@@ -33,10 +34,14 @@ class Part(NamedTuple):
     arm: int | None
 
 
-def _first(chain: ClosedChain, found: Found) -> Any:
-    """Return the only result; a number if it has no axes."""
-    (x,) = found.values()
-    return x if x.ndim else float(x)
+def _first(chain: ClosedChain) -> Show:
+    """Return what shows the only result, which is a number if it has no axes."""
+
+    def shown(found: Found) -> Any:
+        (x,) = found.values()
+        return x if x.ndim else float(x)
+
+    return shown
 
 
 def _settled(chain: ClosedChain, given: Found, found: Found) -> Found:
@@ -71,7 +76,7 @@ class Question:
         require: refuses inputs, of one system or a batch, that the question does not admit; None if it admits all.
         settle: takes the given inputs and the results with the arrays of `feasibility`, of one system or a batch;
             returns the results, and raises a StateError or writes NaN where there is no answer.
-        shown: returns what a user gets of the results.
+        shown: returns a function that makes what a user gets of the results for a chain.
     """
 
     name: str
@@ -91,7 +96,7 @@ class Question:
     restricted: Callable[[VariedCase], VariedCase] = lambda case: case
     require: Callable[[ClosedChain, Found], None] | None = None
     settle: Callable[[ClosedChain, Found, Found], Found] = _settled
-    shown: Callable[[ClosedChain, Found], Any] = _first
+    shown: Callable[[ClosedChain], Show] = _first
 
     @property
     def rows(self) -> dict[str, Row]:
@@ -103,6 +108,11 @@ class Question:
     def names(self) -> tuple[str, ...]:
         """The names of the results."""
         return tuple(row if isinstance(row, str) else row.name for row in self.results)
+
+    @property
+    def shows_one(self) -> bool:
+        """Whether a user gets its only result as it is, an array or a number."""
+        return self.shown is _first
 
     def shapes(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of the results that a chain has, by name, and then of the arrays of `feasibility`."""
@@ -179,9 +189,7 @@ def of_arms(size: Callable[[int, GraspKind | None], int]) -> Callable[[ClosedCha
     return lambda chain: (max((part.stop for part in arm_parts(chain, size).values()), default=0),)
 
 
-def by_arm(
-    shape: Callable[[int], Shape], show: Callable[[Array], Any] = lambda x: x
-) -> Callable[[ClosedChain, Found], Any]:
+def by_arm(shape: Callable[[int], Shape], show: Callable[[Array], Any] = lambda x: x) -> Callable[[ClosedChain], Show]:
     """Return what shows the arms' parts of a single result by arm name.
 
     Args:
@@ -189,10 +197,15 @@ def by_arm(
         show: what a user gets of a part, (..., *shape).
     """
 
-    def shown(chain: ClosedChain, found: Found) -> dict[str, Any]:
-        (x,) = found.values()
+    def of_chain(chain: ClosedChain) -> Show:
         parts = arm_parts(chain, lambda N, _: math.prod(shape(N)))
-        of_arm = {name: shape(arm.joint_count) for name, arm in chain.arms.items()}
-        return {name: show(x[..., part].reshape(*x.shape[:-1], *of_arm[name])) for name, part in parts.items()}
+        rows = [(name, parts[name], shape(arm.joint_count)) for name, arm in chain.arms.items()]
 
-    return shown
+        def shown(found: Found) -> dict[str, Any]:
+            (x,) = found.values()
+            lead = x.shape[:-1]
+            return {name: show(x[..., part].reshape((*lead, *of_arm))) for name, part, of_arm in rows}
+
+        return shown
+
+    return of_chain

@@ -36,7 +36,7 @@ from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.simulation.adaptive import Proposal
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.margins import ViolationTracker
-from holdfast.simulation.trajectory import Occurrence
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.converted import making
 from holdfast.spatial.pose import Pose

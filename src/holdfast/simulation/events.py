@@ -11,7 +11,7 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
-from holdfast.simulation.trajectory import Occurrence
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.spatial.frozen import Frozen
 from holdfast.state import Inputs, State
 

@@ -23,7 +23,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.bracket import crossing
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.trajectory import Occurrence
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.verification import CROSSING, MarginCurves, StepMargins
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate

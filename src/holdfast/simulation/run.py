@@ -12,12 +12,12 @@ from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.events import Attach, happen
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.run_step import RunState, stepped
 from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with, suited
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.stops import just_after
-from holdfast.simulation.trajectory import Occurrence
 from holdfast.simulation.zero_order_hold import initial_hold, require_same
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State

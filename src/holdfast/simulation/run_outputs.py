@@ -6,6 +6,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from holdfast import outer
+
 if TYPE_CHECKING:
     from holdfast.simulation.summary import Summary
     from holdfast.simulation.trajectory import Trajectory
@@ -16,7 +18,7 @@ RATE = 30.0  # frames per second that pages show
 class RunOutputs:
     """Output methods shared by the runs that `simulate` and `load_result` return.
 
-    The packages that write files and draw are imported when a method needs them; a run itself consists of arrays.
+    What writes files and draws is imported by `outer` when a method needs it; a run itself consists of arrays.
     """
 
     def whole_run(self) -> Trajectory:
@@ -54,9 +56,7 @@ class RunOutputs:
             StateError: the run does not contain its chain, or has no samples.
             ResultError: the folder is in use or cannot be written.
         """
-        from holdfast.io.save_run import save_run
-
-        return save_run(self._run_and_setting()[0], folder, overwrite)
+        return outer.save_run(self._run_and_setting()[0], folder, overwrite)
 
     def to_csv(self, path: str | PathLike[str]) -> list[Path]:
         """Write the run as CSV, one row per sample, and return the files written; see `holdfast.io.export_csv`.
@@ -68,9 +68,7 @@ class RunOutputs:
             StateError: a run that does not know its chain, or one without samples.
             ResultError: a file cannot be written.
         """
-        from holdfast.io.export import export_csv
-
-        return export_csv(self._run_and_setting()[0], path)
+        return outer.export_csv(self._run_and_setting()[0], path)
 
     def to_parquet(self, path: str | PathLike[str]) -> list[Path]:
         """Write the run as Parquet, the tables of `to_csv`, and return the files written.
@@ -83,9 +81,7 @@ class RunOutputs:
             StateError: a run that does not know its chain, or one without samples.
             ResultError: a file cannot be written.
         """
-        from holdfast.io.export import export_parquet
-
-        return export_parquet(self._run_and_setting()[0], path)
+        return outer.export_parquet(self._run_and_setting()[0], path)
 
     def to_mcap(self, path: str | PathLike[str]) -> Path:
         """Write the run as an MCAP file of ROS 2 messages and return the file; see `write_mcap`.
@@ -98,10 +94,8 @@ class RunOutputs:
             StateError: a run that does not know its chain, or one without samples.
             ResultError: the file cannot be written.
         """
-        from holdfast.interop.mcap_writer import write_mcap
-
         run, setting = self._run_and_setting()
-        write_mcap(setting.chain, run, path, setting.base_motion)
+        outer.write_mcap(setting.chain, run, path, setting.base_motion)
         return Path(path)
 
     def to_pandas(self) -> Any:
@@ -111,9 +105,7 @@ class RunOutputs:
             MissingExtra: pandas is not installed.
             StateError: a run that does not know its chain, or one without samples.
         """
-        from holdfast.io.frames import frame_of_run
-
-        return frame_of_run(self._run_and_setting()[0])
+        return outer.frame_of_run(self._run_and_setting()[0])
 
     def to_xarray(self) -> Any:
         """Return the run as an xarray Dataset: arrays over `t` with units, and joints and arms by name.
@@ -122,9 +114,7 @@ class RunOutputs:
             MissingExtra: xarray is not installed.
             StateError: a run that does not know its chain, or one without samples.
         """
-        from holdfast.io.frames import data_set_of_run
-
-        return data_set_of_run(self._run_and_setting()[0])
+        return outer.data_set_of_run(self._run_and_setting()[0])
 
     def plot(self) -> dict[str, Any]:
         """Return the Matplotlib figures of this run by name, without opening a window.
@@ -136,11 +126,8 @@ class RunOutputs:
             MissingExtra: matplotlib is not installed.
             StateError: a run that does not know its chain, or one without samples.
         """
-        from holdfast.view.inline import Figures
-        from holdfast.view.plots import figures
-
         run, setting = self._run_and_setting()
-        return Figures(figures(setting.chain, run))
+        return outer.Figures(outer.figures(setting.chain, run))
 
     def page(self, path: str | PathLike[str], rate: float = RATE) -> Path:
         """Write the run as one HTML file that needs no network connection, and return its path.
@@ -158,9 +145,7 @@ class RunOutputs:
             ModelError: a rate that is not positive or gives too many moments.
             ResultError: the file cannot be written.
         """
-        from holdfast.view.page import export_page
-
-        export_page(self.playback(rate), path)
+        outer.export_page(self.playback(rate), path)
         return Path(path)
 
     def show(self, rate: float = RATE) -> Any:
@@ -175,11 +160,8 @@ class RunOutputs:
         Raises:
             HoldfastError: as for `page`, or no browser can be opened; the message then names the file.
         """
-        from holdfast.view.inline import shown
-        from holdfast.view.page import page
-
         playback = self.playback(rate)
-        return shown(page(playback), playback.title)
+        return outer.shown(outer.page(playback), playback.title)
 
     def playback(self, rate: float = RATE) -> Any:
         """Return the frames that the page shows as a `Playback`, for `holdfast.plot.export_page`.
@@ -191,10 +173,8 @@ class RunOutputs:
             StateError: a run that does not know its chain, or one without samples.
             ModelError: a rate that is not positive or gives too many moments.
         """
-        from holdfast.view.playback import playback_of_run
-
         run, setting = self._run_and_setting()
-        return playback_of_run(setting.chain, run, setting.name, rate, setting.base_motion)
+        return outer.playback_of_run(setting.chain, run, setting.name, rate, setting.base_motion)
 
     def _run_and_setting(self) -> tuple[Trajectory, Any]:
         """Return the run and its setting, after checking that they match."""
@@ -207,6 +187,4 @@ class RunOutputs:
 
     def _repr_html_(self) -> str | None:
         """Return the HTML representation for notebooks."""
-        from holdfast.view.inline import html_of_run
-
-        return html_of_run(self)
+        return outer.html_of_run(self)

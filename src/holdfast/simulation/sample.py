@@ -16,8 +16,9 @@ from holdfast.simulation.accounts import WORTH_COMPILING, Accounts, CompiledAcco
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import JOINT_QUANTITIES, by_arm
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.step import Gaps
-from holdfast.simulation.trajectory import Occurrence, Trajectory
+from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from holdfast.state import State

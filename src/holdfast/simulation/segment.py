@@ -23,11 +23,11 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Event
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.runge_kutta import IMEX, Tableau, dop853
 from holdfast.simulation.stability import too_fast
 from holdfast.simulation.stepper import Stepper, SubdividingStepper
 from holdfast.simulation.stops import Stops
-from holdfast.simulation.trajectory import Occurrence
 from holdfast.simulation.zero_order_hold import HeldTorques, ZeroOrderHold, held_torques_law, sampled
 from holdfast.spatial.scalar import Array
 from holdfast.state import State

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast import outer
 from holdfast.control.clipped import clipped
 from holdfast.control.compiled_law import CompiledLaws
 from holdfast.control.controller import ControlLaw, Controller, given_law, machine_code, require_controller
@@ -188,9 +189,7 @@ def _appending(folder: str | PathLike[str] | None, overwrite: bool, setting: Set
     if folder is None:
         yield None
         return
-    from holdfast.io.save_run import AppendedRun
-
-    saved = AppendedRun(folder, setting, times, overwrite)
+    saved = outer.AppendedRun(folder, setting, times, overwrite)
     try:
         yield saved
     except BaseException:

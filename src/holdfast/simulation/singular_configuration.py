@@ -21,9 +21,10 @@ from holdfast.dynamics.near_singular import STRENGTH_LOST, chain_strength, lost_
 from holdfast.dynamics.projection import largest_gaps, moved
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.rank_drop import ConstraintFactors, RankDrop, constraint_factors, rank_drop
 from holdfast.simulation.segment import Segment
-from holdfast.simulation.trajectory import Knot, Occurrence, interpolant
+from holdfast.simulation.trajectory import Knot, interpolant
 from holdfast.state import State
 
 NEARER = 0.75  # fraction of the remaining way to a configuration that one step covers

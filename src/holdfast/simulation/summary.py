@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from holdfast import outer
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import energy_moved
 from holdfast.simulation.margins import JOINT_QUANTITIES
-from holdfast.simulation.trajectory import Occurrence, Trajectory
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.spatial.scalar import Array
+
+if TYPE_CHECKING:
+    from holdfast.simulation.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -76,10 +81,7 @@ class Summary:
 
     def _repr_html_(self) -> str:
         """Return the table of `holdfast summary` for notebooks."""
-        from holdfast.view.inline import table
-        from holdfast.view.summary_table import rows
-
-        return table(rows(self))
+        return outer.html_of_summary(self)
 
 
 def summarise(chain: ClosedChain, run: Trajectory) -> Summary:

@@ -14,7 +14,7 @@ from typing import Any
 
 from holdfast.errors import HoldfastError, MissingExtra, ResultError
 from holdfast.progress import in_notebook
-from holdfast.simulation.summary import summarise
+from holdfast.simulation.summary import Summary, summarise
 from holdfast.simulation.trajectory import require_run_of, text_of
 from holdfast.view import summary_table
 from holdfast.view.plots import figures
@@ -84,8 +84,9 @@ def image(figure: Any, name: str) -> str:
     return f'<img alt="{html.escape(name, quote=True)}" src="data:image/png;base64,{data}">'
 
 
-def table(rows: list[tuple[str, str]]) -> str:
-    """Return two columns of text as an HTML table."""
+def html_of_summary(summary: Summary) -> str:
+    """Return the table of `holdfast summary` in HTML."""
+    rows = summary_table.rows(summary)
     lines = "".join(f"<tr><td>{html.escape(left)}</td><td>{html.escape(right)}</td></tr>" for left, right in rows)
     return f"<table>{lines}</table>"
 
@@ -96,7 +97,7 @@ def html_of_run(run: Any) -> str | None:
         whole = run.whole_run()
         chain = whole.require_setting().chain
         require_run_of(chain, whole)
-        lines = table(summary_table.rows(summarise(chain, whole)))
+        lines = html_of_summary(summarise(chain, whole))
     except HoldfastError:
         return None
     head = f"<b>{html.escape(text_of(whole))}</b>"

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+import holdfast.robots.urdf.attributes as attributes
 from holdfast.model import checks
-from holdfast.robots.urdf import attributes
 from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
 from holdfast.robots.urdf.planar import taken_apart
 from holdfast.robots.urdf.robot import MOVING, PLANAR, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import holdfast.robots.urdf.attributes as attributes
 from holdfast.errors import SceneError
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Rgba, Shape, Sphere, Visual, Visuals
-from holdfast.robots.urdf import attributes
 from holdfast.robots.urdf.document import Element
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.spatial.pose import Pose

@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from holdfast import outer
 from holdfast.model import checks
 from holdfast.simulation.rollout.systems import RolloutSystems, status_summary
 from holdfast.simulation.trajectory import Trajectory
@@ -91,9 +92,7 @@ class RolloutRecord(Frozen):
         Raises:
             ResultError: the folder has changed since it was opened.
         """
-        from holdfast.io.record_folder import parts_of_record
-
-        return parts_of_record(self)
+        return outer.parts_of_record(self)
 
     def save(self, folder: str | PathLike[str], overwrite: bool = False) -> Path:
         """Write the record as a folder, which `holdfast.io.load_record` reads, and return the folder.
@@ -105,9 +104,7 @@ class RolloutRecord(Frozen):
         Raises:
             ResultError: the folder is in use or cannot be written.
         """
-        from holdfast.io.record_writer import save_record
-
-        return save_record(self, folder, overwrite)
+        return outer.save_record(self, folder, overwrite)
 
     def to_pandas(self) -> Any:
         """Return the record as a pandas DataFrame with one row per system and time, which form its index.
@@ -115,9 +112,7 @@ class RolloutRecord(Frozen):
         Raises:
             MissingExtra: pandas is not installed.
         """
-        from holdfast.io.frames import frame_of_record
-
-        return frame_of_record(self)
+        return outer.frame_of_record(self)
 
     def to_xarray(self) -> Any:
         """Return the record as an xarray Dataset: arrays over `t` and `system`, with joints and arms by name.
@@ -125,9 +120,7 @@ class RolloutRecord(Frozen):
         Raises:
             MissingExtra: xarray is not installed.
         """
-        from holdfast.io.frames import data_set_of_record
-
-        return data_set_of_record(self)
+        return outer.data_set_of_record(self)
 
     def __getitem__(self, name: str) -> Array:
         """Return a recorded array."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast import outer
 from holdfast.progress import of_time, reporting
 from holdfast.simulation.rollout.arguments import common_time, stop_margins, whole_steps
 from holdfast.simulation.rollout.parts import refined
@@ -61,11 +62,7 @@ def recorded_rollout(
     require_recorded(record)
     at, begin = systems.copy(), common_time(systems)
     done = np.minimum(np.arange(0, steps + arguments.every, arguments.every), steps)
-    writer = None
-    if output.folder is not None:
-        from holdfast.io.record_writer import RecordWriter
-
-        writer = RecordWriter(output.folder, arguments, output.overwrite)
+    writer = None if output.folder is None else outer.RecordWriter(output.folder, arguments, output.overwrite)
     waiting: list[tuple[float, dict[str, Array]]] = []  # time, arrays
     last = at
 

@@ -31,7 +31,8 @@ _OUT = sys.intern("out")  # Python interns the names of keywords, so they can be
 
 _TYPE_OFFSET = object.__basicsize__ - 8  # the type is the last field of the header that all objects share
 
-_EXPECTED, _BEGIN, _END = 4, 5, 6  # places in a record, which is an int64 array laid out as %record in `builtin.ll`
+# Places in a record, which is an int64 array laid out as %record in `builtin.ll`.
+_EXPECTED, _BEGIN, _END, _COPY, _SHOWN, _OWN = 4, 5, 6, 12, 13, 14
 
 # Python's flags for the function of each template: METH_FASTCALL | METH_KEYWORDS, or METH_NOARGS.
 _FLAGS = {"call_with_arrays": 0x80 | 0x02, "call_without_arguments": 0x04}
@@ -53,8 +54,8 @@ class Builtin:
 
     Attributes:
         function: `function(x0, x1, ..., *, name=x, ..., out=result)`. With float64 inputs of the right shapes in C
-            order and the expected `result`, it runs the kernel and returns `result`; it passes any other call to the
-            fallback.
+            order and the expected `result`, it runs the kernel and returns `result`; without `out`, it returns what
+            `answer` was told. It passes any other call to the fallback.
     """
 
     def __init__(
@@ -68,8 +69,11 @@ class Builtin:
         doc: str = "",
         names: Sequence[str] = (),
         by_name: int | None = None,
+        largest: Sequence[float] = (),
+        poses: Sequence[bool] = (),
+        finite: int = 0,
     ) -> None:
-        """Make the builtin; until `expect` is called, it passes every call to the fallback.
+        """Make the builtin; until `expect` or `answer` is called, it passes every call to the fallback.
 
         Args:
             run: the address of `i64 run(ptr table)`, which returns 0 for success; otherwise the fallback runs too.
@@ -82,16 +86,25 @@ class Builtin:
             doc: the builtin's docstring.
             names: the names of the last inputs, by which they can be passed.
             by_name: how many of the last inputs are passed by name only; by default all that have names.
+            largest: the largest size of each input's numbers in calls that the builtin answers; by default they are
+                not looked at.
+            poses: whether each input is a pose, whose quaternion must be of unit length.
+            finite: 1 if all results must be finite, 2 if they may be +infinity, 0 if they are not looked at.
         """
         interned, count = tuple(map(sys.intern, names)), len(shapes)
         words = np.array([0] * (count - len(names)) + [id(word) for word in interned], dtype=np.int64)
         placed = count - (len(names) if by_name is None else by_name)
         fixed = [run, table.ctypes.data, id(fallback), id(_OUT), 0, 0, 0, count, id(np.ndarray)]
         sizes = [8 * math.prod(shape) for shape in shapes]
-        of_inputs = [x for s, shape in zip(sizes, shapes, strict=True) for x in (s, len(shape), *shape[:1])]
-        self._record = np.array([*fixed, placed, words.ctypes.data, *of_inputs], dtype=np.int64)
+        bounds = np.array(largest or [-1.0] * count).view(np.int64).tolist()
+        of_inputs = zip(
+            sizes, map(len, shapes), [s[0] if s else 0 for s in shapes], bounds, poses or [0] * count, strict=True
+        )
+        further = [finite, 0, 0, 0, 0, 0]
+        numbers = [*fixed, placed, words.ctypes.data, *further, *(int(x) for one in of_inputs for x in one)]
+        self._record = np.array(numbers, dtype=np.int64)
         self._table, self._inputs = table, count
-        self._results: list[Any] = []
+        self._results, self._answers = list[Any](), list[Any]()
         self._lock = threading.Lock()
         self.function: Callable[..., Any] = fallback
         if _POSSIBLE and count <= _MOST and all(len(shape) in (1, 2) for shape in shapes):
@@ -105,6 +118,7 @@ class Builtin:
                 fallback,
                 _OUT,
                 self._results,
+                self._answers,
                 words,
                 interned,
             )
@@ -128,6 +142,23 @@ class Builtin:
             self._table[self._inputs : self._inputs + len(addresses)] = addresses
             self._record[_EXPECTED] = id(out)
         del before
+
+    def answer(
+        self, table: np.ndarray, memory: np.ndarray, copy: Callable[[], Any], shown: Callable[[Any], Any] | None = None
+    ) -> None:
+        """Let later calls without `out` run in machine code.
+
+        Args:
+            table: as that of the constructor, with the addresses of results in `memory`.
+            memory: the contiguous block to which these calls write. Nobody else may read it.
+            copy: returns a copy of the results; a builtin, so that no other thread runs before it has copied.
+            shown: makes what these calls return of the copy; by default it is returned as it is.
+        """
+        self._answers[:] = table, memory, copy, shown
+        begin = memory.ctypes.data
+        self._record[_OWN : _OWN + 3] = begin, begin + memory.nbytes, table.ctypes.data
+        self._record[_SHOWN] = 0 if shown is None else id(shown)
+        self._record[_COPY] = id(copy)
 
 
 def no_argument_call(run: int, table: np.ndarray, keep: object, name: str = "call", doc: str = "") -> Callable[[], int]:

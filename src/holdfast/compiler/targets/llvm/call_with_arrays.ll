@@ -1,8 +1,9 @@
-; `function(x0, x1, ..., *, name=x, ..., out=result)` runs the kernel on the inputs' buffers; any other call is passed
-; to the fallback. Inputs may be given by place or by name, names in any order.
+; `function(x0, x1, ..., *, name=x, ..., out=result)` runs the kernel on the inputs' buffers and returns `result`; without
+; `out`, it returns what `copy` and `shown` make of memory of its own. Any other call is passed to the fallback. Inputs
+; may be given by place or by name, names in any order.
 ;
 ; Acquiring or releasing a buffer may run Python code, which may call the same builtin. Hence the table is written only
-; after all buffers have been acquired, and no Python code can run between that and the kernel.
+; after all buffers have been acquired, and no Python code can run between that and the kernel, or the copy.
 define ptr @function(ptr %self, ptr %args, i64 %given, ptr %names) {
   %address = call ptr @PyTuple_GetItem(ptr %self, i64 0)
   %record = call ptr @PyLong_AsVoidPtr(ptr %address)
@@ -11,12 +12,18 @@ define ptr @function(ptr %self, ptr %args, i64 %given, ptr %names) {
   %placed.at = getelementptr %record, ptr %record, i64 0, i32 9
   %placed = load i64, ptr %placed.at
   %few = icmp ule i64 %given, %placed
-  %named = icmp ne ptr %names, null
-  %likely = and i1 %few, %named
-  br i1 %likely, label %keyword, label %slow
+  br i1 %few, label %begin, label %slow
+
+begin:
+  %unnamed = icmp eq ptr %names, null
+  br i1 %unnamed, label %keyword, label %named
+
+named:
+  %listed = call i64 @PyTuple_Size(ptr %names)
+  br label %keyword
 
 keyword:
-  %keywords = call i64 @PyTuple_Size(ptr %names)
+  %wanted = phi i64 [ 0, %begin ], [ %listed, %named ]
   %word.at = getelementptr %record, ptr %record, i64 0, i32 3
   %word = load ptr, ptr %word.at
   %array.at = getelementptr %record, ptr %record, i64 0, i32 8
@@ -24,8 +31,11 @@ keyword:
   %words.at = getelementptr %record, ptr %record, i64 0, i32 10
   %words = load ptr, ptr %words.at
   %all = add i64 %count, 1  ; the inputs and `out`
-  %wanted = sub i64 %all, %given
-  %right.keywords = icmp eq i64 %keywords, %wanted
+  %with.out = sub i64 %all, %given
+  %without.out = sub i64 %count, %given
+  %fits.with = icmp eq i64 %wanted, %with.out
+  %fits.without = icmp eq i64 %wanted, %without.out
+  %right.keywords = or i1 %fits.with, %fits.without
   br i1 %right.keywords, label %take, label %slow
 
 take:
@@ -89,11 +99,14 @@ known:
 complete:
   %out.at = getelementptr ptr, ptr %order, i64 %count
   %out = load ptr, ptr %out.at
+  %own = icmp eq ptr %out, null
+  %copy.at = getelementptr %record, ptr %record, i64 0, i32 12
+  %copier = load ptr, ptr %copy.at
+  %copies = icmp ne ptr %copier, null
   %expected.at = getelementptr %record, ptr %record, i64 0, i32 4
   %expected.early = load ptr, ptr %expected.at
   %likely.same = icmp eq ptr %out, %expected.early
-  %there = icmp ne ptr %out, null
-  %worth = and i1 %likely.same, %there
+  %worth = select i1 %own, i1 %copies, i1 %likely.same
   br i1 %worth, label %more, label %slow
 
 more:
@@ -135,11 +148,11 @@ check:
   %misaligned = and i64 %start.number, 7
   %bytes.at = getelementptr %buffer, ptr %view, i64 0, i32 2
   %bytes = load i64, ptr %bytes.at
-  %size.at = getelementptr %record, ptr %record, i64 0, i32 11, i64 %i, i32 0
+  %size.at = getelementptr %record, ptr %record, i64 0, i32 17, i64 %i, i32 0
   %size = load i64, ptr %size.at
-  %axes.at = getelementptr %record, ptr %record, i64 0, i32 11, i64 %i, i32 1
+  %axes.at = getelementptr %record, ptr %record, i64 0, i32 17, i64 %i, i32 1
   %axes = load i64, ptr %axes.at
-  %rows.at = getelementptr %record, ptr %record, i64 0, i32 11, i64 %i, i32 2
+  %rows.at = getelementptr %record, ptr %record, i64 0, i32 17, i64 %i, i32 2
   %rows = load i64, ptr %rows.at
   %ndim.at = getelementptr %buffer, ptr %view, i64 0, i32 5
   %ndim = load i32, ptr %ndim.at
@@ -173,18 +186,30 @@ second:
 
 ready:
   %expected = load ptr, ptr %expected.at
-  %begin.at = getelementptr %record, ptr %record, i64 0, i32 5
-  %begin = load i64, ptr %begin.at
-  %end.at = getelementptr %record, ptr %record, i64 0, i32 6
-  %end = load i64, ptr %end.at
+  %begin.out.at = getelementptr %record, ptr %record, i64 0, i32 5
+  %begin.out = load i64, ptr %begin.out.at
+  %end.out.at = getelementptr %record, ptr %record, i64 0, i32 6
+  %end.out = load i64, ptr %end.out.at
+  %begin.own.at = getelementptr %record, ptr %record, i64 0, i32 14
+  %begin.own = load i64, ptr %begin.own.at
+  %end.own.at = getelementptr %record, ptr %record, i64 0, i32 15
+  %end.own = load i64, ptr %end.own.at
   %run = load ptr, ptr %record
-  %table.at = getelementptr %record, ptr %record, i64 0, i32 1
-  %table = load ptr, ptr %table.at
-  %same = icmp eq ptr %out, %expected
+  %table.out.at = getelementptr %record, ptr %record, i64 0, i32 1
+  %table.out = load ptr, ptr %table.out.at
+  %table.own.at = getelementptr %record, ptr %record, i64 0, i32 16
+  %table.own = load ptr, ptr %table.own.at
+  %begin.memory = select i1 %own, i64 %begin.own, i64 %begin.out
+  %end = select i1 %own, i64 %end.own, i64 %end.out
+  %table = select i1 %own, ptr %table.own, ptr %table.out
+  %finite.at = getelementptr %record, ptr %record, i64 0, i32 11
+  %finite = load i64, ptr %finite.at
+  %same.out = icmp eq ptr %out, %expected
+  %same = or i1 %own, %same.out
   br i1 %same, label %place, label %release
 
 place:
-  %j = phi i64 [ 0, %ready ], [ %j.next, %write ]
+  %j = phi i64 [ 0, %ready ], [ %j.next, %write ], [ %j.next, %pose ], [ %j.next, %quaternion ]
   %j.next = add i64 %j, 1
   %placed.all = icmp eq i64 %j, %count
   br i1 %placed.all, label %compute, label %apart
@@ -195,7 +220,7 @@ apart:
   %length.at = getelementptr %buffer, ptr %input, i64 0, i32 2
   %length = load i64, ptr %length.at
   %to = add i64 %from, %length
-  %before = icmp ule i64 %to, %begin
+  %before = icmp ule i64 %to, %begin.memory
   %behind = icmp uge i64 %from, %end
   %clear = or i1 %before, %behind
   br i1 %clear, label %write, label %release
@@ -203,18 +228,99 @@ apart:
 write:
   %entry = getelementptr i64, ptr %table, i64 %j
   store i64 %from, ptr %entry
-  br label %place
+  %largest.at = getelementptr %record, ptr %record, i64 0, i32 17, i64 %j, i32 3
+  %largest = load double, ptr %largest.at
+  %checked = fcmp oge double %largest, 0.0
+  br i1 %checked, label %numbers, label %place
+
+numbers:  ; all are at most the largest in size, which no NaN is
+  %source = inttoptr i64 %from to ptr
+  %numbers.all = lshr i64 %length, 3
+  br label %number
+
+number:
+  %k = phi i64 [ 0, %numbers ], [ %k.next, %sound ]
+  %k.next = add i64 %k, 1
+  %checked.all = icmp eq i64 %k, %numbers.all
+  br i1 %checked.all, label %pose, label %measure
+
+measure:
+  %number.at = getelementptr double, ptr %source, i64 %k
+  %number.here = load double, ptr %number.at
+  %absolute = call double @llvm.fabs.f64(double %number.here)
+  %within = fcmp ole double %absolute, %largest
+  br i1 %within, label %sound, label %release
+
+sound:
+  br label %number
+
+pose:
+  %pose.at = getelementptr %record, ptr %record, i64 0, i32 17, i64 %j, i32 4
+  %is.pose = load i64, ptr %pose.at
+  %posed = icmp ne i64 %is.pose, 0
+  br i1 %posed, label %quaternion, label %place
+
+quaternion:
+  %four = load <4 x double>, ptr %source, align 8
+  %squares = fmul <4 x double> %four, %four
+  %square = call double @llvm.vector.reduce.fadd.v4f64(double 0.0, <4 x double> %squares)
+  %off = fsub double %square, 1.0
+  %off.size = call double @llvm.fabs.f64(double %off)
+  %unit = fcmp ole double %off.size, 1.9e-6  ; stricter than the fallback, which decides
+  br i1 %unit, label %place, label %release
 
 compute:
   %status = call i64 %run(ptr %table)
   %well = icmp eq i64 %status, 0
+  br i1 %well, label %judge, label %release
+
+judge:
+  %unjudged = icmp eq i64 %finite, 0
+  br i1 %unjudged, label %answer, label %results
+
+results:
+  %results.first = inttoptr i64 %begin.memory to ptr
+  %results.bytes = sub i64 %end, %begin.memory
+  %results.all = lshr i64 %results.bytes, 3
+  %unlimited = icmp eq i64 %finite, 2
+  br label %result
+
+result:
+  %r = phi i64 [ 0, %results ], [ %r.next, %good ]
+  %r.next = add i64 %r, 1
+  %judged.all = icmp eq i64 %r, %results.all
+  br i1 %judged.all, label %answer, label %one
+
+one:
+  %result.at = getelementptr double, ptr %results.first, i64 %r
+  %result.here = load double, ptr %result.at
+  %difference = fsub double %result.here, %result.here
+  %is.finite = fcmp oeq double %difference, 0.0
+  %is.above = fcmp oeq double %result.here, 0x7FF0000000000000
+  %may.be = and i1 %is.above, %unlimited
+  %is.good = or i1 %is.finite, %may.be
+  br i1 %is.good, label %good, label %release
+
+good:
+  br label %result
+
+answer:
+  br i1 %own, label %duplicate, label %release
+
+duplicate:
+  %duplicated = call ptr @PyObject_CallNoArgs(ptr %copier)
   br label %release
 
 release:
   %done = phi i1 [ false, %next ], [ false, %other ], [ false, %refused ], [ false, %check ], [ false, %first ], [ false, %second ],
-                 [ false, %ready ], [ false, %apart ], [ %well, %compute ]
+                 [ false, %ready ], [ false, %apart ], [ false, %measure ], [ false, %quaternion ], [ false, %compute ], [ false, %one ],
+                 [ true, %answer ], [ true, %duplicate ]
   %held = phi i64 [ %i, %next ], [ %i, %other ], [ %i, %refused ], [ %i.next, %check ], [ %i.next, %first ], [ %i.next, %second ],
-                  [ %count, %ready ], [ %count, %apart ], [ %count, %compute ]
+                  [ %count, %ready ], [ %count, %apart ], [ %count, %measure ], [ %count, %quaternion ], [ %count, %compute ], [ %count, %one ],
+                  [ %count, %answer ], [ %count, %duplicate ]
+  %found.own = phi ptr [ null, %next ], [ null, %other ], [ null, %refused ], [ null, %check ], [ null, %first ], [ null, %second ],
+                       [ null, %ready ], [ null, %apart ], [ null, %measure ], [ null, %quaternion ], [ null, %compute ], [ null, %one ],
+                       [ null, %answer ], [ %duplicated, %duplicate ]
   br label %drop
 
 drop:
@@ -232,8 +338,29 @@ finish:
   br i1 %done, label %return, label %slow
 
 return:
+  br i1 %own, label %made, label %given.back
+
+given.back:
   call void @Py_IncRef(ptr %out)
   ret ptr %out
+
+made:
+  %shown.at = getelementptr %record, ptr %record, i64 0, i32 13
+  %shown = load ptr, ptr %shown.at
+  %plain.copy = icmp eq ptr %shown, null
+  %nothing = icmp eq ptr %found.own, null
+  %as.it.is = or i1 %plain.copy, %nothing
+  br i1 %as.it.is, label %handed, label %show
+
+handed:
+  ret ptr %found.own
+
+show:
+  %argument = alloca ptr, align 8
+  store ptr %found.own, ptr %argument
+  %shown.of = call ptr @PyObject_Vectorcall(ptr %shown, ptr %argument, i64 1, ptr null)
+  call void @Py_DecRef(ptr %found.own)
+  ret ptr %shown.of
 
 slow:
   %fallback.at = getelementptr %record, ptr %record, i64 0, i32 2
@@ -241,3 +368,6 @@ slow:
   %found = call ptr @PyObject_Vectorcall(ptr %fallback, ptr %args, i64 %given, ptr %names)
   ret ptr %found
 }
+
+declare double @llvm.fabs.f64(double)
+declare double @llvm.vector.reduce.fadd.v4f64(double, <4 x double>)

@@ -1,0 +1,33 @@
+"""Functions of outer rooms that methods of the core call: `run.save`, `run.page`, `HeldObject.from_mesh` ...
+
+The core imports no file format and no screen. Its methods call these functions as attributes of this module, such as
+`outer.save_run(run, folder)`, which imports the module that defines them.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_MODULES = {
+    "codegen.export": ("export_c",),
+    "interop.mcap_writer": ("write_mcap",),
+    "io.export": ("export_csv", "export_parquet"),
+    "io.frames": ("data_set_of_record", "data_set_of_run", "frame_of_record", "frame_of_run"),
+    "io.record_folder": ("parts_of_record",),
+    "io.record_writer": ("RecordWriter", "save_record"),
+    "io.save_run": ("AppendedRun", "save_run"),
+    "robots.mesh_files.solid": ("held_object_from_mesh",),
+    "robots.recognise": ("home_of",),
+    "robots.urdf.held_object": ("held_object_from_urdf",),
+    "view.chain_diagram": ("chain_diagram",),
+    "view.inline": ("Figures", "html_of_run", "html_of_summary", "shown"),
+    "view.page": ("export_page", "page"),
+    "view.playback": ("playback_of_run",),
+    "view.plots": ("figures",),
+}
+MODULE_OF = {name: f"holdfast.{module}" for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(MODULE_OF[name]), name)

@@ -1,0 +1,162 @@
+"""A whole run: the document's form, and what it says about peers that are not here."""
+
+import json
+import sys
+
+import pytest
+from benchmarks.bench import acceptance, peers, tables
+from benchmarks.bench.entries import ACCURATE
+from benchmarks.bench.run import run
+
+from tests.benchmarks.tiny import TINY, tiny_document
+
+SCHEMA = {
+    "document": "format mode accuracy rounds machine peers systems batches rollouts trunks derivatives growth compile"
+    " bars",
+    "machine": "processor cores lanes features system python versions",
+    "system": "name arms joints states operations entries skipped",
+    "entry": "name library note floor microseconds lower_quartile upper_quartile error wrench_error accurate ratios",
+    "batch": "size microseconds lower_quartile upper_quartile error ratios",
+    "stepping": "name library note microseconds lower_quartile upper_quartile steps_per_second gap ratios",
+    "trunk": "name operations call bound batch peers",
+    "on a trunk": "name library note microseconds lower_quartile upper_quartile error wrench_error ratios",
+    "derivative": "system what way library note microseconds lower_quartile upper_quartile error ratios",
+    "growth": "larger smaller ratio",
+    "compile": "system cold cached",
+    "bar": "what sense goal value met note",
+}
+
+
+@pytest.mark.slow
+def test_schema():
+    """The document has these keys and no others; another program may rely on them."""
+    document = tiny_document()
+    rows = {
+        "document": [document],
+        "machine": [document["machine"]],
+        "system": document["systems"],
+        "entry": [entry for record in document["systems"] for entry in record["entries"]],
+        "batch": document["batches"]["sizes"],
+        "stepping": document["rollouts"]["entries"],
+        "trunk": document["trunks"],
+        "on a trunk": [row for r in document["trunks"] for row in (r["call"], r["bound"], r["batch"], *r["peers"])],
+        "derivative": document["derivatives"],
+        "growth": document["growth"],
+        "compile": document["compile"],
+        "bar": document["bars"],
+    }
+    for kind, keys in SCHEMA.items():
+        assert rows[kind], kind
+        for row in rows[kind]:
+            assert list(row) == keys.split(), kind
+    assert document["format"] == 1
+
+
+@pytest.mark.slow
+def test_is_plain_json():
+    """Nothing of NumPy, nothing that JSON does not know."""
+    document = tiny_document()
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+
+
+@pytest.mark.slow
+def test_ours_is_accurate():
+    """Machine code, bound, batched: the peers' answers."""
+    document = tiny_document()
+    ours = [e for record in document["systems"] for e in record["entries"] if e["library"] == "holdfast"]
+    assert all(entry["accurate"] and entry["wrench_error"] <= 1e-9 for entry in ours)
+    assert all(row["error"] <= 1e-9 for row in document["batches"]["sizes"])
+    agreement = document["bars"][-1]
+    assert agreement["met"] is True
+
+
+@pytest.mark.slow
+def test_trunks():
+    """On three joints and on a floating base: Pinocchio's answers, one call or many; beside ours without a trunk."""
+    for record in tiny_document()["trunks"]:
+        (peer,) = record["peers"]
+        assert peer["name"] == "constraintDynamics, free" and peer["ratios"].keys() == {"call", "bound", "batch"}
+        for ours in (record["call"], record["bound"], record["batch"]):
+            assert ours["error"] <= ACCURATE and ours["wrench_error"] <= ACCURATE
+            assert ours["ratios"].keys() == {"2 x 7"}
+
+
+@pytest.mark.slow
+def test_derivatives():
+    """Products and the matrix, bound, called and in a batch, as exact as the reference; Pinocchio's over ours."""
+    rows = {(row["library"], row["what"], row["way"]): row for row in tiny_document()["derivatives"]}
+    ways = [("VJP", "bound"), ("VJP", "batch"), ("JVP", "bound"), ("JVP", "batch")]
+    ways += [("Jacobian", way) for way in ("call", "bound", "batch")]
+    for what, way in ways:
+        row = rows["holdfast", what, way]
+        assert row["error"] <= 1e-11 and [*row["ratios"]] == [f"forward dynamics, {way}"]
+    theirs = rows["pinocchio", "Jacobian", "call"]
+    assert theirs["error"] <= ACCURATE
+    assert theirs["ratios"].keys() == {f"Jacobian, {way}" for way in ("call", "bound", "batch")}
+    table = tables.derivatives(tiny_document())
+    assert len(table.rows) == len(rows) and {len(row) for row in table.rows} == {len(table.header)}
+
+
+@pytest.mark.slow
+def test_rollouts():
+    """Every scheme and rival; ours close their grasps, MuJoCo's are soft; the checks are read from the fastest."""
+    document = tiny_document()
+    rows = {row["name"]: row for row in document["rollouts"]["entries"]}
+    assert {"rk4, 4 systems", "midpoint, 4 systems", "mj_step, Euler, default welds"} <= rows.keys()
+    assert all((row["gap"] <= 1e-12) == (row["library"] == "holdfast") for row in rows.values())
+    assert rows["rk4, 4 systems"]["ratios"]["rk4, 4 systems"] == 1.0
+    found = {check["what"]: check for check in document["bars"]}
+    check = found["2 x 7, rollouts by RK4: steps a second, one thread"]
+    assert check["value"] == rows["rk4, 4 systems"]["steps_per_second"]
+    assert "mj_step, Euler" in found["2 x 7, a step by RK4: fastest mj_step by Euler / ours"]["note"]
+
+
+@pytest.mark.slow
+def test_checks_not_measured():
+    """A check whose system was not run has no value and is neither met nor missed."""
+    found = {check["what"]: check for check in tiny_document()["bars"]}
+    assert found["64 x 7: lcaba / ours"]["value"] is None
+    assert found["64 x 7: lcaba / ours"]["met"] is None
+    assert isinstance(found["2 x 7: operations"]["met"], bool)
+    assert len(found) == len(acceptance.CHECKS)
+
+
+@pytest.mark.long
+def test_absent_peers_are_named(monkeypatch):
+    """Without the other libraries the run goes on and says what it misses, and how to get it."""
+
+    for peer in ("pinocchio", "mujoco"):
+        monkeypatch.setitem(sys.modules, peer, None)  # importing it now raises ImportError
+    document = run(TINY)
+    assert set(document["peers"]) == {"pinocchio", "mujoco"}
+    for name, package in (("pinocchio", "pin"), ("mujoco", "mujoco-core")):
+        reason = document["peers"][name]["absent"]
+        assert name in reason
+        assert reason.endswith(f"; try pip install {package}")
+    assert {e["library"] for record in document["systems"] for e in record["entries"]} == {"holdfast"}
+    assert [line.split(":")[0] for line in tables.absences(document)] == ["pinocchio", "mujoco"]
+    rivals = [check for check in document["bars"] if "Pinocchio" in check["what"] or "mj_forward" in check["what"]]
+    assert rivals
+    assert all(check["met"] is None for check in rivals)
+
+
+def test_a_module_of_another_kind(monkeypatch):
+    """A package that only shares the name is no peer."""
+    monkeypatch.setitem(sys.modules, "mujoco", json)
+    assert "has no mj_forward" in peers.found()["mujoco"]["absent"]
+
+
+@pytest.mark.parametrize("library", ["pinocchio", "mujoco"])
+def test_fastest(library):
+    """The fastest accurate way counts; where none is accurate, the fastest of all; floors never."""
+
+    def entry(name, ratio, accurate, floor=False):
+        ratios = {"forward_dynamics": ratio}
+        return {"library": library, "name": name, "ratios": ratios, "accurate": accurate, "floor": floor}
+
+    rough, exact, floor = entry("rough", 1.0, False), entry("exact", 3.0, True), entry("floor", 0.1, False, True)
+    slower = entry("exact, slower", 4.0, True)
+    assert acceptance.fastest({"entries": [rough, slower, exact, floor]}, library) is exact
+    assert acceptance.fastest({"entries": [rough, floor]}, library) is rough
+    assert acceptance.fastest({"entries": [floor]}, library) is None
+    assert acceptance.fastest({"entries": [slower, exact, rough]}, library, "rough") is rough
