@@ -253,7 +253,7 @@ def test_bound_calls_refuse_what_they_do_not_know():
         bound.set(q=np.zeros((2, of.p.chain.joint_count)))
     with pytest.raises(hf.StateError, match="no parameter 'tau'"):
         bound.set(tau=1.0)
-    with pytest.raises(AttributeError, match="no derivative 'qd'; there are q"):
+    with pytest.raises(AttributeError, match=r"no derivative 'qd'\. Did you mean 'q'"):
         _ = bound.found.qd
     gravity = np.array([0.0, 1.0, 2.0])
     bound.set(gravity=gravity, object_pose=of.p.state.object_pose)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from inspect import Parameter
 from os import PathLike
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -51,7 +53,6 @@ class Function(Differentiated):
         compiled: the compiled chain.
         chain: the chain.
         externals: the arrays that the machine code reads and writes, by name.
-        calls: the calls of the machine code.
         has_status: whether every system has a status, because its equations may have no solution.
     """
 
@@ -72,7 +73,7 @@ class Function(Differentiated):
         request: Request | None = None,
         options: Options | None = None,
     ) -> None:
-        """Make the machine code, or load it from the cache.
+        """Store what is computed; the machine code is made when it is first needed.
 
         Args:
             compiled: the compiled chain.
@@ -82,23 +83,26 @@ class Function(Differentiated):
         """
         self.compiled, self.chain, self.question, self.request = compiled, compiled.chain, question, request
         self._options = options or compiled.options
-        with compiling(self.chain, self.name, compiled.progress):
-            self.computation = made = computation_of(question, request, self.chain, self._options)
-            self.externals, self.has_status = dict(made.externals), made.has_status
-            code = kernel(made.name, made.structure, self.externals, made.schedule)
-        self._inputs = given = (*made.inputs, *made.by_name)
-        own = parameters_of(self.chain, compiled.generic_rank) | dict(made.fixed)
-        self.calls = Calls(code, {name: x for name, x in own.items() if name not in given})
+        self.computation = made = computation_of(question, request, self.chain, self._options)
+        self.externals, self.has_status = dict(made.externals), made.has_status
+        self._inputs = (*made.inputs, *made.by_name)
         self._show = question.shown(self.chain)
         self._rank, self._largest = compiled.generic_rank, largest_positions(self.chain)
         self._ranks = {name: len(e.shape) for name, e in self.externals.items()}
-        self._builtin = self._made_builtin(given)
-        # The builtin runs calls that repeat `out`, or have none, in machine code; it passes all others to `_checked`.
-        type(self).__call__ = self._builtin.function  # type: ignore[method-assign]
 
-    def _made_builtin(self, given: tuple[str, ...]) -> Builtin:
-        """Return the builtin that answers plain calls, of the inputs in order and by name."""
-        made, question, code = self.computation, self.question, self.calls.kernel
+    @cached_property
+    def calls(self) -> Calls:
+        """The calls of the machine code, which is made or loaded when they are first needed."""
+        made = self.computation
+        with compiling(self.chain, self.name, self.compiled.progress):
+            code = kernel(made.name, made.structure, self.externals, made.schedule)
+        own = parameters_of(self.chain, self._rank) | dict(made.fixed)
+        return Calls(code, {name: x for name, x in own.items() if name not in self._inputs})
+
+    @cached_property
+    def _builtin(self) -> Builtin:
+        """The builtin that answers plain calls, of the inputs in order and by name."""
+        made, question, code, given = self.computation, self.question, self.calls.kernel, self._inputs
         first = given if tuple(self.externals)[: len(given)] == given else made.inputs
         own = self._own = self.results(None)
         builtin = Builtin(
@@ -135,6 +139,15 @@ class Function(Differentiated):
         """Return the question and the chain."""
         return f"<{self.name} of {self.chain!r}>"
 
+    @property
+    def __signature__(self) -> inspect.Signature:
+        """The parameters of a call, for completion and help."""
+        by_name = [Parameter("out", Parameter.KEYWORD_ONLY, default=None)]
+        by_name += [Parameter("threads", Parameter.KEYWORD_ONLY, default=1)]
+        names = [name.removeprefix(WITH) for name in self.computation.inputs]
+        given = [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names]
+        return inspect.Signature([*given, *by_name, Parameter("parameters", Parameter.VAR_KEYWORD)])
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to unpickle the function: its machine code is loaded from the cache or made again."""
         return Function, (self.compiled, self.question, self.request, self._options)
@@ -153,7 +166,9 @@ class Function(Differentiated):
             StateError: A name, shape or number is wrong, or the question has no answer.
             SingularChainError: The configuration of a single system is singular.
         """
-        raise AssertionError("every function has a class of its own")
+        # The builtin runs calls that repeat `out`, or have none, in machine code; it passes all others to `_checked`.
+        type(self).__call__ = self._builtin.function  # type: ignore[method-assign]
+        return self(*given, out=out, threads=threads, **parameters)
 
     def _checked(self, *given: Any, out: Any = None, threads: int = 1, **parameters: Any) -> Any:
         """Answer the calls that the builtin does not."""
