@@ -10,8 +10,11 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo style test test-slow test-portable acceptance fuzz million lint counts capabilities bench drift pictures robots docs clean
 
-demo: $(VENV)/.plot
+demo: $(VENV)/.demo
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
+	$(BIN)/holdfast view results/two_pandas --export results/two_pandas.html --overwrite
+	@echo "see the arms move: open $(CURDIR)/results/two_pandas.html in a browser, for example by"
+	@echo "$(BIN)/python -m webbrowser 'file://$(CURDIR)/results/two_pandas.html'"
 
 # Machine code for tests is compiled quickly: the same bits, in half the time. The other targets compile it in full.
 # Types are checked meanwhile, which takes one processor the better part of a minute.
@@ -59,11 +62,13 @@ counts: $(VENV)/.dev
 capabilities: $(VENV)/.dev
 	HOLDFAST_COMPILE=quick $(BIN)/python -m tests.capabilities.page --write docs/coverage.md
 
-# Speed against other libraries, into docs/benchmarks.md and the README (minutes; leave the machine alone meanwhile).
+# Speed against other libraries, into docs/benchmarks.md and the README, and the cost of a step of `simulate` into
+# docs/limitations.md (minutes; leave the machine alone meanwhile).
 bench: $(VENV)/.bench
 	mkdir -p results
 	$(BIN)/python -m benchmarks.bench --json > results/bench.json
 	$(BIN)/python benchmarks/write_benchmarks.py results/bench.json
+	$(BIN)/python benchmarks/simulation_cost.py --write docs/limitations.md
 
 # Closure error against time, beside Pinocchio and MuJoCo, into docs/drift.md (minutes).
 drift: $(VENV)/.bench
@@ -87,15 +92,15 @@ $(VENV)/.docs: pyproject.toml
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[docs]"
 	touch $@
 
-$(VENV)/.plot: pyproject.toml
+$(VENV)/.demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[plot]"
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[plot,view]"
 	touch $@
 
 $(VENV)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[plot,dev]"
-	touch $@ $(VENV)/.plot
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[plot,view,dev]"
+	touch $@ $(VENV)/.demo
 
 $(VENV)/.bench: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -12,28 +12,31 @@ README_SIZES = ("2 x 7", "4 x 7", "16 x 7", "64 x 7", "2 x 24", "2 x 96")
 BEGIN, END = "<!-- bench:begin -->", "<!-- bench:end -->"
 
 RULES = """\
-Arms hold one 3 kg box rigidly, hands on a circle. Seven joints: the Franka Panda with drive inertia; other numbers:
-its joints in turn, the arm as long in all, links lighter outward. Each system is in 32 random closed states (8 from 64
-arms on) with consistent velocities and random torques, taken in turn. Everyone gets the same model, one process, one
-thread, and is called from Python.
+Arms hold one 3 kg box rigidly, with their hands on a circle. Arms with seven joints are Franka Pandas with drive
+inertia; other numbers of joints repeat the Panda's joints in turn, with the same total length and lighter links
+further out. Each system is evaluated in 32 random closed states (8 from 64 arms on) with consistent velocities and
+random torques. All libraries get the same model, one process and one thread, and are called from Python.
 
-* Answers are compared before and after the timing. Taken as exact are those of Pinocchio's `constraintDynamics` with a
-  free object (without Pinocchio: of holdfast's own equations on NumPy). Within 1e-9 counts as accurate.
-* All entries of a system take turns in rounds, in changing order; ratios are medians over rounds. Where Pinocchio's
-  data takes hundreds of megabytes, its forms take turns with ours one at a time.
-* Pinocchio: constraints in a `StdVec`, data made once, joint models for coordinate axes. *free*: the object is a free
-  body, a weld per arm. *tree*: the object is part of the first arm's hand, whose grasp wrench is then not computed.
-  `lcaba` keeps state between calls: its mu and iterations are chosen per system as the fastest that stay accurate call
-  after call. `constrainedABA` and `pv`, in C++ only, are not here. `aba` without any grasp is a floor.
+* Results are compared before and after the timing. The reference values are those of Pinocchio's `constraintDynamics`
+  with a free object (without Pinocchio: of holdfast's equations on NumPy). Agreement within 1e-9 counts as accurate.
+* All entries of a system are timed in alternating rounds, in changing order; ratios are medians over rounds. Where
+  Pinocchio's data take hundreds of megabytes, its variants alternate with ours one at a time.
+* Pinocchio: constraints in a `StdVec`, data created once, joint models for coordinate axes. *free*: the object is a
+  free body with one weld per arm. *tree*: the object is part of the first arm's hand, whose grasp wrench is then not
+  computed. `lcaba` keeps state between calls: for each system, its mu and number of iterations are the fastest that
+  stay accurate call after call. `constrainedABA` and `pv` exist in C++ only and are not included. `aba` without any
+  grasp is a lower bound.
 * On a trunk: two Pandas on a torso of three joints, or on a floating base, with their box between the hands.
-  Pinocchio's model has the same trunk; ours without one takes turns with both.
-* Derivatives include forward dynamics and stand over it alone, from the same rounds. Pinocchio's matrices are by all of
-  its coordinates, the object's included; its Python call returns them as new arrays.
-* MuJoCo: no geoms, islands off, the hardest weld it accepts; the fastest solver counts. Its welds are soft by design.
-* `forward_dynamics` is the checked call with five arrays and a re-used result; `bind` is tied to each state's arrays
-  and only called; *copying* has one bound call and copies the arrays into it. All return every grasp wrench and the
-  object's acceleration. Our machine code is made for the arms at hand, for the seconds given at the end; the peers'
-  code serves every model.
+  Pinocchio's model has the same trunk; our system without a trunk alternates with both.
+* Times of derivatives include forward dynamics, and are given relative to it, from the same rounds. Pinocchio's
+  matrices are with respect to all of its coordinates, the object's included; its Python call returns them as new
+  arrays.
+* MuJoCo: no geoms, islands off, the stiffest weld it accepts; the fastest solver counts. Its welds are soft by
+  design.
+* `forward_dynamics` is the checked call with five arrays and a re-used result; `bind` is bound to the arrays of each
+  state; *copying* has one bound call and copies the arrays into it. All return every grasp wrench and the object's
+  acceleration. Our code is compiled for the model at hand, which takes the seconds listed at the end; the other
+  libraries' code serves every model.
 """
 
 

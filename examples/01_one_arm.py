@@ -1,4 +1,4 @@
-"""One arm holds a box still, then its drives go off: the force at the hand is m (a - g), before and after."""
+"""One arm holds a box still, then its motors are switched off: the force at the hand is m (a - g), before and after."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OFF = 0.1  # when the drives go off [s]
 
 
 def main(out: Path = OUT) -> dict[str, float]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     # A UR5e that stands at the world's origin holds a 2 kg box by its lower face; z of the grasp points into the box.
     box = hf.HeldObject.box(mass=2.0, x=0.2, y=0.2, z=0.2)
     grasp = hf.Grasp("rigid", hf.Pose.translation(0, 0, -0.1))
@@ -38,8 +38,8 @@ def main(out: Path = OUT) -> dict[str, float]:
     draw(out, run.t, force, newton)
 
     print(f"force at the hand, holding still: {np.round(still['arm'].grasp_wrench[3:], 3) + 0.0} N; the box weighs")
-    print(f"    {weight[2]:.3f} N; the shoulder lift joint bears {holding[1]:.1f} N m")
-    print(f"just after the drives went off: {np.linalg.norm(force[run.t > OFF][0]):.2f} N")
+    print(f"    {weight[2]:.3f} N; the torque of the shoulder lift joint is {holding[1]:.1f} N m")
+    print(f"just after the motors are switched off: {np.linalg.norm(force[run.t > OFF][0]):.2f} N")
     print(f"largest |f - m (a - g)| of the whole run: {np.abs(force - newton).max():.1e} N")
     return {
         "weight": float(weight[2]),

@@ -1,4 +1,4 @@
-"""Two arms carry one box along a path: the loop they form stays closed to rounding, step after step."""
+"""Two arms carry one box along a path: the loop they form stays closed to rounding error at every step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OUT = Path(__file__).parent / "out"
 
 
 def main(out: Path = OUT) -> dict[str, float]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     # Two Pandas 1.1 m apart face each other (poses: quaternion wxyz, then position) and hold a 3 kg box.
     arms = {"left": panda([1, 0, 0, 0, -0.55, 0, 0]), "right": panda([0, 0, 0, 1, 0.55, 0, 0])}
     box = hf.HeldObject.box(mass=3.0, x=0.3, y=0.2, z=0.2)
@@ -40,7 +40,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     miss = float(np.linalg.norm(run.object_pose[-1, 4:] - goal.p))
     gap = float(run.position_gap[:, 1].max())
     draw(out, chain, run)
-    print(f"the box ends {1e3 * miss:.4f} mm from its goal; the grasps' gap was never over {gap:.1e} m")
+    print(f"the box ends {1e3 * miss:.4f} mm from its goal; the closure error stays below {gap:.1e} m")
     return {
         "mobility": assembly.report.mobility,
         "miss": miss,

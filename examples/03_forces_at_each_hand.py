@@ -1,4 +1,4 @@
-"""The force at each hand while two arms lift a box and squeeze it: together the weight and m a, and the squeeze."""
+"""The force at each hand while two arms lift a box: the motion part adds up to m (a - g), the internal part to zero."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SQUEEZE = 30.0  # N
 
 
 def main(out: Path = OUT) -> dict[str, float]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     arms = {"left": iiwa14([1, 0, 0, 0, -0.7, 0, 0]), "right": iiwa14([0, 0, 0, 1, 0.7, 0, 0])}
     box = hf.HeldObject.box(mass=5.0, x=0.3, y=0.3, z=0.2)
     grasps = {
@@ -34,7 +34,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     newton = box.mass * (run.object_acceleration[:, 3:] - chain.gravity)
     error = float(np.abs(force.sum(axis=1) - newton).max())
 
-    # Part of it moves the box, the rest squeezes it. The squeeze is the part that adds up to nothing.
+    # The motion part moves the box; the internal part only loads it, and adds up to zero.
     internal = run.internal_wrench[..., 3:]
 
     figure = grasp_wrench_figure(chain, run)
@@ -42,7 +42,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     figure.savefig(out / "03_forces_at_each_hand.png", dpi=DPI)
 
     print(f"at rest, left hand: {np.round(force[0, 0], 2) + 0.0} N, right hand: {np.round(force[0, 1], 2) + 0.0} N")
-    print(f"largest at one hand: {np.linalg.norm(force, axis=2).max():.2f} N; the squeeze: {internal[0, 0, 0]:.2f} N")
+    print(f"largest at one hand: {np.linalg.norm(force, axis=2).max():.2f} N, internally {internal[0, 0, 0]:.2f} N")
     print(f"largest |sum of forces - m (a - g)|: {error:.1e} N")
     return {
         "weight": float(-box.mass * chain.gravity[2]),

@@ -1,4 +1,4 @@
-"""Who carries how much of a box whose mass centre is not in the middle: the law of the lever, and half of it.
+"""Who carries how much of a box whose centre of mass is off the middle: the law of the lever, and half of it.
 
 Two ball grasps on a line share a load as the lever says, 1/2 +- c / (2 d). Rigid hands bear moments too, and the
 smallest wrenches that do it (moments counted at the length d) take half of the unequal part by them: 1/2 +- c / (4 d).
@@ -22,7 +22,7 @@ HALF = 0.15  # d: from the box's middle to each hand [m]
 
 
 def main(out: Path = OUT) -> dict[str, np.ndarray]:
-    """Return the figures that this example prints; shares are (mass centres, arms)."""
+    """Return the numbers that this example prints; shares are (mass centres, arms)."""
     arms = {"left": panda([1, 0, 0, 0, -0.55, 0, 0]), "right": panda([0, 0, 0, 1, 0.55, 0, 0])}
     box = hf.HeldObject.box(mass=3.0, x=2 * HALF, y=0.2, z=0.2)
     contacts = {

@@ -22,7 +22,7 @@ DURATION = 0.5  # s
 
 
 def main(out: Path = OUT) -> dict[str, float]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     hand = three_finger_hand(mass=0.15, radius=0.035)
     chain, state = hf.assemble(*hand)
 

@@ -1,4 +1,4 @@
-"""One arm carries a box to another, which grips it in motion: the impulses at both hands, and nothing lost."""
+"""One arm carries a box to another, which grips it in motion: the impulses at both hands, and the momentum balance."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MEETING, GRIP, LET_GO, END = [1, 0, 0, 0, 0, 0, 0.6], 0.4, 0.5, 0.8  # wxyz_xyz;
 
 
 def main(out: Path = OUT) -> dict[str, float | str]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     arms = {"left": panda([1, 0, 0, 0, -0.55, 0, 0]), "right": panda([0, 0, 0, 1, 0.55, 0, 0])}
     box = hf.HeldObject.box(mass=2.0, x=0.2, y=0.2, z=0.2)
     left = hf.Grasp("rigid", hf.contact_frame([-0.1, 0, 0], into=[1, 0, 0]))

@@ -1,4 +1,4 @@
-"""A Stewart platform that tilts: six legs, none of which could hold anything alone, and the force of every drive."""
+"""A Stewart platform that tilts: six legs, none of which could carry the platform alone, and the actuator forces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MIRRORED = ((0, 1), (2, 5), (3, 4))  # legs that mirror each other in the plane 
 
 
 def main(out: Path = OUT) -> dict[str, float]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     # Every leg is an arm of two passive joints and a drive; balls join the legs to the 20 kg platform.
     platform = stewart_platform(payload=20.0)
     chain, level = hf.assemble(*platform)
@@ -47,7 +47,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     draw(out, np.rad2deg(angles), force)
     diagnosis = hf.diagnose(chain, level)
     print(diagnosis.report())
-    print(f"force of every drive where it is level: {force[len(angles) // 2, 0]:.2f} N; most: {force.max():.2f} N")
+    print(f"force of every actuator when level: {force[len(angles) // 2, 0]:.2f} N; most: {force.max():.2f} N")
     print(f"nothing moves: largest acceleration and passive torque {max(residuals):.1e}")
     return {
         "mobility": diagnosis.mobility,

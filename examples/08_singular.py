@@ -1,4 +1,4 @@
-"""A parallelogram linkage folds flat: right up to there it is solved, there it is refused, and the words say why."""
+"""A parallelogram linkage folds flat: solved up to that point, refused there, with an explanation."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def at(angle: float) -> hf.State:
 
 
 def main(out: Path = OUT) -> dict[str, object]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     chain = linkage()
     angles = np.geomspace(1.0, 1e-4, 9)
     found = [hf.forward_dynamics(chain, at(angle), np.zeros(2)) for angle in angles]

@@ -1,4 +1,4 @@
-"""A million states of two arms with a box: what can they do with a tenth of their drives' strength to spare?"""
+"""A million states of two arms with a box: what can they do with a tenth of their torque limits in reserve?"""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EACH = 16_384  # states in a batch: one configuration, its own velocity and torq
 
 
 def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     arms = {"left": iiwa14([1, 0, 0, 0, -0.7, 0, 0]), "right": iiwa14([0, 0, 0, 1, 0.7, 0, 0])}
     box = hf.HeldObject.box(mass=5.0, x=0.3, y=0.3, z=0.2)
     grasps = {
@@ -31,7 +31,7 @@ def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
     random = np.random.default_rng(1)
     strength = np.array([joint.effort_limit for arm in chain.arms.values() for joint in arm.joints])
 
-    up, hand, seconds, sound, error, differs = [], [], 0.0, 0, 0.0, 0.0
+    up, hand, seconds, valid, error, differs = [], [], 0.0, 0, 0.0, 0.0
     for _ in range(batches):
         # A configuration: the box somewhere near the middle. Velocities that keep the grasps closed, 0.3 rad/s or so.
         pose = middle.object_pose + np.r_[np.zeros(4), random.uniform(-0.05, 0.05, 3)]
@@ -52,18 +52,18 @@ def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
         last = hf.State(state.q, velocity[-1, :14], state.object_pose, velocity[-1, 14:])
         reference = hf.forward_dynamics(chain, last, tau[-1])
         differs = max(differs, float(np.abs(found.qdd[-1] / reference.qdd - 1.0).max()))
-        sound += int((found.status == hf.dynamics.Status.OK).sum())
+        valid += int((found.status == hf.dynamics.Status.OK).sum())
         up.append(found.object_acceleration[:, 5])
         hand.append(np.linalg.norm(force[:, 0], axis=1))
 
     states, upward, felt = batches * EACH, np.concatenate(up), np.concatenate(hand)
     draw(out, upward, felt)
-    print(f"{states:,} states, {sound:,} of them fine: {seconds:.2f} s, {states / seconds / 1e6:.2f} million a second")
+    print(f"{states:,} states, {valid:,} of them valid: {seconds:.2f} s, {states / seconds / 1e6:.2f} million a second")
     print(f"the box accelerates upward by {np.quantile(upward, 0.99):.2f} m/s^2 or more in 1 % of them")
-    print(f"and the left hand feels {np.quantile(felt, 0.99):.0f} N or more; |sum f - m (a - g)| <= {error:.1e} N")
+    print(f"and the left hand carries {np.quantile(felt, 0.99):.0f} N or more; |sum f - m (a - g)| <= {error:.1e} N")
     return {
         "states": states,
-        "sound": sound,
+        "valid": valid,
         "per_second": states / seconds,
         "newton_error": error,
         "largest_force": float(felt.max()),

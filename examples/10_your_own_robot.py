@@ -1,4 +1,4 @@
-"""Your own robot, from a URDF file: two of them hold a box, and every drive's share of its strength."""
+"""Your own robot, from a URDF file: two of them hold a box; each torque as a share of its limit."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def urdf() -> str:
 
 
 def main(out: Path = OUT) -> dict[str, float]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     out.mkdir(parents=True, exist_ok=True)
     file = out / "mine.urdf"
     file.write_text(urdf())
@@ -67,7 +67,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     print(assembly.report)
     for name in chain.names:
         print(f"force at the {name} hand: {np.round(result[name].grasp_wrench[3:], 2) + 0.0} N")
-    print(f"the drive nearest to its limit, {chain.joint_names()[np.abs(use).argmax()]}, uses {np.abs(use).max():.0%}")
+    print(f"nearest to its torque limit: {chain.joint_names()[np.abs(use).argmax()]}, at {np.abs(use).max():.0%}")
     return {
         "mass": sum(link.mass for link in arms["left"].links),
         "left_up": float(result["left"].grasp_wrench[5]),

@@ -1,4 +1,4 @@
-"""Two arms hold a box high up, which falls without control; a regulator made of the exact linearisation holds it."""
+"""Two arms hold a box in an unstable equilibrium; a regulator from the exact linearisation stabilises it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def balanced() -> tuple[hf.ClosedChain, hf.State]:
 
 
 def main(out: Path = OUT) -> dict[str, float]:
-    """Return the figures that this example prints."""
+    """Return the numbers that this example prints."""
     chain, still = balanced()
     torques = hf.holding_torques(chain, still)
 
@@ -61,7 +61,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     sizes = [np.array([np.linalg.norm(model.coordinates(run.state(k))) for k in range(len(run.t))]) for run in runs]
     draw(out, runs[0].t, sizes)
     print(f"fastest growth {falling:+.2f} 1/s without control, {held:+.2f} 1/s with it")
-    print(f"{sizes[0][0]:.4f} off at the start; after {DURATION} s {sizes[0][-1]:.4f} without, {sizes[1][-1]:.4f} with")
+    print(f"off by {sizes[0][0]:.4f} at first; after {DURATION} s {sizes[0][-1]:.4f} without, {sizes[1][-1]:.4f} with")
     return {
         "falling": float(falling),
         "held": float(held),

@@ -1,4 +1,4 @@
-"""Two arms carry a box that nobody has weighed: noisy wrist sensors tell its mass, mass centre and inertia."""
+"""Two arms carry an unknown box: its mass, centre of mass and inertia are estimated from noisy wrist sensors."""
 
 from __future__ import annotations
 

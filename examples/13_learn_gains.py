@@ -1,4 +1,4 @@
-"""Two arms hold a box that is pushed: gradients through many runs find the springs and dampers of their joints."""
+"""Two arms hold a box that is pushed: gradients through many runs find their joint stiffness and damping."""
 
 from __future__ import annotations
 

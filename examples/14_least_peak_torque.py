@@ -1,4 +1,4 @@
-"""Two arms carry a box from A to B: the way, and how they pull at the box, for the least peak torque of the drives."""
+"""Two arms carry a box from A to B: the path and the internal forces with the least peak torque."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def main(out: Path = OUT) -> dict[str, Any]:
         for name, given, colour in (("straight", FIRST, DANGER), ("optimised", cost.values(found.x), BLUE)):
             run = runs[name] = hf.simulate(chain, state, law, DURATION, STEP / 2, parameters=given, on_limit="stop")
             used[name] = np.abs(run.tau / most.effort).max(axis=1)
-            print(f"{name}: at most {used[name].max():.3f} of a drive's torque; {run.stopped or 'within all limits'}")
+            print(f"{name}: at most {used[name].max():.3f} of a torque limit; {run.stopped or 'within all limits'}")
             left.plot(run.t, used[name], color=colour)
             right.plot(*run.object_pose[:, 5:].T, color=colour, label=name)
         left.set(xlabel="t [s]", ylabel="largest torque, part of its limit", ylim=(0, None))

@@ -1,4 +1,4 @@
-"""Two arms hold a box that is pushed: JAX learns their springs and dampers through rollouts, for any push."""
+"""Two arms hold a box that is pushed: JAX learns their joint stiffness and damping through rollouts, for any push."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def main(out: Path = OUT) -> dict[str, Any]:
     both = {"first": FIRST, "learnt": gains}
     others = {name: float(cost(x, unseen)) for name, x in both.items()}
     print(f"cost {costs[0]:.3g} -> {costs[-1]:.3g} in {ROUNDS} gradients of {PUSHES} runs each")
-    print(f"pushes that were not learnt from: {others['first']:.3g} -> {others['learnt']:.3g}")
+    print(f"pushes not used in training: {others['first']:.3g} -> {others['learnt']:.3g}")
     shifts = {name: np.array(jax.vmap(off, (None, 0))(x, unseen)[0]) for name, x in both.items()}
     draw(out, costs, shifts)
     return {"costs": costs, "unseen": others, "gains": np.exp(np.array(gains)), "learn": learn, "seen": seen}

@@ -114,10 +114,19 @@ def test_the_readme_as_printed(tmp_path: Path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
-    assert "regular: rank 12 of 12" in done.stdout
-    printed = done.stdout[done.stdout.index("[") + 1 : done.stdout.index("]")]
-    wrench = np.array(printed.split(), dtype=float)
-    assert wrench == pytest.approx([0, 0, 0, 20.0, 0, 3.0 * 9.81 / 2], abs=1e-9)
+    wrench = np.array(done.stdout.strip().strip("[]").split(), dtype=float)
+    assert wrench == pytest.approx([0, 0, 0, 0, -20.0, 3.0 * 9.81 / 2], abs=1e-9)
+
+
+def test_make_demo_ends_with_a_page():
+    """Its rule simulates, exports the page of that run, and says how to open it, and installs what both need."""
+    rules = README.with_name("Makefile").read_text(encoding="utf-8")
+    needs, simulated, exported, *said = re.search(r"^demo: (.*\n(?:\t.*\n)+)", rules, re.MULTILINE)[1].splitlines()
+    (folder,) = re.findall(r"holdfast simulate .*--out (\S+)", simulated)
+    run, page = re.findall(r"holdfast view (\S+) --export (\S+)", exported)[0]
+    assert run == folder and all(page in line for line in said) and "webbrowser" in said[-1]
+    installs = re.search(rf"^{re.escape(needs)}:.*\n(?:\t.*\n)+", rules, re.MULTILINE)[0]
+    assert {"plot", "view"} <= set(re.search(r"\.\[([\w,]+)\]", installs)[1].split(","))
 
 
 @pytest.fixture(scope="module")

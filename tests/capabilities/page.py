@@ -18,10 +18,11 @@ from tests.capabilities.questions import TABLES, Answer, answer
 
 HEAD = """# Coverage
 
-Which functions work with which kinds of chain? `make capabilities` (`tests/capabilities/`) generates this page by
-trying all of them. Each row is a chain with one special feature, with two arms of seven joints unless it says
-otherwise; each column is a function. A cell says yes if the function returned finite numbers, and otherwise names the
-error that it raised; the messages are listed below each table. Whether the numbers are right is checked by other tests.
+A smoke test: which functions work with which kinds of chain? `make capabilities` (`tests/capabilities/`) generates this
+page by trying all of them. Each section lists the gaps first, with the message of the error raised; everything else
+works. Each row of a table is a chain with one special feature, with two arms of seven joints unless it says otherwise;
+each column is a function. *Yes* means that it returned finite numbers. Whether the numbers are right is checked by
+other tests.
 """
 
 
@@ -31,7 +32,7 @@ def answers(title: str, capability: str) -> list[Answer]:
 
 
 def table(title: str, ask: Callable[..., Iterable[Any]] = map) -> str:
-    """Return a section: the table of answers, and the refusals in words.
+    """Return a section: the refusals in words, and the table of answers.
 
     Args:
         title: of the table.
@@ -47,7 +48,7 @@ def table(title: str, ask: Callable[..., Iterable[Any]] = map) -> str:
                 refusals.setdefault((q.name, a.message), []).append(capability)
     lines = [f"| {' | '.join(row)} |" for row in rows]
     said = [f"* {name}, with {' / '.join(kinds)}: *{message}*" for (name, message), kinds in refusals.items()]
-    return "\n".join([f"## {title}", "", *lines, *([""] if said else []), *said]) + "\n"
+    return "\n".join([f"## {title}", "", *(said or ["No gaps."]), "", *lines]) + "\n"
 
 
 def page() -> str:

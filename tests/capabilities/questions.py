@@ -256,14 +256,14 @@ RUNS = [
     Question("MJCF", lambda c: len(to_mjcf(c.chain, c.state))),
 ]
 MACHINE_CODE = [
-    Question("forward dynamics as machine code", by_machine_code, quick=False),
+    Question("compiled forward dynamics", by_machine_code, quick=False),
     Question("rollouts", rollout, quick=False),
     Question("`export_c`", exported, quick=False),
 ]
 DERIVATIVES = [
     Question("derivatives of forward dynamics", gradients, quick=False),
     Question("`linearise`", lambda c: hf.linearise(c.chain, c.state, c.tau, inputs=c.inputs).A, quick=False),
-    Question("derivatives as machine code", gradients_by_machine_code, quick=False),
+    Question("compiled derivatives", gradients_by_machine_code, quick=False),
     Question("of inverse dynamics and energies", of_texts, quick=False),
     Question("of closure, margins, wrists", of_margins, quick=False),
     Question("a time step", a_step, quick=False),
@@ -274,7 +274,7 @@ TABLES = {
     "Dynamics": DYNAMICS,
     "Forces and control": FORCES,
     "Runs and files": RUNS,
-    "Machine code": MACHINE_CODE,
+    "Compiled code": MACHINE_CODE,
     "Derivatives": DERIVATIVES,
 }
 

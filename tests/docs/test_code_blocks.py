@@ -23,7 +23,7 @@ from sybil.parsers.myst import CodeBlockParser, PythonCodeBlockParser, SkipParse
 
 from holdfast.cli import main
 from holdfast.scenario.build import load_scene
-from tests.docs.pages import PAGES, fences, name
+from tests.docs.pages import DOCS, PAGES, fences, name
 from tests.longer import mostly_slow
 
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
@@ -91,10 +91,22 @@ def test_blocks_run(page, tmp_path, monkeypatch):
 
 
 def test_first_example():
-    """README's first program is at most twelve lines, and speaks of no quaternion."""
-    first = next(text for language, text in fences(PAGES[0]) if language == "python")
-    assert len(first.splitlines()) <= 12
+    """README and the home page begin with the same program: an import and at most eight lines, without a quaternion."""
+    first, home = (
+        next(text for language, text in fences(page) if language == "python") for page in (PAGES[0], DOCS / "index.md")
+    )
+    assert first == home
+    assert len([line for line in first.splitlines() if line.strip() and not line.startswith("import")]) <= 8
     assert not re.search(r"wxyz|\[(?:[^\],]*,){6,}", first)
+
+
+def test_the_first_screen():
+    """Before their first section, README and the home page have a picture, a program and the command that installs."""
+    for page in (PAGES[0], DOCS / "index.md"):
+        text = page.read_text(encoding="utf-8").split("\n## ")[0]
+        shown = [text.index(part) for part in ("viewer.png", "```python", "pip install")]
+        assert shown == sorted(shown)
+        assert len(text[: shown[-1]].splitlines()) <= 32, "one screen"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

@@ -127,7 +127,7 @@ def test_singular(run):
 def test_a_million_states(run):
     """Here a few thousand: every one is sound, obeys Newton, and is the reference's."""
     found, printed = run("09", batches=2)
-    assert found["sound"] == found["states"] == 2 * 16_384
+    assert found["valid"] == found["states"] == 2 * 16_384
     assert found["newton_error"] < 1e-9
     assert found["reference_error"] < 1e-9
     assert "million a second" in printed

@@ -50,7 +50,7 @@ def test_a_run_stops_before_a_singular_configuration(options, controller):
     (event,) = run.occurrences
     assert event.kind == "singular" and event.t == pytest.approx(expected, abs=1e-7)
     assert (event.rank, event.generic_rank) == (10, 11)
-    assert "at 'crank0' (hinge) against force" in event.lost[0] and "is felt by no joint" in event.lost[0]
+    assert "at 'crank0' (hinge) against force" in event.lost[0] and "causes no joint torque" in event.lost[0]
     assert run.stopped is not None and f"before a singular configuration at t = {event.t:.9g} s" in run.stopped
     assert expected - 1e-2 < run.t[-1] < expected
 

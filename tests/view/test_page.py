@@ -9,7 +9,7 @@ import pytest
 
 from holdfast.errors import ModelError
 from holdfast.view.markers import arrow_scale
-from holdfast.view.page import HERE, export_page, page, panel_data, with_panel
+from holdfast.view.page import HERE, export_page, page, panel_data, plots, with_panel
 from holdfast.view.playback import playback_of_run
 from tests.view.runs import lifted
 
@@ -48,14 +48,35 @@ def test_panel_data(playback):
     assert data == json.loads(json.dumps(panel_data(playback, arrow_scale(playback))))
     assert data["title"] == playback.title
     assert data["times"] == pytest.approx(playback.t)
-    force, _, margin, _, condition = data["plots"]
+    force, margin, _, condition = data["plots"]  # no moments, no plot of them
     assert [curve["label"] for curve in force["curves"]] == ["left", "right", "left, internal", "right, internal"]
     assert force["curves"][1]["values"] == pytest.approx(np.linalg.norm(playback.wrench[:, 1, 3:], axis=1), rel=1e-3)
     assert margin["curves"][0]["values"] == pytest.approx(playback.margin[:, 0], rel=1e-3)
-    assert [plot["title"].count("[") for plot in data["plots"]] == [1] * 5, "a unit each"
+    assert [plot["title"].count("[") for plot in data["plots"]] == [1] * 4, "a unit each"
     assert condition["log"]
     (meter,) = data["meters"]
     assert all(0.0 <= value < 0.5 for value in meter["values"])
+
+
+def test_round_scales_and_the_trunks_colour(playback):
+    """The length of 0.1 m stands for 1, 2 or 5 times a power of ten, of newtons and of newton metres."""
+    said = panel_data(playback, arrow_scale(playback))["notes"][0]
+    numbers = re.findall(r"0\.1\sm\sis\s([\d.e+-]+)", said)
+    assert len(numbers) == 2 and {f"{float(number):e}"[0] for number in numbers} <= {"1", "2", "5"}
+    assert {f"{float(number):e}"[2:8] for number in numbers} == {"000000"}
+    assert "trunk" not in said
+
+
+def test_a_spike_does_not_flatten_a_plot():
+    """Its axis ends above what is usual; the values are all there."""
+    chain, run = lifted("rigid", "rigid", 31)
+    tau = run.tau.copy()
+    tau[15, 5] = 48.0 * chain.arms["left"].joints[5].effort_limit
+    found = plots(playback_of_run(chain, replace(run, tau=tau), "spike"))
+    (torque,) = (plot for plot in found if plot["title"].startswith("largest torque"))
+    assert max(torque["curves"][0]["values"]) == pytest.approx(4800.0)
+    assert 20.0 < torque["range"][1] < 60.0
+    assert [plot["range"] for plot in found if plot is not torque] == [None] * (len(found) - 1)
 
 
 def test_no_plots_of_nothing():

@@ -41,6 +41,10 @@ def at_times(tmp_path_factory):
                     "time": chromium.player_time(),
                     "cursor": chromium.ask("() => document.querySelector('.cursor').getAttribute('x1')"),
                     "text": chromium.page.inner_text("#holdfast"),
+                    "times": chromium.ask("() => [...document.querySelectorAll('#root .mantine-NumberInput-root')]"
+                                          ".map(of => getComputedStyle(of).display)"),
+                    "veil": chromium.ask("() => [...document.querySelectorAll('#root canvas')].map(of => {"
+                                         " of.style.opacity = 0.05; return getComputedStyle(of).opacity })"),
                     "wrist": chromium.pose(WRIST),
                     "object": chromium.pose("/object"),
                     "force": chromium.arrow("/forces/left"),
@@ -87,6 +91,8 @@ def test_panel_follows(at_times):
     """The panel's numbers and cursor are those of the player's time."""
     playback, (first, last, _), *_ = at_times
     assert "t = 0.00 s" in first["text"]
+    assert first["times"] == ["none"], "the player shows no time of its own beside the panel's"
+    assert set(first["veil"]) == {"1"}, "the picture does not fade in"
     assert "t = 1.00 s" in last["text"]
     assert f"left {np.linalg.norm(playback.wrench[0, 0, 3:]):.1f}" in first["text"]
     assert float(last["cursor"]) > float(first["cursor"]) + 200

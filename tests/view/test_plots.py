@@ -13,12 +13,14 @@ from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.view import figure_style, plots
 from holdfast.view.margin_figure import slips
 from holdfast.view.plots import figures
+from holdfast.view.spikes import usual_range
 from holdfast.view.summary_table import rows, summary_table
 from tests.control.two_pandas import two_pandas
 from tests.view.runs import lifted
 
 SAFE = {figure_style.BLUE, figure_style.VERMILLION, figure_style.GREEN, figure_style.ORANGE, figure_style.PURPLE,
-        figure_style.SKY, figure_style.BLACK, "#bbbbbb"}  # fmt: skip
+        figure_style.SKY, figure_style.BLACK, figure_style.OTHERS}  # fmt: skip
+SHADES = {figure_style.joint_style(colour, k, 7)[0] for colour in figure_style.ARM_COLOURS for k in range(7)}
 PER_ARM = ("load_share", "spin", "margin", "best_margin", "worst_margin", "lowest_margin", "lowest_margin_time",
            "holding")  # fmt: skip
 SHAPES = {"object_pose": 7, "object_twist": 6, "object_acceleration": 6, "momentum": 6, "momentum_rate": 6,
@@ -72,7 +74,7 @@ def test_figures(which, samples, recwarn):
         assert all(label.endswith("]") for label in labels), labels
         assert drawn[0].get_ylabel(), name
         assert any(panel.get_xlabel() == "time [s]" for panel in drawn), name
-        assert {line.get_color() for panel in drawn for line in panel.lines} <= SAFE, name
+        assert {line.get_color() for panel in drawn for line in panel.lines} <= SAFE | SHADES, name
         assert figure.get_figwidth() <= 2 * figure_style.COLUMN
         figure.draw_without_rendering()
     assert not recwarn.list
@@ -87,8 +89,13 @@ def test_arms_look_different():
 
 
 def test_wrenches_are_the_runs():
-    """A column of three panels per arm: force, moment, and the norms of the force's two parts."""
+    """A column of three panels per arm: force, moment, and the norms of the force's two parts; without moments two."""
     chain, run = lifted()
+    assert [panel.get_ylabel() for panel in figures(chain, run)["grasp_wrenches"].axes[::2]] == [
+        "force [N]",
+        "|force| [N]",
+    ]
+    run = replace(run, grasp_wrench=run.grasp_wrench + np.array([0.1, 0.2, -0.3, 0.0, 0.0, 0.0]))
     left_force, right_force, left_moment, _, left_parts, _ = figures(chain, run)["grasp_wrenches"].axes
     assert [line.get_ydata()[-1] for line in left_force.lines] == pytest.approx(run.grasp_wrench[-1, 0, 3:])
     assert [line.get_ydata()[-1] for line in right_force.lines] == pytest.approx(run.grasp_wrench[-1, 1, 3:])
@@ -124,6 +131,50 @@ def test_torques_and_their_limits():
     assert shown == pytest.approx(100 * np.abs(run.tau[0, :7]) / limits)
     assert share.lines[7].get_ydata() == [100.0, 100.0]
     assert share.get_ylim()[1] > 100.0
+
+
+def test_colour_by_arm_dash_by_joint():
+    """Of two arms whose joints have names of their own no two curves look alike, and an arm's shades are of its hue."""
+    chain, run = lifted("rigid", "rigid")
+    named = {
+        name: replace(arm, joints=[replace(joint, name=f"{name}_{k}_joint") for k, joint in enumerate(arm.joints)])
+        for name, arm in chain.arms.items()
+    }
+    panels = plots.joint_torque_figure(replace(chain, arms=named), run).axes
+    looks = [{(line.get_color(), str(line._unscaled_dash_pattern)) for line in panel.lines} for panel in panels[:2]]
+    assert [len(found) for found in looks] == [7, 7]
+    hues = [{np.argmax(figure_style.rgb(colour)) for colour, _ in found} for found in looks]
+    assert hues == [{2}, {0}], "blues, and oranges"
+    legends = [[text.get_text() for text in panel.get_legend().get_texts()] for panel in panels[2:]]
+    assert legends == [[f"{name}_{k}_joint" for k in range(7)] for name in ("left", "right")]
+
+
+@pytest.mark.parametrize("share", [0.0, 48.0])
+def test_a_spike_does_not_flatten_a_plot(share):
+    """Other curves keep most of the axis, and the peak's number stands beside an arrow; without one all is shown."""
+    chain, run = lifted("rigid", "rigid", 101)
+    tau = run.tau.copy()
+    tau[50, 5] += share * chain.arms["left"].joints[5].effort_limit
+    figure = plots.joint_torque_figure(chain, replace(run, tau=tau))
+    torque, _, used, _ = figure.axes
+    assert used.get_ylim() == pytest.approx((0.0, 105.0))
+    low, high = torque.get_ylim()
+    assert np.abs(run.tau).max() < high < 2.0 * np.abs(run.tau).max() and low < run.tau.min()
+    said = [text.get_text() for text in (*torque.texts, *used.texts) if text.get_text()]
+    if share:
+        assert [float(text.replace(",", "")) for text in said] == pytest.approx([tau[50, 5], 100 * share], rel=0.01)
+        assert "beyond the axis" in figure.legends[0].get_texts()[0].get_text()
+    else:
+        assert not said and not figure.legends
+
+
+def test_what_is_usual_is_never_cut():
+    """A step, a ramp and a sine stay whole; of a curve that is zero but for a peak the peak is what there is to see."""
+    t = np.linspace(0.0, 1.0, 200)
+    for curve in (np.where(t > 0.9, 50.0, 1.0), t, np.sin(9 * t), np.where(t == t[70], 9.0, 0.0), np.full(200, np.nan)):
+        assert usual_range([curve]) is None
+    low, high = usual_range([np.sin(9 * t), np.where(t == t[70], -900.0, 0.1)])
+    assert -2.0 < low < -1.0 and high == pytest.approx(1.0, abs=1e-3)
 
 
 def test_shares_add_up():

@@ -71,7 +71,7 @@ def test_a_parallelogram_that_flattens():
     assert_reddens(before, values)
     assert run.stopped is not None
     assert "at 'arm1' (rigid) against force" in run.stopped
-    assert "is felt by no joint" in run.stopped
+    assert "causes no joint torque" in run.stopped
     shown = meter(playback_of_run(p.chain, run, "flat"))
     near = [nearest for nearest, value in zip(shown["nearest"], shown["values"], strict=True) if value > GREEN]
     assert near

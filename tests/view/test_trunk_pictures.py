@@ -124,7 +124,7 @@ def test_curves_and_figures(shown):
     assert titles == [*(["trunk"] if chain.trunk.joint_count else []), *chain.names]
     assert ("base_motion" in drawn) is chain.floats
     away = [plot for plot in plots(playback) if plot["title"].startswith("floating base")]
-    assert [len(plot["curves"]) for plot in away] == [2 if chain.floats else 0]
+    assert [len(plot["curves"]) for plot in away] == ([2] if chain.floats and len(playback) > 1 else [])
     if chain.floats:
         shift, turn, velocity, turning = drawn["base_motion"].axes
         for axis in range(3):

@@ -44,7 +44,7 @@ def _lines() -> Iterator[tuple[str, str]]:
     yield "processor", name
     yield "features", ", ".join(f"{k} {'yes' if v in flags else 'no'}" for k, v in FEATURES.items())
     yield "machine code", _machine_code()
-    yield "its cache", _cache()
+    yield "machine-code cache", _cache()
     for extra, packages in extras.items():
         missing = [package for package in packages if _version(package) is None]
         found = f"missing {', '.join(missing)}: pip install 'holdfast[{extra}]'" if missing else "installed"
@@ -52,7 +52,7 @@ def _lines() -> Iterator[tuple[str, str]]:
 
 
 def _machine_code() -> str:
-    """Return the processor for which `holdfast.compile` makes code, and how it uses the processor."""
+    """Return the processor for which `holdfast.compile` compiles, and how it uses the processor."""
     from holdfast.compiler.errors import CompileError
     from holdfast.compiler.targets import cpu
 
@@ -64,7 +64,7 @@ def _machine_code() -> str:
     bits = "fma: results identical to those of every processor with fma"
     if not cpu.has_fma():
         bits = "no fma: last digits differ from those of processors with fma"
-    return f"for {made_for}, {cpu.lanes()} numbers side by side, {bits}"
+    return f"for {made_for}, {cpu.lanes()} SIMD lanes, {bits}"
 
 
 def _cache() -> str:

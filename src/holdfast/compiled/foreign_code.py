@@ -10,15 +10,15 @@ import numpy as np
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.derivative_schedule import FOUND
 from holdfast.compiled.parameters import rank_number
-from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
+from holdfast.compiled.result import UNDECIDED, ResultLayout, Results
 from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External
 from holdfast.compiler.targets import foreign_call
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import MOVING
 from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
-    from holdfast.compiled.chain import CompiledChain
     from holdfast.compiled.function import Function
 
 STATUS = "status"
@@ -47,20 +47,22 @@ class ForeignCode(NamedTuple):
 
         The results of a system with an undecided status are NaN.
         """
-        return self.kernel.publish(STATUS, float(UNDECIDED))
+        if STATUS in self.externals:
+            return self.kernel.publish(STATUS, float(UNDECIDED))
+        return self.kernel.publish(next(iter(self.results.values())), float("nan"))  # no number equals not-a-number
 
-    def run(self, compiled: CompiledChain, given: Mapping[str, Array], batch: int | None) -> CompiledResult:
-        """Run the code as another compiler's program would, and return the result.
+    def run(self, chain: ClosedChain, given: Mapping[str, Array], batch: int | None) -> Results:
+        """Run the code as another compiler's program would, and return the results.
 
         Args:
-            compiled: the compiled chain.
+            chain: the chain.
             given: the arrays by name, of one system or with a leading batch axis; float64 in C order.
             batch: the number of systems, or None for one system without a batch axis.
         """
-        result = CompiledResult(compiled.chain, ResultLayout(self.externals), batch)
+        result = Results(chain, ResultLayout(self.externals), batch)
         addresses = Addresses(self.externals, dict(self.own))
         self.kernel.run_batch(addresses.table(given, result), 1 if batch is None else batch)
-        undecided = result.array(STATUS) == UNDECIDED
+        undecided = result.array(STATUS) == UNDECIDED if STATUS in self.externals else False
         for name in result.layout.shapes:
             result.array(name)[undecided] = np.nan
         return result

@@ -154,6 +154,6 @@ def _indeterminate(motion: ChainMotion) -> list[IndeterminateForce]:
         wrenches = np.zeros((len(chain.arms), 6))
         for name, f in zip(chain.grasps, per_grasp, strict=True):
             wrenches[chain.names.index(name)] = f
-        words = f"{pattern(motion, per_grasp, length)} is felt by no joint"
+        words = f"{pattern(motion, per_grasp, length)} causes no joint torque"
         result.append(IndeterminateForce(words, wrenches))
     return result

@@ -124,6 +124,6 @@ def described(arm: str, found: TipDirections, K: Array, u: Array, tip: Array, st
     (ax, ay, az), (px, py, pz) = axis, point
     words = (
         f"arm '{arm}' {degree} {action} ({ax:+.3f}, {ay:+.3f}, {az:+.3f}) through"
-        f" ({px:.3f}, {py:.3f}, {pz:.3f}) m, world axes; a load along it is felt by no drive"
+        f" ({px:.3f}, {py:.3f}, {pz:.3f}) m, world axes; a load along it causes no joint torque"
     )
     return LostDirection(arm, kind, axis, point, strength, words)

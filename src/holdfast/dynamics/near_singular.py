@@ -79,7 +79,7 @@ def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR) -> list[s
         length = length_scale([c.offset for c in motion.contacts])
         directions = wrench_directions(motion, length)
         words = _load(motion, directions.columns[:, directions.rank - 1], length)
-        found.append(f"{words} is hardly felt by any joint or the object (condition {condition:.1e})")
+        found.append(f"{words} causes hardly any joint torque and hardly moves the object (condition {condition:.1e})")
     return found + lost_by_arms(motion, limit)
 
 
@@ -93,7 +93,8 @@ def lost_at(motion: ChainMotion, rank: int, generic_rank: int) -> list[str]:
     """
     length = length_scale([c.offset for c in motion.contacts])
     columns = wrench_directions(motion, length).columns[:, rank:generic_rank]
-    loads = [f"{_load(motion, column, length)} is felt by no joint and not by the object" for column in columns.T]
+    loads = [_load(motion, column, length) for column in columns.T]
+    loads = [f"{load} causes no joint torque and does not move the object" for load in loads]
     return loads + lost_by_arms(motion, LOST_BY_ARM)
 
 

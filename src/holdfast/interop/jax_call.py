@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from holdfast.compiled.foreign_code import ForeignCode, handler
 from holdfast.interop.jax_import import jax_numpy, require_jax
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
-
-if TYPE_CHECKING:
-    from holdfast.compiled.chain import CompiledChain
 
 Route = Literal["ffi", "callback"]
 Run = Callable[[int | None, Sequence[Any]], tuple[Any, ...]]  # (number of systems or None, given arrays) -> results
@@ -35,17 +33,17 @@ def available_route() -> Route:
 
 
 def operation(
-    compiled: CompiledChain, code: ForeignCode, given: Sequence[str], route: Route
+    chain: ClosedChain, code: ForeignCode, given: Sequence[str], route: Route
 ) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
     """Return machine code as a JAX function from named arrays to named results; vmap makes it one call for a batch.
 
     Args:
-        compiled: the chain to which the code belongs.
+        chain: the chain to which the code belongs.
         code: the machine code.
         given: names of the arrays with which the function will be called; the others are taken from the chain.
         route: how the code is called.
     """
-    run = _by_address(code, given) if route == "ffi" else _through_python(compiled, code, given)
+    run = _by_address(code, given) if route == "ffi" else _through_python(chain, code, given)
     call = batched(run, [len(code.externals[name].shape) for name in given])
 
     def named(arrays: Mapping[str, Any]) -> dict[str, Any]:
@@ -70,12 +68,12 @@ def _by_address(code: ForeignCode, given: Sequence[str]) -> Run:
     return run
 
 
-def _through_python(compiled: CompiledChain, code: ForeignCode, given: Sequence[str]) -> Run:
+def _through_python(chain: ClosedChain, code: ForeignCode, given: Sequence[str]) -> Run:
     """Return a function that calls the code by callbacks into Python, which every backend of JAX supports."""
     outputs = list(code.results.values())
 
     def host(batch: int | None, values: Sequence[Array]) -> tuple[Array, ...]:
-        result = code.run(compiled, dict(zip(given, values, strict=True)), batch)
+        result = code.run(chain, dict(zip(given, values, strict=True)), batch)
         return tuple(result.array(name) for name in outputs)
 
     return callback(host, [code.externals[name].shape for name in outputs])

@@ -1,4 +1,4 @@
-"""Forward dynamics as a JAX function with gradients."""
+"""A question about a compiled chain as a JAX function with gradients."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, Literal
 
-from holdfast.compiled.chain import CompiledChain
-from holdfast.compiled.derivative_schedule import WITH, derivative_shapes
+from holdfast.compiled.derivative_schedule import WITH
 from holdfast.compiled.foreign_code import answer_code, derivative_code
+from holdfast.compiled.function import Function
 from holdfast.compiled.parameters import POSE_ARRAYS
 from holdfast.errors import StateError
 from holdfast.interop.jax_arguments import checked
 from holdfast.interop.jax_call import Route, available_route, operation
 from holdfast.interop.jax_import import require_jax
 from holdfast.interop.jax_pose import pose_gradient, pose_tangent, rotation_and_origin
-from holdfast.questions.arrays import FLOATING, POSES, STATE_AND_TORQUES, results_of
+from holdfast.questions.arrays import ARRAYS, POSES, results_of
 
 _FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")
 
 
 class JaxFunction:
-    """Forward dynamics as a JAX function; made by `to_jax`.
+    """A question about a compiled chain as a JAX function; made by `to_jax`.
 
     Attributes:
         of: names of the results.
@@ -31,36 +31,35 @@ class JaxFunction:
     """
 
     def __init__(
-        self, compiled: CompiledChain, of: tuple[str, ...], parameters: tuple[str, ...], forward_mode: bool
+        self, function: Function, of: tuple[str, ...], parameters: tuple[str, ...], forward_mode: bool
     ) -> None:
-        self.of, self.parameters, self._compiled = of, parameters, compiled
+        self.of, self.parameters, self._asked, chain = of, parameters, function, function.chain
         self.route: Route = available_route()
-        self._names = (*STATE_AND_TORQUES, *(FLOATING if compiled.chain.floats else ()), *parameters)
-        shapes = {name: derivative_shapes(compiled.chain)[name] for name in self._names}
+        question = function.question
+        self._inputs = question.inputs
+        self._names = (*question.inputs, *question.by_name(chain), *parameters)
+        shapes = {name: ARRAYS[name].gradient_shape(chain) for name in self._names}
         self._shapes = {name: (*x[:-1], 7) if name in POSES else x for name, x in shapes.items()}
-        code = answer_code(compiled.forward_dynamics, of, parameters)
+        code = answer_code(function, of, parameters)
         given = [name for name in self._arrays_of(self._names) if name in code.externals]
-        self._forward = operation(compiled, code, given, self.route)
+        self._forward = operation(chain, code, given, self.route)
         self._function = self._with_jvp() if forward_mode else self._with_vjp()
 
-    def __call__(
-        self, q: Any, qd: Any, tau: Any, object_pose: Any, object_twist: Any, **parameters: Any
-    ) -> dict[str, Any]:
+    def __call__(self, *given: Any, **parameters: Any) -> dict[str, Any]:
         """Return the results by name.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip [rad or m].
-            qd: joint rates.
-            tau: joint torques [N m or N].
-            object_pose: (7,) wxyz_xyz of the object frame.
-            object_twist: (6,) [omega; v of C], world axes.
+            *given: the arrays that the question takes, in order or by name: of forward dynamics q, qd, tau,
+                object_pose and object_twist.
             **parameters: those named in `to_jax`, and of a floating base floating_pose and floating_twist.
 
         Raises:
-            StateError: a parameter is missing or unknown, a shape is wrong, or numbers are not real.
+            StateError: an argument is missing or unknown, a shape is wrong, or numbers are not real.
         """
-        values = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True)) | parameters
-        return self._function(*checked(values, self._shapes, len(STATE_AND_TORQUES)))
+        if len(given) > len(self._inputs):
+            raise StateError(f"expected {', '.join(self._inputs)}, got {len(given)} arguments")
+        values = dict(zip(self._inputs, given, strict=False)) | parameters
+        return self._function(*checked(values, self._shapes, len(self._inputs)))
 
     def _with_vjp(self) -> Any:
         """Return the function with its gradient."""
@@ -106,15 +105,16 @@ class JaxFunction:
 
     def _derivative(self, kind: Literal["vjp", "jvp"], with_names: Sequence[str]) -> Any:
         self._require_unique_forces()
-        code = derivative_code(self._compiled.forward_dynamics, kind, self.of, self._names)
+        code = derivative_code(self._asked, kind, self.of, self._names)
         arrays = (*self._arrays_of(self._names), *(f"{WITH}{name}" for name in with_names))
-        return operation(self._compiled, code, [name for name in arrays if name in code.externals], self.route)
+        return operation(self._asked.chain, code, [name for name in arrays if name in code.externals], self.route)
 
     def _require_unique_forces(self) -> None:
         """Refuse derivatives of forces that are not unique, because they are meaningless."""
-        rank, forces = self._compiled.generic_rank, [name for name in self.of if name in _FORCES]
-        if forces and rank is not None and rank < self._compiled.chain.constraint_row_count:
-            others = ", ".join(name for name in results_of(self._compiled.chain) if name not in _FORCES)
+        chain, rank = self._asked.chain, self._asked.compiled.generic_rank
+        forces = [name for name in self.of if name in _FORCES and self._asked.has_status]
+        if forces and rank is not None and rank < chain.constraint_row_count:
+            others = ", ".join(name for name in results_of(chain) if name not in _FORCES)
             raise StateError(
                 f"to_jax: {forces[0]}: the forces are not unique in this chain, and machine code finds one choice among"
                 f" them, whose derivative means nothing; try of= some of {others}"

@@ -6,21 +6,25 @@ from collections.abc import Sequence
 from typing import overload
 
 from holdfast.compiled.chain import CompiledChain
+from holdfast.compiled.function import Function
+from holdfast.compiled.parameters import POSE_ARRAYS
 from holdfast.errors import StateError
 from holdfast.interop.jax_arguments import require_names
 from holdfast.interop.jax_function import JaxFunction
 from holdfast.interop.jax_import import require_jax
 from holdfast.interop.jax_rollout import JaxRollout
 from holdfast.model import checks
-from holdfast.questions.arrays import BASE_MOTION, TRUNK_BASE_MOTION, link_parameters, results_of
+from holdfast.questions.arrays import FLOATING, MOVING
 from holdfast.simulation.rollout.rollout import Rollout
-
-_PARAMETERS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "grasp_pose", "base_pose")
 
 
 @overload
 def to_jax(
-    dynamics: CompiledChain, *, of: Sequence[str] = ..., parameters: Sequence[str] = ..., forward_mode: bool = ...
+    dynamics: CompiledChain | Function,
+    *,
+    of: Sequence[str] = ...,
+    parameters: Sequence[str] = ...,
+    forward_mode: bool = ...,
 ) -> JaxFunction: ...
 @overload
 def to_jax(
@@ -33,7 +37,7 @@ def to_jax(
     schedule: Sequence[str] = ...,
 ) -> JaxRollout: ...
 def to_jax(
-    dynamics: CompiledChain | Rollout,
+    dynamics: CompiledChain | Function | Rollout,
     *,
     of: Sequence[str] | None = None,
     parameters: Sequence[str] = (),
@@ -42,10 +46,11 @@ def to_jax(
     steps: int | None = None,
     schedule: Sequence[str] = (),
 ) -> JaxFunction | JaxRollout:
-    """Return forward dynamics or a rollout as a JAX function that works under jit, grad, vmap and scan, on the CPU.
+    """Return a compiled question or a rollout as a JAX function that works under jit, grad, vmap and scan, on the CPU.
 
-    f(q, qd, tau, object_pose, object_twist, **parameters) returns a dictionary of the results of forward dynamics. A
-    gradient is one call of the machine code of `forward_dynamics_vjp`; a vmap is one call for a batch.
+    Of a compiled chain, f(q, qd, tau, object_pose, object_twist, **parameters) returns a dictionary of the results of
+    forward dynamics; of a function of it, such as `compiled.kinetic_energy`, f takes the arrays of that question. A
+    gradient is one call of the machine code of its `vjp`; a vmap is one call for a batch.
 
     For a rollout, f(q, qd, object_pose, object_twist, **parameters) returns the results at the end of every step,
     (steps, ...) each. A gradient is that of `Rollout.tape`, which repeats the steps; a vmap is one rollout of many
@@ -56,7 +61,7 @@ def to_jax(
     after a system has stopped, results and gradients are NaN. Only first derivatives are available.
 
     Args:
-        dynamics: the result of `holdfast.compile` or `holdfast.compile_rollout`. A compiled chain of constantly low
+        dynamics: the result of `holdfast.compile`, a function of it, or a rollout. A compiled chain of constantly low
             rank needs its `generic_rank`, given there or found by an earlier call; otherwise all results are NaN.
         of: names of the results. For forward dynamics, any of qdd (n,), grasp_wrench (arms, 6), object_acceleration
             (6,), contact_acceleration (n_g,), base_wrench (arms, 6), with a trunk trunk_base_wrench (6,), with a
@@ -83,7 +88,7 @@ def to_jax(
         MethodNotApplicable: derivatives are not available for the chain.
     """
     require_jax()
-    checks.instance(dynamics, (CompiledChain, Rollout), "to_jax: dynamics", StateError)
+    checks.instance(dynamics, (CompiledChain, Function, Rollout), "to_jax: dynamics", StateError)
     checks.instance(forward_mode, bool, "to_jax: forward_mode", StateError)
     checks.instance(of, (list, tuple, type(None)), "to_jax: of", StateError)
     checks.instance(parameters, (list, tuple), "to_jax: parameters", StateError)
@@ -100,14 +105,16 @@ def to_jax(
         return JaxRollout(dynamics, of, parameters, step, steps, schedule)
     if step is not None or steps is not None or schedule:
         raise StateError("to_jax: expected neither step, steps nor schedule of forward dynamics")
-    results = require_names("of", ("qdd", "grasp_wrench") if of is None else of, results_of(dynamics.chain))
-    return JaxFunction(dynamics, results, require_names("parameters", parameters, _known(dynamics)), forward_mode)
+    function = dynamics.forward_dynamics if isinstance(dynamics, CompiledChain) else dynamics
+    question = function.question
+    results = require_names(
+        "of", question.of or question.names if of is None else of, question.names_at(function.chain)
+    )
+    return JaxFunction(function, results, require_names("parameters", parameters, _known(function)), forward_mode)
 
 
-def _known(compiled: CompiledChain) -> tuple[str, ...]:
-    """Return the names of the parameters that may be passed."""
-    chain, options = compiled.chain, compiled.options
-    known = [*_PARAMETERS, *BASE_MOTION, *(link_parameters(chain) if options.link_inertia else ())]
-    if options.link_wrenches:
-        known += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else [])]
-    return (*known, *(TRUNK_BASE_MOTION if chain.trunk is not None and not chain.floats else ()))
+def _known(function: Function) -> tuple[str, ...]:
+    """Return the names of the parameters that may be passed: those by which the question has derivatives."""
+    held = {*function.externals, *(MOVING if function.has_status else ())}
+    known = [name for name in function.question.arguments_at(function.chain) if name not in function.question.inputs]
+    return tuple(name for name in known if name not in FLOATING and POSE_ARRAYS.get(name, (name,))[0] in held)

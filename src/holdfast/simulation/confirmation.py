@@ -88,8 +88,8 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
                 if (off <= allowed).all():
                     continue
                 together = [together[int(np.argmax(off / allowed))]]
-            names = f"{signals.quantities[together[0]]} margin of '{signals.names[together[0]]}' negative"
-            raise too_long(window, t, f"steps of 1/{parts} of it do not find the {names} that it does")
+            margin = f"{signals.quantities[together[0]]} margin of '{signals.names[together[0]]}'"
+            raise too_long(window, t, f"the full step finds a negative {margin}, {parts} shorter steps do not")
 
 
 def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastError:
@@ -108,7 +108,7 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
     while parts <= most:
         more = window.in_parts(until, 2 * parts)
         if _agree(window.begin, fewer, more):
-            return too_long(window, until, f"it fails, and steps of 1/{parts} of it do not ({failure})")
+            return too_long(window, until, f"the full step fails, {parts} shorter steps do not ({failure})")
         parts, fewer = 2 * parts, more
     return failure
 
@@ -130,7 +130,8 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
         joint, reason = decay.joint, f"slowed down at {decay.rate:.3g} 1/s by damping, friction or its controller"
         limit = step_for(decay, scheme)
     else:
-        joint, reason, limit = _most_different(window, until), "which moves otherwise then", 0.5 * step
+        joint, reason = _most_different(window, until), "whose motion changes when the step is halved"
+        limit = 0.5 * step
     fitting = _working(window, until, limit)
     advice = f"a step of {fitting:g} s" if np.isfinite(fitting) else "a much smaller step"
     if (hold := window.segment.settings.hold) is not None:

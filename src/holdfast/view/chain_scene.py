@@ -9,7 +9,7 @@ import numpy as np
 from holdfast.dynamics.arm.forward_kinematics import joint_placement
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import TRUNK
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import Trunk
 from holdfast.robots.visuals import arm_length, chain_length, equivalent_box, visuals_of, visuals_of_trunk
@@ -116,7 +116,11 @@ class ChainScene:
         beside = arm.joints[0].placement.p if name in chain.mounts and arm.joints else np.zeros(3)
         if name not in chain.mounts:
             self._writer.mesh(f"{root}/(own)", foot(self._size, up), colour)
-        self._writer.label(f"{root}/(name)", name, beside - NAME_DEPTH * self._size * up)
+        # away from the other arms' names, which may be near: fingers of a hand
+        apart = base.R.T @ (base.p - self.playback.base_pose[0, :, 4:].mean(axis=0))
+        outward = apart - (apart @ up) * up
+        outward = outward / max(float(np.linalg.norm(outward)), NAME_DEPTH * self._size)
+        self._writer.label(f"{root}/(name)", name, beside + NAME_DEPTH * self._size * (outward - up))
         return nodes
 
     def _draw_trunk(self, trunk: Trunk) -> list[str]:
@@ -207,11 +211,6 @@ class ChainScene:
 def arm_colour(index: int) -> Colour:
     """Return the colour of the arm at an index of the chain's order, 0 to 255."""
     return figure_style.rgb(figure_style.arm_style(index)[0])
-
-
-def part_colour(chain: ClosedChain, name: str) -> str:
-    """Return the colour '#rrggbb' of an arm, or of "trunk"."""
-    return figure_style.arm_style(chain.names.index(name))[0] if name in chain.arms else figure_style.TRUNK_COLOUR
 
 
 def foot(size: float, normal: Array) -> Mesh:

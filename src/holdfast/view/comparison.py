@@ -13,7 +13,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.view.base_travel import base_travel
 from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, DANGER, arm_style, stacked_panels
 from holdfast.view.playback import torque_use
-from holdfast.view.plots import columns_of_panels, worst_gaps
+from holdfast.view.plots import columns_of_panels, without_spikes, worst_gaps
 
 MOST_RUNS = len(ARM_COLOURS) * len(ARM_LINES)  # runs with distinct styles
 
@@ -86,6 +86,7 @@ def _hands_figure(runs: Runs) -> Any:
                 _draw(panel, runs, [of[row] for of in hands[name]])
                 if row in LIMITS:
                     panel.axhline(LIMITS[row], color=DANGER, linewidth=0.8)
+        without_spikes(figure, columns)
         for column in columns:  # after all curves are drawn, because the panels of a row share an axis
             for panel, row in zip(column, rows, strict=True):
                 panel.set_ylim(bottom=None if row == MARGIN else 0.0)

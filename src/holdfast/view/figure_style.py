@@ -11,6 +11,7 @@ from typing import Any
 
 from holdfast.errors import MissingExtra
 from holdfast.io.files import write_atomically
+from holdfast.model.closed_chain import ClosedChain
 
 # Okabe and Ito (2008): distinct under every common colour blindness
 BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
@@ -20,11 +21,17 @@ BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
 COMPONENTS = (("x", BLUE, "-"), ("y", VERMILLION, "--"), ("z", GREEN, "-."))
 # arms: vermillion is kept for what slips or exceeds a limit, purple for internal forces
 ARM_COLOURS, ARM_LINES = (BLUE, ORANGE, SKY, GREEN, BLACK), ("-", "--", "-.", ":")
-# joints: no vermillion either
-JOINT_STYLES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, "-"), (PURPLE, "--"), (SKY, "-."), (BLUE, ":"))
+# joints of an arm: its colour from dark to light, and a dash each
+JOINT_DASHES: tuple[Any, ...] = (
+    "-", (0, (6, 1.5)), (0, (3, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1.2)), (0, (6, 1.2, 1, 1.2, 1, 1.2)),
+    (0, (2, 2.5)),
+)  # fmt: skip
+DARKEST, LIGHTEST = -0.5, 0.45  # of these shades: black is -1, white is 1
+OTHERS = "#bbbbbb"  # joints that are not told apart
 INTERNAL, DANGER = PURPLE, VERMILLION
 TRUNK_COLOUR = "#707883"  # grey: it belongs to no arm
 
+NOISE = 1e-9  # N m per N: smaller moments are rounding
 DPI = 200
 COLUMN = 3.5  # inches: one column of a two-column page
 STYLE: dict[Any, Any] = {  # keys and values of matplotlib's rcParams
@@ -49,6 +56,19 @@ def arm_style(index: int) -> tuple[str, str]:
     """Return colour and line style of the arm at an index of the chain's order; no two of twenty arms look alike."""
     turn, place = divmod(index, len(ARM_COLOURS))
     return ARM_COLOURS[place], ARM_LINES[(place + turn) % len(ARM_LINES)]
+
+
+def part_colour(chain: ClosedChain, name: str) -> str:
+    """Return the colour '#rrggbb' of an arm, or of "trunk"."""
+    return arm_style(chain.names.index(name))[0] if name in chain.arms else TRUNK_COLOUR
+
+
+def joint_style(colour: str, place: int, count: int) -> tuple[str, Any]:
+    """Return shade and dash of the joint at a place among the `count` that are told apart, for an arm's colour."""
+    shade = DARKEST + (LIGHTEST - DARKEST) * place / max(count - 1, 1)
+    end = 255 if shade > 0 else 0
+    channels = (round(channel + abs(shade) * (end - channel)) for channel in rgb(colour))
+    return "#" + "".join(f"{channel:02x}" for channel in channels), JOINT_DASHES[place % len(JOINT_DASHES)]
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

@@ -162,7 +162,8 @@ def _add_curves(gui: Any, playback: Playback, plot: dict[str, Any]) -> None:
         dash = (6.0, 4.0) if curve["dashed"] else ()
         series.append(uplot.Series(label=curve["label"], stroke=curve["colour"], width=float(width), dash=dash))
     values = (np.array([np.nan if v is None else v for v in curve["values"]]) for curve in plot["curves"])
-    scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(distr=3 if plot["log"] else 1)}
+    cut: Any = {"range": tuple(plot["range"])} if plot["range"] else {}  # a spike goes beyond the axis
+    scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(distr=3 if plot["log"] else 1, **cut)}
     gui.add_uplot((playback.t, *values), tuple(series), title=plot["title"], scales=scales, aspect=1.8)
 
 

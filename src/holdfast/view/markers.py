@@ -107,9 +107,9 @@ def common_scale(playbacks: Sequence[Playback]) -> ArrowScale:
 
 
 def arrow_scale(playback: Playback) -> ArrowScale:
-    """Return the scale at which the largest wrench of a playback is an arrow of suitable length, rounded to 1, 2 or 5.
+    """Return the scales at which the largest wrench of a playback is an arrow of suitable length, rounded to 1, 2 or 5.
 
-    A moment is as long as a force that causes it at the distance of the contacts from their centre.
+    A moment is about as long as a force that causes it at the distance of the contacts from their centre.
     """
     size = chain_length(playback.chain)
     lever = length_scale([grasp.frame.p for grasp in playback.chain.grasps.values()])
@@ -118,7 +118,7 @@ def arrow_scale(playback: Playback) -> ArrowScale:
         float(np.linalg.norm(playback.wrench[..., :3], axis=-1).max(initial=0.0)) / lever,
     )
     force = one_two_five(LONGEST * size / largest) if largest > 0 else 1.0
-    return ArrowScale(force, force / lever)
+    return ArrowScale(force, one_two_five(force / lever))
 
 
 def one_two_five(x: float) -> float:

@@ -16,12 +16,13 @@ from holdfast.io.files import file_path, write_atomically
 from holdfast.spatial.scalar import Array
 from holdfast.view.base_travel import base_travel
 from holdfast.view.cameras import cameras
-from holdfast.view.chain_scene import ChainScene, part_colour
+from holdfast.view.chain_scene import ChainScene
 from holdfast.view.chooser import different_playbacks, with_chooser
-from holdfast.view.figure_style import BLACK, TRUNK_COLOUR
+from holdfast.view.figure_style import BLACK, NOISE, TRUNK_COLOUR, part_colour
 from holdfast.view.markers import ArrowScale, common_scale
 from holdfast.view.playback import RATE, Playback
 from holdfast.view.scene_writer import SceneWriter, viewer_server
+from holdfast.view.spikes import usual_range
 
 
 def export_page(playback: Playback | Sequence[Playback], path: str | PathLike[str]) -> None:
@@ -72,7 +73,6 @@ HERE = Path(__file__).parent
 DIGITS = 4
 GAP = "\u00a0"  # a space without a line break
 GONE = 1e-3  # strength at the end of the meter
-NOISE = 1e-9  # N m per N: smaller moments are rounding
 
 
 def with_panel(page: str, playback: Playback, scale: ArrowScale) -> str:
@@ -107,7 +107,7 @@ def panel_data(playback: Playback, scale: ArrowScale) -> dict[str, Any]:
             for view in cameras(playback)
         ],
         "notes": [legend(playback, scale), *playback.notes],
-        "plots": [plot for plot in plots(playback) if plot["curves"]],
+        "plots": plots(playback),
         "meters": [meter(playback)],
     }
 
@@ -120,11 +120,13 @@ def legend(playback: Playback, scale: ArrowScale) -> str:
     ]
     if any(grasp.contact is not None for grasp in playback.chain.grasps.values()):
         sentences.append("Friction cones turn from green to red as a contact approaches slipping.")
+    if playback.chain.trunk is not None:
+        sentences.append("Grey is the trunk.")
     return " ".join(sentences)
 
 
 def plots(playback: Playback) -> list[dict[str, Any]]:
-    """Return the panel's curves: forces, moments, friction margins, torques, condition."""
+    """Return the panel's curves: forces, moments, margins, torques, condition; no plot that would be all zero."""
     names = playback.chain.names
     force, moment, squeeze = (
         np.linalg.norm(part, axis=2)
@@ -144,7 +146,7 @@ def plots(playback: Playback) -> list[dict[str, Any]]:
     away = [
         _curve(name, TRUNK_COLOUR, np.linalg.norm(way, axis=1), dashed=name == "turn") for name, way in travel.items()
     ]
-    return [
+    found = [
         _plot("force on the object [N]", forces),
         _plot("moment on the object [N m]", moments),
         _plot("margin of the grasp [N], gives way below 0", margins, lines=[0.0]),
@@ -152,6 +154,7 @@ def plots(playback: Playback) -> list[dict[str, Any]]:
         _plot("floating base from its start [m, rad]", away),
         _plot("condition of the grasps [1]", [_curve("grasps", BLACK, playback.condition)], log=True),
     ]
+    return [plot for plot in found if any(any(curve["values"]) for curve in plot["curves"])]
 
 
 def meter(playback: Playback) -> dict[str, Any]:
@@ -173,7 +176,8 @@ def meter(playback: Playback) -> dict[str, Any]:
 
 
 def _plot(title: str, curves: list[dict[str, Any]], lines: list[float] | None = None, log: bool = False) -> Any:
-    return {"title": title, "curves": curves, "lines": lines or [], "log": log}
+    cut = None if log else usual_range([np.array(curve["values"], dtype=float) for curve in curves])
+    return {"title": title, "curves": curves, "lines": lines or [], "log": log, "range": cut}
 
 
 def _curve(label: str, colour: str, values: Array, dashed: bool = False) -> dict[str, Any]:

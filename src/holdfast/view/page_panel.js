@@ -106,12 +106,12 @@
     let cursor = null;
     if (last > 0) {
       const scale = of.log ? Math.log10 : (v) => v;
-      let low = all.map(scale).reduce((a, b) => Math.min(a, b), Infinity);
-      let high = all.map(scale).reduce((a, b) => Math.max(a, b), -Infinity);
+      const within = of.range ? [...of.range, ...of.lines] : all.map(scale);  // a spike goes beyond the axis
+      let low = within.reduce((a, b) => Math.min(a, b), Infinity), high = within.reduce((a, b) => Math.max(a, b), -Infinity);
       if (of.log) { low = Math.floor(low); high = Math.max(Math.ceil(high), low + 1); }
       else [low, high] = ends(low, high);
       const X = (t) => LEFT + (WIDTH - LEFT - 2) * t / end;
-      const Y = (v) => TOP + (HEIGHT - TOP - BOTTOM) * (high - scale(v)) / (high - low);
+      const Y = (v) => TOP + (HEIGHT - TOP - BOTTOM) * (high - Math.min(Math.max(scale(v), low), high)) / (high - low);
       const svg = add(figure, "svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img" });
       add(svg, "title", {}, of.title);
       for (const [v, y] of [[high, TOP], [low, HEIGHT - BOTTOM]]) {
@@ -126,6 +126,12 @@
         add(svg, "polyline", { points: points.join(" "), fill: "none", stroke: curve.colour, "stroke-width": 1.4 + 1.8 * (of.curves.length - 1 - i) / Math.max(of.curves.length - 1, 1),
           "stroke-dasharray": dashes, "stroke-dashoffset": 3.5 * i });
       });
+      if (of.range) for (const [curve, pick, sign] of of.curves.flatMap((c) => [[c, Math.max, "▲"], [c, Math.min, "▼"]])) {
+        const peak = curve.values.filter((v) => v !== null).reduce((a, b) => pick(a, b)), at = curve.values.indexOf(peak);
+        if (peak >= low && peak <= high) continue;
+        const x = X(data.times[at]), late = x > WIDTH / 2, y = peak > high ? TOP + 8 : HEIGHT - BOTTOM - 2;
+        add(svg, "text", { x: x + (late ? -3 : 3), y, "text-anchor": late ? "end" : "start" }, `${sign} ${short(peak, largest)}`);
+      }
       cursor = add(svg, "line", { y1: 0, y2: HEIGHT, stroke: "#000", "stroke-width": 0.8, class: "cursor" });
       cursor.moveTo = (t) => { cursor.setAttribute("x1", X(t)); cursor.setAttribute("x2", X(t)); };
       const follow = (event) => {

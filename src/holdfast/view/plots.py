@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import repeat
 from os import PathLike
 from typing import Any
 
@@ -18,6 +19,7 @@ from holdfast.view import figure_style as style
 from holdfast.view.base_travel import base_travel
 from holdfast.view.figure_style import COLUMN, COMPONENTS, arm_style, new_figure, stacked_panels
 from holdfast.view.margin_figure import friction_margin_figure
+from holdfast.view.spikes import cut_spikes
 
 ARMS_ABREAST = 4
 POINTS = 300  # as many as a column can show
@@ -80,7 +82,7 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     """Return a figure of the grasp wrenches, one column of panels per arm that holds.
 
     Force and moment of the arm on the object about the contact, world axes, and the norms
-    of the force's motion and internal parts.
+    of the force's motion and internal parts. If all moments are zero, they have no panels.
 
     Args:
         chain: the chain that was simulated.
@@ -96,18 +98,21 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     internal = run.internal_wrench[..., 3:]
     norms = (np.linalg.norm(part, axis=2) for part in (run.grasp_wrench[..., 3:] - internal, internal))
     parts = list(zip(("motion part", "internal part"), norms, ("-", "--"), (style.BLACK, style.INTERNAL), strict=True))
-    with columns_of_panels(len(held), 4.2, 0.3, ("force [N]", "moment [N m]", "|force| [N]")) as (figure, columns):
-        for i, (force, moment, split) in zip(held, columns, strict=True):
-            force.set_title(_title(chain, i))
-            for panel, first in ((force, 3), (moment, 0)):
+    size = np.abs(run.grasp_wrench).max(axis=(0, 1), initial=0.0)
+    rows = {"force [N]": 3, "moment [N m]": 0} if size[:3].max() > style.NOISE * size[3:].max() else {"force [N]": 3}
+    with columns_of_panels(len(held), 1.4 * (len(rows) + 1), 0.3, (*rows, "|force| [N]")) as (figure, columns):
+        for i, (*wrench, split) in zip(held, columns, strict=True):
+            wrench[0].set_title(_title(chain, i))
+            for panel, first in zip(wrench, rows.values(), strict=True):
                 for axis, (label, colour, line) in enumerate(COMPONENTS):
                     panel.plot(run.t, run.grasp_wrench[:, i, first + axis], line, color=colour, label=label)
             for label, norm, line, colour in parts:
                 split.plot(run.t, norm[:, i], line, color=colour, label=label)
-        for _, _, split in columns:  # once all are drawn: those of a row have one axis
+        handles = [*columns[0][0].lines, *columns[0][-1].lines] if held else []
+        without_spikes(figure, columns)
+        for *_, split in columns:  # once all are drawn: those of a row have one axis
             split.set_ylim(bottom=0)
         if held:
-            handles = [*columns[0][0].lines, *columns[0][2].lines]
             figure.legend(handles=handles, loc="outside upper center", ncols=5, columnspacing=1.0)
     return figure
 
@@ -150,8 +155,8 @@ def _title(chain: ClosedChain, arm: int) -> str:
 def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
     """Return a figure of the drives' torques, and of their share of the limits, one column per arm and for a trunk.
 
-    Of an arm with more than seven joints the seven that come nearest to their limits (or, without
-    limits, with the largest torques) are told apart, the others are grey.
+    An arm has its colour, its joints differ by shade and dash. Of an arm with more than seven joints the seven that
+    come nearest to their limits (or, without limits, with the largest torques) are told apart, the others are grey.
 
     Args:
         chain: the chain that was simulated.
@@ -164,16 +169,37 @@ def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
         MissingExtra: matplotlib is not installed.
     """
     driven = [name for name, joints in chain.joints_of.items() if joints]
-    with columns_of_panels(len(driven), 3.2, 0.5, (_label(chain), "share of limit [%]")) as (figure, columns):
+    named = 0.13 * max((min(len(chain.joints_of[name]), len(style.JOINT_DASHES)) for name in driven), default=0)
+    with columns_of_panels(len(driven), 3.0 + named, 0.2, (_label(chain), "share of limit [%]")) as (figure, columns):
         for name, (torque, share) in zip(driven, columns, strict=True):
             torque.set_title(name)
             _draw(chain, run, name, torque, share)
+            share.legend(handles=_told_apart(torque), loc="upper center", bbox_to_anchor=(0.5, -0.4), borderaxespad=0)
+        without_spikes(figure, columns, ((), (0.0, 100.0)))
         for _, share in columns:  # once all are drawn: those of a row have one axis
             share.set_ylim(0, max(105.0, share.get_ylim()[1]))
-        handles = {line.get_label(): line for panel in figure.axes for line in panel.lines}
-        named = [handles[label] for label in sorted(handles) if not label.startswith("_")]
-        figure.legend(handles=named[:28], loc="outside upper center", ncols=4, columnspacing=1.0)
     return figure
+
+
+def _told_apart(panel: Any) -> list[Any]:
+    return [line for line in panel.lines if not line.get_label().startswith("_")]
+
+
+def without_spikes(
+    figure: Any, columns: Sequence[Sequence[Any]], shown: Sequence[Sequence[float]] | None = None
+) -> None:
+    """Cut the axis of each row of panels to what is usual, and explain the arrows, if there are any, in a legend.
+
+    Args:
+        figure: the figure.
+        columns: of panels; those of a row share their axis.
+        shown: of each row, values that its axis contains.
+    """
+    rows = zip(*columns, strict=True)
+    handles = [cut_spikes(row, values) for row, values in zip(rows, shown or repeat(()), strict=False)]
+    found = [handle for handle in handles if handle is not None]
+    if found:
+        figure.legend(handles=found[:1], loc="outside lower right")
 
 
 def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: Any) -> None:
@@ -182,11 +208,13 @@ def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: An
     limits = np.array([joint.effort_limit for joint in joints])
     limited = np.isfinite(limits)
     use = np.where(limited, 100 * np.abs(tau) / limits, 0.0)
-    first = np.argsort(-(use if limited.any() else np.abs(tau)).max(axis=0), kind="stable")[: len(style.JOINT_STYLES)]
+    most = (use if limited.any() else np.abs(tau)).max(axis=0)
+    first = sorted(np.argsort(-most, kind="stable")[: len(style.JOINT_DASHES)])
     for k, joint in enumerate(joints):
-        place = sorted(first).index(k) if k in first else None
-        colour, line = ("#bbbbbb", "-") if place is None else style.JOINT_STYLES[place]
-        label = "_" if place is None else joint.name or f"joint{k + 1}"
+        colour, line, label = style.OTHERS, "-", "_"
+        if k in first:
+            colour, line = style.joint_style(style.part_colour(chain, name), first.index(k), len(first))
+            label = joint.name or f"joint{k + 1}"
         torque.plot(run.t, tau[:, k], linestyle=line, color=colour, label=label)
         if limited[k]:
             share.plot(run.t, use[:, k], linestyle=line, color=colour, label=label)
@@ -249,6 +277,7 @@ def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:
         share.set_ylim(*_wide_enough(shares))
         force.plot(run.t, net, "-", color=style.BLACK)
         force.set_ylim(0, 1.08 * net.max() or 1.0)
+        without_spikes(figure, [(share, force)], ((0.0, 100.0), (0.0,)))
         if share.lines:
             figure.legend(handles=share.lines, loc="outside upper center", ncols=4, columnspacing=1.0)
     return figure

@@ -1,0 +1,102 @@
+"""What a step of `simulate` costs, beside the same step in a rollout: two Pandas hold a box by springs in their joints.
+
+Run it with HOLDFAST_COMPILE unset, on a quiet machine; `--write` puts the table into the page.
+
+python benchmarks/simulation_cost.py [--write docs/limitations.md]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import holdfast as hf
+from holdfast.cli.processor import processor
+from holdfast.robots import panda
+
+STEP, STEPS, ROUNDS, MANY = 1e-3, 500, 5, 1000
+BEGIN, END = "<!-- cost:begin -->\n", "<!-- cost:end -->\n"
+
+
+def held(kind: Any, contact: hf.Friction | None = None) -> tuple[hf.ClosedChain, hf.State]:
+    """Return two Pandas that face each other and hold a box."""
+    arms = {"left": panda([1, 0, 0, 0, -0.55, 0, 0]), "right": panda([0, 0, 0, 1, 0.55, 0, 0])}
+    frames = {name: hf.contact_frame([0.15 * x, 0, 0], into=[-x, 0, 0]) for name, x in {"left": -1, "right": 1}.items()}
+    grasps = {name: hf.Grasp(kind, frame, contact=contact) for name, frame in frames.items()}
+    box = hf.HeldObject.box(3.0, 0.3, 0.2, 0.2)
+    chain, state = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.72])
+    return chain, state
+
+
+def microseconds(run: Callable[[], Any], steps: int) -> float:
+    """Return the processor time of a step, the least of several runs after one that compiles [us]."""
+    run()
+    times = []
+    for _ in range(ROUNDS):
+        begin = time.process_time()
+        run()
+        times.append(time.process_time() - begin)
+    return 1e6 * min(times) / steps
+
+
+def costs() -> Iterator[tuple[str, float]]:
+    """Yield what is run, and the processor time of a step [us]."""
+    rigid, state = held("rigid")
+    hold = hf.holding_torques(rigid, state, internal=40.0)
+
+    def springs(t: Any, now: Any, memory: Any) -> tuple[Any, Any]:
+        return hold + 200.0 * (state.q - now.q) - 0.5 * now.qd, memory
+
+    law = hf.ControlLaw(lambda t, now, memory, given: springs(t, now, memory))
+    gripped, _ = held("softfinger", hf.Friction(mu=0.8, torsion_radius=0.02))
+    for what, chain, controller, options in (
+        ("`simulate`, a Python function called at every stage", rigid, springs, {}),
+        ("`simulate`, a Python function called once per step (`sample_time`)", rigid, springs, {"sample_time": STEP}),
+        ("`simulate`, a `ControlLaw`", rigid, law, {}),
+        ("`simulate`, a `ControlLaw`, soft fingers with friction", gripped, law, {}),
+    ):
+        run = lambda c=chain, f=controller, o=options: hf.simulate(c, state, f, STEPS * STEP, STEP, **o)  # noqa: E731
+        yield what, microseconds(run, STEPS)
+    rollout = hf.compile_rollout(rigid, law)
+    for count in (1, MANY):
+        steps = STEPS if count == 1 else 20
+        systems = rollout.start(np.tile(state.q, (count, 1)), state.qd, state.object_pose, state.object_twist)
+        run = lambda s=systems, n=steps: rollout.step(s.copy(), STEP, steps=n)  # noqa: E731
+        plural = "system" if count == 1 else "systems, each of them"
+        yield f"rollout of {count} {plural}, the same `ControlLaw`", microseconds(run, steps * count)
+    wanted = hf.forward_dynamics(gripped, state, hold)
+    best = lambda: hf.forces.largest_margin(gripped, state, wanted, effort_limits=True)  # noqa: E731
+    yield "one `largest_margin` of the soft fingers, with effort limits", microseconds(best, 1)
+
+
+def table() -> str:
+    """Return the table of costs as Markdown."""
+    rows = [f"| {what} | {cost:,.{0 if cost >= 10 else 1}f} us |" for what, cost in costs()]
+    name = processor()[0]
+    return "\n".join(
+        ["| two Pandas and a box, steps of 1 ms | processor time of a step or call |", "|---|---|", *rows]
+    ) + (f"\n\nOne thread, {name}; after the first run, which compiles.\n")
+
+
+def main() -> None:
+    """Print the table, or write it between the markers of a page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", type=Path, help="the page")
+    page, found = parser.parse_args().write, table()
+    if page is None:
+        print(found)
+        return
+    before, opened, rest = page.read_text().partition(BEGIN)
+    _, closed, after = rest.partition(END)
+    if not opened or not closed:
+        parser.error(f"{page}: expected {BEGIN.strip()} and after it {END.strip()}")
+    page.write_text(f"{before}{BEGIN}{found}{END}{after}")
+
+
+if __name__ == "__main__":
+    main()
