@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from holdfast.compiled.externals import FLOATING
 
 import holdfast as hf
 from holdfast.compiled import arrays
