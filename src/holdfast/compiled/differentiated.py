@@ -33,6 +33,16 @@ class Differentiated:
     computation: Computation
     _options: Options
 
+    if TYPE_CHECKING:
+
+        def __call__(self, *given: Any, **further: Any) -> Any:
+            """See `Function`."""
+
+        @classmethod
+        def of(cls, *made: Any) -> Function:
+            """See `Function`."""
+            ...
+
     @property
     def name(self) -> str:
         """The name of the question, with the kind of derivatives if these are computed."""
