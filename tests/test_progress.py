@@ -136,7 +136,7 @@ def test_code_made_later(capsys):
         fast.kinetic_energy(state.q, state.qd, state.object_pose, state.object_twist)
         fast.potential_energy.vjp(state.q, state.object_pose)
     said = [line.partition(" of ")[0] for line in capsys.readouterr().err.splitlines()]
-    assert said == ["compiling the dynamics", "compiling kinetic_energy", "compiling potential_energy_vjp"]
+    assert said == ["compiling forward_dynamics", "compiling kinetic_energy", "compiling potential_energy.vjp"]
 
 
 def test_code_for_batches(monkeypatch, capsys, tmp_path):
@@ -155,7 +155,7 @@ def test_code_for_batches(monkeypatch, capsys, tmp_path):
             fast.mass_matrix(q)
             law.torques(0.0, q, still, *at)
         said = [line.partition(" of ")[0] for line in capsys.readouterr().err.splitlines()]
-        expected = ["the dynamics for batches", "mass_matrix", "mass_matrix for batches"]
+        expected = ["forward_dynamics for batches", "mass_matrix", "mass_matrix for batches"]
         expected.append("the control law for batches")
         assert said == ([f"compiling {what}" for what in expected] if asked else [])
 

@@ -6,7 +6,7 @@ import difflib
 import functools
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn, TypeVar
 
 import lazy_loader
@@ -114,18 +114,24 @@ def _called(function: Callable[..., Any], name: str) -> Callable[..., Any]:
         try:
             return function(*args, **given)
         except TypeError:
-            if (wrong := _wrong(function, name, args, given)) is None:
+            if (wrong := wrong_call(inspect.signature(function), name, args, given)) is None:
                 raise
         raise wrong
 
     return call
 
 
-def _wrong(
-    function: Callable[..., Any], name: str, args: tuple[Any, ...], given: Mapping[str, Any]
+def wrong_call(
+    signature: inspect.Signature, name: str, args: Sequence[Any], given: Mapping[str, Any]
 ) -> CallError | None:
-    """Return the error for arguments that do not fit a signature; None if they do."""
-    signature = inspect.signature(function)
+    """Return the error for arguments that do not fit a signature; None if they do.
+
+    Args:
+        signature: the signature.
+        name: what is called, for the message.
+        args: arguments by place.
+        given: arguments by name.
+    """
     try:
         signature.bind(*args, **given)
     except TypeError as error:

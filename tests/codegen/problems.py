@@ -6,7 +6,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from holdfast.compiled.arm_functions import CLOSED, COMPUTATIONS
 
 import holdfast as hf
 from holdfast.codegen.arrays import CONTROL, LAST
@@ -14,6 +13,8 @@ from holdfast.codegen.functions import ExportedFunction, exported_function, expo
 from holdfast.compiled.derivative_schedule import FOUND, UNITS
 from holdfast.control import compile_law
 from holdfast.spatial.scalar import sin
+from tests.compiled.problems import one
+from tests.questions.every import direct, inputs_of
 from tests.systems.problems import random_problem
 from tests.systems.trunk_problems import cases
 
@@ -75,9 +76,8 @@ def truths(name: str, count: int, derivatives: bool = True) -> list[Truth]:
     """Return functions of a chain, and the library's answers for so many systems, by its public calls."""
     chain, state = chain_and_state(name)
     compiled = hf.compile(chain)
-    made = [_forward(compiled, state, count), _projected(compiled, state, count), _law(compiled, state, count)]
-    made += [_closure(compiled, state, count)] if chain.grasps else []
-    made += [_inverse(compiled, state, count)]
+    made = [_forward(compiled, state, count), _law(compiled, state, count)]
+    made += [_answer(question, compiled, state, count) for question in direct()]
     made += [_jacobian(compiled, state, count)] if derivatives else []
     return [*made, steps(compiled, state, count)]
 
@@ -127,51 +127,25 @@ def _without(system: System, *names: str) -> System:
     return {n: x for n, x in system.items() if n not in names}
 
 
-def _projected(compiled, state, count) -> Truth:
-    function = exported_function("project", compiled)
-    given = [_near(compiled.chain, state, 0) | {"q": state.q + 1e-4 * k / count} for k in range(count)]
-    expected = []
-    for system in given:
-        args, rest = _by_name(compiled.chain, system)
-        found = compiled.project(*args, **_without(rest, "floating_twist"), **_only(rest, "floating_twist"))
-        expected.append({f"{CLOSED}{n}": x for n, x in found.items()} | {"returned": np.array(0)})
-    return Truth(function, given, expected)
-
-
-def _closure(compiled, state, count) -> Truth:
-    function = exported_function("closure", compiled)
-    given, expected = [_near(compiled.chain, state, k) for k in range(count)], []
-    for system in given:
-        args, rest = _by_name(compiled.chain, system)
-        gaps = compiled.closure(*args, **rest).values()
-        found = {n: np.concatenate([getattr(gap, n) for gap in gaps]) for n in ("position", "velocity")}
+def _answer(name: str, compiled: hf.compiled.CompiledChain, state: hf.State, count: int) -> Truth:
+    """Return a question that is answered without the equations of motion; what is projected is nearly closed."""
+    function, call, near = exported_function(name, compiled), getattr(compiled, name), name != "project"
+    given, expected = [], []
+    for k in range(count):
+        system = one(inputs_of(compiled.chain, 1, k), 0) | _near(compiled.chain, state, k if near else 0)
+        if not near:
+            system["q"] = state.q + 1e-4 * k / count
+        system = _only(system, *call.question.inputs, *call.question.by_name(compiled.chain))
+        result = call.results(None)
+        call.calls(system, result)
+        given.append(system)
+        found = {x: result.array(x) for x in call.question.names_at(compiled.chain)}
         expected.append(found | {"returned": np.array(0)})
     return Truth(function, given, expected)
 
 
 def _only(system: System, *names: str) -> System:
     return {n: x for n, x in system.items() if n in names}
-
-
-def _inverse(compiled, state, count) -> Truth:
-    chain = compiled.chain
-    function = exported_function("inverse_dynamics", compiled)
-    holds = np.array([[name in chain.grasps] for name in chain.arms], dtype=float)
-    given, expected = [], []
-    for k in range(count):
-        random = np.random.default_rng((k, 2))
-        system = _only(_near(chain, state, k), "q", "qd", "floating_pose", "floating_twist")
-        system |= {"floating_acceleration": random.normal(size=6)} if chain.floats else {}
-        system |= {
-            "qdd": random.normal(size=chain.joint_count),
-            "grasp_wrench": holds * random.normal(size=(len(chain.arms), 6)),
-        }
-        given.append(system)
-        args = tuple(system[name] for name in COMPUTATIONS["inverse_dynamics"].inputs)
-        rest = {name: x for name, x in system.items() if name.startswith("floating")}
-        found = compiled._function("inverse_dynamics")(args, rest, 1)
-        expected.append(found | {"returned": np.array(0)})
-    return Truth(function, given, expected)
 
 
 def _law(compiled, state, count) -> Truth:

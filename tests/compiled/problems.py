@@ -137,12 +137,9 @@ def answer(problem: Problem, **options) -> CompiledResult:
 
 def interpreted(fast: CompiledChain, given: Given) -> tuple[Array, ...]:
     """Return the outputs by the graph's interpreter, number by number in Python."""
-    if "base_twist" in given:
-        fast = fast.moving
-    if "base_twist" in given or "base_acceleration" in given:
-        fast = fast.moving
-    own = fast.calls.own | given
-    return tuple(interpret_schedule(fast.calls.kernel.schedule, own).values())
+    function = fast.forward_dynamics
+    calls = (function.when_moving if {"base_twist", "base_acceleration"} & {*given} else function).calls
+    return tuple(interpret_schedule(calls.kernel.schedule, calls.own | given).values())
 
 
 def outputs(result: CompiledResult, i: Any = None) -> tuple[Array, ...]:

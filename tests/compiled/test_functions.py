@@ -8,50 +8,30 @@ from types import FunctionType
 
 import numpy as np
 import pytest
-from holdfast.compiled.arm_functions import COMPUTATIONS
-from holdfast.compiled.functions import ChainFunctions
 
 import holdfast
-from holdfast import ClosedChain, Inputs, MethodNotApplicable, Pose, State, StateError
+from holdfast import ClosedChain, MethodNotApplicable, Pose, StateError
 from holdfast.compiled import CompiledChain
+from holdfast.compiled.computation import structure_of
 from holdfast.compiled.not_compiled import REASONS
 from holdfast.compiled.structure import Options
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.compiler.targets import cpu
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.projection import after_step
-from holdfast.forces.wrist import across_tips
 from holdfast.model.grasp import WrenchLimits
+from holdfast.questions.arrays import ARRAYS
+from holdfast.questions.case import OF_INPUTS
+from holdfast.questions.question import QUESTIONS
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, chain_of, compiled, numbers, one
 from tests.dynamics.problems import CASES, random_problem, stored
+from tests.questions.every import Given, built_with, direct, flat, inputs_of, parameters_of, reference, taken_by
 from tests.surface import PUBLIC
 from tests.systems.as_chain import Problem
 
 BOUND = 1e-11
-OF_FORCES = ("grasp_margins", "joint_margins", "wrist_wrenches")
-ARGUMENTS = {
-    "inverse_dynamics": ("q", "qd", "qdd", "grasp_wrench"),
-    "grasp_margins": ("object_pose", "grasp_wrench"),
-    "joint_margins": ("q", "qd", "tau"),
-    "wrist_wrenches": ("q", "grasp_wrench"),
-    "mass_matrix": ("q",),
-    "jacobian": ("q",),
-    "closure": ("q", "qd", "object_pose", "object_twist"),
-    "kinetic_energy": ("q", "qd", "object_pose", "object_twist"),
-    "potential_energy": ("q", "object_pose"),
-    "momentum": ("q", "qd", "object_pose", "object_twist"),
-    "centre_of_mass": ("q", "object_pose"),
-    "object_mobility": ("q", "object_pose"),
-    "tip_poses": ("q",),
-    "link_poses": ("q",),
-    "project": ("q", "qd", "object_pose", "object_twist"),
-}
-EVERY = list(ARGUMENTS)
+EVERY = direct()
 # these compile the filter: elsewhere than against the reference it is the same machinery, and takes longest
 functions = pytest.mark.parametrize(
     "function",
@@ -59,115 +39,9 @@ functions = pytest.mark.parametrize(
 )
 
 
-def states(chain, batch: int, seed: int = 0) -> dict[str, Array]:
-    """Return random inputs of all functions; arms that hold nothing bear nothing."""
-    random = np.random.default_rng((seed, 2))
-    f = 10.0 * random.normal(size=(batch, len(chain.arms), 6))
-    for row, name in enumerate(chain.names):
-        if name not in chain.grasps:
-            f[:, row] = 0.0
-    given = numbers(chain, batch, seed)
-    return given | {"qdd": random.normal(size=(batch, chain.joint_count)), "grasp_wrench": f}
-
-
-def parameters(chain, batch: int, seed: int = 0) -> dict[str, dict[str, Array]]:
-    """Return random parameters of all functions, those that each takes."""
-    random, n, l = np.random.default_rng((seed, 3)), chain.joint_count, len(chain.arms)
-
-    def poses(count: int) -> Array:
-        q = random.normal(size=(batch, count, 4))
-        return np.concatenate([q / np.linalg.norm(q, axis=-1)[..., None], random.normal(size=(batch, count, 3))], -1)
-
-    def spread(count: int) -> Array:
-        return np.array([np.diag(x) for x in random.uniform(0.5, 0.9, (count, 3))])
-
-    links = {
-        "link_mass": random.uniform(0.1, 5.0, (batch, n)),
-        "link_com": random.normal(size=(batch, n, 3)),
-        "link_inertia": spread(batch * n).reshape(batch, n, 3, 3),
-    }
-    body = {
-        "object_mass": random.uniform(0.1, 5.0, batch),
-        "object_com": random.normal(size=(batch, 3)),
-        "object_inertia": spread(batch),
-    }
-    base, twist = {"base_pose": poses(l)}, {"base_twist": random.normal(size=(batch, l, 6))}
-    gravity = {"gravity": random.normal(size=(batch, 3))}
-    moving = {"base_acceleration": random.normal(size=(batch, l, 6)), "link_wrench": random.normal(size=(batch, n, 6))}
-    return {
-        "inverse_dynamics": base | twist | gravity | moving | links,
-        "grasp_margins": {"grasp_pose": poses(len(chain.grasps))},
-        "joint_margins": {},
-        "wrist_wrenches": base,
-        "mass_matrix": links,
-        "jacobian": base,
-        "closure": base | twist | {"grasp_pose": poses(len(chain.grasps))},
-        "kinetic_energy": base | twist | body | links,
-        "potential_energy": base | gravity | body | links,
-        "momentum": base | twist | body | links | {"about": random.normal(size=(batch, 3))},
-        "centre_of_mass": base | body | links,
-        "object_mobility": base | body | links | {"grasp_pose": poses(len(chain.grasps))},
-        "tip_poses": base,
-        "link_poses": base,
-        "project": twist | body | links,
-    }
-
-
-def called(fast: ChainFunctions, function: str, given: dict[str, Array], **options) -> dict[str, Array]:
+def called(fast: CompiledChain, function: str, given: Given, **options) -> Given:
     """Return a function's results as arrays by name."""
-    found = getattr(fast, function)(*(given[name] for name in ARGUMENTS[function]), **options)
-    if function == "joint_margins":
-        return found._asdict()
-    if not isinstance(found, dict):
-        return {"": np.asarray(found)}
-    if function not in ("closure", "tip_poses", "link_poses"):
-        return found
-    return {f"{arm}.{field}": x for arm, gap in found.items() for field, x in gap._asdict().items()}
-
-
-def reference(
-    chain, function: str, given: dict[str, Array], inputs: Inputs | None = None, about: Array | None = None
-) -> dict[str, Array]:
-    """Return the same by the reference, for one system."""
-    inputs = inputs or Inputs()
-    state = State(*(given[name] for name in ("q", "qd", "object_pose", "object_twist")))
-    if function == "inverse_dynamics":
-        return {"": holdfast.inverse_dynamics(chain, state, given["qdd"], given["grasp_wrench"], inputs)}
-    if function == "grasp_margins":
-        return {"": holdfast.forces.grasp_margins(chain, state, given["grasp_wrench"])}
-    if function == "joint_margins":
-        return holdfast.forces.joint_margins(chain, state, given["tau"])._asdict()
-    if function == "wrist_wrenches":
-        return {"": across_tips(chain, state, given["grasp_wrench"])}
-    if function == "closure":
-        gaps = holdfast.dynamics.closure(chain, state, inputs)
-        return {f"{arm}.{field}": x for arm, gap in gaps.items() for field, x in gap._asdict().items()}
-    if function == "kinetic_energy":
-        return {"": np.array(holdfast.dynamics.kinetic_energy(chain, state, inputs))}
-    if function == "potential_energy":
-        return {"": np.array(holdfast.dynamics.potential_energy(chain, state))}
-    if function == "momentum":
-        return {"": holdfast.dynamics.momentum(chain, state, about, inputs)}
-    if function in ("centre_of_mass", "object_mobility"):
-        return {"": getattr(holdfast.dynamics, function)(chain, state)}
-    if function == "project":
-        found = after_step(chain, state, inputs.shaped(chain))
-        return {name: getattr(found, name) for name in ARGUMENTS[function]}
-    if function == "tip_poses":
-        tips = {name: holdfast.dynamics.tip_pose(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()}
-        return {f"{name}.{field}": getattr(tip, field) for name, tip in tips.items() for field in ("R", "p")}
-    if function == "link_poses":
-        links = {
-            name: holdfast.dynamics.link_poses(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()
-        }
-        stacked = {
-            name: {field: np.array([getattr(x, field) for x in of]) for field in "Rp"} for name, of in links.items()
-        }
-        return {f"{name}.{field}": x for name, of in stacked.items() for field, x in of.items()}
-    at = {name: forward_kinematics(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()}
-    if function == "mass_matrix":
-        return {name: mass_matrix(arm, at[name])[0] for name, arm in chain.arms.items()}
-    return {name: jacobian(arm, at[name]) for name, arm in chain.arms.items()}
+    return flat(getattr(fast, function)(*(given[name] for name in QUESTIONS[function].inputs), **options))
 
 
 def gap(found: dict[str, Array], expected: dict[str, Array]) -> float:
@@ -199,26 +73,13 @@ def stacked(found: list[dict[str, Array]]) -> dict[str, Array]:
     return {name: np.stack([each[name] for each in found]) for name in found[0]}
 
 
-def problem_given(problem: Problem, seed: int) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
-    """Return inputs and parameters of a problem, with random accelerations and grasp wrenches."""
-    s, i = problem.state, problem.inputs.shaped(problem.chain)
-    random = one(states(problem.chain, 1, seed), 0)
-    given = random | {"q": s.q, "qd": s.qd, "object_pose": s.object_pose, "object_twist": s.object_twist}
-    twist = {"base_twist": i.base_twists}
-    inverse = twist | {"base_acceleration": i.base_accelerations, "link_wrench": i.link_wrenches}
-    moving = dict.fromkeys(("closure", "kinetic_energy", "momentum", "project"), twist)
-    return given, moving | {"inverse_dynamics": inverse}
-
-
 @cache
-def alone(chain: ClosedChain, link_inertia: bool = False) -> ChainFunctions:
-    """Return the functions without forward dynamics, which takes longest to compile."""
-    made = ChainFunctions()
-    made.chain, made.options = chain, Options("auto", link_inertia, link_wrenches=True)
-    return made
+def alone(chain: ClosedChain, link_inertia: bool = False) -> CompiledChain:
+    """Return the chain without forward dynamics, which takes longest to compile."""
+    return CompiledChain(chain, Options("auto", link_inertia, link_wrenches=True), None)
 
 
-def named(name: str) -> ChainFunctions:
+def named(name: str) -> CompiledChain:
     """Return the functions of one of `CHAINS`, with every optional parameter; its grasps have friction or limits."""
     chain = chain_named(name)
     sized = {"softfinger": {"torsion_radius": 0.02}, "hinge": {"half_length": 0.05}, "ball": {}}
@@ -233,10 +94,15 @@ def named(name: str) -> ChainFunctions:
 
 def disagreement(problem: Problem, function: str, seed: int = 0) -> float:
     """Return how far the compiled function is from the reference on a problem."""
-    given, extra = problem_given(problem, seed)
-    fast = alone(problem.chain)
-    found = called(fast, function, given, **extra.get(function, {}))
-    return gap(found, reference(problem.chain, function, given, problem.inputs))
+    s, acting, fast = problem.state, problem.inputs.shaped(problem.chain), alone(problem.chain)
+    given = one(inputs_of(problem.chain, 1, seed), 0)
+    given |= {"q": s.q, "qd": s.qd, "object_pose": s.object_pose, "object_twist": s.object_twist}
+    options = {
+        name: getattr(acting, OF_INPUTS[name]) for name in taken_by(getattr(fast, function)) if name in OF_INPUTS
+    }
+    options = {name: x for name, x in options.items() if x is not None}
+    found = called(fast, function, given, **options)
+    return gap(found, reference(function, problem.chain, given, problem.inputs))
 
 
 def stored_names():
@@ -272,11 +138,11 @@ def test_open_states(function, name):
     The grasps' own equations may be singular there: for what solves them these are no states.
     """
     fast = named(name)
-    chain, given = fast.chain, states(fast.chain, 5)
+    chain, given = fast.chain, inputs_of(fast.chain, 5)
     found = called(fast, function, given)
     for i in range(5):
         here = rows(found, i) if chain.grasps or function != "closure" else found
-        assert gap(here, reference(chain, function, one(given, i))) < BOUND
+        assert gap(here, reference(function, chain, one(given, i))) < BOUND
 
 
 @functions
@@ -284,7 +150,7 @@ def test_batch_is_single(function):
     """Batches of every size, on any number of threads, have the bits of single calls."""
     fast = named("all kinds")
     lanes = cpu.lanes()
-    given, extra = states(fast.chain, 2 * lanes + 3), parameters(fast.chain, 2 * lanes + 3)[function]
+    given, extra = inputs_of(fast.chain, 2 * lanes + 3), parameters_of(getattr(fast, function), 2 * lanes + 3)
     for options in ({}, extra):
         singles = [called(fast, function, one(given, i), **one(options, i)) for i in range(2 * lanes + 3)]
         for batch in (1, lanes, 2 * lanes + 3):
@@ -300,8 +166,8 @@ def test_shared_arguments(function):
     """An argument without a batch axis is every system's; it may be as long as the batch is."""
     fast = named("all kinds")
     batch = fast.chain.joint_count
-    given, extra = states(fast.chain, batch), parameters(fast.chain, batch)[function]
-    for varied in (*ARGUMENTS[function], *extra):
+    given, extra = inputs_of(fast.chain, batch), parameters_of(getattr(fast, function), batch)
+    for varied in (*QUESTIONS[function].inputs, *extra):
         now = {name: x if name == varied else x[0] for name, x in given.items()}
         of = {name: x if name == varied else x[0] for name, x in extra.items()}
         found = called(fast, function, now, **of)
@@ -320,50 +186,27 @@ def test_shared_arguments(function):
 def test_run_time_parameters(function, name):
     """Parameters of a call give what a chain built with them gives, and the next call has the chain's own again."""
     fast = named(name)
-    given = one(states(fast.chain, 1), 0)
-    extra = one(parameters(fast.chain, 1)[function], 0)
+    given = one(inputs_of(fast.chain, 1), 0)
+    extra = one(parameters_of(getattr(fast, function), 1), 0)
     own = called(fast, function, given)
     found = called(fast, function, given, **extra)
     chain = built_with(fast.chain, extra)
-    inputs = Inputs(None, extra.get("link_wrench"), extra.get("base_twist"), extra.get("base_acceleration"))
-    assert gap(found, reference(chain, function, given, inputs, extra.get("about"))) < BOUND
+    assert gap(found, reference(function, chain, given | extra)) < BOUND
     again = alone(chain)
-    acting = {k: x for k, x in extra.items() if k in ("about", "link_wrench", "base_twist", "base_acceleration")}
+    acting = {name: x for name, x in extra.items() if ARRAYS[name].role == "input"}
     assert gap(found, called(again, function, given, **acting)) < 1e-12
     assert same_bits(called(fast, function, given), own)
     assert same_bits(found, own) == (not extra)
 
 
-def built_with(chain, extra: dict[str, Array]):
-    """Return the chain with parameters built in."""
-    arms = dict(chain.arms)
-    if "base_pose" in extra:
-        arms = {name: arm.at(pose) for (name, arm), pose in zip(arms.items(), extra["base_pose"], strict=True)}
-    if "link_mass" in extra:
-        for name, arm in arms.items():
-            part = chain.joints[name]
-            of = zip(*(extra[k][part] for k in ("link_mass", "link_com", "link_inertia")), strict=True)
-            arms[name] = replace(arm, links=[holdfast.Link(m, com, I) for m, com, I in of])
-    grasps = dict(chain.grasps)
-    if "grasp_pose" in extra:
-        poses = zip(grasps.items(), extra["grasp_pose"], strict=True)
-        grasps = {name: replace(grasp, frame=pose) for (name, grasp), pose in poses}
-    held = chain.held_object
-    if "object_mass" in extra:
-        held = holdfast.HeldObject(extra["object_mass"], extra["object_inertia"], extra["object_com"])
-    return holdfast.ClosedChain(arms, held, grasps, extra.get("gravity", chain.gravity))
-
-
 @functions
 def test_interpreter(function):
     """The schedule read number by number gives the bits of the machine code."""
-    chain, computation = chain_named("all kinds"), COMPUTATIONS[function]
-    structure = computation.structure(chain, Options(link_wrenches=True))
-    made = alone(chain)._function(function)
-    given = one(states(chain, 1), 0)
-    inputs = tuple(given[name] for name in computation.inputs)
-    expected = interpret_schedule(computation.schedule(structure), made._own | given)
-    assert same_bits(made(inputs, {}, 1), expected)
+    fast = alone(chain_named("all kinds"))
+    made, given = getattr(fast, function), one(inputs_of(fast.chain, 1), 0)
+    expected = interpret_schedule(made.computation.schedule(), made.calls.own | given)
+    results = {name: expected[name] for name in QUESTIONS[function].names_at(fast.chain)}
+    assert same_bits(called(fast, function, given), flat(QUESTIONS[function].shown(fast.chain)(results)))
 
 
 @pytest.mark.parametrize("name", ["two", "all kinds", "rows first"])
@@ -385,7 +228,7 @@ def test_forward_of_inverse(name):
 def test_jacobian_and_velocity():
     """The velocity rows of a rigid grasp are those of the twist J qd."""
     fast = named("two")
-    given = one(states(fast.chain, 1), 0)
+    given = one(inputs_of(fast.chain, 1), 0)
     J = fast.jacobian(given["q"])
     still = fast.closure(given["q"], 0 * given["qd"], given["object_pose"], given["object_twist"])
     moving = fast.closure(given["q"], given["qd"], given["object_pose"], given["object_twist"])
@@ -400,7 +243,7 @@ def test_jacobian_and_velocity():
 def test_kinetic_energy_is_the_mass_matrix():
     """With object and bases at rest, T = 1/2 qd^T M qd over the arms."""
     fast = named("all kinds")
-    given = states(fast.chain, 4)
+    given = inputs_of(fast.chain, 4)
     M = fast.mass_matrix(given["q"])
     T = fast.kinetic_energy(given["q"], given["qd"], given["object_pose"], np.zeros(6))
     expected = sum(
@@ -434,15 +277,15 @@ def test_types():
     """Arms of one type run side by side however they hold; only `closure` tells them apart, and links do not matter."""
     chain = chain_of(((6, "rigid"), (6, "ball"), (6, None)))
     chain = replace(chain, arms={name: chain.arms["arm0"].at(arm.base) for name, arm in chain.arms.items()})
-    counts = {name: len(c.structure(chain, Options()).types) for name, c in COMPUTATIONS.items()}
-    assert counts == {name: 3 if c.by_grasp else 1 for name, c in COMPUTATIONS.items()}
+    counts = {name: len(structure_of(QUESTIONS[name], chain, Options()).types) for name in EVERY}
+    assert counts == {name: 3 if "grasps" in QUESTIONS[name].depends_on else 1 for name in EVERY}
     arms = dict(chain.arms)
     heavy = [holdfast.Link(2 * link.mass, link.com, 2 * link.inertia) for link in arms["arm0"].links]
     arms["arm0"] = replace(arms["arm0"], links=heavy)
     other = replace(chain, arms=arms)
-    for name, c in COMPUTATIONS.items():
-        same = c.structure(chain, Options()).key == c.structure(other, Options()).key
-        assert same == (name in ("jacobian", "closure", "tip_poses", "link_poses", *OF_FORCES))
+    for name in EVERY:
+        first, second = (structure_of(QUESTIONS[name], of, Options()).key for of in (chain, other))
+        assert (first == second) == ("links" not in QUESTIONS[name].depends_on), name
 
 
 def test_every_function_of_the_dynamics():
@@ -452,16 +295,16 @@ def test_every_function_of_the_dynamics():
     verbs = {path for path, verb in public.items() if verb.__module__.startswith(rooms)}
     verbs |= {"holding_torques", "linearise"}
     last = {path: path.rpartition(".")[2] for path in verbs}
-    compiled_too = {path for path in verbs if callable(getattr(CompiledChain, last[path], None))}
+    compiled_too = {path for path in verbs if last[path] in dir(CompiledChain) or last[path] in QUESTIONS}
     assert verbs - compiled_too == set(REASONS)
-    assert set(COMPUTATIONS) <= {last[path] for path in compiled_too} | {"mass_matrix", "jacobian", "tip_poses"}
+    assert set(QUESTIONS) <= {last[path] for path in compiled_too} | {"mass_matrix", "jacobian", "tip_poses"}
     fast = named("all kinds")
     for path in REASONS:
         name = last[path]
         with pytest.raises(MethodNotApplicable, match=f"^compile: '{name}' runs as reference only: .*holdfast.{path} "):
             getattr(fast, name)
         assert not hasattr(fast, name)
-    with pytest.raises(AttributeError, match="'ChainFunctions' object has no attribute 'dynamo'"):
+    with pytest.raises(AttributeError, match="'CompiledChain' object has no attribute 'dynamo'"):
         fast.dynamo  # noqa: B018
 
 
@@ -469,18 +312,18 @@ def test_made_when_needed():
     """Compiling a chain makes none of them; chains of one structure share them."""
     chain = chain_of(((3, "rigid"), (2, "ball")), seed=5)
     fast, other = holdfast.compile(chain), holdfast.compile(replace(chain, gravity=(0.0, 1.0, 2.0)))
-    assert "_codes" not in vars(fast)
+    assert not {*EVERY} & {*vars(fast)}
     q = np.zeros(5)
     pose = [1, 0, 0, 0, 0, 0, 1]
     assert fast.potential_energy(q, pose) != other.potential_energy(q, pose)
-    assert set(vars(fast)["_codes"]) == {"potential_energy"}
-    assert fast._function("potential_energy")._kernel is other._function("potential_energy")._kernel
+    assert {*EVERY} & {*vars(fast)} == {"potential_energy"}
+    assert fast.potential_energy.calls.kernel is other.potential_energy.calls.kernel
 
 
 def test_shapes():
     """Numbers and plain arrays for one system, a leading axis for a batch, a batch of none included."""
     fast = named("all kinds")
-    given = one(states(fast.chain, 1), 0)
+    given = one(inputs_of(fast.chain, 1), 0)
     for batch in (None, 0, 1, 3):
         now = given | {"q": given["q"] if batch is None else np.tile(given["q"], (batch, 1))}
         lead = () if batch is None else (batch,)
@@ -489,7 +332,7 @@ def test_shapes():
             name: (*lead, arm.joint_count, arm.joint_count) for name, arm in fast.chain.arms.items()
         }
         assert called(fast, "jacobian", now)["arm0"].shape == (*lead, 6, fast.chain.arms["arm0"].joint_count)
-        gaps = fast.closure(*(now[name] for name in ARGUMENTS["closure"]))
+        gaps = fast.closure(*(now[name] for name in QUESTIONS["closure"].inputs))
         rows_of = {"rigid": (6, 6), "hinge": (5, 5), "softfinger": (3, 4), "ball": (3, 3)}
         for name, grasp in fast.chain.grasps.items():
             i, j = rows_of[grasp.kind]
@@ -503,8 +346,8 @@ def test_shapes():
 def test_refusals(function):
     """Wrong shapes, unknown parameters, batches that disagree and odd thread counts are refused by name."""
     fast = named("all kinds")
-    given = one(states(fast.chain, 1), 0)
-    for name in ARGUMENTS[function]:
+    given = one(inputs_of(fast.chain, 1), 0)
+    for name in QUESTIONS[function].inputs:
         with pytest.raises(StateError, match=rf"{name}: expected shape \(.*\) or \(batch"):
             called(fast, function, given | {name: np.zeros(2)})
         with pytest.raises(StateError, match=f"{name}: expected real numbers"):
@@ -515,8 +358,8 @@ def test_refusals(function):
         called(fast, function, given, object_wrench=np.zeros(6))
     with pytest.raises(StateError, match="threads: expected an integer >= 1, got 0"):
         called(fast, function, given, threads=0)
-    if len(ARGUMENTS[function]) > 1:
-        first, *_, last = ARGUMENTS[function]
+    if len(QUESTIONS[function].inputs) > 1:
+        first, *_, last = QUESTIONS[function].inputs
         with pytest.raises(StateError, match=f"expected one batch size, got {first}: 2, {last}: 3"):
             called(
                 fast,
@@ -529,11 +372,11 @@ def test_refusals(function):
 def test_faulty_inputs(function):
     """One system with a faulty number is refused; in a batch its results alone are not-a-number."""
     fast = named("all kinds")
-    given = states(fast.chain, 5)
+    given = inputs_of(fast.chain, 5)
     sound = called(fast, function, given)
-    faults = [(name, value) for name in ARGUMENTS[function] for value in (np.nan, np.inf, -np.inf)]
+    faults = [(name, value) for name in QUESTIONS[function].inputs for value in (np.nan, np.inf, -np.inf)]
     for name, value in [*faults, ("q", 1.1e5), ("q", -1.1e5), ("object_pose", 1.5)]:
-        if name not in ARGUMENTS[function]:
+        if name not in QUESTIONS[function].inputs:
             continue
         changed = given | {name: given[name].copy()}
         changed[name].reshape(5, -1)[3, 0] = value
@@ -546,7 +389,7 @@ def test_faulty_inputs(function):
         for i in (0, 1, 2, 4):
             assert same_bits(rows(found, i), rows(sound, i))
         shared = given | {name: changed[name][3]}
-        if len(ARGUMENTS[function]) > 1:
+        if len(QUESTIONS[function].inputs) > 1:
             assert all(np.isnan(x).all() for x in called(fast, function, shared).values())
 
 
@@ -563,7 +406,7 @@ def test_far_slides():
 def test_wrench_on_an_arm_that_holds_nothing():
     """It is refused for one system and for a batch alike."""
     fast = named("all kinds")
-    given = states(fast.chain, 3)
+    given = inputs_of(fast.chain, 3)
     free = next(name for name in fast.chain.names if name not in fast.chain.grasps)
     given["grasp_wrench"][2, fast.chain.names.index(free), 1] = 1.0
     match = rf"grasp_wrench: arm '{free}' holds nothing, expected zeros, got \[0. 1. 0. 0. 0. 0.\]"
@@ -577,8 +420,8 @@ def test_wrench_on_an_arm_that_holds_nothing():
 def test_fortran_order():
     """Arrays in any memory order, and lists, are taken as they read."""
     fast = named("all kinds")
-    given = one(states(fast.chain, 1), 0)
-    extra = one(parameters(fast.chain, 1)["inverse_dynamics"], 0)
+    given = one(inputs_of(fast.chain, 1), 0)
+    extra = one(parameters_of(fast.inverse_dynamics, 1), 0)
     expected = called(fast, "inverse_dynamics", given, **extra)
     turned = {name: np.asfortranarray(x) for name, x in extra.items()}
     listed = {name: x.tolist() for name, x in given.items()}

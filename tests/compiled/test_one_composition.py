@@ -9,14 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from holdfast.compiled.arm_functions import COMPUTATIONS
 
 import holdfast
 from holdfast.compiled import traced_chain
+from holdfast.compiled.derivative_computation import computation_of
 from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.structure import Options, Structure
 from holdfast.control.controller import held_torques
 from holdfast.dynamics.projection import STEP_ROUNDS
+from holdfast.questions.question import QUESTIONS
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout import traced_step
@@ -137,8 +138,8 @@ def test_gaps_and_projection(stepping):
         "start": lambda: stepping.stepper.start(0.0, loose, None),
         "project": lambda: holdfast.project(chain, loose),
         "closure": lambda: holdfast.dynamics.closure(chain, loose),
-        "compiled project": lambda: COMPUTATIONS["project"].schedule(stepping.structure),
-        "compiled closure": lambda: COMPUTATIONS["closure"].schedule(stepping.structure),
+        "compiled project": lambda: computation_of(QUESTIONS["project"], None, chain, Options()).schedule(),
+        "compiled closure": lambda: computation_of(QUESTIONS["closure"], None, chain, Options()).schedule(),
     }
     rooms = ("dynamics/projection.py", "dynamics/consistency.py", "model/grasp_kinds")
     run = {name: functions_run(call, rooms, ()) for name, call in calls.items()} | {"compiled step": stepping.traced}

@@ -20,7 +20,11 @@ def test_compiled_chains(again):
     """The copy answers with the same bits, by the same code."""
     chain, fast = chain_named("nine"), compiled("nine")
     other = again(fast)
-    assert other is not fast and other.calls.kernel is fast.calls.kernel and other.options == fast.options
+    assert (
+        other is not fast
+        and other.forward_dynamics.calls.kernel is fast.forward_dynamics.calls.kernel
+        and other.options == fast.options
+    )
     given = numbers(chain, 5) | problems.forces(chain, 5)
     assert all_same_bits(outputs(other.forward_dynamics(**given)), outputs(fast.forward_dynamics(**given)))
     single = other.forward_dynamics(**one(given, 2))

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from holdfast.compiled.externals import FLOATING
 
 import holdfast as hf
 from holdfast.compiled import arrays
 from holdfast.dynamics import Status
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.questions.arrays import FLOATING
 from tests.longer import mostly_long
 from tests.systems.problems import relative_gap
 from tests.systems.trunk_problems import cases, random_on_trunk

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -10,14 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import holdfast as hf
-from holdfast import dynamics, forces
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.model.grasp import WrenchLimits
 from holdfast.model.joint import Joint
+from holdfast.questions.arrays import ARRAYS
+from holdfast.questions.question import QUESTIONS, Question
 from tests.derivatives.blocks import as_direction, names_for, size_of
 from tests.derivatives.moved import moved_problem
 from tests.derivatives.products import flat_direction
+from tests.questions.every import asked, case_of, computed, differentiable
 from tests.systems.as_chain import Problem
 from tests.systems.bushed import random_bushed
 from tests.systems.lower_pairs import grasp_of
@@ -27,24 +29,10 @@ from tests.systems.trunk_problems import on_trunk
 
 FIVE_POINTS = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 STEP = 1e-3
-OF_BODIES = tuple(f"{body}_{x}" for body in ("object", "link", "trunk_link") for x in ("mass", "com", "inertia"))
-MOTION = ("q", "qd", "object_pose", "object_twist", "base_twist", "floating_twist", "trunk_base_twist")
-PLACES = ("q", "object_pose", "base_pose", "floating_pose")
-EVERY = {  # of any chain; "inverse_dynamics" has all that forward dynamics has, less tau
-    "kinetic_energy": (*MOTION, "armature", "base_pose", "floating_pose", *OF_BODIES),
-    "potential_energy": (*PLACES, "gravity", "grasp_pose", *OF_BODIES),
-    "closure": (*MOTION, "grasp_pose", "base_pose", "floating_pose"),
-    "grasp_margins": ("object_pose", "grasp_pose", "grasp_wrench"),
-    "joint_margins": ("q", "qd", "tau"),
-    "wrist_wrenches": ("q", "base_pose", "floating_pose", "grasp_wrench"),
-}
-RESULTS = {
-    "inverse_dynamics": ("tau",),
-    "closure": ("position", "velocity"),
-    "joint_margins": ("position", "rate", "effort"),
-}
-OWN = ("qdd", "grasp_wrench", "floating_acceleration")
-ROOMS = {"inverse_dynamics": hf, "grasp_margins": forces, "joint_margins": forces, "wrist_wrenches": forces}
+OWN = ("qdd", "grasp_wrench", "floating_acceleration")  # what problems do not have
+KINDS = ("plain", "springs", "bushing", "trunk", "floating")
+LIMITED = ("limits", "trunk", "floating")
+CASES = [(name, kind) for name in differentiable() for kind in (LIMITED if QUESTIONS[name].unlimited else KINDS)]
 
 
 class FunctionCase(NamedTuple):
@@ -63,38 +51,31 @@ class FunctionCase(NamedTuple):
     result: Any = None
 
     @property
+    def question(self) -> Question:
+        """The question that it answers."""
+        return QUESTIONS[self.name]
+
+    @property
     def results(self) -> tuple[str, ...]:
         """The names of what it returns."""
-        return RESULTS.get(self.name, (self.name,))
+        return self.question.names
 
     @property
     def by(self) -> tuple[str, ...]:
         """All of its arguments."""
-        known = names_for(self.p)
-        if self.name == "inverse_dynamics":
-            return (*(name for name in known if name != "tau"), *self.own)
-        return tuple(name for name in EVERY[self.name] if name in (*known, *self.own))
+        return self.question.arguments_at(self.p.chain)
 
-    def called(self, suffix: str = "", **options: Any) -> Any:
+    def called(self, kind: str = "", **options: Any) -> Any:
         """Return what the function, or one of its derivatives, returns."""
-        function: Callable[..., Any] = getattr(ROOMS.get(self.name, dynamics), self.name + suffix)
-        given: list[Any] = [self.own[name] for name in ("qdd", "grasp_wrench") if name in self.own]
-        if self.name == "joint_margins":
-            given = [self.p.tau]
-        if self.name == "wrist_wrenches":
-            given = [replace(self.result, grasp_wrench=self.own["grasp_wrench"])]
-        if self.name in ("inverse_dynamics", "kinetic_energy", "closure"):
-            options["inputs"] = self.p.inputs
-        if "floating_acceleration" in self.own:
-            options["base_acceleration"] = self.own["floating_acceleration"]
-        return function(self.p.chain, self.p.state, *given, **options)
+        p, given = self.p, {"tau": self.p.tau, **self.own}
+        if self.result is not None:
+            given["result"] = replace(self.result, grasp_wrench=self.own["grasp_wrench"])
+        return asked(self.name, p.chain, p.state, p.inputs, given, kind, **options)
 
     def values(self) -> dict[str, np.ndarray]:
         """Return its results by name."""
-        found = self.called()
-        if self.name == "closure":
-            return {name: np.concatenate([getattr(gap, name) for gap in found.values()]) for name in self.results}
-        return dict(zip(self.results, found if self.name == "joint_margins" else [np.asarray(found)], strict=True))
+        p, given = self.p, {"tau": self.p.tau, **self.own}
+        return computed(self.question, case_of(self.question, p.chain, p.state, p.inputs, given))
 
     def directions(self, random: np.random.Generator) -> dict[str, np.ndarray]:
         """Return a direction of every argument; wrenches that are not the caller's to choose stay."""
@@ -186,21 +167,24 @@ def _limited(p: Problem) -> Problem:
 
 
 def function_case(name: str, kind: str) -> FunctionCase:
-    """Return a function at one of the problems, accelerations and wrenches at random."""
-    p, random = problem(kind), np.random.default_rng(5)
-    if name == "joint_margins":
-        return FunctionCase(name, p, {})
-    if name in ("grasp_margins", "wrist_wrenches"):
+    """Return a function at one of the problems: accelerations at random, and wrenches that forward dynamics finds.
+
+    Wrenches beside accelerations are at random, too.
+    """
+    return function_at(name, problem(kind), np.random.default_rng(5))
+
+
+def function_at(name: str, p: Problem, random: np.random.Generator) -> FunctionCase:
+    """Return a function at a problem; see `function_case`."""
+    names, result = [x for x in QUESTIONS[name].own(p.chain) if x in OWN], None
+    own = {x: random.normal(size=ARRAYS[x].shape(p.chain)) for x in names}
+    if "qdd" in own:
+        free = [arm not in p.chain.grasps or p.chain.grasps[arm].kind == "bushing" for arm in p.chain.arms]
+        own["grasp_wrench"] = np.where(np.array(free)[:, None], 0.0, own["grasp_wrench"])
+    elif "grasp_wrench" in own:
         result = hf.forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
-        return FunctionCase(name, p, {"grasp_wrench": result.grasp_wrench}, result)
-    if name != "inverse_dynamics":
-        return FunctionCase(name, p, {})
-    free = [name not in p.chain.grasps or p.chain.grasps[name].kind == "bushing" for name in p.chain.arms]
-    f = np.where(np.array(free)[:, None], 0.0, random.normal(size=(len(p.chain.arms), 6)))
-    own = {"qdd": random.normal(size=p.chain.joint_count), "grasp_wrench": f}
-    return undriven(
-        FunctionCase(name, p, own | ({"floating_acceleration": random.normal(size=6)} if p.chain.floats else {}))
-    )
+        own["grasp_wrench"] = result.grasp_wrench
+    return undriven(FunctionCase(name, p, own, result))
 
 
 def open_grasp(kind: str) -> FunctionCase:

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import holdfast as hf
 from holdfast import dynamics
+from holdfast.questions.question import QUESTIONS
 from tests.derivatives.blocks import names_for
-from tests.derivatives.functions import FunctionCase, function_case, open_grasp, problem
+from tests.derivatives.functions import CASES, FunctionCase, function_case, open_grasp, problem
 from tests.derivatives.products import random_directions
 from tests.longer import mostly_slow
+from tests.questions.every import differentiable, flat
 from tests.systems.problems import relative_gap
 
 TRUNCATED, EXACT = 1e-8, 1e-12
-SOLVED = ("inverse_dynamics", "kinetic_energy", "potential_energy")
-KINDS = ("plain", "springs", "bushing", "trunk", "floating")
 GRASPS = ("rigid", "hinge", "softfinger", "universal", "slider", "cylinder", "screw", "planar", "two slides")
-OF_FORCES = [("grasp_margins", "limits"), ("joint_margins", "limits"), ("wrist_wrenches", "limits")]
-CASES = [
-    *((name, kind) for name in (*SOLVED, "closure") for kind in KINDS),
-    *OF_FORCES,
-    *((name, kind) for name in ("grasp_margins", "wrist_wrenches") for kind in ("trunk", "floating")),
-]
+OF_FORCES = [(name, "limits") for name in differentiable() if QUESTIONS[name].unlimited]
 ALL = pytest.mark.parametrize(("name", "kind"), CASES)
 
 
@@ -41,7 +37,7 @@ def test_rates_are_five_point_differences(name, kind, each):
     of, random = function_case(name, kind), np.random.default_rng(7)
     directions = of.directions(random)
     for along in [{by: x} for by, x in directions.items()] if each else [directions]:
-        expected, got = of.differences(along), of.called("_jvp", along=along)
+        expected, got = of.differences(along), of.called("jvp", along=along)
         for result in of.results:
             floor = 1e-2 * size_of_terms(of, result)
             assert relative_gap(got[result], expected[result], floor=floor) < TRUNCATED, ([*along], result)
@@ -52,36 +48,43 @@ def test_a_gradient_along_a_direction_is_a_cotangent_along_the_rates(name, kind)
     of, random = function_case(name, kind), np.random.default_rng(8)
     along = of.directions(random)
     cotangents = {result: random.normal(size=value.shape) for result, value in of.values().items()}
-    pulled, pushed = of.called("_vjp", by=of.by, **cotangents), of.called("_jvp", along=along)
+    pulled, pushed = of.called("vjp", by=of.by, **cotangents), of.called("jvp", along=along)
     parts = [float(np.sum(pulled[by] * x)) for by, x in along.items()]
     expected = sum(float(np.sum(cotangent * pushed[result])) for result, cotangent in cotangents.items())
     assert sum(parts) == pytest.approx(expected, abs=1e-13 * np.abs(parts).sum())
 
 
+@ALL
+def test_functions_return_what_their_questions_compute(name, kind):
+    of = function_case(name, kind)
+    assert same(of.called(), of.question.shown(of.p.chain)(of.values()))
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "kind"), CASES)
+@ALL
 def test_derivatives_come_with_what_the_function_returns(name, kind):
     of = function_case(name, kind)
     cotangents = {result: np.zeros(value.shape) for result, value in of.values().items()}
     nothing = {by: 0.0 * x for by, x in of.directions(np.random.default_rng(0)).items()}
-    for found in (of.called("_vjp", by=of.by, **cotangents), of.called("_jvp", along=nothing)):
-        if name == "closure":
-            assert all(
-                np.array_equal(x, y) for g in of.called() for x, y in zip(found.result[g], of.called()[g], strict=True)
-            )
-        else:
-            assert np.array_equal(found.result, of.called())
+    for found in (of.called("vjp", by=of.by, **cotangents), of.called("jvp", along=nothing)):
+        assert same(found.result, of.called())
         assert not any(np.any(x) for x in found.parts.values())
 
 
+def same(found: Any, expected: Any) -> bool:
+    """Return whether two answers have the same form and numbers."""
+    x, y = flat(found), flat(expected)
+    return [*x] == [*y] and all(np.array_equal(x[name], y[name]) for name in y)
+
+
 @pytest.mark.parametrize(
-    ("name", "kind"), mostly_slow([*((name, "floating") for name in (*SOLVED, "closure")), *OF_FORCES], OF_FORCES)
+    ("name", "kind"), mostly_slow([*((name, "floating") for name in differentiable()), *OF_FORCES], OF_FORCES)
 )
 def test_the_jacobian_holds_the_rates_of_all_directions(name, kind):
     of, random = function_case(name, kind), np.random.default_rng(9)
     along = of.directions(random)
-    matrix = of.called("_jacobian", by=of.by)
-    several = of.called("_jvp", along={by: np.stack([x, 0.5 * x, 0.0 * x]) for by, x in along.items()})
+    matrix = of.called("jacobian", by=of.by)
+    several = of.called("jvp", along={by: np.stack([x, 0.5 * x, 0.0 * x]) for by, x in along.items()})
     for result, value in of.values().items():
         expected = sum(np.tensordot(matrix[result, by], x, np.ndim(x)) for by, x in along.items())
         assert several[result].shape == (3, *value.shape)
@@ -149,31 +152,31 @@ def test_closure_of_every_kind_of_grasp(kind):
     of, random = open_grasp(kind), np.random.default_rng(12)
     assert max(np.abs(x).max() for x in of.values().values()) > 0.3
     for by, along in of.directions(random).items():
-        expected, got = of.differences({by: along}), of.called("_jvp", along={by: along})
+        expected, got = of.differences({by: along}), of.called("jvp", along={by: along})
         for result in of.results:
             assert relative_gap(got[result], expected[result], floor=1.0) < TRUNCATED, (by, result)
 
 
 def test_what_torques_do_not_depend_on_has_a_gradient_of_nothing():
     of = function_case("inverse_dynamics", "plain")
-    found = of.called("_vjp", by=["object_mass", "grasp_pose", "object_wrench"], tau=np.ones(of.p.chain.joint_count))
+    found = of.called("vjp", by=["object_mass", "grasp_pose", "object_wrench"], tau=np.ones(of.p.chain.joint_count))
     assert not any(np.any(found[name]) for name in found.parts)
 
 
 def test_names_and_shapes_that_do_not_fit_are_refused():
     of = function_case("inverse_dynamics", "plain")
     n = of.p.chain.joint_count
-    with pytest.raises(hf.StateError, match="inverse_dynamics.vjp: no 'tau'"):
-        of.called("_vjp", by=["tau"], tau=np.ones(n))
+    with pytest.raises(hf.StateError, match=r"inverse_dynamics\.vjp: no 'tau'"):
+        of.called("vjp", by=["tau"], tau=np.ones(n))
     with pytest.raises(hf.StateError, match="expected some of"):
-        of.called("_vjp", by=[], tau=np.ones(n))
+        of.called("vjp", by=[], tau=np.ones(n))
     with pytest.raises(hf.StateError, match="expected some of"):
-        of.called("_vjp", by=3, tau=np.ones(n))
+        of.called("vjp", by=3, tau=np.ones(n))
     with pytest.raises(hf.StateError, match="tau: expected finite numbers, got an overflow"):
-        of.called("_jvp", along={"q": 1e308 * np.ones(n)})
+        of.called("jvp", along={"q": 1e308 * np.ones(n)})
     with pytest.raises(hf.StateError, match="tau"):
-        of.called("_vjp", tau=np.ones(n + 1))
+        of.called("vjp", tau=np.ones(n + 1))
     with pytest.raises(hf.StateError, match="expected shape"):
-        of.called("_jvp", along={"q": np.ones(n + 1)})
-    with pytest.raises(hf.StateError, match="kinetic_energy.jacobian: no 'gravity'"):
-        function_case("kinetic_energy", "plain").called("_jacobian", by=["gravity"])
+        of.called("jvp", along={"q": np.ones(n + 1)})
+    with pytest.raises(hf.StateError, match=r"kinetic_energy\.jacobian: no 'gravity'"):
+        function_case("kinetic_energy", "plain").called("jacobian", by=["gravity"])

@@ -21,7 +21,7 @@ def test_behind_forward_dynamics_gradients_are_those_of_torques_and_payload(name
     """Gradients by the grasp wrenches are forward dynamics' cotangents: the whole against differences of the whole."""
     of, random = function_case(name, "limits"), np.random.default_rng(10)
     p, bar = of.p, random.normal(size=of.called().shape)
-    by_wrench = of.called("_vjp", by=["grasp_wrench"], **{name: bar}).grasp_wrench
+    by_wrench = of.called("vjp", by=["grasp_wrench"], **{name: bar}).grasp_wrench
     by = ("tau", "object_mass")
     got = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, by=by, grasp_wrench=by_wrench)
 
@@ -38,7 +38,7 @@ def test_behind_forward_dynamics_gradients_are_those_of_torques_and_payload(name
 
 def test_a_margin_that_nothing_limits_does_not_change():
     of = function_case("grasp_margins", "limits")
-    found = of.called("_jacobian", by=of.by)
+    found = of.called("jacobian", by=of.by)
     assert list(np.isinf(found.result)) == [False, False, True]
     assert not any(found["grasp_margins", by][2].any() for by in of.by)
 
@@ -48,7 +48,7 @@ def test_without_a_load_a_cone_opens_along_its_normal():
     of = function_case("grasp_margins", "limits")
     still = of._replace(own={"grasp_wrench": np.zeros_like(of.own["grasp_wrench"])})
     chain, (name, grasp) = of.p.chain, next(iter(of.p.chain.grasps.items()))
-    found = still.called("_vjp", by=["grasp_wrench"], grasp_margins=[1.0, 0.0, 0.0]).grasp_wrench
+    found = still.called("vjp", by=["grasp_wrench"], grasp_margins=[1.0, 0.0, 0.0]).grasp_wrench
     normal = (of.p.state.object_frame.R @ grasp.frame.R)[:, 2]
     row = found[chain.names.index(name), 3:]
     assert row @ normal in (pytest.approx(0.6), pytest.approx(1.0))
@@ -58,22 +58,22 @@ def test_without_a_load_a_cone_opens_along_its_normal():
 @pytest.mark.parametrize("name", NAMES)
 def test_what_does_not_fit_is_refused_in_words(name):
     of = function_case(name, "limits")
-    with pytest.raises(hf.StateError, match=f"{name}_vjp: no 'tau'"):
-        of.called("_vjp", by=["tau"], **{name: np.zeros(of.called().shape)})
+    with pytest.raises(hf.StateError, match=rf"{name}\.vjp: no 'tau'"):
+        of.called("vjp", by=["tau"], **{name: np.zeros(of.called().shape)})
     with pytest.raises(hf.StateError, match=f"{name}: .*shape"):
-        of.called("_vjp", **{name: np.zeros(17)})
+        of.called("vjp", **{name: np.zeros(17)})
     with pytest.raises(hf.StateError, match="expected shape"):
-        of.called("_jvp", along={"grasp_wrench": np.zeros(5)})
+        of.called("jvp", along={"grasp_wrench": np.zeros(5)})
     with pytest.raises(hf.StateError, match="overflow"):
-        of.called("_jvp", along={"grasp_wrench": np.full((4, 6), 1.7e308)})
-    with pytest.raises(hf.StateError, match=f"{name}_jacobian: no 'qdd'"):
-        of.called("_jacobian", of=["qdd"])
+        of.called("jvp", along={"grasp_wrench": np.full((4, 6), 1.7e308)})
+    with pytest.raises(hf.StateError, match=rf"{name}\.jacobian: no 'qdd'"):
+        of.called("jacobian", of=["qdd"])
 
 
 def test_joints_without_limits_and_beside_the_nearer_one():
     of = function_case("joint_margins", "limits")
     chain, q = of.p.chain, of.p.state.q
-    found = of.called("_jacobian")
+    found = of.called("jacobian")
     ends = np.array([joint.position_limits for joint in chain.all_joints])
     unlimited = np.isinf(ends).all(axis=1)
     nearer = np.where(q - ends[:, 0] < ends[:, 1] - q, 1.0, -1.0)
@@ -83,5 +83,5 @@ def test_joints_without_limits_and_beside_the_nearer_one():
     rated = np.isfinite([joint.rate_limit for joint in chain.all_joints])
     assert np.array_equal(found["rate", "qd"], -np.diag(rated * np.sign(of.p.state.qd)))
     assert np.array_equal(found["effort", "tau"], -np.diag(np.sign(of.p.tau)))
-    with pytest.raises(hf.StateError, match="joint_margins_vjp: expected some of position, rate, effort"):
-        of.called("_vjp")
+    with pytest.raises(hf.StateError, match=r"joint_margins\.vjp: expected some of position, rate, effort"):
+        of.called("vjp")

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from holdfast import ClosedChain, Friction, Grasp, Joint, State, StateError
-from holdfast.forces.margins import contact_margin, contact_of, grasp_margins, joint_margins
+from holdfast.forces.margins import contact_margin, grasp_margins, joint_margins
 from holdfast.model.grasp import WrenchLimits
+from holdfast.questions.arrays import contact_of
 from holdfast.spatial.spatial_vector import rotate
 from tests.model.parts import BOX, arm
 from tests.systems.problems import random_problem

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +10,10 @@ import numpy as np
 
 import holdfast as hf
 from holdfast import dynamics, forces
+from holdfast.questions.arrays import ARRAYS
+from holdfast.questions.question import QUESTIONS
 from tests.fuzz.calls import PROBLEMS, Later, call, inputs_of, numbers_of, state_of
+from tests.questions.every import FUNCTIONS
 from tests.systems.as_chain import Problem
 
 
@@ -51,10 +55,6 @@ def _base(p: Problem) -> np.ndarray | None:
     return np.array(p.solved().base_acceleration) if p.chain.floats else None
 
 
-def _of_q(p: Problem) -> dict[str, Any]:
-    return {"q": _qdd(p)}
-
-
 def _project(*given: Any, **more: Any) -> Any:
     return hf.project(*given, **more)[0]
 
@@ -64,8 +64,8 @@ def _after_release(chain: Any, state: Any, **given: Any) -> Any:
 
 
 SOLVED: dict[str, Any] = {"result": lambda p: p.solved()}
+GIVEN = {"tau": _tau, "qdd": _qdd, "grasp_wrench": _wrench, "inputs": _inputs, "base_acceleration": _base, **SOLVED}
 PUSH, FIXED = np.ones(6), ("fixed",)
-NEEDED = {"qdd": _qdd, "grasp_wrench": _wrench, "inputs": _inputs, "base_acceleration": _base}  # by inverse dynamics
 FREE = ["q", "qd", "tau", "object_pose", "object_twist", "gravity", "object_mass", "grasp_pose"]
 
 of_chain(hf.forward_dynamics, tau=_tau, inputs=_inputs, check=False)
@@ -74,10 +74,7 @@ of_chain(hf.diagnose)
 of_chain(hf.close, hold_object=False)
 of_chain(_project, name="project", inputs=_inputs)
 of_chain(dynamics.project_velocity, inputs=_inputs, hold_object=False, hold_base=False)
-of_chain(dynamics.closure, inputs=_inputs)
 of_chain(dynamics.contact_attitudes, parameters="quaternion")
-of_chain(dynamics.kinetic_energy, inputs=_inputs)
-of_chain(dynamics.potential_energy)
 of_chain(dynamics.centre_of_mass)
 of_chain(dynamics.momentum, about=np.zeros(3), inputs=_inputs)
 of_chain(dynamics.momentum_rate, **SOLVED, inputs=_inputs)
@@ -88,49 +85,32 @@ of_chain(dynamics.object_mobility)
 of_chain(hf.assembly.assembly_report)
 of_chain(hf.holding_torques, FIXED, acceleration=np.zeros(6), internal=3.0)
 of_chain(hf.holding_torques, FIXED, "holding_torques idle", undriven=lambda p: [p.chain.joint_names()[0]])
-of_chain(hf.inverse_dynamics, **NEEDED)
 of_chain(hf.regressor, qdd=_qdd, object_acceleration=PUSH, inputs=_inputs, base_acceleration=_base)
 of_chain(hf.linearise, FIXED, tau=_tau, inputs=_inputs, check=False)
 of_chain(hf.linearise, FIXED, "linearise a step", tau=_tau, inputs=_inputs, step=1e-3, scheme="rk4")
-of_chain(forces.grasp_margins, grasp_wrench=_wrench)
-of_chain(forces.joint_margins, tau=_tau)
 of_chain(forces.split, grasp_wrench=_wrench, length=0.5)
 of_chain(forces.largest_margin, **SOLVED, inputs=_inputs)
 of_chain(forces.margin_range, **SOLVED)
-of_chain(forces.wrist_wrenches, **SOLVED)
 of_chain(forces.last_joint_wrenches, **SOLVED)
 of_chain(_after_release, name="momentum of a release", arm="arm1")
 
 of_chain(hf.forward_dynamics_vjp, tau=_tau, qdd=_qdd, grasp_wrench=_wrench, by=FREE, inputs=_inputs, check=False)
 ALONG: dict[str, Any] = {"along": lambda p: {"q": _qdd(p), "object_pose": PUSH, "gravity": np.ones(3)}}
 of_chain(hf.forward_dynamics_jvp, tau=_tau, **ALONG, check=False)
-of_chain(hf.inverse_dynamics_vjp, **NEEDED, tau=_tau, by=["q", "qd"])
-of_chain(hf.inverse_dynamics_jvp, **NEEDED, along=_of_q)
-of_chain(hf.inverse_dynamics_jacobian, **NEEDED, of=["tau"], by=["q", "grasp_wrench"])
-of_chain(
-    dynamics.closure_vjp,
-    by=["q", "object_pose"],
-    position=lambda p: np.ones(len(dynamics.closure.jacobian(p.chain, p.state, of=["position"])["position", "q"])),
-)
-of_chain(dynamics.closure_jvp, along=lambda p: {"q": _qdd(p), "object_twist": PUSH})
-of_chain(dynamics.closure_jacobian, of=["position", "velocity"], by=["q", "qd"])
-of_chain(dynamics.kinetic_energy_vjp, by=["q", "qd"], kinetic_energy=1.0)
-of_chain(dynamics.kinetic_energy_jvp, along=_of_q)
-of_chain(dynamics.kinetic_energy_jacobian, of=["kinetic_energy"], by=["q"])
-of_chain(dynamics.potential_energy_vjp, by=["q"], potential_energy=1.0)
-of_chain(dynamics.potential_energy_jvp, along=lambda p: {"q": _qdd(p), "gravity": np.ones(3)})
-of_chain(dynamics.potential_energy_jacobian, of=["potential_energy"], by=["q"])
-of_chain(
-    forces.grasp_margins_vjp,
-    grasp_wrench=_wrench,
-    by=["grasp_wrench"],
-    grasp_margins=lambda p: np.ones(len(p.chain.arms)),
-)
-of_chain(forces.grasp_margins_jvp, grasp_wrench=_wrench, along={"object_pose": PUSH})
-of_chain(forces.grasp_margins_jacobian, grasp_wrench=_wrench, of=["grasp_margins"], by=["grasp_wrench"])
-of_chain(forces.joint_margins_vjp, tau=_tau, by=["q", "tau"], effort=_qdd)
-of_chain(forces.joint_margins_jvp, tau=_tau, along=lambda p: {"tau": _qdd(p)})
-of_chain(forces.joint_margins_jacobian, tau=_tau, of=["effort"], by=["tau"])
-of_chain(forces.wrist_wrenches_vjp, **SOLVED, by=["q"], wrist_wrenches=_wrench)
-of_chain(forces.wrist_wrenches_jvp, **SOLVED, along=_of_q)
-of_chain(forces.wrist_wrenches_jacobian, **SOLVED, of=["wrist_wrenches"], by=["q"])
+
+
+def of_question(name: str) -> None:
+    """Add calls of the function that answers a question, and of its derivatives."""
+    function, question = FUNCTIONS[name], QUESTIONS[name]
+    given = {x: GIVEN[x] for x in inspect.signature(function).parameters if x in GIVEN}
+    first, by = question.names[0], list(dict.fromkeys((question.by[0], question.by[-1])))
+    of_chain(function, name=name, **given)
+    cotangent = {first: lambda p: np.ones(question.shape(p.chain, first))[()]}
+    of_chain(function.vjp, name=f"{name}.vjp", **given, by=by, **cotangent)
+    along = {"along": lambda p: {x: np.ones(ARRAYS[x].gradient_shape(p.chain)) for x in by}}
+    of_chain(function.jvp, name=f"{name}.jvp", **given, **along)
+    of_chain(function.jacobian, name=f"{name}.jacobian", **given, of=[first], by=by)
+
+
+for _name in FUNCTIONS:
+    of_question(_name)

@@ -11,7 +11,10 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.interop import jacobian_operator, to_jax
+from holdfast.questions.arrays import ARRAYS
+from holdfast.questions.question import QUESTIONS
 from tests.fuzz.calls import Later, call, everything, fixed
+from tests.questions.every import direct
 
 # Machine code.
 
@@ -84,29 +87,55 @@ GIVEN = {
 }
 
 
-@call("compiled vjp", **GIVEN, by=["q", "tau"], qdd=Later(lambda: np.array(fixed().tau)))
+@call("compiled forward_dynamics.vjp", **GIVEN, by=["q", "tau"], qdd=Later(lambda: np.array(fixed().tau)))
 def _compiled_vjp(**given: Any) -> Any:
-    found = plain().forward_dynamics_vjp(**given)
+    found = plain().forward_dynamics.vjp(**given)
     return [found[name] for name in given["by"]]
 
 
-@call("compiled jacobian", **GIVEN, of=["qdd"], by=["q"])
+@call("compiled forward_dynamics.jacobian", **GIVEN, of=["qdd"], by=["q"])
 def _compiled_jacobian(**given: Any) -> Any:
-    found = plain().forward_dynamics_jacobian(**given)
+    found = plain().forward_dynamics.jacobian(**given)
     return [found[one] for one in product(given["of"], given["by"])]
 
 
-for _name in ("mass_matrix", "jacobian", "tip_poses", "link_poses"):
+def of_question(name: str) -> None:
+    """Add a call of a question with machine code, and of its gradients by an input."""
+    question = QUESTIONS[name]
 
-    def _of_q(_name: str = _name, **given: Any) -> Any:
-        return getattr(plain(), _name)(**given)
+    def ask(**given: Any) -> Any:
+        return getattr(compiled(), name)(**given)
 
-    call(f"compiled {_name} of q", q=Later(lambda: np.array(fixed().state.q)), threads=1)(_of_q)
+    def gradient(**given: Any) -> Any:
+        found = getattr(compiled(), name).vjp(**given)
+        return [found[by] for by in given["by"]]
+
+    names = (*question.inputs, *question.by_name(everything().chain))
+    given = {x: Later(lambda x=x: sound(x)) for x in names}
+    call(f"compiled {name}", **given, threads=1)(ask)
+    if question.arguments:
+        first = question.names[0]
+        cotangent = Later(lambda: np.ones(question.shape(everything().chain, first))[()])
+        call(f"compiled {name}.vjp", **given, by=[question.by[0]], **{first: cotangent})(gradient)
 
 
-@call("compiled closure", **{key: x for key, x in given_compiled().items() if key != "tau"})
-def _compiled_closure(**given: Any) -> Any:
-    return compiled().closure(**given), compiled().kinetic_energy(**given)
+def sound(name: str) -> np.ndarray:
+    """Return an input of a question, of the chain with everything and its forward dynamics."""
+    p, field = everything(), ARRAYS[name].field or name
+    if name == "tau":
+        return np.array(p.tau)
+    return np.array(getattr(p.state if ARRAYS[name].role == "state" else alone(), field))
+
+
+@cache
+def alone() -> Any:
+    """Return forward dynamics of the chain with everything on which nothing acts."""
+    p = everything()
+    return hf.forward_dynamics(p.chain, p.state, p.tau, check=False)
+
+
+for _name in direct():
+    of_question(_name)
 
 
 @call(

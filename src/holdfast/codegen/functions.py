@@ -88,8 +88,8 @@ def exported_function(
     name: str,
     compiled: CompiledChain,
     state: State | None = None,
-    of: Sequence[str] = (),
-    by: Sequence[str] = (),
+    of: Sequence[str] | None = None,
+    by: Sequence[str] | None = None,
     scheme: str = "rk4",
     base_motion: Mapping[str, BaseMotion] | None = None,
 ) -> ExportedFunction:
@@ -99,8 +99,8 @@ def exported_function(
         name: name of the computation.
         compiled: the compiled chain, with its options.
         state: initial state of a step, at which the generic rank is found if it is unknown.
-        of: names of the results of derivatives.
-        by: names of the arguments of derivatives.
+        of: names of the results of derivatives; by default those of the question.
+        by: names of the arguments of derivatives; by default those of the question.
         scheme: scheme of a step: rk4, midpoint, or imex for stiff joints.
         base_motion: for a step, traceable functions of t that return pose, twist and acceleration of moving bases.
 
@@ -117,7 +117,8 @@ def exported_function(
         raise ModelError(f"export: functions: no '{name}'.{checks.did_you_mean(name, exported_names())}")
     asked, request = QUESTIONS[question], None
     if kind is not None:
-        request = request_of(asked, chain, kind, of or asked.of or asked.names_at(chain), by or asked.by)
+        results = (asked.of or asked.names_at(chain)) if of is None else of
+        request = request_of(asked, chain, kind, results, asked.by if by is None else by)
     made = computation_of(asked, request, chain, compiled.options)
     summary = asked.summary if kind is None else f"{asked.summary}, {_KINDS[kind]}"
     values = own | dict(made.fixed)

@@ -71,7 +71,7 @@ class BoundFunction:
     def __setattr__(self, name: str, value: Any) -> None:
         """Raise an error if an array that the machine code reads would be replaced; `bound.q += dq` is allowed."""
         if "_made" in vars(self) and not name.startswith("_") and value is not vars(self).get(name, self):
-            raise FrozenError(_refusal(name, vars(self)))
+            raise FrozenError(_refusal(name, {**vars(self), "result": None}))
         object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
@@ -103,13 +103,17 @@ class BoundFunction:
         given, further = {}, dict(inputs_or_parameters)
         for name in tuple(further):
             if name in self.arrays and self._externals[name].role == "input":
-                given[name] = checks.numbers(further.pop(name), self._externals[name].shape, f"set: {name}", StateError)
+                x, shape = (
+                    checks.numbers(further.pop(name), None, f"set: {name}", StateError),
+                    self._externals[name].shape,
+                )
+                _require_one_system(name, x, shape)
+                given[name] = checks.numbers(x, shape, f"set: {name}", StateError)
         if any(name in further and name not in self._externals for name in MOVING):
             self._move()
         found = parse_parameters(further, self._externals, self._function.chain) if further else {}
         for name, x in found.items():
-            if x.ndim > len(self._externals[name].shape):
-                raise StateError(f"set: {name}: expected numbers of one system, got a batch of {len(x)}")
+            _require_one_system(name, x, self._externals[name].shape)
         self._bound.set(given | found)
 
     def _move(self) -> None:
@@ -135,6 +139,11 @@ def _refusal(name: str, known: Mapping[str, Any]) -> str:
         return f"bound: {name}: expected it to stay as `bind` made it; try another bind"
     names = [n for n in known if not n.startswith("_")]
     return f"bound: no attribute '{name}'.{checks.did_you_mean(name, names)} Parameters: try bound.set({name}=...)"
+
+
+def _require_one_system(name: str, x: Array, shape: tuple[int, ...]) -> None:
+    if x.ndim > len(shape):
+        raise StateError(f"set: {name}: expected numbers of one system, got a batch of {len(x)}")
 
 
 def _usable(name: str, x: Any, shape: tuple[int, ...]) -> Array:

@@ -89,7 +89,7 @@ def compile(
     route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
     options = optional_parameters(parameters, "compile", route)
     made = CompiledChain(chain, options, generic_rank, progress)
-    _ = made.forward_dynamics
+    _ = made.forward_dynamics.calls
     return made
 
 

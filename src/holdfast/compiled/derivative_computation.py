@@ -178,8 +178,8 @@ def request_of(question: Question, chain: ClosedChain, kind: Kind, of: Collectio
     what, results, arguments = f"{question.name}.{kind}", question.names_at(chain), question.arguments_at(chain)
     if not arguments:
         raise StateError(f"{what}: expected a question with derivatives, got '{question.name}', which has none")
-    require_names(f"{what}: results", of, results)
-    require_names(f"{what}: arguments", by, arguments)
+    require_names(what, of, results)
+    require_names(what, by, arguments)
     made = ForwardRequest if question is FORWARD_DYNAMICS else FunctionRequest
     return made(question, kind, tuple(x for x in results if x in of), tuple(x for x in arguments if x in by))
 

@@ -36,7 +36,7 @@ class CompiledDerivatives(Derivatives):
         of, question = self.results, self.request.question
         if isinstance(of, CompiledResult):
             return of
-        return question.shown(of.chain)({name: of.array(name) for name in question.names})
+        return question.shown(of.chain)({name: of.array(name) for name in question.names_at(of.chain)})
 
     @property
     def parts(self) -> Mapping[Any, Array]:  # type: ignore[override]

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from holdfast.compiled.computation import Computation
 from holdfast.compiled.derivative_computation import request_of
-from holdfast.compiled.derivative_schedule import Kind, Request
+from holdfast.compiled.derivative_schedule import WITH, Kind, Request
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.parameters import require_inputs
 from holdfast.compiled.structure import Options
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.names import called
+from holdfast.names import called, wrong_call
 from holdfast.questions.derivatives import unit_cotangent
 from holdfast.questions.question import Question
+
+_PLACED = inspect.Parameter.POSITIONAL_OR_KEYWORD
+_FURTHER = inspect.Parameter("further", inspect.Parameter.VAR_KEYWORD)
 
 if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
@@ -48,10 +52,15 @@ class Differentiated:
     @property
     def name(self) -> str:
         """The name of the question, with the kind of derivatives if these are computed."""
-        return self.question.name if self.request is None else f"{self.question.name}_{self.request.kind}"
+        return self.question.name if self.request is None else f"{self.question.name}.{self.request.kind}"
 
     def vjp(
-        self, *given: Any, by: Sequence[str] = (), out: Any = None, threads: int = 1, **cotangents_and_parameters: Any
+        self,
+        *given: Any,
+        by: Sequence[str] | None = None,
+        out: Any = None,
+        threads: int = 1,
+        **cotangents_and_parameters: Any,
     ) -> CompiledDerivatives:
         """Return the gradients of sum(cotangent . result), at a few times the cost of the answer.
 
@@ -73,9 +82,8 @@ class Differentiated:
         further, results = cotangents_and_parameters, self._names
         cotangents = {name: further.pop(name) for name in results if name in further}
         cotangents = cotangents or unit_cotangent(self.question, self.chain)
-        return self.derived("vjp", tuple(cotangents), by or self.question.by)._with(
-            given, cotangents, further, out, threads
-        )
+        by = self.question.by if by is None else by
+        return self.derived("vjp", tuple(cotangents), by)._with(given, cotangents, further, out, threads)
 
     def jvp(
         self,
@@ -113,8 +121,8 @@ class Differentiated:
     def jacobian(
         self,
         *given: Any,
-        of: Sequence[str] = (),
-        by: Sequence[str] = (),
+        of: Sequence[str] | None = None,
+        by: Sequence[str] | None = None,
         out: Any = None,
         threads: int = 1,
         **parameters: Any,
@@ -136,8 +144,12 @@ class Differentiated:
             StateError: A name, shape or number is wrong, or a requested force is not unique.
             SingularChainError: The configuration of a single system is singular.
         """
-        of, by = of or self.question.of or self._names, by or self.question.by
-        return self.derived("jacobian", of, by)._with(given, {}, parameters, out, threads)
+        return self._chosen("jacobian", of, by)._with(given, {}, parameters, out, threads)
+
+    def _chosen(self, kind: Kind, of: Sequence[str] | None, by: Sequence[str] | None) -> Function:
+        """Return the function of some derivatives, by default those of the question."""
+        results = self.question.of or self._names
+        return self.derived(kind, results if of is None else of, self.question.by if by is None else by)
 
     def derived(self, kind: Kind, of: Sequence[str], by: Collection[str]) -> Function:
         """Return the function of some derivatives; its machine code is made when it is first requested.
@@ -160,19 +172,13 @@ class Differentiated:
     ) -> CompiledDerivatives:
         """Return derivatives, of the question's inputs, cotangents or tangents, and parameters."""
         assert self.request is not None
-        inputs, values = self.question.inputs, [*given]
-        if len(given) > len(inputs):
-            raise StateError(f"{self.name}: expected {', '.join(inputs)}, got {len(given)} arguments")
-        own = (
-            self.computation.inputs[: -len(self.request.given) or None]
-            if self.request.given
-            else self.computation.inputs
-        )
-        for name in own[len(given) :]:
-            if name not in further:
-                require_inputs([name] if name not in inputs else (), further)
-                raise StateError(f"{self.name}: expected {', '.join(inputs)}, got no {name}")
-            values.append(further.pop(name))
+        own, values = [name for name in self.computation.inputs if not name.startswith(WITH)], [*given]
+        inputs = self.question.inputs
+        if len(given) > len(inputs) or any(name not in further for name in inputs[len(given) :]):
+            asked = inspect.Signature([inspect.Parameter(name, _PLACED) for name in inputs] + [_FURTHER])
+            raise wrong_call(asked, self.name, given, further) or AssertionError(self.name)
+        require_inputs([name for name in own if name not in inputs], further)
+        values += [further.pop(name) for name in own[len(given) :]]
         values += [vectors[name] for name in self.request.given]
         if threads == 1:
             return self(*values, out=out, **further)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from inspect import Parameter
 from os import PathLike
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -26,7 +28,7 @@ from holdfast.compiler.targets import Builtin
 from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.names import called
+from holdfast.names import called, wrong_call
 from holdfast.questions.arrays import MOVING, POSES
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
@@ -53,7 +55,6 @@ class Function(Differentiated):
         compiled: the compiled chain.
         chain: the chain.
         externals: the arrays that the machine code reads and writes, by name.
-        calls: the calls of the machine code.
         has_status: whether every system has a status, because its equations may have no solution.
     """
 
@@ -74,7 +75,7 @@ class Function(Differentiated):
         request: Request | None = None,
         options: Options | None = None,
     ) -> None:
-        """Make the machine code, or load it from the cache.
+        """Store what is computed; the machine code is made when it is first needed.
 
         Args:
             compiled: the compiled chain.
@@ -84,23 +85,26 @@ class Function(Differentiated):
         """
         self.compiled, self.chain, self.question, self.request = compiled, compiled.chain, question, request
         self._options = options or compiled.options
-        with compiling(self.chain, self.name, compiled.progress):
-            self.computation = made = computation_of(question, request, self.chain, self._options)
-            self.externals, self.has_status = dict(made.externals), made.has_status
-            code = kernel(made.name, made.structure, self.externals, made.schedule)
-        self._inputs = given = (*made.inputs, *made.by_name)
-        own = parameters_of(self.chain, compiled.generic_rank) | dict(made.fixed)
-        self.calls = Calls(code, {name: x for name, x in own.items() if name not in given})
+        self.computation = made = computation_of(question, request, self.chain, self._options)
+        self.externals, self.has_status = dict(made.externals), made.has_status
+        self._inputs = (*made.inputs, *made.by_name)
         self._show = question.shown(self.chain)
         self._rank, self._largest = compiled.generic_rank, largest_positions(self.chain)
         self._ranks = {name: len(e.shape) for name, e in self.externals.items()}
-        self._builtin = self._made_builtin(given)
-        # The builtin runs calls that repeat `out`, or have none, in machine code; it passes all others to `_checked`.
-        type(self).__call__ = self._builtin.function  # type: ignore[method-assign]
 
-    def _made_builtin(self, given: tuple[str, ...]) -> Builtin:
-        """Return the builtin that answers plain calls, of the inputs in order and by name."""
-        made, question, code = self.computation, self.question, self.calls.kernel
+    @cached_property
+    def calls(self) -> Calls:
+        """The calls of the machine code, which is made or loaded when they are first needed."""
+        made = self.computation
+        with compiling(self.chain, self.name, self.compiled.progress):
+            code = kernel(made.name, made.structure, self.externals, made.schedule)
+        own = parameters_of(self.chain, self._rank) | dict(made.fixed)
+        return Calls(code, {name: x for name, x in own.items() if name not in self._inputs})
+
+    @cached_property
+    def _builtin(self) -> Builtin:
+        """The builtin that answers plain calls, of the inputs in order and by name."""
+        made, question, code, given = self.computation, self.question, self.calls.kernel, self._inputs
         first = given if tuple(self.externals)[: len(given)] == given else made.inputs
         own = self._own = self.results(None)
         builtin = Builtin(
@@ -137,6 +141,15 @@ class Function(Differentiated):
         """Return the question and the chain."""
         return f"<{self.name} of {self.chain!r}>"
 
+    @property
+    def __signature__(self) -> inspect.Signature:
+        """The parameters of a call, for completion and help."""
+        by_name = [Parameter("out", Parameter.KEYWORD_ONLY, default=None)]
+        by_name += [Parameter("threads", Parameter.KEYWORD_ONLY, default=1)]
+        names = [name.replace(WITH, "with_") for name in self.computation.inputs]
+        given = [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names]
+        return inspect.Signature([*given, *by_name, Parameter("parameters", Parameter.VAR_KEYWORD)])
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to unpickle the function: its machine code is loaded from the cache or made again."""
         return Function, (self.compiled, self.question, self.request, self._options)
@@ -155,7 +168,9 @@ class Function(Differentiated):
             StateError: A name, shape or number is wrong, or the question has no answer.
             SingularChainError: The configuration of a single system is singular.
         """
-        raise AssertionError("every function has a class of its own")
+        # The builtin runs calls that repeat `out`, or have none, in machine code; it passes all others to `_checked`.
+        type(self).__call__ = self._builtin.function  # type: ignore[method-assign]
+        return self(*given, out=out, threads=threads, **parameters)
 
     def _checked(self, *given: Any, out: Any = None, threads: int = 1, **parameters: Any) -> Any:
         """Answer the calls that the builtin does not."""
@@ -190,17 +205,14 @@ class Function(Differentiated):
         """Return the arrays of a call as machine code reads them, inputs first.
 
         Raises:
-            StateError: A name is unknown, missing or given twice, or a shape is wrong.
+            CallError: A name is missing or given twice.
+            StateError: A name is unknown, or a shape is wrong.
         """
         names, further = self.computation.inputs, dict(by_name)
-        values = dict(zip(names, given, strict=False))
-        if len(given) > len(names):
-            raise StateError(f"{self.name}: expected {', '.join(names)}, got {len(given)} arguments")
-        if twice := [name for name in values if name in further]:
-            raise StateError(f"{self.name}: {twice[0]}: expected it once, got it in order and by name")
-        values |= {name: further.pop(name) for name in names[len(given) :] if name in further}
-        if lacking := [name for name in names if name not in values]:
-            raise StateError(f"{self.name}: expected {', '.join(names)}, got no {lacking[0]}")
+        placed, named = names[: len(given)], names[len(given) :]
+        if len(placed) < len(given) or not further.keys() >= {*named} or not further.keys().isdisjoint(placed):
+            raise wrong_call(self.__signature__, self.name, given, by_name) or AssertionError(self.name)
+        values = dict(zip(placed, given, strict=True)) | {name: further.pop(name) for name in named}
         require_inputs(self.computation.by_name, further)
         values |= {name: further.pop(name) for name in self.computation.by_name}
         shapes = self.externals
@@ -252,8 +264,8 @@ class Function(Differentiated):
         self,
         kind: Kind | None = None,
         *,
-        of: Sequence[str] = (),
-        by: Sequence[str] = (),
+        of: Sequence[str] | None = None,
+        by: Sequence[str] | None = None,
         **arrays_or_parameters: Any,
     ) -> BoundFunction:
         """Return the function, or derivatives of it, bound to fixed arrays: a call without arguments.
@@ -277,13 +289,11 @@ class Function(Differentiated):
                 f"{self.name}.bind: expected vjp, jvp or jacobian, got {checks.short(kind)}."
                 f"{checks.did_you_mean(str(kind), get_args(Kind))}"
             )
-        return BoundFunction(
-            self.derived(kind, of or self.question.of or self._names, by or self.question.by), arrays_or_parameters
-        )
+        return BoundFunction(self._chosen(kind, of, by), arrays_or_parameters)
 
     def export(self, folder: str | PathLike[str], **options: Any) -> ExportedCode:
         """Write the function as C or object files that run without Python; see `CompiledChain.export`."""
-        return self.compiled.export(folder, functions=[self.name], **options)
+        return self.compiled.export(folder, functions=[self.name.replace(".", "_")], **options)
 
     @cached_property
     def when_moving(self) -> Function:
