@@ -1,0 +1,257 @@
+"""Folders of results, records and sweeps: their files, and a manifest that names each file with its SHA-256.
+
+A file that is read is compared with its digest, and the manifest with its own, so that nothing is read as other numbers
+after a flipped bit or a truncation, or where files were exchanged with each other or with those of another folder.
+Files that the manifest does not name do not count. `store_writer` writes such folders.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import sys
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import msgspec
+import numpy as np
+
+from holdfast.errors import ResultError
+from holdfast.io.files import LONGEST_NAME, one_line, read_bounded, reason_of
+from holdfast.spatial.scalar import Array
+
+UNSIGNED = "0" * 64
+LARGEST_FILE = 64 * 2**20  # [bytes] of a manifest, a scene, a model and a robot; arrays lie elsewhere
+UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
+
+
+class Damage(ResultError):
+    """A file is missing, damaged, or in the place of another one; the message names it."""
+
+
+class Kind(NamedTuple):
+    """A kind of folder.
+
+    Attributes:
+        name: what is in it, such as "result".
+        manifest: name of the manifest.
+        versions: version of the format that is written, then those that can be read, whose manifests have no digests.
+        chunk: name of chunk k, as a format string.
+        data: patterns of the files with the numbers, chunks first; those that the manifest does not name are removed.
+        others: patterns of the further files that belong to such a folder.
+        again: what computes its content again.
+    """
+
+    name: str
+    manifest: str
+    versions: tuple[int, ...]
+    chunk: str
+    data: tuple[str, ...]
+    others: tuple[str, ...]
+    again: str
+
+    @property
+    def format(self) -> str:
+        """Name of the format in the manifest."""
+        return f"holdfast-{self.name}"
+
+    def owns(self, name: str) -> bool:
+        """Return whether a file of this name belongs to such a folder."""
+        patterns = (self.manifest, *self.data, *self.others, "*.part")
+        return os.path.basename(name) == name and any(fnmatchcase(name, pattern) for pattern in patterns)
+
+    def strays(self, folder: Path, chunks: int) -> list[str]:
+        """Return the names of chunks beyond the first `chunks`."""
+        known = {self.chunk.format(k) for k in range(chunks)}
+        return sorted(path.name for path in folder.glob(self.data[0]) if path.name not in known)
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True):
+    """What every manifest contains.
+
+    Attributes:
+        format, format_version: format of the folder.
+        sha256: SHA-256 of the manifest, see `manifest_text`.
+        files: SHA-256 of each file by name; None in folders of holdfast 0.1, whose files are not checked.
+    """
+
+    format: str
+    format_version: int
+    sha256: str = ""
+    files: dict[str, str | None] = {}
+
+
+M = TypeVar("M", bound=Manifest)
+
+
+def read_manifest(folder: Path, kind: Kind, what: type[M]) -> M:
+    """Return the manifest of a folder.
+
+    Raises:
+        ResultError: there is none, or its format is another one.
+        Damage: it is damaged, or missing beside chunks.
+    """
+    path = folder / kind.manifest
+    if not os.path.isdir(folder):  # Path.is_dir raises at names that are too long
+        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: no such folder")
+    if not path.exists() and kind.strays(folder, 0):
+        raise Damage(f"{path}: is missing; {kind.again}")
+    content = read_bytes(path, f"; is this a {kind.name} folder?")
+    try:  # holdfast 0.1 wrote infinities, which are texts here
+        found = msgspec.json.decode(content.replace(b": -Infinity", b': "-Infinity"'), type=dict[str, Any])
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as cause:
+        raise Damage(f"{path}: damaged: not valid JSON: {cause}; {kind.again}") from cause
+    signed = found.get("sha256")
+    if signed is not None and signed != sha256(content.replace(str(signed).encode(), UNSIGNED.encode(), 1)):
+        raise Damage(f"{path}: damaged: its content does not match its digest; {kind.again}")
+    form, version = found.get("format"), found.get("format_version")
+    if form != kind.format or version not in kind.versions:
+        got = one_line(f"got {form!r} version {version!r}", LONGEST_NAME)
+        raise ResultError(
+            f"{path}: expected format '{kind.format}' version {kind.versions[0]}, {got}; try the version of holdfast"
+            " that wrote it"
+        )
+    if version != kind.versions[0]:
+        found["files"] = {path.name: None for path in folder.iterdir() if kind.owns(path.name)}
+    elif signed is None:
+        raise Damage(f"{path}: damaged: it has no digest; {kind.again}")
+    try:
+        manifest = msgspec.convert(found, what)
+    except msgspec.ValidationError as cause:
+        raise Damage(f"{path}: damaged: {cause}; {kind.again}") from cause
+    if foreign := [name for name in manifest.files if not kind.owns(name)]:
+        raise Damage(f"{path}: damaged: it names '{one_line(foreign[0], LONGEST_NAME)}', no file of a {kind.name}")
+    return manifest
+
+
+def manifest_text(manifest: Manifest) -> bytes:
+    """Return a manifest as JSON text with its own digest: that of this text with 64 zeros in its place."""
+    text = json_text(msgspec.structs.replace(manifest, sha256=UNSIGNED))
+    return text.replace(UNSIGNED.encode(), sha256(text).encode(), 1)
+
+
+def stored(folder: Path, name: str, files: Mapping[str, str | None], most: int = LARGEST_FILE) -> bytes:
+    """Return the bytes of a file, compared with its digest; some 2 GB/s where the processor has instructions for it.
+
+    Args:
+        folder: the folder.
+        name: name of the file.
+        files: digests by name, of the manifest.
+        most: largest number of bytes.
+
+    Raises:
+        Damage: it is missing, damaged, too large or another file.
+    """
+    path = folder / name
+    try:
+        if name not in files or os.path.basename(name) != name:
+            raise Damage(f"{one_line(name, LONGEST_NAME)} is not named by the manifest")
+        if not path.is_file():
+            raise Damage(f"{name} is {'not a file' if path.exists() else 'missing'}")
+        if (size := path.stat().st_size) > most:
+            raise Damage(f"{name}: expected at most {most >> 20} MiB, got more")
+        content = read_bounded(path, size)
+    except OSError as cause:
+        raise Damage(f"{name} cannot be read: {reason_of(cause)}") from cause
+    if files[name] not in (None, sha256(content)):
+        raise Damage(f"{name} is damaged, or another file: its SHA-256 is not that in the manifest")
+    return content
+
+
+@contextmanager
+def advising(folder: Path, advice: str) -> Iterator[None]:
+    """Add the folder and an advice to the message of damage."""
+    try:
+        yield
+    except Damage as damage:
+        raise Damage(f"{folder}: {damage}; {advice}") from damage
+
+
+CHANGED = "changed while it was read; try again"
+
+
+def arrays_text(arrays: Mapping[str, Array], name: str, data: Any) -> bytes:
+    """Return arrays by name, and plain data as an array of JSON text under `name`, as the bytes of an .npz file."""
+    file = io.BytesIO()
+    np.savez(file, **arrays, **{name: np.array(msgspec.json.encode(data).decode())})  # pyright: ignore[reportArgumentType]
+    return file.getvalue()
+
+
+def read_arrays(folder: Path, name: str, files: Mapping[str, str | None], data: str) -> tuple[dict[str, Array], Any]:
+    """Return the arrays of an .npz file by name, and the plain data under the name `data`.
+
+    Raises:
+        Damage: the file is missing or damaged, or lacks the plain data.
+    """
+    content = stored(folder, name, files, most=sys.maxsize)
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            # our arrays are not compressed; a file that unpacks to more than its size was made to fill the memory
+            if sum(part.file_size for part in archive.infolist()) > len(content):
+                raise Damage(f"{name} is damaged: it unpacks to more than the size of the file")
+            if (torn := archive.testzip()) is not None:  # checked before any header is trusted
+                raise Damage(f"{name} is damaged at '{torn}'")
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            held = {title: file[title] for title in file.files}
+        return held, msgspec.json.decode(held.pop(data).item())
+    except Damage:
+        raise
+    except UNREADABLE as cause:
+        raise Damage(f"{name} is damaged") from cause
+
+
+def times_of_chunks(
+    kind: Kind, counts: Sequence[int], read: Callable[[int], tuple[Array, Mapping[str, Array]]]
+) -> tuple[list[Array], str]:
+    """Return the times in the chunks before the first damage, and that damage in words.
+
+    One chunk is in memory at a time.
+
+    Args:
+        kind: kind of the folder.
+        counts: number of rows in each chunk.
+        read: what returns times and arrays of chunk k.
+    """
+    times, before = list[Array](), None
+    for k in range(len(counts)):
+        try:
+            t, arrays = read(k)
+            here = {name: x.shape[1:] for name, x in arrays.items()}
+            if here != (before or here) or (times and t[0] < times[-1][-1]):
+                raise Damage(f"{kind.chunk.format(k)} does not continue the previous chunks")
+        except Damage as damage:
+            return times, str(damage)
+        times.append(t)
+        before = here
+    return times, ""
+
+
+def read_bytes(path: Path, hint: str = "") -> bytes:
+    """Return the bytes of a file.
+
+    Raises:
+        ResultError: it cannot be read, or is too large.
+    """
+    try:
+        content = read_bounded(path, LARGEST_FILE)
+    except OSError as cause:
+        raise ResultError(f"{path}: cannot be read: {reason_of(cause)}{hint}") from cause
+    if len(content) > LARGEST_FILE:
+        raise ResultError(f"{path}: expected at most {LARGEST_FILE >> 20} MiB, got more")
+    return content
+
+
+def json_text(data: Any) -> bytes:
+    """Return data as indented JSON."""
+    return msgspec.json.format(msgspec.json.encode(data), indent=2) + b"\n"
+
+
+def sha256(content: bytes) -> str:
+    """Return the SHA-256 of some bytes, hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
