@@ -9,6 +9,7 @@ import shutil
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from tests.control.two_pandas import two_pandas
 from tests.io.damages import damage
 from tests.io.recorded import SCENE, meta, samples
 from tests.io.remembering import run as remembering
+from tests.io.remembering import unlimited
 from tests.robots.two_armed import TWO_ARMED
 from tests.simulation.rollout.problems import elsewhere, problem, swinging
 
@@ -85,7 +87,9 @@ def write_unfinished(folder: Path, other: bool) -> None:
     with pytest.MonkeyPatch.context() as patched, suppress(Died):
         patched.setattr("holdfast.io.result_folder.CHUNK", 3)
         patched.setattr("holdfast.io.result_folder.PATIENCE", np.inf)
-        patched.setattr("tests.io.remembering.STEP", 0.001 if other else 0.002)
+        if other:
+            chain, state = unlimited()
+            patched.setattr("tests.io.remembering.unlimited", lambda: (replace(chain, gravity=[0.0, 0.0, -9.0]), state))
         remembering(folder, marked=die)
 
 

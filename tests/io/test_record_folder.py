@@ -130,7 +130,7 @@ def test_damage(made, tmp_path):
     with pytest.raises(hf.ResultError, match=r"records_000000\.npz is missing; 3 of 3 records are lost"):
         hf.io.load_record(folder)
     (folder / "record.json").unlink()
-    with pytest.raises(hf.ResultError, match=r"record\.json: cannot be read: .*; is this a record folder"):
+    with pytest.raises(hf.ResultError, match=r"record\.json is missing; is this a record folder"):
         hf.io.load_record(folder)
     with pytest.raises(hf.ResultError, match="nowhere: no such folder"):
         hf.io.load_record(tmp_path / "nowhere")

@@ -201,7 +201,7 @@ def test_a_run_that_has_ended(tmp_path):
         ),
         ("checkpoint_0007.npz", lambda path: path.write_bytes(path.read_bytes()[:-9]), "checkpoint_0007.npz is dam"),
         ("chunk_0001.npz", lambda path: path.write_bytes(path.read_bytes()[:500]), "chunk_0001.npz is damaged"),
-        ("meta.json", lambda path: path.write_bytes(path.read_bytes()[:500]), "meta.json: damaged: not valid JSON"),
+        ("meta.json", lambda path: path.write_bytes(path.read_bytes()[:500]), "meta.json is damaged: not valid JSON"),
         (
             "checkpoint_0007.npz",
             lambda path: (np.savez(path, data=np.array("{}")), resigned(path.parent)),

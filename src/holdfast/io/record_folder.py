@@ -82,13 +82,9 @@ def _loaded(place: Path, meta: RecordMeta, rollout: Rollout | None) -> RolloutRe
     """
     if not meta.pieces:
         raise ResultError(f"{place}: no records yet: the rollout has just begun, or ended before its first flush")
-    head = OLD if OLD in meta.files else meta.systems
-    arrays, _ = read_arrays(place, head, meta.files, "meta")
+    arrays, _ = read_arrays(place, OLD if OLD in meta.files else meta.systems, meta.files, "meta")
     chain = model_of(stored(place, MODEL, meta.files), str(place / MODEL))
-    fault = Damage(f"{head} is damaged: it lacks arrays, or has them in other shapes")
-    systems, stopped = _systems(arrays, "last", chain, fault), arrays.get("stopped", np.zeros(0))
-    if stopped.shape != (len(systems),):
-        raise fault
+    systems, stopped = _systems(arrays, "last", chain), arrays["stopped"]
     times, damage = times_of_chunks(RECORD, meta.pieces, lambda k: read_piece(place, k, meta, len(systems)))
     if damage:
         lost = sum(meta.pieces[len(times) :])
@@ -98,7 +94,7 @@ def _loaded(place: Path, meta: RecordMeta, rollout: Rollout | None) -> RolloutRe
     note = "" if meta.complete else f"incomplete, up to t = {last}: interrupted, or still running"
     arguments = None
     if rollout is not None and meta.step is not None:
-        first = _systems(arrays, "first", chain, fault)
+        first = _systems(arrays, "first", chain)
         if fingerprint(rollout.chain) != fingerprint(chain):
             raise ResultError(f"{place}: expected the rollout that made it, got one of another chain")
         try:
@@ -125,11 +121,11 @@ def _below(arrays: dict[str, Array], name: str) -> dict[str, Array]:
     return {key.partition(".")[2]: x for key, x in arrays.items() if key.partition(".")[0] == name}
 
 
-def _systems(arrays: dict[str, Array], name: str, chain: ClosedChain, fault: ResultError) -> RolloutSystems:
+def _systems(arrays: dict[str, Array], name: str, chain: ClosedChain) -> RolloutSystems:
     """Return the systems that are under a name.
 
     Raises:
-        ResultError: `fault`, if they cannot be systems of the chain.
+        Damage: they cannot be systems of the chain.
     """
     own, carried, inputs = (_below(arrays, key) for key in (name, f"{name}_arrays", f"{name}_inputs"))
     begin, length = own.get("begin", np.zeros(())), own.get("step_length", np.zeros(()))
@@ -137,7 +133,7 @@ def _systems(arrays: dict[str, Array], name: str, chain: ClosedChain, fault: Res
     code = carried.get("code", np.zeros(0))
     if not (
         begin.ndim == 1
-        and length.shape == begin.shape
+        and begin.shape == length.shape == arrays.get("stopped", np.zeros(0)).shape
         and needed <= carried.keys()
         and all(x.shape[:1] == begin.shape for x in carried.values())
         and all(x.ndim and len(x) in (1, len(begin)) for x in inputs.values())
@@ -145,7 +141,7 @@ def _systems(arrays: dict[str, Array], name: str, chain: ClosedChain, fault: Res
         and carried["q"].shape[1:] == (chain.joint_count,)
         and np.isin(code, np.arange(len(STATUSES))).all()
     ):
-        raise fault
+        raise Damage("systems: arrays are missing, or have other shapes: damaged")
     systems = RolloutSystems(chain, carried, begin, length)
     systems.call_inputs = inputs
     return systems

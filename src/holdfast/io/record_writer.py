@@ -53,7 +53,6 @@ class RecordWriter:
 
     Attributes:
         folder: the folder.
-        started: whether a piece is on disk.
     """
 
     def __init__(
@@ -66,10 +65,14 @@ class RecordWriter:
         """
         self.folder = file_path(folder, "folder")
         require_free(self.folder, RECORD, overwrite, "overwrite=True")
-        self.started = False
         self._store = StoreWriter(self.folder, RECORD)
         self._arguments, self._meta, self._times = arguments, meta_of_record(arguments), list[Array]()
         self._flushed_at = -np.inf
+
+    @property
+    def started(self) -> bool:
+        """Whether anything is on disk."""
+        return self._store.started
 
     def is_due(self, waiting: Sequence[tuple[float, Mapping[str, Array]]]) -> bool:
         """Return whether waiting records are to be written: none is on disk yet, or they are many, or old."""
@@ -91,11 +94,7 @@ class RecordWriter:
         Raises:
             ResultError: they cannot be written, or another process has written to the folder.
         """
-        if self.started:
-            self._store.require_alone()
-        else:
-            self._store.begin(self._meta, {MODEL: model_text(last.chain)})
-            self.started = True
+        self._store.begin(self._meta, {MODEL: model_text(last.chain)})
         old, pieces = self._meta, [*self._meta.pieces, len(t)]
         self._store.write(
             RECORD.chunk.format(len(old.pieces)),

@@ -97,7 +97,6 @@ class ResultWriter:
         self._waiting: list[Trajectory] = []
         self._reported = 0  # occurrences
         self._marked: tuple[int, Checkpoint] | None = None
-        self._started = False
         self._flushed_at = -np.inf  # so that the first sample goes to disk at once
 
     @classmethod
@@ -122,7 +121,7 @@ class ResultWriter:
         if (found := _resumed(folder, writer._meta)) is not None:
             writer._meta, writer.start, writer._store = found
             writer._store.keep({name: x for name, x in writer._files.items() if name in writer._store.files})
-            writer._started, writer._flushed_at = True, time.monotonic()
+            writer._flushed_at = time.monotonic()
         return writer
 
     @property
@@ -159,11 +158,7 @@ class ResultWriter:
         """
         if not self._waiting:
             return
-        if self._started:
-            self._store.require_alone()
-        else:
-            self._store.begin(self._meta, self._files)
-            self._started = True
+        self._store.begin(self._meta, self._files)
         k, count = len(self._meta.chunks), len(self._waiting)
         self._store.write(chunk_name(k), chunk_text(self._waiting))
         flushed = replace(
@@ -200,7 +195,7 @@ class ResultWriter:
         self.flush()
         if not self.samples:
             return
-        self._store.require_alone()
+        self._store.begin(self._meta, {})
         if bases is not None:
             self._store.write(BASES, bases)
         if summary is not None:

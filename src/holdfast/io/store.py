@@ -66,6 +66,14 @@ class Kind(NamedTuple):
         patterns = (self.manifest, *self.data, *self.others, "*.part")
         return os.path.basename(name) == name and any(fnmatchcase(name, pattern) for pattern in patterns)
 
+    def text(self, folder: Path) -> bytes:
+        """Return the manifest of a folder as it stands there.
+
+        Raises:
+            Damage: it is missing, or too large.
+        """
+        return stored(folder, self.manifest, {self.manifest: None})
+
     def strays(self, folder: Path, chunks: int) -> list[str]:
         """Return the names of chunks beyond the first `chunks`."""
         known = {self.chunk.format(k) for k in range(chunks)}
@@ -94,39 +102,38 @@ def read_manifest(folder: Path, kind: Kind, what: type[M]) -> M:
     """Return the manifest of a folder.
 
     Raises:
-        ResultError: there is none, or its format is another one.
-        Damage: it is damaged, or missing beside chunks.
+        ResultError: there is no folder.
+        Damage: it is damaged or missing, or its format is another one.
     """
-    path = folder / kind.manifest
     if not os.path.isdir(folder):  # Path.is_dir raises at names that are too long
         raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: no such folder")
-    if not path.exists() and kind.strays(folder, 0):
-        raise Damage(f"{path}: is missing; {kind.again}")
-    content = read_bytes(path, f"; is this a {kind.name} folder?")
-    try:  # holdfast 0.1 wrote infinities, which are texts here
-        found = msgspec.json.decode(content.replace(b": -Infinity", b': "-Infinity"'), type=dict[str, Any])
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as cause:
-        raise Damage(f"{path}: damaged: not valid JSON: {cause}; {kind.again}") from cause
-    signed = found.get("sha256")
-    if signed is not None and signed != sha256(content.replace(str(signed).encode(), UNSIGNED.encode(), 1)):
-        raise Damage(f"{path}: damaged: its content does not match its digest; {kind.again}")
-    form, version = found.get("format"), found.get("format_version")
-    if form != kind.format or version not in kind.versions:
-        got = one_line(f"got {form!r} version {version!r}", LONGEST_NAME)
-        raise ResultError(
-            f"{path}: expected format '{kind.format}' version {kind.versions[0]}, {got}; try the version of holdfast"
-            " that wrote it"
-        )
-    if version != kind.versions[0]:
-        found["files"] = {path.name: None for path in folder.iterdir() if kind.owns(path.name)}
-    elif signed is None:
-        raise Damage(f"{path}: damaged: it has no digest; {kind.again}")
-    try:
-        manifest = msgspec.convert(found, what)
-    except msgspec.ValidationError as cause:
-        raise Damage(f"{path}: damaged: {cause}; {kind.again}") from cause
-    if foreign := [name for name in manifest.files if not kind.owns(name)]:
-        raise Damage(f"{path}: damaged: it names '{one_line(foreign[0], LONGEST_NAME)}', no file of a {kind.name}")
+    name = kind.manifest
+    with advising(folder, kind.again if kind.strays(folder, 0) else f"is this a {kind.name} folder?"):
+        content = kind.text(folder)
+        try:  # holdfast 0.1 wrote infinities, which are texts here
+            found = msgspec.json.decode(content.replace(b": -Infinity", b': "-Infinity"'), type=dict[str, Any])
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as cause:
+            raise Damage(f"{name} is damaged: not valid JSON: {cause}") from cause
+        signed = found.get("sha256")
+        if signed is not None and signed != sha256(content.replace(str(signed).encode(), UNSIGNED.encode(), 1)):
+            raise Damage(f"{name} is damaged: its content does not match its digest")
+        form, version = found.get("format"), found.get("format_version")
+        if form != kind.format or version not in kind.versions:
+            got = one_line(f"got {form!r} version {version!r}", LONGEST_NAME)
+            expected = f"expected format '{kind.format}' version {kind.versions[0]}"
+            raise Damage(f"{name}: {expected}, {got}; try the version of holdfast that wrote it")
+        if version != kind.versions[0]:
+            found["files"] = {path.name: None for path in folder.iterdir() if kind.owns(path.name)}
+        elif signed is None:
+            raise Damage(f"{name} is damaged: it has no digest")
+        try:
+            manifest = msgspec.convert(found, what)
+        except msgspec.ValidationError as cause:
+            raise Damage(f"{name} is damaged: {cause}") from cause
+        if foreign := [one for one in manifest.files if not kind.owns(one)]:
+            raise Damage(
+                f"{name} is damaged: it names '{one_line(foreign[0], LONGEST_NAME)}', no file of a {kind.name}"
+            )
     return manifest
 
 
@@ -230,21 +237,6 @@ def times_of_chunks(
         times.append(t)
         before = here
     return times, ""
-
-
-def read_bytes(path: Path, hint: str = "") -> bytes:
-    """Return the bytes of a file.
-
-    Raises:
-        ResultError: it cannot be read, or is too large.
-    """
-    try:
-        content = read_bounded(path, LARGEST_FILE)
-    except OSError as cause:
-        raise ResultError(f"{path}: cannot be read: {reason_of(cause)}{hint}") from cause
-    if len(content) > LARGEST_FILE:
-        raise ResultError(f"{path}: expected at most {LARGEST_FILE >> 20} MiB, got more")
-    return content
 
 
 def json_text(data: Any) -> bytes:

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from holdfast.errors import ResultError
 from holdfast.io.files import make_folder, names_in, remove, write_atomically
-from holdfast.io.store import Damage, Kind, Manifest, manifest_text, read_bytes, sha256, stored
+from holdfast.io.store import Damage, Kind, Manifest, manifest_text, sha256, stored
 
 
 class StoreWriter:
@@ -22,23 +22,36 @@ class StoreWriter:
         folder: the folder.
         kind: its kind.
         files: SHA-256 of each file that the next commit names.
+        started: whether the folder is that of this writer.
     """
 
     def __init__(self, folder: Path, kind: Kind, files: Mapping[str, str | None] | None = None) -> None:
         self.folder, self.kind, self.files = folder, kind, dict(files or {})
+        self.started = files is not None
         self._texts: tuple[bytes, ...] = ()  # of the manifest, as this writer left it or was about to
 
     def begin(self, manifest: Manifest, files: Mapping[str, bytes]) -> None:
-        """Create the folder without chunks and write its further files; what an earlier one left there is removed.
+        """Create the folder without chunks at the first call; later, refuse it if another process has written to it.
+
+        What an earlier result left there is removed.
+
+        Args:
+            manifest: the manifest without chunks.
+            files: further files.
 
         Raises:
-            ResultError: a file cannot be written or removed.
+            ResultError: a file cannot be written or removed, or another process has written to the folder.
         """
+        if self.started:
+            if self.kind.text(self.folder) not in self._texts:
+                raise ResultError(f"{self.folder}: another process has written to it; nothing more is added")
+            return
         make_folder(self.folder)
         self.files.clear()
         self.commit(manifest)  # first, so that the folder is known as ours before anything else is in it
         self.remove_unnamed((*self.kind.data, *self.kind.others, "*.part"))
         self.keep(files)
+        self.started = True
 
     def keep(self, files: Mapping[str, bytes]) -> None:
         """Write those of some files that are missing or damaged.
@@ -86,15 +99,6 @@ class StoreWriter:
         found = {path for pattern in patterns for path in self.folder.glob(pattern)}
         remove(*(path for path in found if path.name not in self.files and not path.is_dir()))
 
-    def require_alone(self) -> None:
-        """Refuse to write where another process did: two runs would be mixed.
-
-        Raises:
-            ResultError: the manifest is not the one that this writer wrote.
-        """
-        if read_bytes(self.folder / self.kind.manifest) not in self._texts:
-            raise ResultError(f"{self.folder}: another process has written to it; nothing more is added")
-
 
 def require_free(folder: Path, kind: Kind, overwrite: bool, advice: str) -> None:
     """Refuse a folder that is not empty, unless it is an earlier one of its kind, whole or damaged, to be replaced.
@@ -111,8 +115,7 @@ def require_free(folder: Path, kind: Kind, overwrite: bool, advice: str) -> None
     names = names_in(folder, f"a {kind.name} folder")
     if names in ([], [f"{kind.manifest}.part"]):  # a writer died before it wrote anything
         return
-    manifest = folder / kind.manifest
-    marked = kind.manifest in names and kind.format.encode() in read_bytes(manifest)
+    marked = kind.manifest in names and kind.format.encode() in kind.text(folder)
     if not marked and not kind.strays(folder, 0):
         raise ResultError(
             f"{folder}: expected a new or empty folder, or an earlier {kind.name}; found '{names[0]}' in it"

@@ -27,7 +27,7 @@ from holdfast.sweeps.distributions import NearPose, Normal, Uniform
 from holdfast.sweeps.plan import OUTPUTS, Plan, plan_of
 from holdfast.sweeps.progress import Progress
 from holdfast.sweeps.result import Sweep
-from holdfast.sweeps.store import ROBOTS, SWEEP, SweepMeta, another_plan, differences
+from holdfast.sweeps.store import ROBOTS, SWEEP, SweepMeta, differences
 from holdfast.sweeps.sweep import carry_out
 
 OF_INSTALLATION = {"versions", "processor", "model_sha256", "law_sha256", "state_sha256"}  # may change its last bits
@@ -83,9 +83,7 @@ def load_sweep(folder: str | PathLike[str]) -> Sweep:
     """
     place = file_path(folder, "folder")
     plan, meta = scene_plan(kept_scene(place)), read_manifest(place, SWEEP, SweepMeta)
-    differing = differences(meta, plan.description())
-    if others := set(differing) - OF_INSTALLATION:
-        raise another_plan(place, others)
+    differing = differences(place, meta, plan.description(), OF_INSTALLATION)
     return Sweep(plan.settled(meta.generic_rank), place, meta.files, differing)
 
 

@@ -17,7 +17,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
@@ -84,8 +84,7 @@ class Store:
         self._lock = _locked(folder)
         try:
             if (found := self._found()) is not None:
-                if differing := differences(found, self._description):
-                    raise another_plan(folder, differing)
+                differences(folder, found, self._description)
                 if found.format_version != SWEEP.versions[0]:
                     raise ResultError(f"{folder}: written by holdfast 0.1: can be read, but not continued; try another")
                 self.meta, self._writer.files = found, _logged(folder) | found.files
@@ -239,14 +238,18 @@ def _plan_in(path: Path) -> bytes | None:
         return None
 
 
-def another_plan(folder: Path, differing: Iterable[str]) -> ResultError:
-    """Return the error about a folder whose plan differs in entries of these names."""
-    names = ", ".join(sorted(differing))
-    return ResultError(
-        f"{folder}: holds a sweep of another plan: {names} differ; try another folder, or the original arguments"
-    )
+def differences(
+    folder: Path, meta: SweepMeta, description: Mapping[str, Any], tolerated: Collection[str] = ()
+) -> list[str]:
+    """Return the names of what differs between the plan of a folder and another one.
 
-
-def differences(meta: SweepMeta, description: Mapping[str, Any]) -> list[str]:
-    """Return the names of what differs between the plan of a folder and another one."""
-    return sorted(name for name in {*meta.plan, *description} if meta.plan.get(name) != description.get(name))
+    Raises:
+        ResultError: something else differs than what is tolerated.
+    """
+    found = sorted(name for name in {*meta.plan, *description} if meta.plan.get(name) != description.get(name))
+    if others := [name for name in found if name not in tolerated]:
+        raise ResultError(
+            f"{folder}: holds a sweep of another plan: {', '.join(others)} differ; try another folder, or the original"
+            " arguments"
+        )
+    return found
