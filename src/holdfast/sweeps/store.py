@@ -97,7 +97,7 @@ class Store:
         """Return the manifest; None for a new folder, and for one of this plan that has lost its manifest.
 
         Raises:
-            ResultError: the folder contains other files, or a damaged manifest beside chunks of another plan.
+            ResultError: the folder contains other files, or a damaged manifest and no chunk of this plan.
         """
         names = {path.name for path in self.folder.iterdir()} - {LOCK, f"{SWEEP.manifest}.part"}
         chunks = SWEEP.strays(self.folder, 0)
@@ -106,7 +106,7 @@ class Store:
         try:
             return read_manifest(self.folder, SWEEP, SweepMeta) if names else None
         except Damage:
-            if chunks and not any(_plan_in(self.folder / name) == self.plan_sha256.encode() for name in chunks):
+            if not any(_plan_in(self.folder / name) == self.plan_sha256.encode() for name in chunks):
                 raise
             return None
 
