@@ -188,7 +188,7 @@ def test_no_sweep_in_the_scene():
         (["scene.toml", "--out", "a_file"], "a_file"),
         (["scene.toml", "--out", "used"], "other files"),
         (["scene.toml", "--out", "x" * 300], "cannot be written"),
-        (["used"], "expected the folder of a scene's sweep"),
+        (["used"], "is this a sweep folder?"),
         (["store", "--run", "7"], "from 0 to 6"),
         (["store", "--run", "-1"], "from 0 to 6"),
         (["store", "--run", "1.5"], "run"),

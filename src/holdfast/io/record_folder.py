@@ -16,8 +16,9 @@ from holdfast.errors import ResultError, StateError
 from holdfast.io.files import file_path
 from holdfast.io.model_data import model_of
 from holdfast.io.result_meta import MODEL
-from holdfast.io.store import Damage, read_arrays, read_manifest, stored, times_of_chunks
+from holdfast.io.store import read_manifest, times_of_chunks
 from holdfast.io.stored_arrays import RECORD, STATUSES, RecordMeta, StoredArrays, read_piece
+from holdfast.io.stored_file import Damage, read_arrays, stored
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint

@@ -21,9 +21,9 @@ from holdfast.io.model_data import model_text
 from holdfast.io.replaced_folder import replaced_folder
 from holdfast.io.result_folder import PATIENCE
 from holdfast.io.result_meta import MODEL
-from holdfast.io.store import arrays_text
 from holdfast.io.store_writer import StoreWriter, require_free
 from holdfast.io.stored_arrays import RECORD, RecordMeta, StoredArrays, plain
+from holdfast.io.stored_file import arrays_text
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.spatial.scalar import Array

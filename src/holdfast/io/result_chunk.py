@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from holdfast.io.result_meta import RESULT, ResultMeta
-from holdfast.io.store import Damage, arrays_text, read_arrays
+from holdfast.io.stored_file import Damage, arrays_text, read_arrays
 from holdfast.simulation.trajectory import OF_TRUNK, Occurrence, Trajectory, array_names, stacked
 
 

@@ -40,8 +40,8 @@ from holdfast.io.result_meta import (
     kept_files,
     read_meta,
 )
-from holdfast.io.store import advising, arrays_text, json_text, read_arrays, sha256
 from holdfast.io.store_writer import StoreWriter, require_free
+from holdfast.io.stored_file import advising, arrays_text, json_text, read_arrays, sha256
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
 from holdfast.robots.urdf.source import Source

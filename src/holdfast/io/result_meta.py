@@ -9,7 +9,8 @@ from typing import Any
 import msgspec
 
 from holdfast.errors import ResultError
-from holdfast.io.store import Kind, Manifest, read_manifest, sha256, stored
+from holdfast.io.store import Kind, Manifest, read_manifest
+from holdfast.io.stored_file import sha256, stored
 from holdfast.robots.urdf.source import Source
 from holdfast.simulation.trajectory import Occurrence
 

@@ -26,7 +26,8 @@ from holdfast.io.result_meta import (
     kept_robots,
     read_meta,
 )
-from holdfast.io.store import CHANGED, Damage, advising, read_arrays, stored, times_of_chunks
+from holdfast.io.store import times_of_chunks
+from holdfast.io.stored_file import CHANGED, Damage, advising, read_arrays, stored
 from holdfast.model.fingerprint import fingerprint
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import RecordedBase, Setting

@@ -12,8 +12,8 @@ from holdfast.io.model_data import model_text
 from holdfast.io.replaced_folder import replaced_folder
 from holdfast.io.result_folder import CHUNK, ResultWriter, run_meta
 from holdfast.io.result_meta import BASES, INTERRUPTED, MODEL, PLANNED, RESULT, ResultMeta
-from holdfast.io.store import arrays_text
 from holdfast.io.store_writer import require_free
+from holdfast.io.stored_file import arrays_text
 from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names

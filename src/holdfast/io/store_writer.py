@@ -12,7 +12,8 @@ from msgspec.structs import replace
 
 from holdfast.errors import ResultError
 from holdfast.io.files import make_folder, names_in, remove, write_atomically
-from holdfast.io.store import Damage, Kind, Manifest, manifest_text, sha256, stored
+from holdfast.io.store import Kind, Manifest, manifest_text
+from holdfast.io.stored_file import Damage, sha256, stored
 
 
 class StoreWriter:

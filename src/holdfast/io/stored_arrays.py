@@ -10,7 +10,8 @@ import msgspec
 import numpy as np
 
 from holdfast.io.result_meta import MODEL
-from holdfast.io.store import CHANGED, Damage, Kind, Manifest, advising, read_arrays
+from holdfast.io.store import Kind, Manifest
+from holdfast.io.stored_file import CHANGED, Damage, advising, read_arrays
 from holdfast.simulation.rollout.systems import RolloutStatus
 from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array

@@ -14,10 +14,11 @@ import numpy as np
 from holdfast.control.controller import ControlLaw
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.control.traced_law import law_of
-from holdfast.errors import HoldfastError, ResultError, SceneError
-from holdfast.io.files import file_path, names_in
+from holdfast.errors import HoldfastError, SceneError
+from holdfast.io.files import file_path
 from holdfast.io.result_meta import SCENE, RobotRecord, kept_files, kept_robots
-from holdfast.io.store import Damage, advising, read_manifest, stored
+from holdfast.io.store import read_manifest
+from holdfast.io.stored_file import Damage, advising, stored
 from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.scenario.build import Scenario, parse_scene
@@ -94,17 +95,12 @@ def kept_scene(folder: Path) -> Scenario:
         ResultError: there is no scene, or a file is damaged.
         SceneError, ClosureError: the scene cannot be read.
     """
-    there = names_in(folder, "the folder of a sweep")
-    for name in (SCENE, ROBOTS):
-        if name not in there:
-            raise ResultError(
-                f"{folder}: expected the folder of a scene's sweep, got one without {name}; a sweep started in Python"
-                " is continued by the same call of `holdfast.sweep`"
-            )
     try:
         files = read_manifest(folder, SWEEP, SweepMeta).files
     except Damage:  # chunks tell whether the scene is theirs
-        files = dict.fromkeys(there)
+        if not SWEEP.strays(folder, 0):
+            raise
+        files = {ROBOTS: None, SCENE: None}
     with advising(folder, SWEEP.again):
         try:
             records = msgspec.json.decode(stored(folder, ROBOTS, files), type=dict[str, RobotRecord])

@@ -27,8 +27,9 @@ from msgspec.structs import replace
 from holdfast.errors import ResultError
 from holdfast.io.files import LONGEST_NAME, one_line, reason_of
 from holdfast.io.result_meta import SCENE
-from holdfast.io.store import UNREADABLE, Damage, Kind, Manifest, read_manifest, stored
+from holdfast.io.store import Kind, Manifest, read_manifest
 from holdfast.io.store_writer import StoreWriter
+from holdfast.io.stored_file import UNREADABLE, Damage, stored
 from holdfast.sweeps.chunk import Computed, parquet_modules
 from holdfast.sweeps.plan import Plan, digest_of
 
