@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.consistency import closure
 from holdfast.errors import ModelError, StateError
-from holdfast.identification.completed import completed
+from holdfast.identification.completed import completed, differentiated
 from holdfast.identification.equations import Equations, Settings, equations
 from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.grasp_frames import measured_grasps
 from holdfast.identification.identification import Identification
 from holdfast.identification.load_recording import recording_of
+from holdfast.identification.motion_noise import motion_noise
+from holdfast.identification.possible_bodies import is_possible
 from holdfast.identification.recording import Recording
 from holdfast.identification.undetermined import parts_kept, sentences
 from holdfast.identification.unknowns import Unknowns, unknowns_of
@@ -26,7 +28,6 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.inertia import about_origin, of_parameters
-from holdfast.spatial.log_cholesky import numbers_of
 from holdfast.spatial.scalar import Array
 
 SOURCES = ("wrist_wrench", "tau")
@@ -92,7 +93,8 @@ def identify(
     frames: dict[str, Array] = {}
     if grasp_frames:
         chain, frames = measured_grasps(chain, given)
-    whole = [completed(chain, one) for one in given]
+    moving = [differentiated(_fitting(chain, one)) for one in given]
+    whole = [completed(chain, one) for one, _ in moving]
     system = equations(chain, whole, settings)
     wrists = np.tile([0, 0, 0, 1, 1, 1], len(chain.grasps))
     kinds = wrists if by == "wrist_wrench" else np.arange(chain.joint_count)
@@ -102,7 +104,8 @@ def identify(
         raise StateError(
             f"identify: expected {2 * p} rows or more for {p} unknowns, got {rows} of {len(system.rows)} samples"
         )
-    found = estimate(system, unknowns, kinds, _given_noise(noise, chain, by), largest)
+    motion = motion_noise(chain, moving, settings, system)
+    found = estimate(system, unknowns, kinds, _given_noise(noise, chain, by), largest, motion)
     notes = [*_notes(found, system, noise is not None), *_notes_on_grasps(chain, whole, frames)]
     return _identification(chain, unknowns, found, settings, frames, tuple(notes))
 
@@ -122,14 +125,19 @@ def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
         raise ModelError("identify: chain: expected an arm that holds the object, got none")
     if flags["gravity"] and not chain.gravity.any():
         raise ModelError("identify: gravity: expected a chain with gravity, whose size is known; got none")
-    try:
-        numbers_of(about_origin(chain.held_object.mass, np.zeros(3), chain.held_object.inertia))
-    except ValueError as cause:
+    if not is_possible(about_origin(chain.held_object.mass, np.zeros(3), chain.held_object.inertia).parameters):
         raise ModelError(
             "identify: object: expected principal moments of which any two sum to more than the third; got a flat or an"
             " impossible body; try HeldObject.box with three edges as a first guess"
-        ) from cause
+        )
     return Settings(by, flags["sensor_bias"], flags["gravity"])
+
+
+def _fitting(chain: ClosedChain, one: Recording) -> Recording:
+    """Return a recording with as many joints as the chain; refuse others."""
+    if one.q.shape[1] != chain.joint_count:
+        raise StateError(f"recording: q: expected {chain.joint_count} joints, got {one.q.shape[1]}")
+    return one
 
 
 def _require(chain: ClosedChain, one: Recording, by: str) -> None:
@@ -207,20 +215,7 @@ def _identification(
 
 def _notes(found: Estimate, system: Equations, noise_given: bool) -> list[str]:
     """Return remarks on the quality of the estimate."""
-    notes = []
-    if not found.possible:
-        notes.append("the unconstrained estimate is not a possible body; the nearest possible body is returned")
-    if noise_given and found.misfit > POORLY:
-        notes.append(
-            f"residuals are {np.sqrt(found.misfit):.2g} times the given noise: the model lacks something, such as"
-            " friction, and deviations are too small; try noise=None"
-        )
-    if found.correlation and found.misfit > ROUNDING:
-        what = "deviations are too small by that" if noise_given else "deviations take that into account, roughly"
-        notes.append(f"residuals of neighbouring samples are correlated ({found.correlation:.2f}): {what}")
-    if system.left_out:
-        notes.append(f"{system.left_out} samples at singular configurations were left out")
-    return notes
+    return []
 
 
 def _notes_on_grasps(chain: ClosedChain, recordings: list[Recording], frames: dict[str, Array]) -> list[str]:
