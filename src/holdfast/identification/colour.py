@@ -19,6 +19,7 @@ from scipy.stats import chi2
 from holdfast.spatial.scalar import Array
 
 FEWEST_BLOCKS = 16
+EXACT = 1e-3  # mean square of rows that are exact, relative to the noise
 CHANCE = 1e-6  # that independent residuals exceed a limit
 
 
@@ -44,11 +45,12 @@ def colour_of(e: Array, memory: int) -> Colour:
         e: the residuals.
         memory: samples over which the errors of smoothed motions depend on each other, which is accounted for elsewhere.
     """
+    e = e[:, (e * e).mean(axis=0) > EXACT]
     squares = (e * e).mean(axis=0)
     correlation = float((e[1:] * e[:-1]).sum() / max(float((e * e).sum()), 1e-300))
     widening, coloured = 1.0, False
     length = 2
-    while len(e) // length >= FEWEST_BLOCKS:
+    while e.size and len(e) // length >= FEWEST_BLOCKS:
         if length >= memory:
             blocks = e[: len(e) // length * length].reshape(-1, length, e.shape[1]).sum(axis=1)
             ratios = (blocks * blocks).mean(axis=0) / np.maximum(length * squares, 1e-300)

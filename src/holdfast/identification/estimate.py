@@ -6,13 +6,13 @@
     4. if that is not a possible body: the possible body that fits the determined combinations best and,
        next to that, is nearest to the guess                                    possible_bodies
 
-The covariance is that of step 1 along the determined combinations,
+The covariance is that of step 1 without the combinations Q that the guess gives,
 
-    cov = Z G^-1 M G^-1 Z^T,    G = Z^T J^T J Z,    M = sum u u^T + motion,    u = Z^T J^T S e
+    cov = P G^-1 M G^-1 P,    P = 1 - Q Q^T,    G = J^T J,    M = sum u u^T + motion,    u = J^T S e
 
 where S leaves the share of the measurements' noise in the whitened residuals e. Its part of M is valid for any
 distribution of the noise, even if the weights are wrong (White 1980); that of the motion follows from its noise
-(`motion_noise`). With given noise, the former part is Z^T J^T S^2 J Z.
+(`motion_noise`). With given noise, the former part is J^T S^2 J.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from holdfast.spatial.scalar import Array
 
 PASSES = 2  # of steps 2 to 4, which are linearised at the guess's mass centre and then at the estimate's
 LEAST_LEFT = 0.05  # lower bound of 1 - h, which is near 0 if one sample alone determines a coefficient
+ROUNDING = 1e-3  # least noise of whitened residuals that are exact, which averages do not reduce reliably
 SURELY = 5.0  # standard deviations by which a mass below zero is no accident
 
 
@@ -48,7 +49,7 @@ class Estimate:
         residuals: (samples, r) residuals of the rows.
         noise: (channels,) standard deviations that define the weights.
         misfit: mean square of the whitened residuals, which is 1 if the noise has these standard deviations.
-        free_misfit: that of the unconstrained estimate.
+        moved: squared distance from the unconstrained estimate along the determined combinations, in standard deviations.
         colour: how residuals depend on those before them.
         motion_share: part of the whitened residuals' variance that the noise of the motion explains.
         settled: whether the weights converged.
@@ -61,7 +62,7 @@ class Estimate:
     residuals: Array
     noise: Array
     misfit: float
-    free_misfit: float
+    moved: float
     colour: Colour
     motion_share: float
     settled: bool
@@ -99,24 +100,25 @@ def estimate(
     for _ in range(PASSES):
         split = split_at(x, fit, sized_unknowns, largest)
         x, held = _estimate_of(fit, split)
-    if not split.identified.size:
+    if not split.steps.size:
         raise StateError(
             "identify: expected a recording that identifies some part of the payload, got one in which all its effects"
             " are below the noise; try larger and faster motions, above all rotations"
         )
     values, slopes = unknowns.features(x)
-    e, J = fit.rows @ values, fit.rows @ slopes @ split.change @ split.identified
+    e, J = fit.rows @ values, fit.rows @ slopes @ split.change
     share = fit.of_motion
     colour = colour_of(e, 1 if share is None else max(one.spline.memory for one in motion))
-    scores = variance(J, e, share, given is not None) * colour.widening
+    inverse = split.root @ split.root.T
+    scores = variance(J, e, inverse, share, given is not None) * colour.widening
+    scores = scores + ROUNDING**2 * np.einsum("srj,srk->jk", J, J)
     if motion:
         raw = fit.weights.transpose(0, 2, 1) @ J
         scores = scores + sum(one.score(system.maps, values, raw) for one in motion)
-    inverse = np.linalg.inv(np.einsum("srj,srk->jk", J, J))
-    root = sized_unknowns.sizes[:, None] * split.identified
-    covariance = root @ inverse @ scores @ inverse @ root.T
-    freedoms = max(e.size - J.shape[2], 1)
-    free = fit.rows @ unknowns.features(fit.x)[0]
+    influence = sized_unknowns.sizes[:, None] * (inverse - split.fixed @ (split.fixed.T @ inverse))
+    covariance = influence @ scores @ influence.T
+    freedoms = max(e.size - len(x), 1)
+    off = split.deviations_between(x, fit.x)
     left = system.rows @ values
     checks.finite(np.append(covariance, left), "identify: the estimate")
     return Estimate(
@@ -126,7 +128,7 @@ def estimate(
         residuals=left,
         noise=fit.noise,
         misfit=float((e * e).sum()) / freedoms,
-        free_misfit=float((free * free).sum()) / freedoms,
+        moved=float((off * off).sum()),
         colour=colour,
         motion_share=0.0 if share is None else float(np.einsum("srr->", share)) / e.size,
         settled=fit.settled,
@@ -151,14 +153,14 @@ def _estimate_of(fit: FreeFit, split: Split) -> tuple[Array, bool]:
     x = with_the_guess(fit.x, split)
     if x is not None and is_possible(x[:10]):
         return x, True
-    unknowns, count = split.unknowns, split.identified.shape[1]
+    unknowns, count = split.unknowns, split.steps.shape[1]
     guess = unknowns.model.copy()
     guess[:10] *= unknowns.sizes[0] / guess[0]
-    steps = split.change @ np.hstack([split.identified / split.singular, split.fixed])
+    steps = split.change @ np.hstack([split.steps, split.fixed])
     return best_possible(fit.x, steps, count, guess, unknowns.sizes[10:]), False
 
 
-def variance(J: Array, e: Array, share: Array | None, known: bool) -> Array:
+def variance(J: Array, e: Array, inverse: Array, share: Array | None, known: bool) -> Array:
     """Return the covariance (k, k) of the sum of J^T e that is due to the noise of the measurements.
 
     The residuals are smaller than the noise, because the estimate is fitted to it: those of a sample by (1 - h)^1/2,
@@ -167,6 +169,7 @@ def variance(J: Array, e: Array, share: Array | None, known: bool) -> Array:
     Args:
         J: (samples, r, k) derivatives of the whitened rows by the coefficients.
         e: (samples, r) whitened residuals.
+        inverse: (k, k) inverse of the sum of J^T J.
         share: (samples, r, r) part of their covariance that is due to the motion; None for none.
         known: whether the noise is known, so that e has unit variance; else its size is used.
     """
@@ -174,7 +177,6 @@ def variance(J: Array, e: Array, share: Array | None, known: bool) -> Array:
     left = np.broadcast_to(one, (len(J), *one.shape)) if share is None else one - share
     if known:
         return np.einsum("srj,srt,stk->jk", J, left, J)
-    inverse = np.linalg.inv(np.einsum("srj,srk->jk", J, J))
     part = power(one - np.einsum("srj,jk,stk->srt", J, inverse, J), -0.5, LEAST_LEFT) @ e[..., None]
     scores = np.einsum("srj,sr->sj", J, (power(left, 0.5, 0.0) @ part)[..., 0])
     return scores.T @ scores
