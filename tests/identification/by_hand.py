@@ -1,7 +1,8 @@
 """Random arms that carry random payloads along sums of sines, by textbook equations in world axes.
 
-Nothing of the library computes anything here: positions are sums of sines, whose derivatives are known, and links and payload
-move and load each other by the recursive equations of Newton and Euler. The library's classes only hold the numbers.
+Nothing of the library computes anything here: positions are sums of sines, whose derivatives are known, and links and
+payload move and load each other by the recursive equations of Newton and Euler. The library's classes only hold the
+numbers.
 """
 
 from __future__ import annotations
@@ -143,7 +144,7 @@ def random_case(seed: int, noise: str, by: str, samples: int = 0) -> Case:
     grasp = hf.Pose(random_rotation(rng), rng.normal(size=3) * r)
     chain = hf.ClosedChain({"arm": arm}, guess, {"arm": hf.Grasp("rigid", grasp)})
     from_positions = noise.endswith("positions")
-    t = np.arange(samples or (400 if from_positions else 150)) * (0.01 if from_positions else 0.05)
+    t = np.arange(samples or (200 if from_positions else 100)) * (0.02 if from_positions else 0.05)
     q, qd, qdd = swings(rng, t, joints)
     found = [loads(arm, payload, grasp, *one) for one in zip(q, qd, qdd, strict=True)]
     measured = np.array([one[by == "tau"] for one in found])
@@ -158,7 +159,9 @@ def random_case(seed: int, noise: str, by: str, samples: int = 0) -> Case:
 
 def disturbed(rng: np.random.Generator, measured: np.ndarray, noise: str) -> np.ndarray:
     """Return measurements with noise of up to five per cent of each half's or joint's size."""
-    halves = [slice(0, 3), slice(3, 6)] if measured.shape[1] == 6 else [slice(k, k + 1) for k in range(measured.shape[1])]
+    halves = (
+        [slice(0, 3), slice(3, 6)] if measured.shape[1] == 6 else [slice(k, k + 1) for k in range(measured.shape[1])]
+    )
     sizes = np.concatenate([[np.sqrt((measured[:, h] ** 2).mean())] * (h.stop - h.start) for h in halves])
     sizes = np.maximum(sizes, 0.01 * sizes.max()) * 10 ** rng.uniform(-3.0, -1.3)
     white = rng.normal(size=measured.shape)

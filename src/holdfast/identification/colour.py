@@ -1,12 +1,12 @@
 """Whether residuals are independent from sample to sample, and how much wider the deviations are if not.
 
-Sums over blocks of L samples have L times the variance of single samples if these are independent. The largest ratio of the
-two over all lengths,
+Sums over blocks of L samples have L times the variance of single samples if these are independent. The largest ratio of
+the two over all lengths,
 
     widening = max over L of  mean (sum over a block)^2 / (L mean e^2)
 
-is the number of samples that tell as much as one independent sample would. It multiplies the covariance, which is an upper bound for
-motions that are slow compared with the noise's memory.
+is the number of samples that tell as much as one independent sample would. It multiplies the covariance, which is an
+upper bound for motions that are slow compared with the noise's memory.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ def colour_of(e: Array, memory: int) -> Colour:
 
     Args:
         e: the residuals.
-        memory: samples over which the errors of smoothed motions depend on each other, which is accounted for elsewhere.
+        memory: samples over which the errors of smoothed motions depend on each other, which is accounted for
+            elsewhere.
     """
     e = e[:, (e * e).mean(axis=0) > EXACT]
     squares = (e * e).mean(axis=0)
@@ -55,7 +56,10 @@ def colour_of(e: Array, memory: int) -> Colour:
             blocks = e[: len(e) // length * length].reshape(-1, length, e.shape[1]).sum(axis=1)
             ratios = (blocks * blocks).mean(axis=0) / np.maximum(length * squares, 1e-300)
             count = len(blocks)
-            for ratio, freedoms in [*((x, count) for x in ratios.tolist()), (float(ratios.mean()), count * len(ratios))]:
+            for ratio, freedoms in [
+                *((x, count) for x in ratios.tolist()),
+                (float(ratios.mean()), count * len(ratios)),
+            ]:
                 low, high = chi2.ppf([CHANCE, 1.0 - CHANCE], freedoms) / freedoms
                 if ratio > high:
                     widening = max(widening, ratio)

@@ -65,8 +65,8 @@ def completed(chain: ClosedChain, given: Recording) -> Recording:
         given: the recording.
 
     Raises:
-        StateError: the motion of a floating base was not recorded, or the object's motion was neither recorded nor follows
-            from a rigid grasp.
+        StateError: the motion of a floating base was not recorded, or the object's motion was neither recorded nor
+            follows from a rigid grasp.
     """
     if chain.floats and (unknown := [name for name in OF_BASE if getattr(given, name) is None]):
         raise StateError(f"recording: expected {', '.join(unknown)}, as the trunk's base floats; got none")

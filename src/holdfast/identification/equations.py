@@ -62,8 +62,8 @@ class Equations:
         rows: (samples, r, features) coefficients of the features.
         maps: (samples, r, channels) from the noise of the channels to the rows.
         measured: (samples, channels) measurements [N m, N].
-        kept: by recording, which samples these are. Others are left out because their configuration is singular, so that
-            the number of degrees of freedom differs.
+        kept: by recording, which samples these are. Others are left out because their configuration is singular, so
+            that the number of degrees of freedom differs.
     """
 
     rows: Array
@@ -87,9 +87,7 @@ def equations(chain: ClosedChain, recordings: list[Recording], settings: Setting
     return Equations(rows, maps, measured, kept)
 
 
-def rows_of_samples(
-    chain: ClosedChain, recording: Recording, settings: Settings
-) -> list[tuple[Array, Array, Array]]:
+def rows_of_samples(chain: ClosedChain, recording: Recording, settings: Settings) -> list[tuple[Array, Array, Array]]:
     """Return rows, maps and measurements of each sample."""
     of_sample = wrist_rows if settings.source == "wrist_wrench" else torque_rows
     return [of_sample(chain, recording, k, settings) for k in range(len(recording))]

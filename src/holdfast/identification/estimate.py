@@ -32,7 +32,6 @@ from holdfast.identification.unknowns import Unknowns
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
-PASSES = 2  # of steps 2 to 4, which are linearised at the guess's mass centre and then at the estimate's
 LEAST_LEFT = 0.05  # lower bound of 1 - h, which is near 0 if one sample alone determines a coefficient
 ROUNDING = 1e-3  # least noise of whitened residuals that are exact, which averages do not reduce reliably
 SURELY = 5.0  # standard deviations by which a mass below zero is no accident
@@ -49,7 +48,8 @@ class Estimate:
         residuals: (samples, r) residuals of the rows.
         noise: (channels,) standard deviations that define the weights.
         misfit: mean square of the whitened residuals, which is 1 if the noise has these standard deviations.
-        moved: squared distance from the unconstrained estimate along the determined combinations, in standard deviations.
+        moved: squared distance from the unconstrained estimate along the determined combinations, in standard
+            deviations.
         colour: how residuals depend on those before them.
         motion_share: part of the whitened residuals' variance that the noise of the motion explains.
         settled: whether the weights converged.
@@ -95,31 +95,22 @@ def estimate(
     motion = motion or []
     fit = free_fit(system, unknowns, kinds, given, motion)
     _require_mass(fit, unknowns, largest)
-    sized_unknowns = sized(unknowns, fit, largest)
-    x = np.concatenate([sized_unknowns.sizes[:1], unknowns.model[1:]])
-    for _ in range(PASSES):
-        split = split_at(x, fit, sized_unknowns, largest)
-        x, held = _estimate_of(fit, split)
+    unknowns = sized(unknowns, fit, largest)
+    split = split_at(np.concatenate([unknowns.sizes[:1], unknowns.model[1:]]), fit, unknowns, largest)
+    split = split_at(_estimate_of(fit, split)[0], fit, unknowns, largest)  # now at the estimate's mass centre
+    x, held = _estimate_of(fit, split)
     if not split.steps.size:
         raise StateError(
             "identify: expected a recording that identifies some part of the payload, got one in which all its effects"
             " are below the noise; try larger and faster motions, above all rotations"
         )
-    values, slopes = unknowns.features(x)
-    e, J = fit.rows @ values, fit.rows @ slopes @ split.change
-    share = fit.of_motion
-    colour = colour_of(e, 1 if share is None else max(one.spline.memory for one in motion))
-    inverse = split.root @ split.root.T
-    scores = variance(J, e, inverse, share, given is not None) * colour.widening
-    scores = scores + ROUNDING**2 * np.einsum("srj,srk->jk", J, J)
-    if motion:
-        raw = fit.weights.transpose(0, 2, 1) @ J
-        scores = scores + sum(one.score(system.maps, values, raw) for one in motion)
-    influence = sized_unknowns.sizes[:, None] * (inverse - split.fixed @ (split.fixed.T @ inverse))
-    covariance = influence @ scores @ influence.T
-    freedoms = max(e.size - len(x), 1)
-    off = split.deviations_between(x, fit.x)
-    left = system.rows @ values
+    e, left, off = (
+        fit.rows @ unknowns.features(x)[0],
+        system.rows @ unknowns.features(x)[0],
+        split.deviations_between(x, fit.x),
+    )
+    colour = colour_of(e, max((one.spline.memory for one in motion), default=1))
+    covariance = _covariance(system, fit, split, x, motion, given is not None, colour.widening)
     checks.finite(np.append(covariance, left), "identify: the estimate")
     return Estimate(
         plain=unknowns.plain(x),
@@ -127,13 +118,34 @@ def estimate(
         fixed=split.fixed,
         residuals=left,
         noise=fit.noise,
-        misfit=float((e * e).sum()) / freedoms,
+        misfit=float((e * e).sum()) / max(e.size - len(x), 1),
         moved=float((off * off).sum()),
         colour=colour,
-        motion_share=0.0 if share is None else float(np.einsum("srr->", share)) / e.size,
+        motion_share=0.0 if fit.of_motion is None else float(np.einsum("srr->", fit.of_motion)) / e.size,
         settled=fit.settled,
         held=held,
     )
+
+
+def _covariance(
+    system: Equations,
+    fit: FreeFit,
+    split: Split,
+    x: Array,
+    motion: list[JointNoise],
+    known: bool,
+    widening: float,
+) -> Array:
+    """Return the covariance of the plain unknowns at an estimate x."""
+    values, slopes = split.unknowns.features(x)
+    J, inverse = fit.rows @ slopes @ split.change, split.root @ split.root.T
+    scores = variance(J, fit.rows @ values, inverse, fit.of_motion, known) * widening
+    scores = scores + ROUNDING**2 * np.einsum("srj,srk->jk", J, J)
+    raw = fit.weights.transpose(0, 2, 1) @ J
+    for one in motion:
+        scores = scores + one.score(system.maps, values, raw)
+    influence = split.unknowns.sizes[:, None] * (inverse - split.fixed @ (split.fixed.T @ inverse))
+    return influence @ scores @ influence.T
 
 
 def _require_mass(fit: FreeFit, unknowns: Unknowns, largest: float) -> None:
@@ -141,9 +153,9 @@ def _require_mass(fit: FreeFit, unknowns: Unknowns, largest: float) -> None:
     m, deviation = float(fit.x[0]), float(np.linalg.norm(free_roots(fit, unknowns)[0]))
     if m < -SURELY * deviation and deviation < largest * unknowns.sizes[0]:
         raise StateError(
-            "identify: expected wrenches on the object, or torques of the joints, that some payload explains; got ones that a"
-            f" mass of {m:.3g} +- {deviation:.2g} kg fits best. Most likely their sign is reversed, as many sensors report"
-            " the reaction of the object: try -wrist_wrench (or -tau). If the sign is right, look at sensor offsets"
+            "identify: expected wrenches on the object, or torques of the joints, that some payload explains; got ones"
+            f" that a mass of {m:.3g} +- {deviation:.2g} kg fits best. Most likely their sign is reversed, as many sensors"
+            " report the reaction of the object: try -wrist_wrench (or -tau). If the sign is right, look at sensor offsets"
             " (sensor_bias=True) and at the masses of the model's arms"
         )
 

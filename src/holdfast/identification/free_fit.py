@@ -1,14 +1,14 @@
 """The unconstrained weighted estimate, with weights from its own residuals.
 
 The weights are the inverse covariance of the rows, from the noise of the measurements and of the motion. The former is
-found from the residuals (`noise.estimated`), the residuals from the estimate, the estimate with the weights, and this is
-repeated until the noise no longer changes. The guess takes no part in it: neither is anything kept, nor is the body required
-to be possible.
+found from the residuals (`noise.estimated`), the residuals from the estimate, the estimate with the weights, and this
+is repeated until the noise no longer changes. The guess takes no part in it: nothing is kept, and the body need not be
+possible.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +23,7 @@ MOST_ROUNDS = 60  # alternations of weights and estimate
 DAMPED = 20  # rounds after which the noise changes by half as much only
 SETTLED = 1e-4  # relative change of the noise at which they end
 UNTOLD = 1e-11  # singular values below this, relative to the largest one, are rounding
-MOST_STEPS, NO_STEP = 30, 1e-12  # Gauss-Newton, which needs two steps unless gravity is sought
+MOST_STEPS, LINEAR_STEPS, NO_STEP = 30, 2, 1e-12  # of Gauss-Newton; without unknown gravity; the step at which it ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class FreeFit:
     triangle: Array
     noise: Array
     of_motion: Array | None
-    settled: bool
+    settled: bool = False
 
 
 def free_fit(
@@ -55,39 +55,42 @@ def free_fit(
     """Return the unconstrained estimate; see `estimate`."""
     sizes = channel_sizes(system.measured, kinds)
     least = least_noise(system.measured, sizes)
-    noise = np.maximum(HARDLY * sizes, least) if given is None else given
-    x, known = unknowns.model, None
-    samples, r, _ = system.rows.shape
-    few = 1.0 / np.sqrt(max(1.0 - len(x) / (samples * r), 0.1))  # residuals are smaller than noise
-    settled = False
-    for round in range(MOST_ROUNDS):
-        W = whitener(system.maps, noise, known)
-        rows = W @ system.rows
-        _, R = np.linalg.qr(rows.reshape(-1, rows.shape[2]))
-        x = least_squares(R, unknowns, x)
-        values = unknowns.features(x)[0]
-        seen = None if known is None else W @ known @ W.transpose(0, 2, 1)
-        before, noise = noise, noise
+    few = 1.0 / np.sqrt(max(1.0 - len(unknowns.names) / system.rows[..., 0].size, 0.1))  # residuals are below the noise
+    fit = _weighted(system, unknowns, unknowns.model, np.maximum(HARDLY * sizes, least) if given is None else given, [])
+    for count in range(MOST_ROUNDS):
+        noise = fit.noise
         if given is None:
-            found = np.maximum(few * estimated(W @ system.maps, rows @ values, kinds, sizes, seen), least)
-            noise = found if round < DAMPED else np.sqrt(found * before)
-        settled = float(np.abs(noise / before - 1.0).max()) < SETTLED and (known is not None or not motion)
-        if settled:
-            break
-        if motion:
-            known = np.zeros((samples, r, r))
-            for one in motion:
-                known[one.samples] += one.spread(system.maps, values)
-    return FreeFit(x, rows, W, R, noise, seen, settled)
+            residuals = fit.rows @ unknowns.features(fit.x)[0]
+            found = estimated(fit.weights @ system.maps, residuals, kinds, sizes, fit.of_motion)
+            noise = np.maximum(few * found, least)
+            noise = noise if count < DAMPED else np.sqrt(noise * fit.noise)
+        if float(np.abs(noise / fit.noise - 1.0).max()) < SETTLED and (count or not motion):
+            return replace(fit, settled=True)
+        fit = _weighted(system, unknowns, fit.x, noise, motion)
+    return fit
+
+
+def _weighted(system: Equations, unknowns: Unknowns, x: Array, noise: Array, motion: list[JointNoise]) -> FreeFit:
+    """Return the estimate with weights for given noise, and for that of the motion, at the previous estimate x."""
+    known = None
+    if motion:
+        known = np.zeros((*system.rows.shape[:2], system.rows.shape[1]))
+        for one in motion:
+            known[one.samples] += one.spread(system.maps, unknowns.features(x)[0])
+    W = whitener(system.maps, noise, known)
+    rows = W @ system.rows
+    _, R = np.linalg.qr(rows.reshape(-1, rows.shape[2]))
+    share = None if known is None else W @ known @ W.transpose(0, 2, 1)
+    return FreeFit(least_squares(R, unknowns, x), rows, W, R, noise, share)
 
 
 def least_squares(R: Array, unknowns: Unknowns, x: Array) -> Array:
     """Return the unknowns with the least sum of squares |R features(x)|^2 that are nearest to given ones."""
     sizes = unknowns.linear_sizes
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_STEPS if unknowns.tilted else LINEAR_STEPS):
         values, slopes = unknowns.features(x)
         step = np.linalg.lstsq(R @ slopes * sizes, -(R @ values), rcond=UNTOLD)[0]
         x = x + step * sizes
-        if float(np.abs(step).max()) < NO_STEP or (not unknowns.tilted and _ > 1):
+        if float(np.abs(step).max()) < NO_STEP:
             break
     return x

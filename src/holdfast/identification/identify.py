@@ -48,11 +48,11 @@ def identify(
 ) -> Identification:
     """Estimate mass, mass centre and inertia of the payload by weighted least squares over possible bodies.
 
-    The sum of squared residuals is minimised, weighted by the inverse covariance of their noise, over all bodies that some
-    distribution of mass has. Combinations of parameters that the motion does not identify keep the guess's values, those of
-    the chain, and are listed in the result; if no possible body has these, they become those of the nearest one that
-    fits as well. Positions without rates or accelerations are smoothed, and their noise enters the weights and the
-    covariance. O(samples n), with torques O(samples n^3).
+    The sum of squared residuals is minimised, weighted by the inverse covariance of their noise, over all bodies that
+    some distribution of mass has. Combinations of parameters that the motion does not identify keep the guess's values,
+    those of the chain, and are listed in the result; if no possible body has these, they become those of the nearest
+    one that fits as well. Positions without rates or accelerations are smoothed, and their noise enters the weights and
+    the covariance. O(samples n), with torques O(samples n^3).
 
     Args:
         chain: model of arms, grasps and object.

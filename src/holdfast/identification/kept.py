@@ -1,9 +1,10 @@
 """Which unknowns the rows determine, and the estimate in which what they do not determine has the guess's values.
 
-An unknown is determined if the standard deviation of its unconstrained estimate is below a fraction of its typical size.
-Such unknowns keep their unconstrained estimates, on which the guess has no influence. Of the other unknowns, the singular
-vectors of their columns of the whitened rows are combinations with independent errors. Those that cannot be told from noise,
-with a standard deviation above the limit and an estimate that agrees with the guess, get the guess's values.
+An unknown is determined if the standard deviation of its unconstrained estimate is below a fraction of its typical
+size. Such unknowns keep their unconstrained estimates, on which the guess has no influence. Of the other unknowns, the
+singular vectors of their columns of the whitened rows are combinations with independent errors. Those that cannot be
+told from noise, with a standard deviation above the limit and an estimate that agrees with the guess, get the guess's
+values.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class Split:
     steps: Array
 
     def deviations_between(self, x: Array, y: Array) -> Array:
-        """Return the difference of two vectors x of unknowns, in the determined combinations' standard deviations, (k,)."""
+        """Return the difference of two vectors of unknowns, in standard deviations of the determined combinations."""
         return np.linalg.pinv(self.steps) @ np.linalg.solve(self.change, x - y)
 
 

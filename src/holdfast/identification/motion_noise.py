@@ -1,8 +1,8 @@
 """What the noise of recorded positions does to the equations, of which it changes the coefficients.
 
-The errors of smoothing splines, of known covariance, change the residuals rows @ features by G = maps @ H, with sensitivities H
-found by differences in some of the samples, and between them by interpolation, since motions are smooth. Written as errors of the
-measurements (H instead of G), they do not depend on the basis in which the rows of a sample are written.
+The errors of smoothing splines, of known covariance, change the residuals rows @ features by G = maps @ H, with
+sensitivities H found by differences in some of the samples, and between them by interpolation, since motions are
+smooth. As errors of the measurements (H instead of G), they do not depend on the basis of a sample's rows.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from holdfast.identification.smoothing import Spline
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
-MOST_NODES, AT_ENDS = 120, 8  # samples at which sensitivities are found; of these at each end, where errors are large
+NODES, A_PERIOD, AT_ENDS = (40, 400), 8, 4  # samples with sensitivities: of all, per period, at each end
 STEP = 1e-6  # of the differences [rad, m, ...]
 
 
@@ -56,7 +56,8 @@ class JointNoise:
         """Return the covariance (k, k) of the sum of slopes^T residuals, for slopes (samples, r, k)."""
         G = self._of_rows(maps, features)
         parts = np.einsum("srk,sra->ask", slopes[self.samples], G)
-        return self.spline.covariance(sum(E.T @ part for E, part in zip(self.evaluations, parts, strict=True)))
+        weights = [E.T @ part for E, part in zip(self.evaluations, parts, strict=True)]
+        return self.spline.covariance(np.sum(weights, axis=0))
 
     def _of_rows(self, maps: Array, features: Array) -> Array:
         H = _at_all(self.nodes, self.sensitivities @ features, self.t)
@@ -66,7 +67,9 @@ class JointNoise:
 def motion_noise(
     chain: ClosedChain, recordings: list[tuple[Recording, list[Smoothed]]], settings: Settings, system: Equations
 ) -> list[JointNoise]:
-    """Return the errors of all joints whose positions (or rates) are not exact. O(n) evaluations of at most 120 samples.
+    """Return the errors of all joints whose positions (or rates) are not exact.
+
+    The cost is that of the equations of at most 400 samples, three times for each joint.
 
     Args:
         chain: the recorded chain.
@@ -78,7 +81,7 @@ def motion_noise(
     for (recording, smoothed), kept in zip(recordings, system.kept, strict=True):
         samples = slice(first, first + int(kept.sum()))
         first = samples.stop
-        nodes = _nodes(len(recording), kept)
+        nodes = _nodes(recording, kept)
         at_nodes = _as_channels(chain, _part(recording, nodes), settings)
         for one in smoothed:
             for joint, spline in enumerate(one.splines):
@@ -98,11 +101,15 @@ def motion_noise(
     return found
 
 
-def _nodes(count: int, kept: Array) -> Array:
-    """Return the samples at which sensitivities are found."""
+def _nodes(recording: Recording, kept: Array) -> Array:
+    """Return the samples at which sensitivities are found: some in each period of the fastest joint."""
+    assert recording.qd is not None and recording.qdd is not None
+    count, t = len(recording), recording.t
+    rates, accelerations = (np.sqrt((x * x).mean(axis=0)) for x in (recording.qd, recording.qdd))
+    fastest = float((accelerations / np.maximum(rates, 1e-6)).max())  # rad/s
+    wanted = np.clip(A_PERIOD * fastest * (t[-1] - t[0]) / (2.0 * np.pi), *NODES)
     ends = np.r_[np.arange(min(AT_ENDS, count)), np.arange(max(count - AT_ENDS, 0), count)]
-    spread = np.linspace(0, count - 1, min(MOST_NODES, count)).round().astype(int)
-    nodes = np.unique(np.r_[ends, spread])
+    nodes = np.unique(np.r_[ends, np.linspace(0, count - 1, min(int(wanted), count)).round().astype(int)])
     return nodes[kept[nodes]] if kept[nodes].any() else np.flatnonzero(kept)[:1]
 
 

@@ -42,7 +42,8 @@ def estimated(maps: Array, residuals: Array, kinds: Array, sizes: Array, known: 
         residuals: (samples, r) whitened residuals.
         kinds: (channels,) labels of the channels.
         sizes: (channels,) sizes of the measurements.
-        known: (samples, r, r) covariance of that part of the residuals which has other reasons, whitened; None for none.
+        known: (samples, r, r) covariance of that part of the residuals which has other reasons, whitened; None for
+            none.
     """
     members = (kinds[:, None] == np.unique(kinds)).astype(float)
     scaled = maps * sizes

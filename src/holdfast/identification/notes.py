@@ -16,14 +16,12 @@ FAR = 0.01  # tip errors above this are reported [m or rad]
 CHECKED_SAMPLES = 10  # samples in which they are checked
 ROUNDING = 1e-3  # mean square of whitened residuals below which these are rounding rather than noise
 POORLY = 2.0  # mean square of residuals, in units of the noise, above which a note is added
-MOVED = 0.01  # squared standard deviations by which the bound of possible bodies moves an estimate, below which it is rounding
+MOVED = 0.01  # squared standard deviations below which a move by the bound of possible bodies is rounding
 SEEN = 0.01  # share of the residuals' variance above which the noise of positions is named
 MOSTLY = 0.9  # share above which nothing is said of the remaining part
 
 
-def notes_on_estimate(
-    found: Estimate, motion: list[JointNoise], system: Equations, noise_given: bool
-) -> list[str]:
+def notes_on_estimate(found: Estimate, motion: list[JointNoise], system: Equations, noise_given: bool) -> list[str]:
     """Return remarks on the quality of the estimate."""
     notes = []
     if found.moved > MOVED:
@@ -51,8 +49,8 @@ def notes_on_estimate(
     if found.motion_share > SEEN:
         largest = max(one.spline.noise for one in motion)
         notes.append(
-            f"positions have noise of up to {largest:.2g} (rad or m); rates and accelerations are those of smoothing splines,"
-            " and deviations include their errors"
+            f"positions have noise of up to {largest:.2g} (rad or m); rates and accelerations are those of smoothing"
+            " splines, and deviations include their errors"
         )
     if system.left_out:
         notes.append(f"{system.left_out} samples at singular configurations were left out")

@@ -5,13 +5,14 @@ A mass distribution has ten inertial parameters pi if and only if the pseudo-ine
     J(pi) = [Sigma, h; h^T, m],   Sigma = tr(I) / 2 1 - I,   I about the origin
 
 is positive semidefinite (Wensing, Kim and Slotine 2018). The fit is a sum of squares u^T u of the determined
-combinations, in standard deviations, so the best possible body solves a cone problem. It is solved by Newton's method on
+combinations, in standard deviations, so the best possible body solves a cone problem. It is solved by Newton's method
+on
 
     u^T u + epsilon (tr(J_0^-1 J) - log det J)
 
-where epsilon goes to zero. The second term is the distance from the guess J_0 (Bregman divergence of the log-determinant; Lee,
-Wensing and Park 2020), which is infinite on the bound; as it only decides what the first leaves open, what the data
-cannot tell gives way before anything that they tell.
+where epsilon goes to zero. The second term is the distance from the guess J_0 (Bregman divergence of the
+log-determinant; Lee, Wensing and Park 2020), which is infinite on the bound; as it only decides what the first leaves
+open, what the data cannot tell gives way before anything that they tell.
 """
 
 from __future__ import annotations
@@ -52,8 +53,8 @@ def best_possible(x: Array, steps: Array, determined: int, guess: Array, sizes: 
 
     Args:
         x: (p,) the unconstrained estimate, of which the first ten entries are pi.
-        steps: (p, p) changes of x along independent combinations: the first ones by a standard deviation, the others, which are
-            not determined, by their sizes.
+        steps: (p, p) changes of x along independent combinations: the first ones by a standard deviation, the others,
+            which are not determined, by their sizes.
         determined: number of the former.
         guess: (p,) a possible body, and other unknowns.
         sizes: (p - 10,) sizes of the other unknowns.

@@ -24,8 +24,8 @@ class Recording(Frozen):
     """A recording; the first axis of every array is the sample. Arrays that were not recorded are None.
 
     Joint rates and accelerations that were not recorded are found by smoothing splines from the positions (or rates),
-    which are smoothed as much as their noise calls for. An object motion that was not recorded is computed from the tips
-    that hold the object rigidly.
+    which are smoothed as much as their noise calls for. An object motion that was not recorded is computed from the
+    tips that hold the object rigidly.
 
     Attributes:
         t: (samples,) increasing times [s].

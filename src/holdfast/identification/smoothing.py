@@ -4,16 +4,17 @@ A column of samples y = Phi c + noise is fitted by a spline of degree 7 whose fo
 
     min |y - Phi c|^2 + lambda int (x'''')^2 dt
 
-which is the posterior mean for white noise and a fourth derivative that is white noise, too (Wahba 1978). lambda and the
-noise's standard deviation are those of the greatest restricted likelihood. The errors of the fit and of its derivatives
-have the covariance sigma^2 L A^-1 L^T, where A = Phi^T Phi + lambda P and L evaluates them, and they are not correlated with the
-fitted values, so that equations made of these are not biased towards zero as those of noisy values are. Exact
+which is the posterior mean if the noise is white and the fourth derivative is white, too (Wahba 1978). lambda and the
+standard deviation of the noise have the greatest restricted likelihood. The errors of the fit and of its derivatives
+have the covariance sigma^2 L A^-1 L^T, where A = Phi^T Phi + lambda P and L evaluates them. They are not correlated
+with the fitted values, so that equations made of these are not biased towards zero, as those of noisy values are. Exact
 positions are interpolated, since their lambda is negligible.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -94,12 +95,13 @@ class _Fit:
         self.evaluations = [evaluation(knots, t, k) for k in range(3)]
         self._y, self._least = y, least_noise
         Phi, curved = self.evaluations[0], roughness(knots)
-        self._gram = banded((Phi.T @ Phi).tocsr())
-        self._penalty = banded(curved) * width ** (2 * ORDER - 1)
+        self._gram = banded(csr_array(Phi.T @ Phi), len(knots) - DEGREE - 1)
+        self._penalty = banded(curved, self._gram.shape[1]) * width ** (2 * ORDER - 1)
         self._right = Phi.T @ y
         costs = [self._solved(x)[0] for x in LAMBDAS]
         best = float(LAMBDAS[int(np.argmin(costs))])
-        found = minimize_scalar(lambda x: self._solved(x)[0], bounds=(best - 1.0, best + 1.0), method="bounded")
+        bounds = (best - 1.0, best + 1.0)
+        found: Any = minimize_scalar(lambda x: self._solved(x)[0], bounds=bounds, method="bounded")
         best = float(found.x) if found.fun < min(costs) else best
         self.smoothing = 10.0**best
         _, self.noise, self.coefficients, self.triangle = self._solved(best)
@@ -122,7 +124,8 @@ def evaluation(knots: Array, t: Array, derivative: int) -> csr_array:
     degree, change = DEGREE, None
     for _ in range(derivative):
         spans = knots[degree + 1 : -1] - knots[1 : -degree - 1]
-        one = diags_array([-degree / spans, degree / spans], offsets=[0, 1], shape=(len(spans), len(spans) + 1))
+        shape: Any = (len(spans), len(spans) + 1)
+        one = diags_array(-degree / spans, offsets=0, shape=shape) + diags_array(degree / spans, offsets=1, shape=shape)
         change = one if change is None else one @ change
         knots, degree = knots[1:-1], degree - 1
     values = BSpline.design_matrix(t, knots, degree)
@@ -139,11 +142,11 @@ def roughness(knots: Array) -> csr_array:
     return csr_array(D.T @ diags_array((half[:, None] * weights).ravel()) @ D)
 
 
-def banded(matrix: csr_array) -> Array:
-    """Return the lower bands (DEGREE + 1, K) of a symmetric banded matrix."""
-    found = np.zeros((DEGREE + 1, matrix.shape[0]))
-    for k in range(min(DEGREE + 1, matrix.shape[0])):
-        found[k, : matrix.shape[0] - k] = matrix.diagonal(-k)
+def banded(matrix: csr_array, size: int) -> Array:
+    """Return the lower bands (DEGREE + 1, size) of a symmetric banded matrix."""
+    found = np.zeros((DEGREE + 1, size))
+    for k in range(min(DEGREE + 1, size)):
+        found[k, : size - k] = matrix.diagonal(-k)
     return found
 
 

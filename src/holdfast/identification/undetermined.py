@@ -37,7 +37,9 @@ def sentences(fixed: Array, unknowns: Unknowns) -> tuple[str, ...]:
             alone.append(unknowns.names[k])
             continue
         weights = direction * unknowns.sizes[k] / unknowns.sizes
-        with_it = "".join(f" {'-' if weights[j] < 0 else '+'} {abs(weights[j]):.3g} {unknowns.names[j]}" for j in others)
+        with_it = "".join(
+            f" {'-' if weights[j] < 0 else '+'} {abs(weights[j]):.3g} {unknowns.names[j]}" for j in others
+        )
         together.append(f"the combination {unknowns.names[k]}{with_it} is not identifiable")
     lead = (f"cannot be told from noise: {', '.join(alone)}",) if alone else ()
     return (*lead, *together)
