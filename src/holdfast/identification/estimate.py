@@ -104,11 +104,8 @@ def estimate(
             "identify: expected a recording that identifies some part of the payload, got one in which all its effects"
             " are below the noise; try larger and faster motions, above all rotations"
         )
-    e, left, off = (
-        fit.rows @ unknowns.features(x)[0],
-        system.rows @ unknowns.features(x)[0],
-        split.deviations_between(x, fit.x),
-    )
+    values = unknowns.features(x)[0]
+    e, left, off = fit.rows @ values, system.rows @ values, split.deviations_between(x, fit.x)
     colour = colour_of(e, max((one.spline.memory for one in motion), default=1))
     covariance = _covariance(system, fit, split, x, motion, given is not None, colour.widening)
     checks.finite(np.append(covariance, left), "identify: the estimate")

@@ -17,7 +17,7 @@ from holdfast.identification.grasp_frames import measured_grasps
 from holdfast.identification.identification import Identification
 from holdfast.identification.load_recording import recording_of
 from holdfast.identification.motion_noise import motion_noise
-from holdfast.identification.notes import notes_on_estimate, notes_on_grasps
+from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
 from holdfast.identification.possible_bodies import is_possible
 from holdfast.identification.recording import Recording
 from holdfast.identification.undetermined import parts_kept, sentences
@@ -108,6 +108,7 @@ def identify(
     motion = motion_noise(chain, moving, settings, system)
     found = estimate(system, unknowns, kinds, _given_noise(noise, chain, by), largest, motion)
     notes = [*notes_on_estimate(found, motion, system, noise is not None), *notes_on_grasps(chain, whole, frames)]
+    notes += notes_on_motion(given)
     return _identification(chain, unknowns, found, settings, frames, tuple(notes))
 
 

@@ -18,6 +18,9 @@ ROUNDING = 1e-3  # mean square of whitened residuals below which these are round
 POORLY = 2.0  # mean square of residuals, in units of the noise, above which a note is added
 MOVED = 0.01  # squared standard deviations below which a move by the bound of possible bodies is rounding
 SEEN = 0.01  # share of the residuals' variance above which the noise of positions is named
+ROUGH = 0.03  # noise of given accelerations, relative to their size, above which a note is added
+DENSELY = 0.3  # relative error of the trapezoidal rule, and size of a step, below which samples are close together
+FEWEST = 20  # samples for that note
 MOSTLY = 0.9  # share above which nothing is said of the remaining part
 
 
@@ -55,6 +58,35 @@ def notes_on_estimate(found: Estimate, motion: list[JointNoise], system: Equatio
     if system.left_out:
         notes.append(f"{system.left_out} samples at singular configurations were left out")
     return notes
+
+
+def notes_on_motion(recordings: list[Recording]) -> list[str]:
+    """Return a remark if given accelerations are noisy, as they are if noisy positions were differentiated twice."""
+    for one in recordings:
+        found = {}
+        for name, of in (("qdd", "qd"), ("object_acceleration", "object_twist")):
+            x, rates = getattr(one, name), getattr(one, of)
+            if x is not None and rates is not None and len(one) > FEWEST and _is_sampled_densely(one.t, rates, x):
+                rough = np.median(np.abs(np.diff(x, n=6, axis=0)), axis=0) / 0.6745 / np.sqrt(924.0)  # of white noise
+                found[name] = float(np.linalg.norm(rough) / max(float(np.sqrt((x**2).sum(axis=1).mean())), 1e-300))
+        if found and max(found.values()) > ROUGH:
+            name = max(found, key=lambda name: found[name])
+            return [
+                f"{name} has noise of {100 * found[name]:.2g} % of its size, which draws estimates towards zero: try without"
+                " qd and qdd, which are then found from the positions, with their noise in the deviations"
+            ]
+    return []
+
+
+def _is_sampled_densely(t: Array, rates: Array, accelerations: Array) -> bool:
+    """Return whether rates change from sample to sample as the accelerations say, by far less than in all."""
+    steps = np.diff(rates, axis=0)
+    expected = 0.5 * (accelerations[1:] + accelerations[:-1]) * np.diff(t)[:, None]
+    whole = rates - rates.mean(axis=0)
+    return bool(
+        np.linalg.norm(np.cumsum(steps - expected, axis=0)) < DENSELY * np.linalg.norm(whole)
+        and np.linalg.norm(steps) < DENSELY * np.linalg.norm(whole)
+    )
 
 
 def notes_on_grasps(chain: ClosedChain, recordings: list[Recording], frames: dict[str, Array]) -> list[str]:

@@ -28,6 +28,7 @@ DEGREE, ORDER = 7, 4  # of the spline; of the penalised derivative
 FEWEST_KNOTS = 24  # spans of a spline below which its knots are not thinned
 SMOOTHEST = 1e4  # lambda, in spans, above which every second knot is dropped: float64 would not resolve it
 LAMBDAS = np.arange(-10.0, 8.1)  # decimal logarithms that are tried first
+PERIODS = 2  # of the frequency at which the spline filters, after which its errors are independent
 STEPS = 1e-3  # largest deviation of positions from multiples of an encoder's step, in steps
 ROUNDING = 1e-9  # steps below this fraction of the range are rounding of the file
 EXACT = 1e-13  # noise below this fraction of the range is rounding of the numbers
@@ -71,7 +72,7 @@ def smoothing_spline(t: Array, y: Array) -> Spline:
     values[0] += y.mean()
     scales = [1.0, unit, unit**2]
     evaluations = [csr_array(E / s) for E, s in zip(fit.evaluations, scales, strict=True)]
-    memory = int(np.ceil(2.0 * np.pi * fit.smoothing ** (0.5 / ORDER) * stride))
+    memory = int(np.ceil(PERIODS * 2.0 * np.pi * fit.smoothing ** (0.5 / ORDER) * stride))
     noise = fit.noise if fit.noise > EXACT else 0.0
     return Spline(values / np.array(scales)[:, None], noise * size, evaluations, fit.triangle, memory)
 
