@@ -65,10 +65,13 @@ def test_intervals_hold_the_truth(noise, by, seeds):
             assert np.abs((found.values - case.truth) / case.sizes)[~named].max() < 1e-9, seed
             continue
         off = np.abs(deviations_off(case, found))
+        if noise == "coloured":
+            assert any("correlated" in note for note in found.notes), seed
+            continue
         assert off.max(initial=0.0) < 5.0, (seed, found)
         if not is_bounded(found):
             within, count = within + int((off < 1.645).sum()), count + len(off)
-    if noise not in ("exact", "coloured"):
+    if count:
         print(f"{noise}, {by}: {within} of {count} values within their 90 % intervals")
         cases = count / 10  # errors of one case are correlated: it counts as one or two
         assert binom.ppf(0.001, int(cases), 0.85) / cases <= within / count

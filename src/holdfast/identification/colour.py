@@ -1,12 +1,13 @@
 """Whether residuals are independent from sample to sample, and how much wider the deviations are if not.
 
-Sums over blocks of L samples have L times the variance of single samples if these are independent. The largest ratio of
-the two over all lengths,
+Sums over blocks of L samples have L times the variance of single samples if these are independent. The largest ratio
 
     widening = max over L of  mean (sum over a block)^2 / (L mean e^2)
 
-is the number of samples that tell as much as one independent sample would. It multiplies the covariance, which is an
-upper bound for motions that are slow compared with the noise's memory.
+is the number of samples that tell as much as one independent sample. It multiplies the covariance, which is an upper
+bound, reached by motions that are slow compared with the noise's memory. Where recordings are too short for long
+blocks, the ratio is at least that of noise whose correlation falls geometrically, (1 + rho) / (1 - rho), with rho
+corrected for the bias of short samples (Kendall 1954).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from scipy.stats import chi2
 
 from holdfast.spatial.scalar import Array
 
-FEWEST_BLOCKS = 16
+FEWEST_BLOCKS = 8
 EXACT = 1e-3  # mean square of rows that are exact, relative to the noise
 CHANCE = 1e-6  # that independent residuals exceed a limit
 
@@ -65,4 +66,7 @@ def colour_of(e: Array, memory: int) -> Colour:
                     widening = max(widening, ratio)
                 coloured = coloured or not low < ratio < high
         length *= 2
+    if widening > 1.0:
+        lasting = min(correlation + (1.0 + 4.0 * correlation) / len(e), 1.0 - 2.0 / len(e))
+        widening = max(widening, (1.0 + lasting) / (1.0 - lasting))
     return Colour(correlation, widening, coloured)

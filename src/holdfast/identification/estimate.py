@@ -148,12 +148,12 @@ def _covariance(
 def _require_mass(fit: FreeFit, unknowns: Unknowns, largest: float) -> None:
     """Refuse recordings that a mass below zero explains best, beyond doubt."""
     m, deviation = float(fit.x[0]), float(np.linalg.norm(free_roots(fit, unknowns)[0]))
-    if m < -SURELY * deviation and deviation < largest * unknowns.sizes[0]:
+    if m < -SURELY * deviation and deviation < largest * max(unknowns.sizes[0], -m):
         raise StateError(
             "identify: expected wrenches on the object, or torques of the joints, that some payload explains; got ones"
-            f" that a mass of {m:.3g} +- {deviation:.2g} kg fits best. Most likely their sign is reversed, as many sensors"
-            " report the reaction of the object: try -wrist_wrench (or -tau). If the sign is right, look at sensor offsets"
-            " (sensor_bias=True) and at the masses of the model's arms"
+            f" that a mass of {m:.3g} +- {deviation:.2g} kg fits best. Most likely their sign is reversed, as many"
+            " sensors report the reaction of the object: try -wrist_wrench (or -tau). If the sign is right, look at"
+            " sensor offsets (sensor_bias=True) and at the masses of the model's arms"
         )
 
 

@@ -72,8 +72,8 @@ def notes_on_motion(recordings: list[Recording]) -> list[str]:
         if found and max(found.values()) > ROUGH:
             name = max(found, key=lambda name: found[name])
             return [
-                f"{name} has noise of {100 * found[name]:.2g} % of its size, which draws estimates towards zero: try without"
-                " qd and qdd, which are then found from the positions, with their noise in the deviations"
+                f"{name} has noise of {100 * found[name]:.2g} % of its size, which draws estimates towards zero: try"
+                " without qd and qdd, which are then found from the positions, with their noise in the deviations"
             ]
     return []
 

@@ -18,7 +18,7 @@ open, what the data cannot tell gives way before anything that they tell.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
 
 from holdfast.spatial.inertia import of_parameters
 from holdfast.spatial.scalar import Array
@@ -26,6 +26,7 @@ from holdfast.spatial.scalar import Array
 LEAST_EPSILON = 1e-9  # of the distance from the guess, relative to squared standard deviations
 FALL = 0.1  # of epsilon from one problem to the next
 MOST_STEPS, MOST_HALVINGS = 60, 60
+RESOLVED = 1e-14  # least eigenvalue of a scaled Hessian; what is below is rounding
 CENTRED = 1e-10  # squared Newton decrement, in units of epsilon, at which the next problem follows
 
 
@@ -94,7 +95,8 @@ def _centred(w: Array, slopes, epsilon: float) -> Array:
     for _ in range(MOST_STEPS):
         gradient, curvature = here
         sizes = 1.0 / np.sqrt(np.diag(curvature))
-        step = -sizes * cho_solve(cho_factor(sizes[:, None] * curvature * sizes), sizes * gradient)
+        spread, axes = np.linalg.eigh(sizes[:, None] * curvature * sizes)
+        step = -sizes * (axes @ ((axes.T @ (sizes * gradient)) / np.maximum(spread, RESOLVED)))
         decrement = -float(gradient @ step)
         if not decrement > CENTRED * epsilon:
             break
