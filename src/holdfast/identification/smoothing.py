@@ -95,9 +95,9 @@ class _Fit:
         width = (t[-1] - t[0]) / spans
         self.evaluations = [evaluation(knots, t, k) for k in range(3)]
         self._y, self._least = y, least_noise
-        Phi, curved = self.evaluations[0], roughness(knots)
+        Phi, self._bent = self.evaluations[0], csr_array(bending(knots) * width ** (ORDER - 0.5))
         self._gram = banded(csr_array(Phi.T @ Phi), len(knots) - DEGREE - 1)
-        self._penalty = banded(curved, self._gram.shape[1]) * width ** (2 * ORDER - 1)
+        self._penalty = banded(csr_array(self._bent.T @ self._bent), len(knots) - DEGREE - 1)
         self._right = Phi.T @ y
         costs = [self._solved(x)[0] for x in LAMBDAS]
         best = float(LAMBDAS[int(np.argmin(costs))])
@@ -113,8 +113,8 @@ class _Fit:
         L = cholesky_banded(self._gram + weight * self._penalty, lower=True)
         c = cho_solve_banded((L, True), self._right)
         rest = self._y - self.evaluations[0] @ c
-        rough = float(c @ banded_times(self._penalty, c))
-        total, count = float(rest @ rest) + weight * rough, len(rest) - ORDER
+        bent = self._bent @ c
+        total, count = float(rest @ rest) + weight * float(bent @ bent), len(rest) - ORDER
         variance = max(total / count, self._least**2, 1e-32)
         cost = count * np.log(variance) + total / variance + 2.0 * np.log(L[0]).sum()
         return float(cost - (len(c) - ORDER) * np.log(weight)), float(np.sqrt(variance)), c, L
@@ -133,14 +133,13 @@ def evaluation(knots: Array, t: Array, derivative: int) -> csr_array:
     return csr_array(values if change is None else values @ change)
 
 
-def roughness(knots: Array) -> csr_array:
-    """Return the sparse matrix (K, K) of the integral of the squared fourth derivative, exact by Gauss points."""
+def bending(knots: Array) -> csr_array:
+    """Return a sparse root (.., K) of the integral of the squared fourth derivative, exact by Gauss points."""
     points, weights = np.polynomial.legendre.leggauss(ORDER)
     inner = knots[DEGREE:-DEGREE]
     half = 0.5 * np.diff(inner)
     t = (inner[:-1] + half)[:, None] + half[:, None] * points
-    D = evaluation(knots, t.ravel(), ORDER)
-    return csr_array(D.T @ diags_array((half[:, None] * weights).ravel()) @ D)
+    return csr_array(diags_array(np.sqrt(half[:, None] * weights).ravel()) @ evaluation(knots, t.ravel(), ORDER))
 
 
 def banded(matrix: csr_array, size: int) -> Array:
@@ -148,15 +147,6 @@ def banded(matrix: csr_array, size: int) -> Array:
     found = np.zeros((DEGREE + 1, size))
     for k in range(min(DEGREE + 1, size)):
         found[k, : size - k] = matrix.diagonal(-k)
-    return found
-
-
-def banded_times(bands: Array, x: Array) -> Array:
-    """Return the product of a symmetric matrix, given by its lower bands, with a vector."""
-    found = bands[0] * x
-    for k in range(1, min(len(bands), len(x))):
-        found[k:] += bands[k, :-k] * x[:-k]
-        found[:-k] += bands[k, :-k] * x[k:]
     return found
 
 
