@@ -19,6 +19,7 @@ from holdfast.identification.equations import Equations, Settings, rows_of_sampl
 from holdfast.identification.recording import Recording
 from holdfast.identification.smoothing import Spline
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.joint_friction import friction_slope, friction_torque, joint_friction
 from holdfast.spatial.scalar import Array
 
 NODES, A_PERIOD, AT_ENDS = (40, 400), 8, 4  # samples with sensitivities: of all, per period, at each end
@@ -35,8 +36,10 @@ class JointNoise:
         evaluations: of the spline, only for the samples that the equations have.
         covariance: (samples, k, k) covariance of the k errors in each of these samples.
         sensitivities: (nodes, k, channels, features) H for each of the features.
+            Without dry friction, which changes too fast where a joint turns back.
         nodes: (nodes,) times at which these are known.
         t: (samples,) times.
+        rubbing: (samples, k, channels) derivatives of the dry friction by the k errors.
     """
 
     spline: Spline
@@ -46,6 +49,7 @@ class JointNoise:
     sensitivities: Array
     nodes: Array
     t: Array
+    rubbing: Array
 
     def spread(self, maps: Array, features: Array) -> Array:
         """Return (samples, r, r), the covariance of the residuals."""
@@ -60,7 +64,7 @@ class JointNoise:
         return self.spline.covariance(np.sum(weights, axis=0))
 
     def _of_rows(self, maps: Array, features: Array) -> Array:
-        H = _at_all(self.nodes, self.sensitivities @ features, self.t)
+        H = _at_all(self.nodes, self.sensitivities @ features, self.t) + self.rubbing
         return np.einsum("src,sac->sra", maps[self.samples], H)
 
 
@@ -97,7 +101,11 @@ def motion_noise(
                 t = recording.t[kept]
                 evaluations = [E[np.flatnonzero(kept)] for E in spline.evaluations[: len(one.names)]]
                 C = _at_all(recording.t[nodes], _covariances(spline, len(one.names), nodes), t, smooth=False)
-                found.append(JointNoise(spline, samples, evaluations, C, H, recording.t[nodes], t))
+                rubbing = np.zeros((len(t), len(one.names), system.maps.shape[2]))
+                if settings.source == "tau" and "qd" in one.names and recording.qd is not None:
+                    slopes = friction_slope(joint_friction(chain)[joint : joint + 1], recording.qd[kept, joint][None])
+                    rubbing[:, one.names.index("qd"), joint] = slopes[0]
+                found.append(JointNoise(spline, samples, evaluations, C, H, recording.t[nodes], t, rubbing))
     return found
 
 
@@ -127,9 +135,14 @@ def _moved(recording: Recording, name: str, joint: int) -> Recording:
 
 
 def _as_channels(chain: ClosedChain, recording: Recording, settings: Settings) -> Array:
-    """Return (samples, channels, features), rows as errors of the measurements that would explain them."""
-    found = rows_of_samples(chain, completed(chain, recording), settings)
-    return np.array([np.linalg.pinv(maps) @ rows for rows, maps, _ in found])
+    """Return (samples, channels, features), rows without dry friction as errors of the measurements in their place."""
+    found = []
+    for k, (rows, maps, _) in enumerate(rows_of_samples(chain, completed(chain, recording), settings)):
+        smooth = rows.copy()
+        if settings.source == "tau" and recording.qd is not None:
+            smooth[:, -4 if settings.gravity else -1] -= maps @ friction_torque(joint_friction(chain), recording.qd[k])
+        found.append(np.linalg.pinv(maps) @ smooth)
+    return np.array(found)
 
 
 def _covariances(spline: Spline, count: int, nodes: Array) -> Array:
