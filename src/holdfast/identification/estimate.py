@@ -12,7 +12,7 @@ The covariance is that of step 1 without the combinations Q that the guess gives
 
 where S leaves the share of the measurements' noise in the whitened residuals e. Its part of M is valid for any
 distribution of the noise, even if the weights are wrong (White 1980); that of the motion follows from its noise
-(`motion_noise`). With given noise, the former part is J^T S^2 J.
+(`motion_noise`). With given noise, or if that of the motion hides it, the former part is J^T S^2 J.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
 LEAST_LEFT = 0.05  # lower bound of 1 - h, which is near 0 if one sample alone determines a coefficient
+HIDDEN = 0.1  # share of the motion's noise in the residuals above which these do not show that of the measurements
 ROUNDING = 1e-3  # least noise of whitened residuals that are exact, which averages do not reduce reliably
 SURELY = 5.0  # standard deviations by which a mass below zero is no accident
 
@@ -118,7 +119,7 @@ def estimate(
         misfit=float((e * e).sum()) / max(e.size - len(x), 1),
         moved=float((off * off).sum()),
         colour=colour,
-        motion_share=0.0 if fit.of_motion is None else float(np.einsum("srr->", fit.of_motion)) / e.size,
+        motion_share=fit.motion_share,
         settled=fit.settled,
         held=held,
     )
@@ -136,6 +137,7 @@ def _covariance(
     """Return the covariance of the plain unknowns at an estimate x."""
     values, slopes = split.unknowns.features(x)
     J, inverse = fit.rows @ slopes @ split.change, split.root @ split.root.T
+    known = known or fit.motion_share > HIDDEN
     scores = variance(J, fit.rows @ values, inverse, fit.of_motion, known) * widening
     scores = scores + ROUNDING**2 * np.einsum("srj,srk->jk", J, J)
     raw = fit.weights.transpose(0, 2, 1) @ J

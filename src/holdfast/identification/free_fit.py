@@ -14,7 +14,7 @@ import numpy as np
 
 from holdfast.identification.equations import Equations
 from holdfast.identification.motion_noise import JointNoise
-from holdfast.identification.noise import channel_sizes, estimated, least_noise, whitener
+from holdfast.identification.noise import channel_sizes, estimated, least_noise, noise_of_columns, whitener
 from holdfast.identification.unknowns import Unknowns
 from holdfast.spatial.scalar import Array
 
@@ -48,6 +48,13 @@ class FreeFit:
     of_motion: Array | None
     settled: bool = False
 
+    @property
+    def motion_share(self) -> float:
+        """The part of the variance of the whitened residuals that is due to the noise of the motion."""
+        if self.of_motion is None:
+            return 0.0
+        return float(np.einsum("srr->", self.of_motion)) / self.rows[..., 0].size
+
 
 def free_fit(
     system: Equations, unknowns: Unknowns, kinds: Array, given: Array | None, motion: list[JointNoise]
@@ -57,6 +64,9 @@ def free_fit(
     least = least_noise(system.measured, sizes)
     few = 1.0 / np.sqrt(max(1.0 - len(unknowns.names) / system.rows[..., 0].size, 0.1))  # residuals are below the noise
     fit = _weighted(system, unknowns, unknowns.model, np.maximum(HARDLY * sizes, least) if given is None else given, [])
+    if motion:
+        residuals = system.rows @ unknowns.features(fit.x)[0]
+        least = np.maximum(least, white_noise(system.maps, residuals, kinds, motion))
     for count in range(MOST_ROUNDS):
         noise = fit.noise
         if given is None:
@@ -68,6 +78,17 @@ def free_fit(
             return replace(fit, settled=True)
         fit = _weighted(system, unknowns, fit.x, noise, motion)
     return fit
+
+
+def white_noise(maps: Array, residuals: Array, kinds: Array, motion: list[JointNoise]) -> Array:
+    """Return the white noise of the channels, (channels,), if positions are noisy.
+
+    In single samples, the errors of smoothed accelerations hide it; in sums over many samples, it is often the larger.
+    """
+    channels = np.einsum("scr,sr->sc", np.linalg.pinv(maps), residuals) * np.sqrt(maps.shape[2] / maps.shape[1])
+    parts = {one.samples.start: one.samples for one in motion}.values()
+    found = np.sum([noise_of_columns(channels[samples]) ** 2 for samples in parts], axis=0) / len(parts)
+    return np.sqrt([found[kinds == kind].mean() for kind in kinds])
 
 
 def _weighted(system: Equations, unknowns: Unknowns, x: Array, noise: Array, motion: list[JointNoise]) -> FreeFit:

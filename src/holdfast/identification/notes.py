@@ -8,6 +8,7 @@ from holdfast.dynamics.consistency import closure
 from holdfast.identification.equations import Equations
 from holdfast.identification.estimate import Estimate
 from holdfast.identification.motion_noise import JointNoise
+from holdfast.identification.noise import noise_of_columns
 from holdfast.identification.recording import Recording
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -20,7 +21,6 @@ MOVED = 0.01  # squared standard deviations below which a move by the bound of p
 SEEN = 0.01  # share of the residuals' variance above which the noise of positions is named
 ROUGH = 0.03  # noise of given accelerations, relative to their size, above which a note is added
 DENSELY = 0.3  # relative error of the trapezoidal rule, and size of a step, below which samples are close together
-FEWEST = 20  # samples for that note
 MOSTLY = 0.9  # share above which nothing is said of the remaining part
 
 
@@ -47,7 +47,10 @@ def notes_on_estimate(found: Estimate, motion: list[JointNoise], system: Equatio
     if not found.settled:
         notes.append("weights and estimate did not converge together; deviations are rough; try noise=")
     if found.colour.coloured and found.misfit > ROUNDING and found.motion_share < MOSTLY:
-        widened = f"deviations are increased {np.sqrt(found.colour.widening):.2g} times"
+        times = float(np.sqrt(found.colour.widening))
+        widened = (
+            f"deviations are increased {times:.2g} times" if times > 1.05 else "deviations are those of white noise"
+        )
         notes.append(f"residuals of neighbouring samples are correlated ({found.colour.correlation:.2f}): {widened}")
     if found.motion_share > SEEN:
         largest = max(one.spline.noise for one in motion)
@@ -66,9 +69,9 @@ def notes_on_motion(recordings: list[Recording]) -> list[str]:
         found = {}
         for name, of in (("qdd", "qd"), ("object_acceleration", "object_twist")):
             x, rates = getattr(one, name), getattr(one, of)
-            if x is not None and rates is not None and len(one) > FEWEST and _is_sampled_densely(one.t, rates, x):
-                rough = np.median(np.abs(np.diff(x, n=6, axis=0)), axis=0) / 0.6745 / np.sqrt(924.0)  # of white noise
-                found[name] = float(np.linalg.norm(rough) / max(float(np.sqrt((x**2).sum(axis=1).mean())), 1e-300))
+            if x is not None and rates is not None and _is_sampled_densely(one.t, rates, x):
+                size = max(float(np.sqrt((x**2).sum(axis=1).mean())), 1e-300)
+                found[name] = float(np.linalg.norm(noise_of_columns(x))) / size
         if found and max(found.values()) > ROUGH:
             name = max(found, key=lambda name: found[name])
             return [
