@@ -65,8 +65,7 @@ def free_fit(
     few = 1.0 / np.sqrt(max(1.0 - len(unknowns.names) / system.rows[..., 0].size, 0.1))  # residuals are below the noise
     fit = _weighted(system, unknowns, unknowns.model, np.maximum(HARDLY * sizes, least) if given is None else given, [])
     if motion:
-        residuals = system.rows @ unknowns.features(fit.x)[0]
-        least = np.maximum(least, white_noise(system.maps, residuals, kinds, motion))
+        least = np.maximum(least, white_noise(system.measured, kinds, motion))
     for count in range(MOST_ROUNDS):
         noise = fit.noise
         if given is None:
@@ -80,14 +79,13 @@ def free_fit(
     return fit
 
 
-def white_noise(maps: Array, residuals: Array, kinds: Array, motion: list[JointNoise]) -> Array:
-    """Return the white noise of the channels, (channels,), if positions are noisy.
+def white_noise(measured: Array, kinds: Array, motion: list[JointNoise]) -> Array:
+    """Return the white noise of the channels, (channels,), from their own differences, if positions are noisy.
 
     In single samples, the errors of smoothed accelerations hide it; in sums over many samples, it is often the larger.
     """
-    channels = np.einsum("scr,sr->sc", np.linalg.pinv(maps), residuals) * np.sqrt(maps.shape[2] / maps.shape[1])
     parts = {one.samples.start: one.samples for one in motion}.values()
-    found = np.sum([noise_of_columns(channels[samples]) ** 2 for samples in parts], axis=0) / len(parts)
+    found = np.sum([noise_of_columns(measured[samples]) ** 2 for samples in parts], axis=0) / len(parts)
     return np.sqrt([found[kinds == kind].mean() for kind in kinds])
 
 
