@@ -180,7 +180,7 @@ class Differentiated:
                 raise StateError(f"{self.name}: expected {', '.join(inputs)}, got no {name}")
             values.append(further.pop(name))
         values += [vectors[name] for name in self.request.given]
-        if threads == 1:
+        if type(threads) is int and threads == 1:
             return self(*values, out=out, **further)
         return self(*values, out=out, threads=threads, **further)
 
