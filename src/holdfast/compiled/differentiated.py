@@ -132,7 +132,7 @@ class Differentiated:
             **parameters: parameters as in a call.
 
         Returns:
-            `found[of, by]`, (*shape of the result, *shape of the argument's gradient), with a leading axis for a batch.
+            `found[of, by]`, with the axes of the result and then those of the argument's gradient; a batch comes first.
 
         Raises:
             StateError: A name, shape or number is wrong, or a requested force is not unique.
