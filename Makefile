@@ -74,7 +74,7 @@ bench: $(VENV)/.bench
 drift: $(VENV)/.bench
 	$(BIN)/python benchmarks/drift_figure.py
 
-# Real robots for the long checks, from wheels on PyPI (some 500 MB pass through; only .urdf files stay).
+# Real robots for the long checks, from wheels on PyPI (some 600 MB pass through; URDF files stay, and MJCF files with their meshes).
 robots: $(VENV)/.dev
 	$(BIN)/python -m tests.robots.fetch_real_robots results/robots
 

@@ -25,7 +25,7 @@ def names_of(theme: str) -> dict[str, Any]:
     """Return the public names of one namespace; "" is the top."""
     module = import_module(f"holdfast.{theme}".rstrip("."))
     names = getattr(module, "__all__", None) or [name for name in dir(module) if name[0] != "_"]
-    return {name: getattr(module, name) for name in names if theme or name not in {*THEMES, "errors"}}
+    return {name: getattr(module, name) for name in names if theme or name not in {*THEMES, "errors", "view"}}
 
 
 PUBLIC = {f"{theme}.{name}".lstrip("."): value for theme in ("", *THEMES) for name, value in names_of(theme).items()}

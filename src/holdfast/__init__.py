@@ -6,8 +6,8 @@ The names at the top are the model, its state, what acts on it, and the verbs of
 first asked for.
 """
 
-import lazy_loader
+from holdfast.names import attach as _attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = _attach(__name__, __file__)
 
 __version__ = "0.1.0"

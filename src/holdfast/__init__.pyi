@@ -15,6 +15,7 @@ from . import plot as plot
 from . import robots as robots
 from . import simulation as simulation
 from . import sweeps as sweeps
+from . import view as view
 from .assembly.assemble import assemble as assemble
 from .compiled.chain import compile as compile
 from .control.controller import ControlLaw as ControlLaw
@@ -55,6 +56,7 @@ from .model.spring import Spring as Spring
 from .model.trunk import Trunk as Trunk
 from .robots.urdf import load_urdf as load_urdf
 from .robots.urdf import load_urdf_arms as load_urdf_arms
+from .robots.urdf import load_urdf_trunk as load_urdf_trunk
 from .scenario.build import load_scene as load_scene
 from .simulation.events import Attach as Attach
 from .simulation.events import Release as Release

@@ -36,6 +36,14 @@ class StepTooLongError(StateError):
         return type(self), (str(self), self.joint, self.step)
 
 
+class CallError(HoldfastError, TypeError):
+    """The arguments of a call do not fit: a name is unknown, or one is missing, given twice or too many."""
+
+
+class UnknownName(HoldfastError, AttributeError):
+    """A package or an object has no such name; the message gives the nearest one that it has."""
+
+
 class ClosureError(HoldfastError):
     """No joint positions within the limits close the chains on the object."""
 
@@ -78,3 +86,7 @@ def warn_renamed(old: str, new: str, until: str) -> None:
     """
     message = f"{old} is now {new}; the old name goes with version {until}"
     warnings.warn(message, DeprecatedNameWarning, stacklevel=3)
+
+
+class ModelWarning(UserWarning):
+    """A robot's file was read, but not as it stands: each line names an element, and what became of it."""

@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.spatial.converted import NOT_GIVEN, REQUIRED, ArrayField, Converted, OptionalArrayField, making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class State(Frozen):
     """Positions and velocities of the whole chain.
@@ -155,6 +157,7 @@ def _pose(given: Any, what: str) -> Array:
     return checks.read_only(np.concatenate([pose[:4] / length, pose[4:]]))
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Inputs(Frozen):
     """The inputs of the chain other than the joint torques; everything is zero by default.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ import pytest
 
 from holdfast import HoldfastError
 from holdfast.robots.urdf import UrdfChain, UrdfRobot, read_urdf, urdf_chain, urdf_visuals
+from holdfast.robots.urdf.document import Element
+from holdfast.robots.urdf.vocabulary import VOCABULARY, is_off, of_drive
 from tests.acceptance.comparison import relative
 from tests.robots.arm_dynamics import mass_jacobian_bias
 
@@ -112,6 +115,8 @@ def kind(refusal: str) -> str:
         "moves link": "mimic",  # lock_others holds all but those that follow the arm's own joints
         "principal moments >= 0": "inertia < 0",
         "type:": "joint type",
+        "gravity off": "gravity off",
+        "closes a loop": "loop",
     }
     return next((short for words, short in kinds.items() if words in refusal), refusal)
 
@@ -130,3 +135,51 @@ def test_real_robots():
     print("; ".join(f"{count} {what}" for what, count in total.items() if len(what) < 40))
     assert robots >= 30
     assert overall.max() <= TOLERANCE
+
+
+INSIDE = {  # elements of extensions, and the row of the elements in them
+    "gazebo": "gazebo", "transmission": "transmission", "ros2_control": "ros2_control", "actuator": "transmission part",
+    "leftActuator": "transmission part", "rightActuator": "transmission part", "joint": "transmission part",
+    "passive_joint": "transmission part", "gap_joint": "transmission part", "rollJoint": "transmission part",
+    "flexJoint": "transmission part",
+}  # fmt: skip
+
+
+def elements(robot: UrdfRobot) -> Iterator[tuple[str, Element]]:
+    """Yield each element of a file that stands beside visuals, sensors and plugins, with the effect of its row."""
+    waiting = [(child, "robot") for child in robot.element.children]
+    for element, row in waiting:  # the loop appends to this list
+        effect = VOCABULARY[row].effect(element.tag) or ("read" if of_drive(element.tag) else "")
+        yield effect, element
+        if effect == "read" and row == "robot" and element.tag in ("link", "joint"):
+            waiting += [(child, element.tag) for child in element.children]
+        elif effect == "read" and element.tag in INSIDE:
+            waiting += [(child, INSIDE[element.tag]) for child in element.children]
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not any(FOLDER.rglob("*.urdf")), reason="no robots fetched: make robots")
+def test_every_element():
+    """Each element of every real robot is read, noted, refused, or has no effect; what has no row is noted by name."""
+    counts, files = Counter[str](), 0
+    for path in urdf_files():
+        try:
+            robot = read_urdf(path)
+        except HoldfastError as refusal:
+            counts["files refused"] += bool(named(refusal, path))
+            continue
+        files += 1
+        parts = [robot, *robot.links.values(), *robot.joints.values()]
+        noted = {note.rpartition(": ")[0] for part in parts for note in part.notes}
+        coupled = {coupling.element for coupling in robot.couplings}
+        for effect, element in elements(robot):
+            counts[effect or "unknown"] += 1
+            if effect == "refused":
+                assert element in coupled
+            elif effect == "" or (effect == "noted" and not is_off(element)):
+                place = element.message("").rstrip(": ")
+                assert place in noted or any(note.startswith(place) for note in noted), place
+    print(f"{files} files;", ", ".join(f"{count} {effect}" for effect, count in sorted(counts.items())))
+    assert files >= 160
+    assert counts["refused"] >= 6  # the grippers of the PR2
+    assert counts["read"] > 10_000

@@ -12,7 +12,7 @@ from holdfast.cli import main as command
 from holdfast.codegen import export_c
 from holdfast.codegen.arrays import fields_of, meaning
 from holdfast.codegen.functions import exported_function, exported_names
-from holdfast.codegen.header import CFunction
+from holdfast.codegen.header import CFunction, header
 from tests.codegen.exported import STRICT, require
 from tests.codegen.problems import chain_and_state
 
@@ -35,6 +35,14 @@ def test_files(tmp_path):
     source = export_c(chain, tmp_path / "code", functions=["kinetic_energy"], source=True, overwrite=True)
     assert "chain.c" in source.files
     assert source.functions["chain_kinetic_energy"].stack is None
+
+
+def test_names_in_the_first_comment():
+    """No arm's name ends the comment, or continues a line of it."""
+    text = header("one", [], {"Joints": "*/ int left; /* 0..6; a\nb 7..13; */"})
+    comment, _, rest = text.partition("*/")
+    assert "int left" in comment and "a\\nb" in comment
+    assert rest.startswith("\n#ifndef HOLDFAST_ONE_H") and "/*" not in comment[2:]
 
 
 @pytest.mark.slow

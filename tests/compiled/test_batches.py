@@ -98,7 +98,7 @@ def test_misaligned_arrays():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"q": np.zeros(26)}, r"q: expected shape \(27,\) or \(batch, \*\(27,\)\), got \(26,\)"),
+        ({"q": np.zeros(26)}, r"q: expected shape \(27,\) or \(batch, 27\), got \(26,\)"),
         ({"q": np.zeros((2, 2, 27))}, "q: expected shape"),
         ({"qd": 1.0}, r"qd: expected shape .* got \(\)"),
         ({"object_pose": np.zeros((4, 6))}, r"object_pose: expected shape \(7,\)"),
@@ -120,8 +120,8 @@ def test_wrong_arguments(change, message):
 
 
 def test_missing_argument():
-    """The message says what there is."""
-    with pytest.raises(StateError, match="forward_dynamics: expected q, qd, tau, object_pose, object_twist, got no qd"):
+    """As any function of Python's."""
+    with pytest.raises(TypeError, match="expected qd, tau, object_pose, object_twist too"):
         compiled("nine").forward_dynamics(np.zeros(27))
 
 

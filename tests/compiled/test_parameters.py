@@ -158,7 +158,7 @@ def test_links_folded_in():
         ({"object_mas": 1.0}, "no parameter 'object_mas'. Did you mean 'object_mass'?"),
         ({"generic_rank": 3}, "no parameter 'generic_rank'"),
         ({"base_R": np.eye(3)}, "no parameter 'base_R'"),
-        ({"gravity": [0.0, 1.0]}, r"gravity: expected shape \(3,\) or \(batch, \*\(3,\)\), got \(2,\)"),
+        ({"gravity": [0.0, 1.0]}, r"gravity: expected shape \(3,\) or \(batch, 3\), got \(2,\)"),
         ({"base_pose": [1.0, 0, 0, 0, 0, 0, 0]}, r"base_pose: expected shape \(9, 7\)"),
         ({"base_pose": np.ones((9, 7))}, r"base_pose: expected unit quaternions \(w, x, y, z\), got lengths \[2"),
         ({"object_mass": -1.0, "object_inertia": "scale"}, "object_mass: expected > 0 .*, got -1"),

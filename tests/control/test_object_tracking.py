@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from holdfast import ModelError, Pose, State, StateError, close, forward_dynamics
 from holdfast.control.object_tracking import ObjectTracking
@@ -111,3 +112,18 @@ def test_velocities_that_overflow(velocity):
     if velocity == 1e307:
         with pytest.raises(StateError, match="object tracking: acceleration: expected finite numbers"):
             law.commanded_acceleration(0.0, wild)
+
+
+@pytest.mark.parametrize("angle", [np.pi, np.deg2rad(179.9999), 2.0, 1e-6])
+@pytest.mark.parametrize("axis", np.eye(3))
+def test_commands_half_a_turn(axis, angle):
+    """Half a turn off is an error of pi, about either sense of its axis; truth: SciPy's rotation vector."""
+    chain, state = two_pandas()
+    turn = Rotation.from_rotvec(angle * axis)
+    R = np.round(turn.as_matrix()) if angle == np.pi else turn.as_matrix()
+    goal = Pose(R @ state.object_frame.R, state.object_frame.p)
+    still = State(state.q, np.zeros(14), state.object_pose, np.zeros(6))
+    controller = ObjectTracking(chain, lambda t: Target(goal, np.zeros(6), np.zeros(6)), stiffness=2.0)
+    found = controller.commanded_acceleration(0.0, still)[:3] / 2.0
+    assert np.linalg.norm(found) == pytest.approx(Rotation.from_matrix(R).magnitude(), abs=1e-9)
+    assert np.linalg.norm(Rotation.from_rotvec(found).as_matrix() - R) < 1e-9

@@ -28,6 +28,15 @@ class Call:
     make: Callable[..., Any]
     given: Callable[[], dict[str, Any]]
 
+    def names(self) -> list[str]:
+        """Return the arguments whose names the library reads; a test's own function reads the others itself."""
+        if self.make.__module__.startswith("holdfast"):
+            return [*self.given()]
+        taken = inspect.signature(self.make).parameters.values()
+        if not any(one.kind is one.VAR_KEYWORD for one in taken):
+            return []
+        return [name for name in self.given() if name not in {one.name for one in taken}]
+
 
 CALLS: dict[str, Call] = {}
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 import holdfast as hf
+from holdfast import load_urdf_trunk
 from holdfast.identification import Recording, base_parameters, load_recording
 from holdfast.interop import load_mjcf_trunk, to_mjcf
-from holdfast.robots import load_urdf_trunk
 from holdfast.sweeps import NearPose, Normal, Uniform
 from tests.fuzz.calls import Later, call, everything, fixed, rigid, state_of
 from tests.fuzz.run_calls import law, run, still

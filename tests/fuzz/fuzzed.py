@@ -26,7 +26,7 @@ def fuzzed(
     for seed in seeds:
         dice = random.Random(seed)
         name = dice.choice(names)
-        given, changes = spoilt(dice, CALLS[name].given())
+        given, changes = spoilt(dice, CALLS[name].given(), CALLS[name].names())
         try:
             ends[ended(lambda name=name, given=given: CALLS[name].make(**given))] += 1
         except Fault as fault:

@@ -16,6 +16,8 @@ from tests.model.parts import BOX, arm
 
 Where = tuple[Any, ...]
 
+MISNAMED = 0.2  # share of calls with wrong names
+
 NUMBERS = (0, -1, 2, 0.5, -0.0, 1e-200, 5e-324, 1e200, -1e200, 1e308, 1e-9, 1e9, 2**40, 2**63, 10**30, 10**400)
 NO_NUMBERS = (float("nan"), float("inf"), float("-inf"), 1j, "1", "", "nan", b"1", None, True, False, "\0", "x" * 300)
 THINGS = (
@@ -155,9 +157,39 @@ def put(value: Any, where: Where, new: Callable[[Any], Any]) -> Any:
     return changed if isinstance(value, dict) else type(value)(changed)
 
 
-def spoilt(dice: random.Random, given: dict[str, Any]) -> tuple[dict[str, Any], list[tuple[Where, Any]]]:
-    """Return arguments made wrong at one place or two, and what is where; now and then an argument of another name."""
+def misspelt(dice: random.Random, name: str) -> str:
+    """Return a name with a letter left out, doubled or exchanged with the next."""
+    k = dice.randrange(len(name))
+    a, b, rest = name[:k], name[k], name[k + 1 :]
+    return dice.choice([a + rest, a + b + b + rest, a + rest[:1] + b + rest[1:], name + "s"])
+
+
+def misnamed(dice: random.Random, given: dict[str, Any], names: list[str]) -> tuple[dict[str, Any], Where, Any]:
+    """Return arguments of which one has a wrong name, is missing or is unknown; which, and what is wrong."""
+    name = dice.choice(names)
+    how = dice.choice(["misspelt", "missing", "unknown"])
+    if how == "unknown":
+        return {**given, "colour": 1.0}, ("colour",), how
+    wrong = {key: x for key, x in given.items() if key != name}
+    if how == "misspelt" and (other := misspelt(dice, name)) not in given:
+        return {**wrong, other: given[name]}, (other,), how
+    return wrong, (name,), "missing"
+
+
+def spoilt(
+    dice: random.Random, given: dict[str, Any], names: list[str]
+) -> tuple[dict[str, Any], list[tuple[Where, Any]]]:
+    """Return arguments made wrong at one place or two, and what is where; now and then an argument of another name.
+
+    Args:
+        dice: random numbers.
+        given: sound arguments.
+        names: those of them whose names may be wrong.
+    """
     changes: list[tuple[Where, Any]] = []
+    if names and dice.random() < MISNAMED:
+        wrong, where, how = misnamed(dice, given, names)
+        return wrong, [(where, how)]
     for _ in range(dice.choice([1, 1, 1, 1, 2])):
         where = dice.choice(places(given))
 

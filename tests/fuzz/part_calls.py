@@ -124,6 +124,16 @@ def _attach(state: Any, **given: Any) -> Any:
     return dynamics.attach(state=state_of(state), **given)
 
 
+@call("a name", theme="dynamics", name="closure")
+def _name(theme: Any, name: Any) -> Any:
+    return repr(getattr(getattr(hf, str(theme)), str(name)))
+
+
+@call("a name at the top", name="forward_dynamics")
+def _top(name: Any) -> Any:
+    return repr(getattr(hf, str(name)))
+
+
 @call("inertial_parameters", body=hf.HeldObject.box(1.0, 1.0, 1.0, 1.0))
 def _inertial(body: Any) -> Any:
     return dynamics.inertial_parameters(body)

@@ -49,6 +49,19 @@ def _law_of(**given: Any) -> Any:
     return repr(control.compile_law(**given))
 
 
+@call("a law's memory", memory=np.zeros(2), returned=np.ones(2), wanted="gain", parameters={"gain": 2.0})
+def _memory(memory: Any, returned: Any, wanted: Any, parameters: Any) -> Any:
+    wrong = hf.ControlLaw(lambda t, state, _, given: (-given[wanted] * state.q, returned), memory, {"gain": ()})
+    return hf.simulate(rigid().chain, rigid().state.at_rest(), wrong, 0.002, 1e-3, parameters=parameters).q
+
+
+@call("a controller of so many arguments", count=3)
+def _controller(count: Any) -> Any:
+    taken = ", ".join(f"x{k}" for k in range(count if isinstance(count, int) and 0 <= count < 9 else 2))
+    controller = eval(f"lambda {taken}: ([0.0] * 13, None)")
+    return hf.simulate(rigid().chain, rigid().state.at_rest(), controller, 0.002, 1e-3).q
+
+
 def still(p: Any) -> dict[str, Any]:
     """Return a state at rest, as numbers."""
     return numbers_of(p.state.at_rest())

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import control, dynamics, forces
+from holdfast import control, dynamics, forces, load_urdf_trunk
 from holdfast.identification import base_parameters
-from holdfast.robots import load_urdf_trunk
 from tests.fuzz.calls import everything, fixed, rigid
 from tests.robots.test_urdf_trunk import HEAVY_BASE
 

@@ -1,6 +1,7 @@
 """An MCAP file of a run, read back with rosbags: every number, to the bit."""
 
 import builtins
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -178,3 +179,13 @@ def test_refused(tmp_path, monkeypatch):
     with pytest.raises(MissingExtra, match=r"pip install 'holdfast\[ros\]'"):
         write_mcap(chain, run, tmp_path / "run.mcap")
     assert not list(tmp_path.iterdir())
+
+
+def test_topics_of_similar_names(tmp_path):
+    """Arms whose names differ in characters that topics cannot have do not share a topic."""
+    chain, run = lifted()
+    names = {"left": "a-1", "right": "a.1"}
+    arms, grasps = ({names[name]: of for name, of in part.items()} for part in (chain.arms, chain.grasps))
+    found = written(tmp_path, replace(chain, arms=arms, grasps=grasps), run)
+    assert {"/a_1/grasp_wrench", "/a_1_/grasp_wrench"} <= set(found)
+    assert len(found["/a_1/grasp_wrench"]) == len(found["/a_1_/grasp_wrench"]) == len(run.t)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast import load_urdf_trunk
 from holdfast.interop import load_mjcf, load_mjcf_arms, load_mjcf_trunk, to_mjcf
-from holdfast.robots import load_urdf_trunk
 from tests.interop.test_mjcf_writer import on_a_trunk
 from tests.robots.test_urdf_trunk import FREE_FINGERS, HANDS, HEAVY_BASE
 

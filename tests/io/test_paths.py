@@ -61,7 +61,7 @@ def readers(folder: Path) -> dict:
         hf.load_urdf: (folder / "two.urdf", {"tip": "left_grasp", **torso}),
         hf.robots.urdf_chain: (folder / "two.urdf", {"tip": "left_grasp", **torso}),
         hf.load_urdf_arms: (folder / "two.urdf", {"arms": {"left": ("torso", "left_grasp")}, "lock_others": True}),
-        hf.robots.load_urdf_trunk: (folder / "two.urdf", {"tips": ["left_grasp", "right_grasp"], "lock_others": True}),
+        hf.load_urdf_trunk: (folder / "two.urdf", {"tips": ["left_grasp", "right_grasp"], "lock_others": True}),
         read_urdf: (folder / "two.urdf", {}),
         hf.interop.load_mjcf: (folder / "arm.xml", {}),
         hf.interop.load_mjcf_arms: (folder / "arm.xml", {"arms": {"one": ("world", "arm")}}),

@@ -33,6 +33,13 @@ def test_named_link(tmp_path):
     np.testing.assert_array_equal(head.inertia, 0.01 * np.eye(3))
 
 
+def test_notes():
+    """What is noted reaches the caller."""
+    with pytest.warns(hf.errors.ModelWarning, match="gazebo, static: acts on the motion, but is not read") as caught:
+        hf.HeldObject.from_urdf(TRAY.replace("</robot>", "<gazebo><static>1</static></gazebo></robot>"))
+    assert [one.filename for one in caught] == [__file__]
+
+
 def test_refused():
     """Several bodies, unknown links, and links without inertia, by name and line."""
     with pytest.raises(hf.SceneError, match=r"link 'base': expected one rigid body, got joints .* 'lift'; try link="):

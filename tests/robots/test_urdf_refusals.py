@@ -5,7 +5,9 @@ import re
 import numpy as np
 import pytest
 
+import holdfast
 from holdfast import ModelError, SceneError
+from holdfast.errors import CallError
 from holdfast.robots.urdf import load_urdf, load_urdf_arms, load_urdf_trunk, read_urdf, urdf_chain
 from tests.robots.two_armed import TWO_ARMED
 
@@ -149,11 +151,11 @@ def test_entities_do_not_grow():
 
 def test_unknown_words_become_notes():
     """What is not read is told; what cannot matter for dynamics is not."""
-    text = TWO_ARMED.replace(LINK, '<link name="left_lower" colour="red"><gravity>0</gravity>stray', 1)
+    text = TWO_ARMED.replace(LINK, '<link name="left_lower" colour="red"><buoyancy>0</buoyancy>stray', 1)
     text = text.replace("</robot>", '<gazebo/><transmission/><plugin name="p"/></robot>')
     notes = [note.split(": ", 1)[1] for note in urdf_chain(text, **ARM).notes]
     assert "link 'left_lower': colour: unknown, not read" in notes
-    assert "link 'left_lower', gravity: unknown element, not read" in notes
+    assert "link 'left_lower', buoyancy: unknown element, not read" in notes
     assert "link 'left_lower': text 'stray', not read" in notes
     assert "plugin 'p': unknown element, not read" in notes
     assert not any("gazebo" in note or "transmission" in note for note in notes)
@@ -161,9 +163,13 @@ def test_unknown_words_become_notes():
 
 @pytest.mark.parametrize(
     ("read", "given"),
-    [(urdf_chain, ()), (load_urdf_arms, ({"left": ("torso", "left_hand")},)), (load_urdf_trunk, (["left_hand"],))],
+    [
+        (urdf_chain, ()),
+        (holdfast.load_urdf_arms, ({"left": ("torso", "left_hand")},)),
+        (load_urdf_trunk, (["left_hand"],)),
+    ],
 )
 def test_no_such_option(read, given):
-    """A keyword that no reader of URDF files has is refused as Python refuses it."""
-    with pytest.raises(TypeError, match="unexpected keyword argument 'lock_other'"):
+    """A keyword that no reader of URDF files has is refused, with the nearest that they have."""
+    with pytest.raises(CallError, match=r"'lock_other'\. Did you mean 'lock_others'"):
         read(TWO_ARMED, *given, lock_other=True)

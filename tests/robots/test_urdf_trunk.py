@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import Pose
+from holdfast import Pose, load_urdf_trunk
 from holdfast.dynamics import link_poses, tip_pose
-from holdfast.robots import load_urdf_trunk
 from tests.robots.test_urdf import ON_A_TORSO, locks_to_try
 from tests.robots.two_armed import TWO_ARMED
 

@@ -153,7 +153,7 @@ name = "left"
 q = [0.1, 0.2, 0.1]
 """.replace("TIPS", f'tips = {{ left = "{tips["left"]}", right = "{tips["right"]}" }}')
     found = loaded(tmp_path, text)
-    by_hand = hf.robots.load_urdf_trunk(TWO_ARMED, tips, lock_others=True, mount=hf.Pose.translation(0, 0, 0.5))
+    by_hand = hf.load_urdf_trunk(TWO_ARMED, tips, lock_others=True, mount=hf.Pose.translation(0, 0, 0.5))
     chain = found.chain
     kinds = ("shoulder", "elbow", "slide")
     of_arms = [f"{side}/{side}_{joint}" for side in ("right", "left") for joint in kinds]

@@ -36,6 +36,15 @@ def run(controller, steps: int, **options):
         (lambda t, x, m: (np.ma.masked_equal(np.zeros(N), 0.0), m), StateError, "torques: .*got a masked array"),
         (np.zeros(N), ModelError, r"controller: expected a function \(t, state, memory\) .*, got ndarray; try lambda"),
         (None, ModelError, "controller: expected a function .*, got NoneType"),
+        (lambda t, x: np.zeros(N), ModelError, r"controller: .*, got one of \(t, x\); try lambda t, state, memory:"),
+        (lambda t, x, m, g: (np.zeros(N), m), ModelError, r"controller: .*, got one of \(t, x, m, g\)"),
+        (ControlLaw(lambda t, x, m, given: (-given["kp"] * x.qd, m)), StateError, "parameter 'kp' was not declared"),
+        (ControlLaw(lambda t, x, m, given: -x.qd), HoldfastError, "control law: expected .*torques and memory"),
+        (
+            ControlLaw(lambda t, x, m, given: (-x.qd, np.zeros(3)), np.zeros(2)),
+            HoldfastError,
+            r"control law: memory: expected shape \(2,\), got (shape )?\(3,\); try ControlLaw\(torque, memory=",
+        ),
         ("holding", ModelError, "controller: expected a function .*, got str"),
         (
             ControlLaw(lambda t, x, m, given: (-given["gain"] * x.qd, m), parameters={"gain": ()}),
@@ -144,3 +153,21 @@ def test_parameters_that_do_not_fit(controller, parameters, error, message):
     """Each is named, before anything moves."""
     with pytest.raises(error, match=message):
         run(controller, 2, parameters=parameters)
+
+
+def test_no_memory_is_none():
+    """A law without memory may return None for it, on floats and in machine code."""
+    law = ControlLaw(lambda t, x, m, given: (-x.qd, None))
+    chain, state = problem("one")
+    systems = compile_rollout(chain, law).start(state.q, state.qd, state.object_pose, state.object_twist)
+    assert systems.running.all() and run(law, 2).stopped is None
+
+
+def test_undeclared_parameters_of_rollouts():
+    """The nearest that was declared is named."""
+    chain, state = problem("one")
+    law = ControlLaw(lambda t, x, m, given: (-given["kd"] * x.qd, m), parameters={"kp": ()})
+    with pytest.raises(StateError, match=r"parameter 'kd' was not declared\. Did you mean 'kp'\? Try ControlLaw"):
+        compile_rollout(chain, law).start(state.q, state.qd, state.object_pose, state.object_twist, kp=1.0)
+    with pytest.raises(ModelError, match="parameters: expected names such as 'gain', got 3"):
+        ControlLaw(law.torque, parameters={3: ()})  # pyright: ignore[reportArgumentType]

@@ -137,3 +137,29 @@ def test_refusals():
         hf.linearise(p.chain, p.state, p.tau, step=STEP, check=False, inputs=hf.Inputs(base_twists=np.ones((2, 6))))
     with pytest.raises(hf.StateError, match="basis"):
         hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP, basis=np.eye(3))
+
+
+def test_coordinates_of_a_step():
+    """They are those of the dynamics at the same state: components along the basis, to the square of their size."""
+    p = held(GRASPS[0])
+    model = hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP)
+    z = np.random.default_rng(2).normal(size=model.A.shape[1])
+    for size in (1e-4, 1e-5):
+        near = changed(model.state, size * model.basis @ z)
+        assert np.abs(model.coordinates(near) - size * z).max() < 10.0 * size**2
+    continuous = hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, basis=model.basis)
+    assert np.abs(model.coordinates(near) - continuous.coordinates(near)).max() < 1e-12
+    assert np.abs(model.coordinates(model.state)).max() < 1e-14
+
+
+def test_coordinates_of_another_state():
+    """A state of other joints, or none, is refused."""
+    p, other = held(GRASPS[0]), as_chain(random_system(2, arms=1, joints=[4], grasps=["rigid"], moving_base=False))
+    for model in (
+        hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs),
+        hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP),
+    ):
+        with pytest.raises(hf.StateError, match="coordinates: state: expected 10 joints and no floating base, got 4"):
+            model.coordinates(other.state)
+        with pytest.raises(hf.StateError, match="coordinates: state: expected State, got ndarray"):
+            model.coordinates(p.state.q)  # pyright: ignore[reportArgumentType]

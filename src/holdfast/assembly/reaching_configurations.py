@@ -12,6 +12,7 @@ import numpy as np
 
 from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
+from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import skew
@@ -20,6 +21,7 @@ ROUNDS = 80
 REACHED = 1e-6  # rad, or fraction of the arm's length
 LONGEST_STEP = 0.5  # rad, or fraction of the arm's length, in one iteration
 SAME = 1e-3  # rad or m: configurations that differ by less are the same
+NEAR_HALF_TURN = -0.99  # cosine of an angle near half a turn
 LEAST_DAMPING, MOST_DAMPING = 1e-8, 1e4
 
 
@@ -96,10 +98,13 @@ def _turns(axis: Array, angles: Array) -> Array:
 
 
 def _logs(R: Array) -> Array:
-    """Return the rotation vectors of matrices, (B, 3); zero for exactly half a turn, where the axis is not needed."""
+    """Return the rotation vectors of matrices, (B, 3)."""
     sines = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
     sine, cosine = np.linalg.norm(sines, axis=1), 0.5 * (np.trace(R, axis1=1, axis2=2) - 1)
-    return sines * (np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))[:, None]
+    turns = sines * (np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))[:, None]
+    for k in np.flatnonzero(cosine < NEAR_HALF_TURN):  # where the sines lose the axis
+        turns[k] = rotation.log(R[k])
+    return turns
 
 
 def _step(J: Array, gap: Array, damping: Array, lowest: Array, highest: Array) -> Array:

@@ -9,11 +9,13 @@ import numpy as np
 
 from holdfast.assembly.limits import longest_reach, required_reach
 from holdfast.assembly.on_trunk import on_own_bases
+from holdfast.assembly.plausibility import plausibility_notes
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.model.tip_direction import advice_for, tip_angle
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -37,6 +39,7 @@ class ArmReport(Frozen):
         tip_angle: angle between the tip's z axis and the direction out of the hand [rad]; NaN if unknown.
         tip_note: advice if that z axis does not point out of the hand; otherwise "".
         jointed: whether it has joints; an anchor has none, and no reach.
+        notes: notes on its file: what was not read, or was read differently.
     """
 
     name: str
@@ -50,6 +53,7 @@ class ArmReport(Frozen):
     tip_angle: float
     tip_note: str
     jointed: bool = True
+    notes: tuple[str, ...] = ()
 
     @property
     def reach_used(self) -> float:
@@ -75,18 +79,21 @@ class TrunkReport(Frozen):
         margin: distance of that joint from its limit [rad or m]; infinite if no joint has limits.
         unit: unit of the margin, "rad" or "m".
         floats: whether its base is free.
+        notes: notes on its file, as for an arm.
     """
 
     joint: str
     margin: float
     unit: str
     floats: bool
+    notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         base = "a floating base" if self.floats else "a base in the world"
         return f"trunk: {base}, {_at_limit(self.joint, self.margin, self.unit)}"
 
 
+@called
 @dataclass(frozen=True)
 class AssemblyReport(Frozen):
     """The report on a closed chain.
@@ -98,6 +105,7 @@ class AssemblyReport(Frozen):
         rank: number of independent rows of the grasp constraint.
         rows: number of all its rows, six per grasp.
         trunk: the report on the trunk; None without one.
+        unlikely: notes on numbers that are possible but unlikely, with their likely cause.
         not_checked: what was not checked.
     """
 
@@ -106,11 +114,18 @@ class AssemblyReport(Frozen):
     rank: int
     rows: int
     trunk: TrunkReport | None = None
+    unlikely: tuple[str, ...] = ()
     not_checked: tuple[str, ...] = (
         "collisions between arms, object and surroundings",
         "whether the actuators can bear the load",
         "friction at one-sided contacts",
     )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The notes on the files of trunk and arms, each once."""
+        parts = [*([] if self.trunk is None else [self.trunk]), *self.arms]
+        return tuple(dict.fromkeys(note for part in parts for note in part.notes))
 
     def __repr__(self) -> str:
         """Return mobility and rank; `print` shows the arms, too."""
@@ -119,6 +134,8 @@ class AssemblyReport(Frozen):
     def __str__(self) -> str:
         lines = [*([] if self.trunk is None else [str(self.trunk)]), *map(str, self.arms)]
         lines += [f"  note: {arm.name}: {arm.tip_note}" for arm in self.arms if arm.tip_note]
+        lines += [f"  note: {note}" for note in self.unlikely]
+        lines += [f"  note: {note}" for note in self.notes]
         lines.append(f"mobility {self.mobility}, rank {self.rank} of {self.rows}")
         if self.rank < self.rows:
             lines.append("  rows are dependent: singular, or grasp forces not unique; holdfast.diagnose tells which")
@@ -145,6 +162,7 @@ def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
         rank,
         chain.constraint_row_count,
         _trunk_report(chain, state),
+        plausibility_notes(chain, state.object_frame),
     )
 
 
@@ -152,7 +170,7 @@ def _trunk_report(chain: ClosedChain, state: State) -> TrunkReport | None:
     if chain.trunk is None:
         return None
     joint, margin, unit = _nearest_limit(chain.trunk.joints, state.q[chain.joints[TRUNK]])
-    return TrunkReport(joint, margin, unit or "rad", chain.floats)
+    return TrunkReport(joint, margin, unit or "rad", chain.floats, tuple(chain.trunk.notes))
 
 
 def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) -> ArmReport:
@@ -170,6 +188,7 @@ def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) 
         tip_angle=tip_angle(arm),
         tip_note=advice_for(arm, chain.grasps[name]) if name in chain.grasps else "",
         jointed=bool(arm.joints),
+        notes=tuple(arm.notes),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.cli import REFUSED
 from holdfast.cli.console import stdout, with_progress
-from holdfast.cli.options import Changes, Diagnosed, Format, OptionalName, Switch
+from holdfast.cli.options import Changes, Diagnosed, Format, OptionalName, Packages, Switch
 from holdfast.cli.results import opened_scene
 from holdfast.cli.solve import chosen_cases, named_cases, print_json
 from holdfast.cli.standard import is_standard, read_stdin
@@ -31,6 +31,7 @@ def diagnose(
     json: Switch = False,
     changes: Changes = (),
     trust_xacro: Switch = False,
+    packages: Packages = (),
 ) -> int:
     """Report mobility, rank, lost directions and indeterminate forces of a scene's initial state, or of problem cases.
 
@@ -41,6 +42,7 @@ def diagnose(
         json: the same as --format json.
         changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
+        packages: the folder of a package that a robot's file refers to; may be repeated.
 
     Returns:
         0 if anything was diagnosed, else 3.
@@ -54,11 +56,15 @@ def diagnose(
     if file.suffix.lower() == ".toml" or (given is not None and not BEGINS_JSON.match(given)):
         if case is not None:
             raise SceneError(f"{file}: expected no --case for a scene, got '{case}'")
-        scenario = opened_scene(file, trust_xacro, changes, given)
+        scenario = opened_scene(file, trust_xacro, changes, packages, given)
         found = [(scenario.name, diagnosis_of(scenario.chain, scenario.state))]
     else:
         if changes:
             raise SceneError(f"--set: expected a scene, whose keys it sets, got the problem cases {file}")
+        if packages:
+            raise SceneError(
+                f"--package: expected a scene, whose robot files refer to it, got the problem cases {file}"
+            )
         cases = chosen_cases(file, case) if given is None else named_cases(given, "stdin", case)
         found = [(problem.name, _diagnosis(problem)) for problem in with_progress(cases, "diagnosing")]
     if json or format == "json":

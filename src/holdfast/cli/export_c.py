@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from holdfast.cli.console import print_document, stdout
-from holdfast.cli.options import Changes, Folder, Names, OptionalName, SceneFile, Switch
+from holdfast.cli.options import Changes, Folder, Names, OptionalName, Packages, SceneFile, Switch
 from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.standard import refuse_standard
 from holdfast.cli.streams import say
@@ -36,6 +36,7 @@ def export_c(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
+    packages: Packages = (),
 ) -> int:
     """Write a scene's dynamics, a time step and its controller as C or object files that run without Python.
 
@@ -54,13 +55,14 @@ def export_c(
         changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
         json: print one JSON document instead of a table.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
+        packages: the folder of a package that a robot's file refers to; may be repeated.
 
     Raises:
         HoldfastError: the input is invalid, or this chain or controller does not support a function.
     """
     refuse_standard(out, "--out")
     folder = Path("code") / scene_name(scene) if out is None else out
-    scenario = opened_scene(scene, trust_xacro, changes)
+    scenario = opened_scene(scene, trust_xacro, changes, packages)
     compiled = compile(scenario.chain)
     requested = list(function) or _those_there_are(scenario, compiled, scheme)
     laws = {CONTROL: scenario.controller} if CONTROL in requested else {}

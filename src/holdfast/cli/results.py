@@ -32,6 +32,7 @@ from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.robots.packages import given_packages
 from holdfast.scenario.build import LARGEST_FILE, Scenario, parse_scene
 from holdfast.scenario.robots import RobotFiles
 from holdfast.simulation.setting import Setting
@@ -44,23 +45,41 @@ from holdfast.view.summary_table import summary_table
 COMPARISON = Path("results") / "comparison"  # of figures of several runs, where no other place is named
 
 
-def opened_scene(path: Path, trust_xacro: bool, changes: Sequence[str] = (), given: bytes | None = None) -> Scenario:
+def opened_scene(
+    path: Path,
+    trust_xacro: bool,
+    changes: Sequence[str] = (),
+    packages: Sequence[str] = (),
+    given: bytes | None = None,
+) -> Scenario:
     """Return a scene's scenario; print on stderr what in its robot files was changed or ignored.
 
     Args:
         path: the file; `-` for stdin, for which robot files are relative to the current folder.
         trust_xacro: expand xacro files that the scene names.
         changes: values for keys of the scene, as `key=value`.
+        packages: folders of packages, as `name=folder`.
         given: content of stdin, if it was read already.
 
     Raises:
         SceneError, ClosureError: as for `load_scene`.
     """
     text, source = read_input(path, LARGEST_FILE) if given is None else (given, "stdin")
-    scenario = parse_scene(text, source, scene_name(path), RobotFiles(path.parent, trust_xacro), changes)
+    files = RobotFiles(path.parent, trust_xacro, packages=_folders(packages))
+    scenario = parse_scene(text, source, scene_name(path), files, changes)
     for note in scenario.notes:
         say(f"note: {note}")
     return scenario
+
+
+def _folders(packages: Sequence[str]) -> dict[str, str]:
+    """Return the folders of packages by name."""
+    for one in packages:
+        if not all(one.partition("=")):
+            raise SceneError(f"--package: expected NAME=FOLDER, got {one[:200]!r}")
+    return given_packages(
+        {name: folder for name, _, folder in (one.partition("=") for one in packages)}, Path(), "--package"
+    )
 
 
 def scene_name(path: Path) -> str:

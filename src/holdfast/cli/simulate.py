@@ -8,7 +8,7 @@ from pathlib import Path
 
 from holdfast.cli import INTERRUPTED, REFUSED, complain
 from holdfast.cli.console import print_document, stdout
-from holdfast.cli.options import Changes, Folder, SceneFile, Seconds, Switch
+from holdfast.cli.options import Changes, Folder, Packages, SceneFile, Seconds, Switch
 from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.standard import refuse_standard
 from holdfast.cli.streams import say
@@ -36,6 +36,7 @@ def simulate(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
+    packages: Packages = (),
 ) -> int:
     """Simulate a scene and write a result folder.
 
@@ -50,6 +51,7 @@ def simulate(
         changes: set a key of the scene, such as simulation.step=0.001 or arms.left.q="[0, 0.5]"; may be repeated.
         json: print one JSON document instead of the summary table.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
+        packages: the folder of a package that a robot's file refers to; may be repeated.
 
     Returns:
         0; 3 if the run was stopped by an event such as a slipping grasp; 130 if the user interrupted it. In both cases
@@ -64,7 +66,7 @@ def simulate(
         raise ResultError("--resume continues a result, --overwrite replaces it; try one of them")
     refuse_standard(out, "--out")
     folder = Path("results") / scene_name(scene) if out is None else out
-    scenario = opened_scene(scene, trust_xacro, changes)
+    scenario = opened_scene(scene, trust_xacro, changes, packages)
     requested = {name: x for name, x in (("sample_time", sample_time), ("delay", delay)) if x is not None}
     scenario = replace(scenario, options=scenario.options | requested)
     if plots:

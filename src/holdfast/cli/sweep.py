@@ -9,7 +9,7 @@ from rich.table import Table
 
 from holdfast.cli import INTERRUPTED, complain
 from holdfast.cli.console import print_document, stdout
-from holdfast.cli.options import Address, Changes, Folder, Number, Swept, Switch
+from holdfast.cli.options import Address, Changes, Folder, Number, Packages, Swept, Switch
 from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.standard import is_standard, refuse_standard
 from holdfast.cli.streams import say
@@ -30,6 +30,7 @@ def sweep(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
+    packages: Packages = (),
 ) -> int:
     """Run or continue the sweep that a scene describes: many runs, whose results are written to a folder.
 
@@ -42,6 +43,7 @@ def sweep(
         changes: set a key of the scene, such as sweep.count=1000; may be repeated.
         json: print one JSON document instead of tables.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
+        packages: the folder of a package that a robot's file refers to; may be repeated.
 
     Returns:
         0, even if runs failed, which the summary counts; 130 if the user interrupted the sweep.
@@ -51,8 +53,8 @@ def sweep(
     """
     refuse_standard(out, "--out")
     is_folder = not is_standard(target) and os.path.isdir(target)
-    if is_folder and (out is not None or changes):
-        option = "--set" if changes else "--out"
+    if is_folder and (out is not None or changes or packages):
+        option = "--set" if changes else "--package" if packages else "--out"
         raise SceneError(
             f"{option}: expected a scene, got the folder {target}, which contains its own scene; try without it"
         )
@@ -63,7 +65,7 @@ def sweep(
                 f"--run: expected the folder of a sweep, got {target}; try holdfast sweep {folder} --run {run}"
             )
         return _again(load_sweep(folder), run, workers, cluster, json)
-    scenario = kept_scene(target) if is_folder else opened_scene(target, trust_xacro, changes)
+    scenario = kept_scene(target) if is_folder else opened_scene(target, trust_xacro, changes, packages)
     try:
         with progress_bar(f"sweeping {scenario.name}", say=say, time_left=False) as show:
             report = lambda at: show(at.done / at.count, str(at))  # noqa: E731

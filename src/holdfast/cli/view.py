@@ -10,7 +10,7 @@ from pathlib import Path
 
 from holdfast.cli.console import print_document, stdout
 from holdfast.cli.folders import labels
-from holdfast.cli.options import Changes, OutFile, Switch, Targets
+from holdfast.cli.options import Changes, OutFile, Packages, Switch, Targets
 from holdfast.cli.results import opened_scene, recorded
 from holdfast.cli.standard import is_standard, write_stdout
 from holdfast.cli.streams import say
@@ -37,6 +37,7 @@ def view(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
+    packages: Packages = (),
 ) -> int:
     """Show a run, or the initial state of a scene, in the browser; Ctrl-C ends it.
 
@@ -49,6 +50,7 @@ def view(
         changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
         json: print one JSON document instead of lines.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
+        packages: the folder of a package that a robot's file refers to; may be repeated.
 
     Returns:
         0, also after Ctrl-C, which ends the viewer.
@@ -63,7 +65,7 @@ def view(
     if export is not None and not is_standard(export) and os.path.lexists(export) and not overwrite:
         raise ResultError(f"{export}: exists already; try --overwrite, or another --export")
     titles = labels(targets, MOST_PAGES, "RESULT|SCENE")
-    playbacks = [_playback(target, rate, trust_xacro, changes) for target in targets]
+    playbacks = [_playback(target, rate, trust_xacro, changes, packages) for target in targets]
     if len(playbacks) > 1:
         playbacks = [replace(one, title=title) for one, title in zip(playbacks, titles, strict=True)]
     if export is not None and is_standard(export):
@@ -97,15 +99,19 @@ def _announce_json(address: str) -> None:
     sys.stdout.flush()
 
 
-def _playback(target: Path, rate: float, trust_xacro: bool, changes: Sequence[str]) -> Playback:
+def _playback(
+    target: Path, rate: float, trust_xacro: bool, changes: Sequence[str], packages: Sequence[str]
+) -> Playback:
     if is_standard(target):
-        return _playback_of_scene(opened_scene(target, trust_xacro, changes), target)
+        return _playback_of_scene(opened_scene(target, trust_xacro, changes, packages), target)
     if not os.path.exists(target):  # Path.exists raises an error for names that are too long
         raise refusal(str(target), "no such file or folder; expected a result folder or a scene file")
     if not os.path.isdir(target):
-        return _playback_of_scene(opened_scene(target, trust_xacro, changes), target)
+        return _playback_of_scene(opened_scene(target, trust_xacro, changes, packages), target)
     if changes:
         raise SceneError(f"--set: expected a scene, whose keys it sets, got the result folder {target}")
+    if packages:
+        raise SceneError(f"--package: expected a scene, whose robot files refer to it, got the result folder {target}")
     setting, result = recorded(target, trust_xacro)
     return _noted(playback_of_run(setting.chain, result.trajectory, setting.name, rate, setting.base_motion))
 

@@ -13,6 +13,7 @@ import numpy as np
 from holdfast.codegen.arrays import LAST, extent, fields_of, meaning
 from holdfast.codegen.functions import STEP, ExportedFunction
 from holdfast.compiler.schedule import External
+from holdfast.io.files import one_line
 from holdfast.spatial.scalar import Array
 
 _ALIGNMENT = 64  # alignment of working memory: a cache line, which the widest registers need [bytes]
@@ -166,7 +167,8 @@ def header(prefix: str, functions: Sequence[CFunction], about: Mapping[str, Any]
         about: properties of the chain for the first comment, by name.
     """
     guard = f"HOLDFAST_{prefix.upper()}_H"
-    lines = ["/*", *[f" * {name}: {x}" for name, x in about.items()], " *"]
+    stated = {name: one_line(str(x)).replace("*/", "* /").replace("/*", "/ *") for name, x in about.items()}
+    lines = ["/*", *[f" * {name}: {x}" for name, x in stated.items()], " *"]
     lines += [
         " * Nothing here asks for memory, keeps state of its own, or calls a library. Functions may run in several",
         " * threads at once, each with arrays and a workspace of its own.",

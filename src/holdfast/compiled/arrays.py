@@ -27,7 +27,7 @@ def floats(name: str, value: Any, shape: tuple[int, ...]) -> Array:
             return value
     a = real_array(value, name, "real numbers", StateError)
     if a.shape != shape and (a.ndim == 0 or a.shape[1:] != shape):
-        raise StateError(f"{name}: expected shape {shape} or (batch, *{shape}), got {a.shape}")
+        raise StateError(f"{name}: expected shape {checks.shapes_with_rows(shape, 'batch')}, got {a.shape}")
     return np.require(a, np.float64, ["C", "A"])
 
 

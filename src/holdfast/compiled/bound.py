@@ -14,6 +14,7 @@ from holdfast.compiled.result import UNDECIDED
 from holdfast.dynamics.result import Status
 from holdfast.errors import FrozenError, StateError
 from holdfast.model import checks
+from holdfast.names import named, no_arguments
 from holdfast.questions.arrays import ARRAYS, MOVING
 from holdfast.spatial.real_numbers import is_masked
 from holdfast.spatial.scalar import Array
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from holdfast.compiled.function import Function
 
 
+@named
 class BoundFunction:
     """A function with fixed arrays: write into the inputs, call, read `result` or `found`. Made by `Function.bind`.
 
@@ -76,8 +78,10 @@ class BoundFunction:
         """Return the question and the chain's arms."""
         return f"<bound {self._function.name} of {', '.join(self._function.chain.names)}>"
 
-    def __call__(self) -> Any:
+    def __call__(self, *none: Any) -> Any:
         """Compute the results from the inputs."""
+        if none:
+            no_arguments("bound call", none)
         code = self.run()
         if not self._has_status:
             return self.result if self.found is None else None

@@ -26,6 +26,7 @@ from holdfast.forces.margins import GRASP_MARGINS
 from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.questions.question import QUESTIONS
 
 if TYPE_CHECKING:
@@ -92,6 +93,7 @@ def compile(
     return made
 
 
+@called
 class CompiledChain:
     """The dynamics of one chain as machine code; made by `holdfast.compile`.
 
@@ -112,7 +114,7 @@ class CompiledChain:
         """Return the function of a question; raise an error that says why there is none."""
         question = None if name.startswith("_") else QUESTIONS.get(name)
         if question is None:
-            raise missing(name, type(self).__name__)
+            raise missing(name, self)
         found = Function(self, question)
         return self.__dict__.setdefault(name, found)
 

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from holdfast.compiled.computation import Computation
 from holdfast.compiled.derivative_computation import request_of
-from holdfast.compiled.derivative_schedule import Kind, Request
+from holdfast.compiled.derivative_schedule import WITH, Kind, Request
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.parameters import require_inputs
 from holdfast.compiled.structure import Options
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called, wrong_call
 from holdfast.questions.derivatives import unit_cotangent
 from holdfast.questions.question import Question
+
+_PLACED = inspect.Parameter.POSITIONAL_OR_KEYWORD
+_FURTHER = inspect.Parameter("further", inspect.Parameter.VAR_KEYWORD)
 
 if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
     from holdfast.compiled.function import Function
 
 
+@called
 class Differentiated:
     """The part of a `Function` that differentiates it."""
 
@@ -166,19 +172,13 @@ class Differentiated:
     ) -> CompiledDerivatives:
         """Return derivatives, of the question's inputs, cotangents or tangents, and parameters."""
         assert self.request is not None
-        inputs, values = self.question.inputs, [*given]
-        if len(given) > len(inputs):
-            raise StateError(f"{self.name}: expected {', '.join(inputs)}, got {len(given)} arguments")
-        own = (
-            self.computation.inputs[: -len(self.request.given) or None]
-            if self.request.given
-            else self.computation.inputs
-        )
-        for name in own[len(given) :]:
-            if name not in further:
-                require_inputs([name] if name not in inputs else (), further)
-                raise StateError(f"{self.name}: expected {', '.join(inputs)}, got no {name}")
-            values.append(further.pop(name))
+        own, values = [name for name in self.computation.inputs if not name.startswith(WITH)], [*given]
+        inputs = self.question.inputs
+        if len(given) > len(inputs) or any(name not in further for name in inputs[len(given) :]):
+            asked = inspect.Signature([inspect.Parameter(name, _PLACED) for name in inputs] + [_FURTHER])
+            raise wrong_call(asked, self.name, given, further) or AssertionError(self.name)
+        require_inputs([name for name in own if name not in inputs], further)
+        values += [further.pop(name) for name in own[len(given) :]]
         values += [vectors[name] for name in self.request.given]
         if type(threads) is int and threads == 1:
             return self(*values, out=out, **further)

@@ -28,6 +28,7 @@ from holdfast.compiler.targets import Builtin
 from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.errors import StateError
 from holdfast.model import checks
+from holdfast.names import called, wrong_call
 from holdfast.questions.arrays import MOVING, POSES
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
 
+@called
 class Function(Differentiated):
     """A question about a compiled chain: `compiled.inverse_dynamics(q, qd, qdd, grasp_wrench)`.
 
@@ -144,7 +146,7 @@ class Function(Differentiated):
         """The parameters of a call, for completion and help."""
         by_name = [Parameter("out", Parameter.KEYWORD_ONLY, default=None)]
         by_name += [Parameter("threads", Parameter.KEYWORD_ONLY, default=1)]
-        names = [name.removeprefix(WITH) for name in self.computation.inputs]
+        names = [name.replace(WITH, "with_") for name in self.computation.inputs]
         given = [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names]
         return inspect.Signature([*given, *by_name, Parameter("parameters", Parameter.VAR_KEYWORD)])
 
@@ -203,17 +205,14 @@ class Function(Differentiated):
         """Return the arrays of a call as machine code reads them, inputs first.
 
         Raises:
-            StateError: A name is unknown, missing or given twice, or a shape is wrong.
+            CallError: A name is missing or given twice.
+            StateError: A name is unknown, or a shape is wrong.
         """
         names, further = self.computation.inputs, dict(by_name)
-        values = dict(zip(names, given, strict=False))
-        if len(given) > len(names):
-            raise StateError(f"{self.name}: expected {', '.join(names)}, got {len(given)} arguments")
-        if twice := [name for name in values if name in further]:
-            raise StateError(f"{self.name}: {twice[0]}: expected it once, got it in order and by name")
-        values |= {name: further.pop(name) for name in names[len(given) :] if name in further}
-        if lacking := [name for name in names if name not in values]:
-            raise StateError(f"{self.name}: expected {', '.join(names)}, got no {lacking[0]}")
+        placed, named = names[: len(given)], names[len(given) :]
+        if len(placed) < len(given) or not further.keys() >= {*named} or not further.keys().isdisjoint(placed):
+            raise wrong_call(self.__signature__, self.name, given, by_name) or AssertionError(self.name)
+        values = dict(zip(placed, given, strict=True)) | {name: further.pop(name) for name in named}
         require_inputs(self.computation.by_name, further)
         values |= {name: further.pop(name) for name in self.computation.by_name}
         shapes = self.externals

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from holdfast.errors import MethodNotApplicable
+from holdfast.names import unknown_attribute
 
 _ROUNDS = "it goes on for as many rounds as it takes"
 _SINGULAR_VALUES = "it decides by singular values, which are NumPy's"
@@ -39,10 +40,10 @@ class NotCompiledError(MethodNotApplicable, AttributeError):
     """A compiled chain has no such method; the message says why and what to use instead."""
 
 
-def missing(name: str, kind: str) -> AttributeError:
+def missing(name: str, of: object) -> AttributeError:
     """Return the error for an attribute that a compiled chain does not have."""
     if path := _PATHS.get(name):
         return NotCompiledError(
             f"compile: '{name}' runs as reference only: {REASONS[path]}. holdfast.{path} computes it from the chain"
         )
-    return AttributeError(f"'{kind}' object has no attribute '{name}'")
+    return unknown_attribute(of, name)

@@ -73,7 +73,7 @@ def parse_parameters(
     for name, value in _with_inertia(given, chain).items():
         a, shape = np.array(real_array(value, name, "real numbers", StateError), dtype=float, order="C"), shapes[name]
         if a.shape != shape and a.shape[1:] != shape:
-            raise StateError(f"{name}: expected shape {shape} or (batch, *{shape}), got {a.shape}")
+            raise StateError(f"{name}: expected shape {checks.shapes_with_rows(shape or (), 'batch')}, got {a.shape}")
         if not np.isfinite(a).all():
             raise StateError(f"{name}: expected finite numbers")
         if name in BASE_MOTION:

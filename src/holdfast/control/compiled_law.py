@@ -22,6 +22,7 @@ from holdfast.control.traced_law import law_of, law_outputs
 from holdfast.errors import FrozenError, HoldfastError, MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called, named, no_arguments
 from holdfast.questions.arrays import shapes, state_fields
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
@@ -83,6 +84,7 @@ def law_and_values(controller: Controller | ControlLaw, chain: ClosedChain) -> t
     return law, controller.values if isinstance(controller, GivenLaw) else {}
 
 
+@called
 class CompiledLaw:
     """A control law in machine code, created by `compile_law`. It is itself a controller if its parameters are given.
 
@@ -126,11 +128,14 @@ class CompiledLaw:
             return self.law.given(self.values).on_floats(t, state, memory)  # raises the error
         with self._lock:
             x = self._own.arrays
-            x["t"][...] = t
+            x["t"][...] = t if isinstance(t, float) else checks.numbers(t, (), "control law: t", StateError)
             for name, field in self._fields.items():
                 x[name][...] = getattr(state, field)
             if "memory" in x:
-                x["memory"][...] = self.law.memory if memory is None else memory
+                size = self.law.memory.shape
+                fits = isinstance(memory, np.ndarray) and memory.shape == size and memory.dtype == float
+                memory = self.law.memory if memory is None else memory
+                x["memory"][...] = memory if fits else checks.numbers(memory, size, "control law: memory", StateError)
             self._own.run()
             if not np.isfinite(x["tau"]).all():
                 raise self._refusal(x)
@@ -248,6 +253,7 @@ class CompiledLaws:
         return known[1]
 
 
+@named
 class BoundLaw:
     """A law bound to fixed arrays: write into the inputs, call it, and read `tau`. Created by `CompiledLaw.bind`.
 
@@ -292,8 +298,10 @@ class BoundLaw:
         """Return the number of joints and the names of the arrays."""
         return f"<BoundLaw of {len(self.arrays['tau'])} joints: {', '.join(self.arrays)}>"
 
-    def __call__(self) -> Array:
+    def __call__(self, *none: Any) -> Array:
         """Compute and return `tau`, which is always the same array."""
+        if none:
+            no_arguments("bound law", none)
         self.run()
         return self.arrays["tau"]
 

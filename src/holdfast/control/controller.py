@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from holdfast.compiler.program import Shape
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.spatial.converted import ArrayField, Converted, making
 from holdfast.spatial.frozen import Frozen, FrozenDict
 from holdfast.spatial.scalar import Array, Scalar
@@ -39,7 +40,7 @@ def by_machine_code(controller: Any, t: float, state: State, memory: Any) -> tup
 
 
 def require_controller(controller: Any) -> None:
-    """Check that a controller is a function.
+    """Check that a controller is a function of three arguments.
 
     Raises:
         ModelError: it is not.
@@ -49,9 +50,15 @@ def require_controller(controller: Any) -> None:
             "controller: expected a function (t, state, memory) -> (torques, memory), got"
             f" {type(controller).__name__}; try lambda t, state, memory: (tau, memory), or a TorqueSchedule"
         )
+    _require_arguments(
+        controller,
+        3,
+        "controller: expected a function (t, state, memory) -> (torques, memory)",
+        "lambda t, state, memory: (tau, memory), which need not use its memory",
+    )
 
 
-def torques_and_memory(found: Any) -> tuple[Any, Any]:
+def torques_and_memory(found: Any, what: str = "controller") -> tuple[Any, Any]:
     """Return the torques and the memory from the result of a controller.
 
     Raises:
@@ -60,10 +67,11 @@ def torques_and_memory(found: Any) -> tuple[Any, Any]:
     if not isinstance(found, tuple) or len(found) != 2:
         got = f"an array of shape {found.shape}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
         got = f"{len(found)} things" if isinstance(found, tuple) else got
-        raise StateError(f"controller: expected it to return torques and memory, got {got}; try `return tau, memory`")
+        raise StateError(f"{what}: expected it to return torques and memory, got {got}; try `return tau, memory`")
     return found
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class ControlLaw(Frozen):
     """A traceable controller, written with `spatial.scalar` and without `if` on values or assignments to arrays.
@@ -93,12 +101,23 @@ class ControlLaw(Frozen):
                 "control law: torque: expected a function (t, state, memory, parameters) -> (torques, memory), got"
                 f" {type(self.torque).__name__}"
             )
-        _require_four(self.torque)
+        _require_arguments(
+            self.torque,
+            4,
+            "control law: torque: expected a function (t, state, memory, parameters) -> (torques, memory)",
+            "a fourth argument, which a law without parameters need not use",
+        )
         if not isinstance(self.parameters, Mapping):
             raise ModelError(
                 "control law: parameters: expected a mapping from a name to a shape, e.g. {'gain': (14,)}, got"
                 f" {type(self.parameters).__name__}"
             )
+        for name in self.parameters:
+            if not isinstance(name, str) or not name.isidentifier():
+                raise ModelError(
+                    f"control law: parameters: expected names such as 'gain', got {checks.short(name)}; they are the"
+                    " names of arguments"
+                )
         put(self, "parameters", FrozenDict({name: _shape(name, shape) for name, shape in self.parameters.items()}))
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
@@ -135,9 +154,20 @@ class ControlLaw(Frozen):
             name: checks.numbers(values[name], shape, f"control law: parameter '{name}'", StateError)
             for name, shape in self.parameters.items()
         }
-        return GivenLaw(self, found)
+        return GivenLaw(self, LawParameters(found))
 
 
+class LawParameters(FrozenDict):
+    """The values of a law's parameters, by name; one that was not declared is refused."""
+
+    def __missing__(self, name: Any) -> NoReturn:
+        raise StateError(
+            f"control law: parameter {checks.short(name)} was not declared.{checks.did_you_mean(str(name), self)} Try"
+            f" ControlLaw(torque, parameters={{{name!r}: ()}})"
+        )
+
+
+@called
 @dataclass(frozen=True, eq=False)
 class GivenLaw(Frozen):
     """A control law with values of its parameters, created by `ControlLaw.given`.
@@ -162,8 +192,28 @@ class GivenLaw(Frozen):
 
     def on_floats(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the same, computed on floats by the law's own function."""
-        tau, kept = self.law.torque(t, state, self.law.memory if memory is None else memory, self.values)
+        law, size = self.law, self.law.memory.shape
+        if memory is None:
+            memory = law.memory
+        elif _shape_of(memory) != size:
+            memory = checks.numbers(memory, size, "control law: memory", StateError)
+        tau, kept = torques_and_memory(law.torque(t, state, memory, self.values), "control law")
+        kept = law.memory if kept is None and size == (0,) else kept
+        if (got := _shape_of(kept)) != size:
+            shown = checks.short(kept) if got is None else f"shape {got}"
+            raise StateError(
+                f"control law: memory: expected shape {size}, got {shown}; try ControlLaw(torque, memory=...) of the"
+                " shape that the function returns"
+            )
         return np.asarray(tau), kept
+
+
+def _shape_of(x: Any) -> Shape | None:
+    """Return the shape of an array or of what can become one; None of anything else."""
+    try:
+        return None if x is None else np.shape(x)
+    except (TypeError, ValueError):
+        return None
 
 
 def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> Any:
@@ -191,23 +241,20 @@ def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> An
     return controller
 
 
-def _require_four(torque: Callable[..., Any]) -> None:
-    """Check that a law's function can be called with four arguments.
+def _require_arguments(function: Callable[..., Any], count: int, expected: str, advice: str) -> None:
+    """Check that a function can be called with so many arguments.
 
     Raises:
-        ModelError: it cannot, such as a controller (t, state, memory).
+        ModelError: it cannot.
     """
     try:
-        taken = inspect.signature(torque)
+        taken = inspect.signature(function)
     except (TypeError, ValueError):  # of a function that does not tell
         return
     try:
-        taken.bind(None, None, None, None)
+        taken.bind(*[None] * count)
     except TypeError:
-        raise ModelError(
-            "control law: torque: expected a function (t, state, memory, parameters) -> (torques, memory), got one of"
-            f" {taken}; try a fourth argument, which a law without parameters need not use"
-        ) from None
+        raise ModelError(f"{expected}, got one of {taken}; try {advice}") from None
 
 
 def _shape(name: str, shape: Sequence[int]) -> Shape:

@@ -14,11 +14,13 @@ from holdfast.dynamics.inverse import torques
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class GravityCompensation(Frozen):
     """The static balance of the closed chain, tau = C_gravity + J^T f + stiffness (q - rest) - d qd.

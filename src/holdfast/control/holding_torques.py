@@ -156,7 +156,7 @@ def joint_places(chain: ClosedChain, names: Iterable[str]) -> Array:
     names = list(names)
     for name in names:
         if not isinstance(name, str) or name not in places:
-            raise StateError(f"undriven: no joint '{name}'.{checks.did_you_mean(str(name), places)}")
+            raise StateError(f"undriven: no joint {checks.short(name)}.{checks.did_you_mean(str(name), places)}")
     return np.array([places[name] for name in names], dtype=int)
 
 

@@ -14,12 +14,14 @@ from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.paths import ObjectPath, Target, path_function
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import State, require_fit
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class ObjectTracking(Frozen):
     """Computed torque, tau = M qdd + C + J^T f + torques of dampers and springs, for the object's acceleration.
@@ -82,6 +84,6 @@ class ObjectTracking(Frozen):
         """
         target = cast(Callable[[float], Target], self.path)(t)
         frame = state.object_frame
-        error = concatenate([rotation.log_below_pi(target.pose.R @ frame.R.T), target.pose.p - frame.p])
+        error = concatenate([rotation.log(target.pose.R @ frame.R.T), target.pose.p - frame.p])
         found = target.acceleration + self.damping * (target.twist - state.object_twist) + self.stiffness * error
         return checks.finite(found, "object tracking: acceleration")

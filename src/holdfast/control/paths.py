@@ -10,6 +10,7 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.spatial import rotation
 from holdfast.spatial.converted import REQUIRED, ArrayField, making
 from holdfast.spatial.frozen import Frozen
@@ -54,6 +55,7 @@ def path_function(path: Any, what: str) -> Callable[[Any], Any]:
     return found
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class RestToRest(Frozen):
     """A path that rests, moves by a displacement and a rotation together, and rests again.

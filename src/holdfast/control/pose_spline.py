@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from holdfast.control.paths import Target
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.spatial import rotation
 from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
 from holdfast.spatial.frozen import Frozen, frozen_property
@@ -25,6 +26,7 @@ SAME = 1e-12  # [m, rad]: poses that differ by less are equal
 SAMPLES = 50  # evaluations per piece in the search for the largest speed
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class PoseSpline(Frozen):
     """A smooth path through given poses at given times, from rest to rest; it rests before and after.

@@ -13,6 +13,7 @@ from holdfast.control.controller import Controller, require_controller, torques_
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
 from holdfast.spatial.frozen import Frozen, frozen_property, read_only
 from holdfast.spatial.linalg import without_overflow
@@ -20,6 +21,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class TorqueSchedule(Frozen):
     """Torques tau_j(t) = sum_k c_jk (t - knot)^k from each knot to the next, plus those of another controller.

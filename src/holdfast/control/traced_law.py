@@ -10,7 +10,7 @@ import numpy as np
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
-from holdfast.control.controller import ControlLaw, Controller, GivenLaw
+from holdfast.control.controller import ControlLaw, Controller, GivenLaw, LawParameters
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.questions.arrays import shapes, state_fields
@@ -71,16 +71,18 @@ def law_outputs(
     Raises:
         CompileError: the law does not return torques and memory of the right shapes.
     """
-    values = {name: as_traced(given[f"control.{name}"]) for name in law.parameters}
+    values = LawParameters({name: as_traced(given[f"control.{name}"]) for name in law.parameters})
     if not isinstance(law.torque, OwnTorque):
         state, memory = comparable(state), as_traced(memory)
     found = law.torque(t, state, memory, values)
     if not isinstance(found, tuple) or len(found) != 2:
         raise CompileError(f"control law: expected torques and memory, got {type(found).__name__}; try `tau, memory`")
-    drive, kept = array(found[0]), array(found[1])
+    none = found[1] is None and not len(law.memory)
+    drive, kept = array(found[0]), np.zeros(0) if none else array(found[1])
     for what, x, size in (("torques", drive, chain.joint_count), ("memory", kept, len(law.memory))):
         if x.shape != (size,):
-            raise CompileError(f"control law: {what}: expected shape ({size},), got {x.shape}")
+            advice = f"; try ControlLaw(torque, memory=np.zeros({x.shape}))" if what == "memory" else ""
+            raise CompileError(f"control law: {what}: expected shape ({size},), got {x.shape}{advice}")
     return drive, kept
 
 

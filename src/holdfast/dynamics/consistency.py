@@ -95,6 +95,12 @@ def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:
     }
 
 
+def largest_position(motion: ChainMotion, state: State) -> float:
+    """Return the largest position residual of any grasp, with angles instead of sines [m or rad]; 0 without grasps."""
+    gaps = residuals(motion, state).values()
+    return max((float(np.abs(gap.position).max(initial=0.0)) for gap in gaps), default=0.0)
+
+
 @asked
 @np.errstate(all="ignore")  # a gap may overflow
 def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> dict[str, GraspResidual]:

@@ -16,6 +16,7 @@ from holdfast.dynamics.indeterminate import free_wrenches, pattern
 from holdfast.dynamics.lost_direction import LostDirection, lost_directions
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
@@ -35,6 +36,7 @@ class IndeterminateForce(Frozen):
     wrenches: Array
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Frozen):
     """Mobility, rank and singular directions of a configuration.

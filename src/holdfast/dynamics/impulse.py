@@ -33,6 +33,7 @@ from holdfast.errors import ClosureError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -40,6 +41,7 @@ from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Attachment(Frozen):
     """The result of closing a grasp, in world axes.

@@ -26,6 +26,7 @@ from holdfast.dynamics.trunk.trunk_power import TrunkCase, TrunkUnknowns
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose_tangents import rates_of
 from holdfast.spatial.scalar import Array
@@ -33,6 +34,7 @@ from holdfast.spatial.vector import skew
 from holdfast.state import Inputs, State, shaped_inputs
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Linearisation(Frozen):
     """The linearisation dz/dt = A z + B (tau - tau_0) + rate about a state.
@@ -57,11 +59,30 @@ class Linearisation(Frozen):
         return f"<Linearisation: {self.A.shape[1]} coordinates, {self.B.shape[1]} torques, about {self.state!r}>"
 
     def coordinates(self, state: State) -> Array:
-        """Return z of a neighbouring state, (m,), the component of its difference along the basis."""
-        here = self.state
-        pairs = [(here.qd, state.qd), (here.object_twist, state.object_twist), (here.base_twist, state.base_twist)]
-        velocities = [new - old for old, new in pairs if old is not None and new is not None]
-        return np.linalg.lstsq(self.basis, np.r_[displacement(here, state), *velocities], rcond=None)[0]
+        """Return z of a neighbouring state, (m,), the component of its difference along the basis.
+
+        Raises:
+            StateError: the state has other joints, or another base.
+        """
+        return coordinates(self.basis, self.state, state)
+
+
+def coordinates(basis: Array, here: State, state: State) -> Array:
+    """Return the component of the difference between two states along a basis, (m,); see `Linearisation`.
+
+    Raises:
+        StateError: the states have different joints or bases.
+    """
+    checks.instance(state, State, "coordinates: state", StateError)
+    if len(state.q) != len(here.q) or (state.base_pose is None) != (here.base_pose is None):
+        floats = {True: "no floating base", False: "a floating base"}
+        raise StateError(
+            f"coordinates: state: expected {len(here.q)} joints and {floats[here.base_pose is None]}, got"
+            f" {len(state.q)} joints and {floats[state.base_pose is None]}"
+        )
+    pairs = [(here.qd, state.qd), (here.object_twist, state.object_twist), (here.base_twist, state.base_twist)]
+    velocities = [new - old for old, new in pairs if old is not None and new is not None]
+    return np.linalg.lstsq(basis, np.r_[displacement(here, state), *velocities], rcond=None)[0]
 
 
 def linearised_dynamics(

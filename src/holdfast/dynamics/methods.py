@@ -19,11 +19,13 @@ from holdfast.dynamics.closed.reduced_kkt import reduced_kkt
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen, FrozenDict
 
 RIGID_REGULAR = "rigid grasps, Omega regular"
 
 
+@called
 @dataclass(frozen=True)
 class Method(Frozen):
     """One algorithm.

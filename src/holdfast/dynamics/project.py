@@ -6,11 +6,13 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.held_rows import holding
+from holdfast.dynamics.consistency import largest_position
 from holdfast.dynamics.projection import (
     CLOSED,
     FARTHEST,
     LEFT_OPEN,
     closer,
+    hidden_gaps,
     position_mismatch,
     project_velocities,
 )
@@ -45,15 +47,17 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
     given = shaped_inputs(chain, inputs)
     tau = np.zeros(chain.joint_count)
     motion = chain_motion(chain, state, tau, given)
-    held, before, size = None, np.inf, np.inf
+    held, before, size, shown = None, np.inf, np.inf, np.inf
     for k in range(ROUNDS):
         gaps = position_mismatch(motion, state)
-        size = max((float(np.abs(gap).max()) for gap in gaps), default=0.0)
+        shown = max((float(np.abs(gap).max()) for gap in gaps), default=0.0)
+        size = max([shown, *map(float, hidden_gaps(motion, state))])
         if size <= CLOSED or size >= 0.5 * before:
             break
         if size > FARTHEST:
             raise ClosureError(
-                f"the grasps are open by {size:.3g} (m or rad), expected a step's rounding; try a smaller time step"
+                f"the grasps are open by {max(shown, largest_position(motion, state)):.3g} (m or rad), expected a"
+                " step's rounding; try holdfast.close, or a smaller time step"
             )
         if k == 0:
             held = _rows_to_hold(chain, state, given, size)
@@ -62,8 +66,8 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
         motion = chain_motion(chain, state, tau, given)
     if size > LEFT_OPEN:
         raise ClosureError(
-            f"the grasps stay open by {size:.3g} (m or rad): Newton's method does not close them; try a smaller time"
-            " step"
+            f"the grasps stay open by {max(shown, largest_position(motion, state)):.3g} (m or rad): Newton's method"
+            " does not close them; try a smaller time step"
         )
     state = project_velocities(holding(motion, held), state)
     return state, chain_motion(chain, state, tau, given)

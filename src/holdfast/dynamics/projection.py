@@ -110,7 +110,8 @@ class Gap(NamedTuple):
     """The largest gaps of any grasp.
 
     Attributes:
-        position: largest component of the position rows, with the sine for rotations [m or rad].
+        position: largest component of the position rows, with the sine for rotations up to a quarter turn, and the
+            angle beyond, see `rotation.beyond_quarter_turn` [m or rad].
         velocity: largest component of the velocity rows [m/s or rad/s].
     """
 
@@ -160,9 +161,13 @@ def largest_gaps(chain: ClosedChain, state: State, inputs: Inputs) -> Gap:
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
     shifts = position_mismatch(motion, state)
     found = each(
-        lambda c, shift: (largest(position_contact(c).transmitted(shift)), largest(c.velocity_gap)),
+        lambda c, shift, hidden: (
+            maximum(largest(position_contact(c).transmitted(shift)), hidden),
+            largest(c.velocity_gap),
+        ),
         motion.contacts,
         shifts,
+        hidden_gaps(motion, state),
     )
     gaps, _ = scan(lambda worst, gap: ((maximum(worst[0], gap[0]), maximum(worst[1], gap[1])), None), (0.0, 0.0), found)
     return Gap(*gaps)
@@ -172,6 +177,17 @@ def position_mismatch(motion: ChainMotion, state: State) -> list[Array]:
     """Return for each grasp the small displacement of the tip relative to the object, (6,) world axes."""
     origin = state.object_frame.p
     return each(lambda arm, c: small_displacement(c, origin + c.origin, arm.at.tip), motion.holding, motion.contacts)
+
+
+def hidden_gaps(motion: ChainMotion, state: State) -> list[Scalar]:
+    """Return for each grasp the gap that its small displacement does not show; see `GraspKind.hidden_gap`."""
+    origin = state.object_frame.p
+
+    def hidden(arm: ArmMotion, c: Contact) -> Scalar:
+        seen = tip_from_contact(c, origin + c.origin, arm.at.tip)
+        return c.grasp.of_kind.hidden_gap(seen.R, seen.p)
+
+    return each(hidden, motion.holding, motion.contacts)
 
 
 def small_displacement(c: Contact, contact_point: Array, tip: Pose) -> Array:

@@ -7,7 +7,6 @@ configuration is singular, and the solution at this point is not that of a traje
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -17,7 +16,7 @@ from holdfast.dynamics.closed.chain_filter import rest_response
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closing import close
-from holdfast.dynamics.consistency import GraspResidual, residuals
+from holdfast.dynamics.consistency import largest_position
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.dynamics.projection import CLOSED, FARTHEST, displacement, moved
@@ -124,7 +123,7 @@ def closed_near(chain: ClosedChain, state: State, inputs: Inputs | None = None) 
         state: a state that nearly satisfies the grasps.
         inputs: base motion, if the bases move.
     """
-    if not _largest_gap(residuals(chain_at_rest(chain, state), state)) <= FARTHEST:
+    if not largest_position(chain_at_rest(chain, state), state) <= FARTHEST:
         return None
     try:
         return close(chain, state, limits=False, inputs=inputs)
@@ -145,7 +144,7 @@ def require_trusted(motion: ChainMotion, state: State, found: Pivots) -> None:
     """
     if found.condition * SUSPECT_GAP**2 < 1.0:
         return  # larger gaps are refused or noticed elsewhere
-    gap, chain = _largest_gap(residuals(motion, state)), motion.chain
+    gap, chain = largest_position(motion, state), motion.chain
     if not may_mislead(found.condition, gap):
         return
     closed = closed_near(chain, state)
@@ -161,11 +160,6 @@ def require_trusted(motion: ChainMotion, state: State, found: Pivots) -> None:
 def may_mislead(condition: float, gap: float) -> bool:
     """Return whether a gap of the grasps [m or rad] may have made a dependent row seem independent."""
     return gap > CLOSED and not condition * (ROW_PER_GAP * gap) ** 2 < 1.0
-
-
-def _largest_gap(gaps: Mapping[str, GraspResidual]) -> float:
-    """Return the largest position gap of any grasp [m or rad]."""
-    return max((float(np.abs(gap.position).max(initial=0.0)) for gap in gaps.values()), default=0.0)
 
 
 def generic_rank_near(chain: ClosedChain, state: State, here: int) -> int:

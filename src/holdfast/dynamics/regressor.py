@@ -31,6 +31,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
+from holdfast.names import called
 from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.inertia import of_parameters
@@ -42,6 +43,7 @@ from holdfast.state import Inputs, State, require_fit, shaped_inputs
 UNIT_BODIES = [of_parameters(unit) for unit in np.eye(10)]
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Regressor(Frozen):
     """The matrices of a chain's equations at one instant, which are linear in the inertial parameters.

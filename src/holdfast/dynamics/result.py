@@ -11,6 +11,7 @@ import numpy as np
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
@@ -27,6 +28,7 @@ class Status(Enum):
     INVALID = "the inputs are not finite or out of range (positions to 1e5 rad, unit quaternions): nothing is returned"
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class ArmResult(Frozen):
     """One arm's part of a result, with the fields of `ForwardResult`."""

@@ -4,10 +4,9 @@ Raises:
     MissingExtra: gymnasium is not installed.
 """
 
-import lazy_loader
-
 from holdfast.gym.registration import register_ids
+from holdfast.names import attach as _attach
 
 register_ids()
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = _attach(__name__, __file__)

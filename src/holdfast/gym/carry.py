@@ -21,6 +21,7 @@ from holdfast.gym.ready_made import two_fingers
 from holdfast.gym.task import Phase, Task, chain_and_state, spread, torques
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.spatial import rotation
 from holdfast.spatial.converted import NOT_GIVEN, ArrayField, OptionalArrayField, making
@@ -35,6 +36,7 @@ BESIDE = 1e-6  # rad, m: largest distance of a path's beginning from the object
 ACCELERATION = 20.0  # rad/s^2, m/s^2: bound of observed accelerations
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class CarryTask(Frozen, Task):
     """Carry the object along a path with no more squeeze than is needed to hold it.

@@ -16,6 +16,7 @@ from holdfast.gym.episodes import Episodes
 from holdfast.gym.hand_over import HandOverTask
 from holdfast.gym.task import Task
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -96,6 +97,7 @@ class TaskEnv(gymnasium.Env[Array, Array]):
         return {name: x[0].item() if x.dtype != object else x[0] for name, x in self.episodes.info.items()}
 
 
+@called
 class Carry(TaskEnv):
     """Carry an object along a path with no more squeeze than is needed to hold it; see `CarryTask`.
 
@@ -111,6 +113,7 @@ class Carry(TaskEnv):
     kind = CarryTask
 
 
+@called
 class HandOver(TaskEnv):
     """Hand an object from one arm to another; see `HandOverTask`.
 

@@ -120,7 +120,7 @@ class Episodes:
                 raise StateError(f"options: no '{name}'.{checks.did_you_mean(str(name), shapes)}")
             x = checks.numbers(value, None, f"options: {name}", StateError)
             if x.shape not in (shapes[name], (self.count, *shapes[name])):
-                expected = f"{shapes[name]} or ({self.count}, *{shapes[name]})"
+                expected = checks.shapes_with_rows(shapes[name], self.count)
                 raise StateError(f"options: {name}: expected shape {expected}, got {x.shape}")
             if x.size and np.abs(x).max() > LARGEST:
                 raise StateError(f"options: {name}: expected numbers up to {LARGEST:g}, got {checks.short(value)}")

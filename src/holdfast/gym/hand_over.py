@@ -25,6 +25,7 @@ from holdfast.gym.ready_made import two_hands
 from holdfast.gym.task import Phase, Task, chain_and_state, spread, torques
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.spatial import rotation
@@ -39,6 +40,7 @@ TENFOLD = 10.0  # bound of observed forces, as a multiple of that of internal fo
 GIVING, BOTH, TAKEN = range(3)  # phases
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class HandOverTask(Frozen, Task):
     """Hand the object from one arm to another: reach for it, grasp it, release it, and bring it to a goal.

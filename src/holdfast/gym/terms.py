@@ -14,7 +14,7 @@ from holdfast.gym.actions import clipped
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.rotation import log_below_pi
+from holdfast.spatial.rotation import log
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, sqrt
 from holdfast.spatial.spatial_vector import shift_wrench, unrotate
 from holdfast.state import State
@@ -27,7 +27,7 @@ TWIST = 5.0  # bound of observed twists [rad/s, m/s]
 
 def away(to: Pose, at: Pose) -> Array:
     """Return the displacement from the frame `at` to the frame `to`, (6,): [rotation vector; shift], world axes."""
-    return concatenate([log_below_pi(to.R @ at.R.T), to.p - at.p])
+    return concatenate([log(to.R @ at.R.T), to.p - at.p])
 
 
 def size(v: Array) -> Scalar:

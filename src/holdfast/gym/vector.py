@@ -17,6 +17,7 @@ from holdfast.gym.episodes import Episodes
 from holdfast.gym.hand_over import HandOverTask
 from holdfast.gym.task import Task
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.simulation.rollout.arguments import whole_number
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -202,6 +203,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         return {"final_obs": last, "_final_obs": there, "final_info": self._infos(rows), "_final_info": there.copy()}
 
 
+@called
 class CarryVector(TaskVectorEnv):
     """Many environments of `Carry` in one batch; see `CarryTask`.
 
@@ -218,6 +220,7 @@ class CarryVector(TaskVectorEnv):
     kind = CarryTask
 
 
+@called
 class HandOverVector(TaskVectorEnv):
     """Many environments of `HandOver` in one batch; see `HandOverTask`.
 

@@ -20,6 +20,7 @@ from scipy.linalg import qr, solve_triangular
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.linalg import without_overflow
 from holdfast.spatial.scalar import Array
@@ -27,6 +28,7 @@ from holdfast.spatial.scalar import Array
 NEGLIGIBLE = 1e-6  # terms smaller than this, relative to a combination's largest one, are rounding (unit columns)
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class BaseParameters(Frozen):
     """The combinations of parameters that a regressor can identify.

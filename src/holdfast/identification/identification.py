@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Identification(Frozen):
     """The estimated payload, the other estimated quantities, and their uncertainty.

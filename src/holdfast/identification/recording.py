@@ -10,6 +10,7 @@ import numpy as np
 from holdfast.errors import StateError
 from holdfast.io.result_reader import Result
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.converted import NOT_GIVEN, REQUIRED, ArrayField, OptionalArrayField
 from holdfast.spatial.frozen import Frozen
@@ -19,6 +20,7 @@ FEWEST = 6  # samples required by a quintic spline
 FREE_BODIES = ("object", "base")
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Recording(Frozen):
     """A recording; the first axis of every array is the sample. Arrays that were not recorded are None.

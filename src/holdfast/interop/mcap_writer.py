@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from typing import IO, Any
 
@@ -63,7 +63,8 @@ def write_mcap(
 
     A trunk's frames are `world` > `trunk` > `trunk/link1` ...; the parent of an arm on it is the link on which the arm
     is mounted. Times are those of the run, starting from 0, in nanoseconds. Characters that ROS does not allow in topic
-    names are replaced by '_'. Numbers are bit for bit those of the run.
+    names are replaced by '_', with more of them where two names would be equal. Numbers are bit for bit those of the
+    run.
 
     Args:
         chain: the chain that was simulated.
@@ -119,17 +120,31 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
         base = chain.trunk.base if state.base_frame is None else state.base_frame
         moved = _frames(TRUNK, chain.trunk.joints, chain.trunk.links, state.q[chain.joints[TRUNK]])
         transforms += [_transform(time, *frames) for frames in (("world", TRUNK, base), *moved)]
-    tips = tip_frames(chain, state, chain.names)
+    tips, topics = tip_frames(chain, state, chain.names), _topic_names(chain.names)
     for i, (name, arm) in enumerate(chain.arms.items()):
         for what, wrenches in (("grasp_wrench", run.grasp_wrench), ("internal_wrench", run.internal_wrench)):
-            topic = f"/{re.sub(r'[^A-Za-z0-9_]', '_', name)}/{what}"
-            yield topic, WRENCH, _wrench(time, f"{name}/tip", unrotate(tips[name].R, wrenches[k, i]))
+            yield (
+                f"/{topics[name]}/{what}",
+                WRENCH,
+                _wrench(time, f"{name}/tip", unrotate(tips[name].R, wrenches[k, i])),
+            )
         below = bodies[chain.mounted_on[name]] if name in chain.mounts else "world"
         moved = list(_frames(name, arm.joints, arm.links, state.q[chain.joints[name]]))
         last = moved[-1][1] if moved else name  # an anchor has no links
         placed = [(below, name, arm.base), *moved, (last, f"{name}/tip", arm.tip)]
         transforms += [_transform(time, *frames) for frames in placed]
     yield "/tf", TRANSFORMS, {"transforms": transforms}
+
+
+def _topic_names(names: Iterable[str]) -> dict[str, str]:
+    """Return names that ROS allows in topics by arm name, all different."""
+    found: dict[str, str] = {}
+    for name in names:
+        topic = re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"
+        while topic in found.values():
+            topic += "_"
+        found[name] = topic
+    return found
 
 
 def trunk_frames(chain: ClosedChain) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.errors import SceneError
+from holdfast.interop.mjcf_model import is_disabled
 from holdfast.interop.mjcf_tree import body_name, drives_of, joint_kind, joint_name, joints_of, require_plain
 from holdfast.interop.mjcf_writer import ENDLESS
 from holdfast.model import checks
@@ -32,12 +33,14 @@ class MjcfRobot(NamedTuple):
         model: MuJoCo's `MjModel`.
         held: positions of the locked joints [rad or m], by joint index.
         lock_others: whether joints that are on no path are locked at their positions in the model.
+        notes: notes on elements that are unknown.
     """
 
     source: str
     model: Any
     held: Mapping[int, float]
     lock_others: bool
+    notes: tuple[str, ...] = ()
 
     def moving(self, bodies: Iterable[int]) -> list[int]:
         """Return the indices of the joints of some bodies that are not locked, in their order."""
@@ -172,6 +175,10 @@ def _slides(model: Any, j: int) -> bool:
 
 def _joint(model: Any, j: int, placement: Pose) -> Joint:
     dof = model.jnt_dofadr[j]
+
+    def unless(flag: str, value: float) -> float:
+        return 0.0 if is_disabled(model, flag) else float(value)
+
     limits = UNBOUNDED
     if model.jnt_limited[j]:
         low, high = model.jnt_range[j].tolist()
@@ -184,9 +191,9 @@ def _joint(model: Any, j: int, placement: Pose) -> Joint:
         position_limits=limits,
         effort_limit=_effort_limit(model, j),
         armature=float(model.dof_armature[dof]),
-        damping=float(model.dof_damping[dof]),
-        friction=float(model.dof_frictionloss[dof]),
-        stiffness=float(model.jnt_stiffness[j]),
+        damping=unless("DAMPER", model.dof_damping[dof]),
+        friction=unless("FRICTIONLOSS", model.dof_frictionloss[dof]),
+        stiffness=unless("SPRING", model.jnt_stiffness[j]),
         rest=float(model.qpos_spring[model.jnt_qposadr[j]]),
     )
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.errors import MissingExtra, SceneError
+from holdfast.interop.mjcf_elements import EFFECTS
 from holdfast.io.files import read_bounded, reason_of
 from holdfast.robots.urdf.document import LARGEST_FILE, Element, parse_document
 
@@ -40,8 +41,15 @@ def mujoco_module() -> Any:
     return mujoco
 
 
-def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any]:
-    """Return a name for messages and MuJoCo's compiled model of an MJCF file or text (which begins with `<`).
+def is_disabled(model: Any, flag: str) -> bool:
+    """Return whether a flag of the model, such as "SPRING", is disabled."""
+    return bool(model.opt.disableflags & int(getattr(mujoco_module().mjtDisableBit, f"mjDSBL_{flag}")))
+
+
+def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any, tuple[str, ...]]:
+    """Return a name for messages, MuJoCo's compiled model of an MJCF file or text (which begins with `<`), and notes.
+
+    The notes are on elements that MuJoCo knows and this library does not.
 
     Static bodies keep their names. Geoms whose files cannot be found are left out if the body's inertia does not depend
     on them.
@@ -56,7 +64,7 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any]:
     given = fspath(path_or_text)
     is_text = isinstance(given, str) and given.lstrip("\ufeff \t\r\n").startswith("<")
     source = "MJCF text" if is_text else str(given)
-    _require_mjcf(given, is_text, source)
+    unknown = _require_mjcf(given, is_text, source)
 
     def spec() -> Any:
         read = mujoco.MjSpec.from_string if is_text else mujoco.MjSpec.from_file
@@ -66,29 +74,31 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any]:
 
     with warnings.catch_warnings(action="ignore"):  # deprecation warnings for attributes that still work
         try:
-            return source, spec().compile()
+            return source, spec().compile(), unknown
         except (ValueError, TypeError) as cause:
             reason = " ".join(str(cause).split())
         try:
-            return source, _without_meshes(mujoco, spec()).compile()
+            return source, _without_meshes(mujoco, spec()).compile(), unknown
         except (ValueError, TypeError) as cause:
             raise SceneError(f"{source}: MuJoCo cannot compile it: {reason}") from cause
 
 
-def _require_mjcf(given: Any, is_text: bool, source: str) -> None:
-    """Refuse files that cannot be read, and other formats that MuJoCo would accept."""
+def _require_mjcf(given: Any, is_text: bool, source: str) -> tuple[str, ...]:
+    """Return notes on unknown elements; refuse files that cannot be read, and formats that MuJoCo would accept."""
     try:
         text = given.strip("\ufeff \t\r\n") if is_text else read_bounded(Path(given), LARGEST_FILE)
     except OSError as cause:
         name = source if source.isprintable() else repr(source)
         raise SceneError(f"{name}: cannot be read: {reason_of(cause)}") from cause
     try:
-        root = _bounded_mjcf(text, source, Path() if is_text else Path(given).parent)
+        root, *included = _bounded_mjcf(text, source, Path() if is_text else Path(given).parent)
     except RecursionError as cause:
         raise SceneError(f"{source}: expected an MJCF file, got elements nested too deeply") from cause
     if root.tag != "mujoco":
         hint = "; try load_urdf" if root.tag == "robot" else ""
         raise SceneError(f"{source}: expected <mujoco> as the outermost element, got <{root.tag}>{hint}")
+    elements = [element for document in (root, *included) for element, _ in _with_copies(document)]
+    return tuple(one.message("unknown element, not read") for one in elements if one.tag not in EFFECTS)
 
 
 def _without_meshes(mujoco: Any, spec: Any) -> Any:
@@ -109,8 +119,8 @@ def _without_meshes(mujoco: Any, spec: Any) -> Any:
     return spec
 
 
-def _bounded_mjcf(text: bytes | str, source: str, folder: Path) -> Element:
-    """Return the root element of an MJCF file, after checking it and all files that it includes.
+def _bounded_mjcf(text: bytes | str, source: str, folder: Path) -> list[Element]:
+    """Return the root elements of an MJCF file and of all files that it includes, after checking them.
 
     Raises:
         SceneError: the XML is not well-formed, has a DOCTYPE or is too large, or a count exceeds its bound.
@@ -129,7 +139,7 @@ def _bounded_mjcf(text: bytes | str, source: str, folder: Path) -> Element:
             if len(documents) == MOST_INCLUDED:
                 raise element.refuse(f"expected at most {MOST_INCLUDED} included files, got more")
             documents.append(parse_document(read_bounded(path, LARGEST_FILE), str(path)))
-    return documents[0]
+    return documents
 
 
 def _with_copies(root: Element) -> list[tuple[Element, float]]:

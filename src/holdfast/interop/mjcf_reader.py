@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
 from holdfast.errors import SceneError
-from holdfast.interop.mjcf_bodies import MjcfRobot, add_branches, along, held_joints, link_of, standing
+from holdfast.interop.mjcf_bodies import (
+    BodyGroup,
+    MjcfRobot,
+    add_branches,
+    along,
+    held_joints,
+    link_of,
+    standing,
+)
+from holdfast.interop.mjcf_couplings import Moving, checked_couplings
 from holdfast.interop.mjcf_model import compiled_mjcf
 from holdfast.interop.mjcf_tree import (
     bodies_between,
@@ -15,10 +25,10 @@ from holdfast.interop.mjcf_tree import (
     find_base,
     find_tip,
     joint_name,
-    require_serial,
 )
 from holdfast.model import checks
 from holdfast.model.arm import Arm
+from holdfast.robots.notes import show_notes
 from holdfast.spatial.pose import Pose
 
 
@@ -39,9 +49,9 @@ def load_mjcf(
 
     Hinges and slides keep their axis, range, damping, spring, armature and friction loss. The effort limit is the
     joint's `actuatorfrcrange`, or otherwise the force range of its only actuator times the gear; of an asymmetric range
-    it is the smaller side. MJCF has no rate limits. Properties of the scene are not read: gravity, contacts, actuators
-    and their control, and equalities with bodies outside the arm. `load_mjcf_arms` and `load_mjcf_trunk` load several
-    arms of one file.
+    it is the smaller side. MJCF has no rate limits. Properties of the scene are not read: contacts, controls, and
+    equalities with bodies outside the arm. Gravity other than MuJoCo's default, fluids, servos, flexible bodies and
+    equalities that are not active are noted. `load_mjcf_arms` and `load_mjcf_trunk` load several arms of one file.
 
     Args:
         path_or_text: a file, or the text itself (which begins with `<`).
@@ -51,19 +61,24 @@ def load_mjcf(
         lock_others: whether to lock all other joints on the arm at their positions in the model.
         mount: pose of the base body in the world (a Pose or wxyz_xyz); by default its pose in the model.
 
+    Warns:
+        ModelWarning: once, with all notes on what acts on the arm and was not read.
+
     Raises:
         SceneError: MuJoCo cannot compile the file; or the arm has free or ball joints on the path, nonlinear springs,
             gravity compensation, couplings or loops, which the message names.
         ModelError: `mount` is not a pose.
         MissingExtra: MuJoCo is not installed.
     """
-    source, model = compiled_mjcf(path_or_text)
+    source, model, unknown = compiled_mjcf(path_or_text)
     start = find_base(source, model, base)
-    robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others)
+    robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others, unknown)
     end, tip_frame = find_tip(source, model, start, tip)
     path = bodies_between(source, model, start, end)
     at = standing(robot, start) if mount is None else checks.pose(mount, "mount")
-    return arm_along(robot, path, tip_frame, at, base or body_name(model, path[0]))
+    arm = _alone(robot, start, path, tip_frame, at, base or body_name(model, path[0]))
+    show_notes(arm.notes)
+    return arm
 
 
 def load_mjcf_arms(
@@ -88,12 +103,15 @@ def load_mjcf_arms(
         lock_others: as for `load_mjcf`; also locks joints below the bases that are on no arm's path.
         mount: pose of the model's world frame in the world (a Pose or wxyz_xyz); by default they coincide.
 
+    Warns:
+        ModelWarning: as for `load_mjcf`, once for all arms.
+
     Raises:
         SceneError: as for `load_mjcf`; or a joint that moves two arms or an arm's base is not locked.
         ModelError, MissingExtra: as for `load_mjcf`.
     """
-    source, model = compiled_mjcf(path_or_text)
-    robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others)
+    source, model, unknown = compiled_mjcf(path_or_text)
+    robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others, unknown)
     if not isinstance(arms, Mapping) or not arms:
         raise SceneError(f"{source}: arms: expected (base, tip) by name, such as {{'left': ('torso', 'left_hand')}}")
     at = Pose.identity() if mount is None else checks.pose(mount, "mount")
@@ -105,30 +123,44 @@ def load_mjcf_arms(
         end, tips[name] = find_tip(source, model, bases[name], pair[1])
         paths[name] = bodies_between(source, model, bases[name], end)
     _require_apart(robot, bases, paths)
-    return {name: arm_along(robot, paths[name], tips[name], at @ standing(robot, bases[name]), name) for name in arms}
+    found = {
+        name: _alone(robot, bases[name], paths[name], tips[name], at @ standing(robot, bases[name]), name)
+        for name in arms
+    }
+    show_notes(note for arm in found.values() for note in arm.notes)
+    return found
 
 
-def arm_along(robot: MjcfRobot, path: list[int], tip_frame: Pose, base: Pose, name: str) -> Arm:
-    """Return the arm along a path of bodies, including the other bodies attached to these.
+def _alone(robot: MjcfRobot, start: int, path: list[int], tip_frame: Pose, base: Pose, name: str) -> Arm:
+    """Return the arm along a path of bodies, to which nothing outside of it is coupled; see `arm_of`."""
+    groups, tip = groups_along(robot, path)
+    bodies = [{b for b, _ in group.bodies} for group in groups]
+    notes = checked_couplings(Moving(robot, bodies, {*robot.moving(path)}, start))
+    return replace(arm_of(robot, groups, tip @ tip_frame, base, name), notes=(*robot.notes, *notes))
+
+
+def groups_along(robot: MjcfRobot, path: list[int]) -> tuple[list[BodyGroup], Pose]:
+    """Return the bodies along a path by the joint that moves them, and the last body's pose in the last group.
 
     Args:
         robot: the model.
         path: indices of the bodies, base outward.
-        tip_frame: pose of the tip in the frame of the last body.
-        base: pose of the first body's parent in the world.
-        name: name of the arm.
 
     Raises:
-        SceneError: no joint moves, or there are joints, couplings or bodies that an arm cannot have.
+        SceneError: no joint moves, or there are joints that an arm cannot have.
     """
     groups, tip = along(robot, path)
     if not groups:
         raise SceneError(f"{robot.source}: expected a joint between base and tip, got none that moves")
     for group in groups:
         add_branches(robot, group, set(path))
-    require_serial(robot.source, robot.model, {b for group in groups for b, _ in group.bodies}, {*robot.moving(path)})
+    return groups, tip
+
+
+def arm_of(robot: MjcfRobot, groups: list[BodyGroup], tip: Pose, base: Pose, name: str) -> Arm:
+    """Return the arm of some groups of bodies, with its tip in the last one and its base at a pose in the world."""
     joints = [group.joint for group in groups if group.joint is not None]
-    return Arm(joints, [link_of(robot.model, group) for group in groups], tip @ tip_frame, base, name=name)
+    return Arm(joints, [link_of(robot.model, group) for group in groups], tip, base, name=name)
 
 
 def _require_apart(robot: MjcfRobot, bases: Mapping[str, int], paths: Mapping[str, list[int]]) -> None:

@@ -1,4 +1,4 @@
-"""Finding bodies, joints and actuators in a compiled MuJoCo model, and refusing features that arms cannot have."""
+"""Finding bodies, joints and actuators in a compiled MuJoCo model, and refusing joints that arms cannot have."""
 
 from __future__ import annotations
 
@@ -127,67 +127,3 @@ def require_plain(source: str, model: Any, j: int) -> None:
             f"{source}: joint '{joint_name(model, j)}': expected linear damping and springs, armature and friction"
             f" loss of its own only, got {', '.join(found)}; try another model of the joint, or holding it (locked=)"
         )
-
-
-def require_serial(source: str, model: Any, bodies: set[int], joints: set[int]) -> None:
-    """Refuse couplings of the arm to itself or to fixed bodies, and gravity compensation of its bodies.
-
-    Args:
-        source: name of the model, for messages.
-        model: the compiled model.
-        bodies: indices of the arm's moving bodies.
-        joints: indices of its moving joints.
-
-    Raises:
-        SceneError: there is gravity compensation, an equality, or a tendon with its own forces; the message names it.
-    """
-    for b in sorted(bodies):
-        if model.body_gravcomp[b]:
-            raise SceneError(
-                f"{source}: body '{body_name(model, b)}': gravcomp: expected 0, got {model.body_gravcomp[b]:g}"
-            )
-    for e in range(model.neq):
-        if _binds(model, e, bodies, joints):
-            name = model.equality(e).name or f"equality {e}"
-            raise SceneError(
-                f"{source}: '{name}': expected an arm without loops or couplings, got an equality constraint"
-                " within it; try to lock the joints that it couples (locked=)"
-            )
-    for t in range(model.ntendon):
-        if _wraps(model, t, bodies, joints) and _has_forces(model, t):
-            name = model.tendon(t).name or f"tendon {t}"
-            raise SceneError(f"{source}: '{name}': expected a tendon without forces and limits of its own on the arm")
-
-
-def _binds(model: Any, e: int, bodies: set[int], joints: set[int]) -> bool:
-    """Return whether an equality couples the arm to itself or to a static body."""
-    mujoco, pair = mujoco_module(), [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
-    kind = mujoco.mjtEq(int(model.eq_type[e])).name
-    if kind == "mjEQ_JOINT":
-        return any(j in joints for j in pair)
-    if kind not in ("mjEQ_CONNECT", "mjEQ_WELD"):
-        return False
-    if mujoco.mjtObj(int(model.eq_objtype[e])).name == "mjOBJ_SITE":
-        pair = [int(model.site_bodyid[s]) for s in pair]
-    inside = [b in bodies for b in pair]
-    still = [model.body_weldid[b] == 0 for b in pair]
-    return any(inside) and all(i or s for i, s in zip(inside, still, strict=True))
-
-
-def _wraps(model: Any, t: int, bodies: set[int], joints: set[int]) -> bool:
-    """Return whether a tendon passes over a joint or a site of the arm."""
-    for w in range(int(model.tendon_adr[t]), int(model.tendon_adr[t] + model.tendon_num[t])):
-        kind, number = mujoco_module().mjtWrap(int(model.wrap_type[w])).name, int(model.wrap_objid[w])
-        if kind == "mjWRAP_JOINT" and number in joints:
-            return True
-        if kind == "mjWRAP_SITE" and int(model.site_bodyid[number]) in bodies:
-            return True
-    return False
-
-
-def _has_forces(model: Any, t: int) -> bool:
-    quantities = (
-        model.tendon_stiffness, model.tendon_stiffnesspoly, model.tendon_damping, model.tendon_dampingpoly,
-        model.tendon_frictionloss, model.tendon_armature, model.tendon_limited,
-    )  # fmt: skip
-    return any(np.any(quantity[t]) for quantity in quantities)

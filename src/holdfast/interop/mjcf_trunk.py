@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -17,8 +18,9 @@ from holdfast.interop.mjcf_bodies import (
     link_of,
     standing,
 )
+from holdfast.interop.mjcf_couplings import Moving, checked_couplings
 from holdfast.interop.mjcf_model import compiled_mjcf
-from holdfast.interop.mjcf_reader import arm_along
+from holdfast.interop.mjcf_reader import arm_of, groups_along
 from holdfast.interop.mjcf_tree import (
     bodies_between,
     body_name,
@@ -27,11 +29,11 @@ from holdfast.interop.mjcf_tree import (
     joint_kind,
     joint_name,
     joints_of,
-    require_serial,
 )
 from holdfast.model import checks
 from holdfast.model.trunk import BASE, Trunk
 from holdfast.robots.arms_on_trunk import ArmsOnTrunk, branching, mount_name, shared_counts
+from holdfast.robots.notes import show_notes
 from holdfast.spatial.pose import Pose
 
 
@@ -65,13 +67,16 @@ def load_mjcf_trunk(
         lock_others: whether to lock all other joints on trunk and arms at their positions in the model.
         mount: pose of the base in the world (a Pose or wxyz_xyz); by default its pose in the model.
 
+    Warns:
+        ModelWarning: as for `load_mjcf_arms`.
+
     Raises:
         SceneError: as for `load_mjcf`; or the base is fixed and no joint moves two arms, the trunk branches, an arm has
             no joint of its own, a floating base has a mount, or the world is to float.
         ModelError, MissingExtra: as for `load_mjcf`.
     """
-    source, model = compiled_mjcf(path_or_text)
-    robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others)
+    source, model, unknown = compiled_mjcf(path_or_text)
+    robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others, unknown)
     root = find_base(source, model, base)
     ends = _ends(robot, root, tips)
     paths = {name: bodies_between(source, model, root, body) for name, (body, _) in ends.items()}
@@ -94,10 +99,10 @@ def load_mjcf_trunk(
     for group in bodies:
         add_branches(robot, group, elsewhere)
     inside = {body for group in bodies for body, _ in group.bodies}
-    require_serial(source, model, inside | elsewhere, {j for joints in moving.values() for j in joints})
     stand = standing(robot, root) if mount is None else checks.pose(mount, "mount")
     trunk = _trunk(model, bodies, stand)
     arms, mounts = {}, {}
+    together = [group for group in bodies if group.bodies]
     for name, path in own.items():
         k, (_, tip_frame) = counts[name], ends[name]
         on = bodies[k].pose_of(int(model.body_parentid[path[0]]))
@@ -105,10 +110,15 @@ def load_mjcf_trunk(
             path, on = paths[name], stand
         else:
             mounts[name] = mount_name(trunk, k - 1) if k > 0 else BASE
-        arms[name] = arm_along(robot, path, tip_frame, on, name)
-    return ArmsOnTrunk(
-        trunk, arms, mounts, _locked(robot, inside.union(*paths.values()), set().union(*moving.values()))
-    )
+        groups, tip = groups_along(robot, path)
+        arms[name] = arm_of(robot, groups, tip @ tip_frame, on, name)
+        together += groups
+    joints = set[int]().union(*moving.values())
+    apart = [{b for b, _ in group.bodies} for group in together]
+    notes = (*unknown, *checked_couplings(Moving(robot, apart, joints, root if free is None else 0)))
+    show_notes(notes)
+    trunk = replace(trunk, notes=notes)
+    return ArmsOnTrunk(trunk, arms, mounts, _locked(robot, inside.union(*paths.values()), joints), notes)
 
 
 def _ends(robot: MjcfRobot, root: int, tips: Mapping[str, str] | Iterable[str]) -> dict[str, tuple[int, Pose]]:

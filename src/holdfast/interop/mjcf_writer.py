@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from holdfast.errors import ModelError
+from holdfast.io.files import one_line
 from holdfast.model.arm import Arm
 from holdfast.model.checks import INERTIA_TOLERANCE
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -232,7 +233,8 @@ def _add_grasp(equality: Element, world: Element, chain: ClosedChain, name: str)
         _add(equality, "weld", name=name, site1=f"object/{name}", site2=f"{name}/tip", **hard)
         return
     if kind.rate_rows:
-        equality.append(ElementTree.Comment(f" soft finger '{name}': its moment about the normal is not written "))
+        shown = name.replace("-", "\u2010")  # two hyphens would end the comment
+        equality.append(ElementTree.Comment(f" soft finger '{shown}': its moment about the normal is not written "))
     _add(equality, "connect", name=name, site1=f"object/{name}", site2=f"{name}/tip", **hard)
     if kind.equality == "two connects":
         along = Pose.translation(HINGE_LENGTH, 0.0, 0.0)
@@ -339,10 +341,12 @@ def _require_possible(what: str, inertial: Link | HeldObject) -> None:
 
 
 def _require_distinct(root: Element) -> None:
-    """Refuse two bodies, joints, sites or equalities with the same name."""
+    """Refuse names that are not printable, and two bodies, joints, sites or equalities with the same name."""
     for tags in (("body",), ("joint", "freejoint"), ("site",), ("weld", "connect")):
         names = sorted(part.get("name", "") for tag in tags for part in root.iter(tag) if part.get("name"))
-        for one, next_one in itertools.pairwise(names):
+        for one, next_one in itertools.pairwise(["", *names]):
+            if one_line(next_one, len(next_one)) != next_one:
+                raise ModelError(f"to_mjcf: {ascii(next_one)[:60]}: expected printable names")
             if one == next_one:
                 raise ModelError(
                     f"to_mjcf: two are called '{one}' ({tags[0]}); try other names of arms, joints or links"

@@ -1,5 +1,5 @@
 """Files: problem cases, result folders."""
 
-import lazy_loader
+from holdfast.names import attach as _attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = _attach(__name__, __file__)

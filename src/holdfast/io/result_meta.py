@@ -43,11 +43,13 @@ class RobotRecord(msgspec.Struct, frozen=True):
         file: its name in the result folder.
         sha256: of it.
         folder: that relative names of meshes in it start from; empty if it came without one.
+        packages: folders of packages that it refers to, by name, as far as they were given or found by xacro.
     """
 
     file: str
     sha256: str
     folder: str
+    packages: dict[str, str] = {}
 
 
 class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
@@ -201,7 +203,7 @@ def kept_files(sources: Mapping[str, Source]) -> tuple[dict[str, RobotRecord], d
         content = source.text.encode("utf-8") if isinstance(source.text, str) else source.text
         digest = sha256(content)
         folder = "" if source.folder is None else str(source.folder.resolve())
-        records[arm] = RobotRecord(f"robot_{digest[:16]}.urdf", digest, folder)
+        records[arm] = RobotRecord(f"robot_{digest[:16]}.urdf", digest, folder, dict(source.packages))
         files[records[arm].file] = content
     return records, files
 
@@ -218,5 +220,6 @@ def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, S
         content = read_bytes(path)
         if sha256(content) != record.sha256:
             raise ResultError(f"{path}: expected the text of the simulated robot, got another text")
-        found[arm] = Source(str(path), content, Path(record.folder) if record.folder else None)
+        folder_of_meshes = Path(record.folder) if record.folder else None
+        found[arm] = Source(str(path), content, folder_of_meshes, packages=record.packages)
     return found

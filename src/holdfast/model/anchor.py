@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.names import called
 from holdfast.spatial.converted import making
 from holdfast.spatial.pose import Pose, PoseField
 
 
+@called
 @dataclass(frozen=True, eq=False, repr=False)
 class Anchor(Arm):
     """An arm without joints, whose grasp attaches the object to the world, to a body of a trunk or to a moving frame.

@@ -15,12 +15,14 @@ from holdfast.model.fingerprint import PICTURE
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Visuals
+from holdfast.names import called
 from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen, changed, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Arm(Frozen):
     """A serial chain of joints and links, ordered from base to tip.
@@ -33,6 +35,7 @@ class Arm(Frozen):
         base: pose of the base frame in the world.
         name: name in messages.
         visuals: appearance according to its file, for the viewer; discarded if the number of links differs.
+        notes: notes on what its file has and was not read, or was read differently, for reports.
     """
 
     joints: Sequence[Joint]
@@ -41,6 +44,7 @@ class Arm(Frozen):
     base: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
     visuals: Visuals | None = field(default=None, metadata=PICTURE)
+    notes: Sequence[str] = field(default=(), metadata=PICTURE)
 
     def __post_init__(self) -> None:
         label, put = self._check_frames(), object.__setattr__
@@ -64,11 +68,12 @@ class Arm(Frozen):
         put(self, "links", tuple(one for joint, link in pairs for one in _links(joint, link)))
         put(self, "joints", tuple(part for joint in self.joints for part in joint.parts))
         put(self, "visuals", fitting_visuals(self.visuals, len(self.links), label))
+        put(self, "notes", checked_notes(self.notes, label))
 
     def _check_frames(self) -> str:
         """Check name, tip and base, and return the label of the arm in messages."""
         kind = type(self).__name__.lower()
-        checks.instance(self.name, str, f"{kind}: name")
+        checks.name(self.name, f"{kind}: name")
         label = f"{kind} '{self.name}'" if self.name else kind
         object.__setattr__(self, "tip", checks.pose(self.tip, f"{label}: tip"))
         object.__setattr__(self, "base", checks.pose(self.base, f"{label}: base"))
@@ -142,6 +147,18 @@ def fitting_visuals(visuals: Any, links: int, label: str) -> Visuals | None:
     """
     checks.instance(visuals, (Visuals, type(None)), f"{label}: visuals")
     return visuals if visuals is not None and len(visuals.bodies) == links + 1 else None
+
+
+def checked_notes(notes: Any, label: str) -> tuple[str, ...]:
+    """Return notes as a tuple.
+
+    Raises:
+        ModelError: the argument is no list of strings.
+    """
+    listed: tuple[Any, ...] = tuple(notes) if isinstance(notes, Sequence) and not isinstance(notes, str) else (None,)
+    if not all(isinstance(note, str) for note in listed):
+        raise ModelError(f"{label}: notes: expected a list of strings, got {checks.short(notes)}")
+    return listed
 
 
 def _links(joint: Joint, link: Link) -> tuple[Link, ...]:

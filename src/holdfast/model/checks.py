@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.errors import HoldfastError, ModelError, StateError
+from holdfast.names import did_you_mean as did_you_mean
 from holdfast.spatial.frozen import read_only as read_only
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.real_numbers import ROTATION_TOLERANCE as ROTATION_TOLERANCE
@@ -23,7 +23,6 @@ from holdfast.spatial.scalar import Array
 
 ROUNDED = 1e-15  # vectors this close to unit length have been normalised before
 INERTIA_TOLERANCE = 1e-6  # relative violation of the triangle inequality that counts as rounding
-MOST_NAMED = 40  # names in a message that lists what is known
 
 
 def vector(value: Any, what: str, error: type[HoldfastError] = ModelError) -> Array:
@@ -119,6 +118,15 @@ def instance(value: Any, kind: type | tuple[type, ...], what: str, error: type[H
         raise error(f"{what}: expected {expected}, got {type(value).__name__}")
 
 
+def name(value: Any, what: str) -> None:
+    """Check that a value is a text that files can hold: one without lone surrogates."""
+    instance(value, str, what)
+    if not value.isascii() and any("\ud800" <= letter <= "\udfff" for letter in value):
+        raise ModelError(
+            f"{what}: expected a text that UTF-8 can encode, got {ascii(value)[:60]}, a lone surrogate in it"
+        )
+
+
 def flag(value: Any, what: str, error: type[HoldfastError] = ModelError) -> bool:
     """Return a truth value; numbers, texts and arrays are none."""
     if not isinstance(value, bool | np.bool_):
@@ -137,6 +145,12 @@ def limit(value: Any, what: str) -> float:
     return math.inf if infinite else number(value, what, above=0.0)
 
 
+def shapes_with_rows(shape: tuple[int, ...], rows: int | str) -> str:
+    """Return a shape, and the same with an axis of rows before, as text: `(3,) or (batch, 3)`."""
+    lead = [str(rows), *map(str, shape)]
+    return f"{shape} or ({lead[0]},)" if not shape else f"{shape} or ({', '.join(lead)})"
+
+
 def place(p: Any) -> str:
     """Return a position, force or moment as text with four digits; rounding errors are shown as 0."""
     x = np.asarray(p)
@@ -144,15 +158,3 @@ def place(p: Any) -> str:
         return "(...)"
     noise = 1e-9 * max(1.0, float(np.abs(x).max()))  # m, N or N m
     return f"({', '.join(f'{one:.4g}' for one in np.where(np.abs(x) < noise, 0.0, x).tolist())})"
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ' Did you mean ...?' with the closest known name in any case, or a list of the known names."""
-    known = list(known)
-    cases = {each.lower(): each for each in reversed(known)}
-    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
-    near = near or [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.8)]
-    if near:
-        return f" Did you mean '{near[0]}'?"
-    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
-    return f" Known: {', '.join(known[:MOST_NAMED]) or 'none'}{more}."

@@ -19,12 +19,14 @@ from holdfast.model.joint import Joint
 from holdfast.model.spring import Spring
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
+from holdfast.names import called
 from holdfast.spatial.converted import ArrayField, making
 from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class ClosedChain(Frozen):
     """Named arms that hold one object, in a fixed order, each on its own base or on a common trunk.
@@ -55,7 +57,7 @@ class ClosedChain(Frozen):
         if not self.arms:
             raise ModelError("chain: expected at least one arm, got none")
         for name, arm in self.arms.items():
-            checks.instance(name, str, f"chain: name of arm {name!r}")
+            checks.name(name, f"chain: name of arm {name!r}")
             if not isinstance(arm, Arm):
                 raise ModelError(f"arm '{name}': expected an Arm, got {type(arm).__name__}")
         if not isinstance(self.held_object, HeldObject):

@@ -12,6 +12,7 @@ from holdfast.model.bushing import bushing
 from holdfast.model.fingerprint import ADDED
 from holdfast.model.grasp_kinds import GRASP_KINDS, GraspKind
 from holdfast.model.motion_subspace import motion_subspace
+from holdfast.names import called
 from holdfast.spatial.converted import NOT_GIVEN, OptionalArrayField, making
 from holdfast.spatial.frozen import Frozen, changed, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
@@ -34,6 +35,7 @@ GraspName = Literal[
 LEAST_PITCH = 1e-6  # [m/rad]
 
 
+@called
 @dataclass(frozen=True)
 class Friction(Frozen):
     """The friction of a one-sided contact, which can only press and holds within a friction cone.
@@ -56,6 +58,7 @@ class Friction(Frozen):
                 put(self, name, checks.number(getattr(self, name), f"friction: {name}", above=0.0))
 
 
+@called
 @dataclass(frozen=True)
 class WrenchLimits(Frozen):
     """The largest wrench that a grasp can hold, for example the rating of a gripper.
@@ -78,6 +81,7 @@ class WrenchLimits(Frozen):
         return self.moment / self.force if math.isfinite(self.moment) and math.isfinite(self.force) else 1.0
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Grasp(Frozen):
     """The attachment of one arm's tip frame to the contact frame on the object.

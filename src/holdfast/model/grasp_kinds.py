@@ -11,61 +11,14 @@ import numpy as np
 
 from holdfast.model.bushing import Bushing
 from holdfast.model.motion_subspace import MotionSubspace
+from holdfast.model.tip_turn import ABOUT_X, ABOUT_Z, CROSS, FULL, no_turn
 from holdfast.model.wrench_condition import MOMENT_Y, MOMENT_Z, NORMAL, Condition, friction_cone
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen, frozen_property
-from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, maximum, sin, sqrt
-from holdfast.spatial.vector import axial, cross
+from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, maximum, sin, sqrt, where
+from holdfast.spatial.vector import cross
 
 PERPENDICULAR = 1e-6  # sine of the angle below which two directions count as parallel
-
-X, _, Z = np.eye(3)
-
-
-def no_turn(tip: Array) -> Array:
-    """Return zeros (3,), because the attitude of the tip (3, 3) is free."""
-    return np.zeros(3)
-
-
-def full_turn(tip: Array) -> Array:
-    """Return the rotation vector from the tip's attitude to the contact frame, (3,) [rad]."""
-    return rotation.log(tip.T)
-
-
-def full_opening(tip: Array) -> Array:
-    """Return the rotation vector from the contact frame to the tip's attitude, with the sine as its length, (3,)."""
-    return 0.5 * axial(tip)
-
-
-def axis_turn(tip: Array) -> Array:
-    """Return the shortest rotation vector from the tip's x axis to the contact frame's, (3,) [rad]."""
-    return rotation.align(tip[:, 0], X)
-
-
-def axis_opening(tip: Array) -> Array:
-    """Return the shortest rotation vector from the contact frame's x axis to the tip's, with length sine, (3,)."""
-    return cross(X, tip[:, 0])
-
-
-def normal_turn(tip: Array) -> Array:
-    """Return the shortest rotation vector from the tip's z axis to the contact frame's, (3,) [rad]."""
-    return rotation.align(tip[:, 2], Z)
-
-
-def normal_opening(tip: Array) -> Array:
-    """Return the shortest rotation vector from the contact frame's z axis to the tip's, with length sine, (3,)."""
-    return cross(Z, tip[:, 2])
-
-
-def cross_turn(tip: Array) -> Array:
-    """Return the rotation about z that makes the arms of a cardan cross perpendicular, in its axes, (3,) [rad]."""
-    sine = tip[1, 0]
-    return array([0.0, 0.0, -arctan2(sine, sqrt(maximum((1.0 - sine) * (1.0 + sine), 0.0)))])
-
-
-def cross_opening(tip: Array) -> Array:
-    """Return the opposite rotation, with the sine as its length, (3,)."""
-    return concatenate([np.zeros(2), [tip[1, 0]]])
 
 
 def cross_axes(contact: Array, tip: Array) -> Array:
@@ -143,6 +96,8 @@ class GraspKind(Frozen):
         turn: function of the tip's attitude in contact axes (3, 3) that returns the rotation vector that closes the
             angles (3,) [rad].
         opening: function of the same that returns the opposite of `turn`, with the sine as its length (3,).
+        cosine: function of the same that returns the cosine of that angle; None takes the angle from `turn`, which
+            costs more. A negative one belongs to an angle that its sine does not show.
         axes: function of the attitudes of contact frame and tip in the world that returns the axes of the free and
             transmitted directions in the world (3, 3).
         regrasped: function of the attitudes of contact frame and tip relative to the object that returns the attitude
@@ -166,6 +121,7 @@ class GraspKind(Frozen):
     closed_angles: tuple[int, ...] = ()
     turn: Callable[[Array], Array] = no_turn
     opening: Callable[[Array], Array] = no_turn
+    cosine: Callable[[Array], Scalar] | None = None
     axes: Callable[[Array, Array], Array] = contact_axes
     regrasped: Callable[[Array, Array], Array | None] = contact_axes
     size: Literal["torsion_radius", "half_length"] | None = None
@@ -288,6 +244,27 @@ class GraspKind(Frozen):
             return self.given.small_gap(tip, p)
         return concatenate([self.opening(tip), self.across(p, tip, lambda sine, _: sine)])
 
+    def hidden_gap(self, tip: Array, p: Array) -> Scalar:
+        """Return the largest gap that `small_gap` does not show, because an angle exceeds a quarter turn; 0 if none.
+
+        See `rotation.beyond_quarter_turn`; the angle past a thread is multiplied by the pitch [rad, or m].
+        """
+        if self.given is not None:
+            return self.given.hidden_gap(tip, p)
+        found = self._hidden_angle(tip) if self.closed_angles else 0.0
+        if not self.threaded:
+            return found
+        _, cosine = _sine_cosine_past_thread(p, tip, self.pitch)
+        return maximum(found, abs(self.pitch) * rotation.beyond_quarter_turn(cosine))
+
+    def _hidden_angle(self, tip: Array) -> Scalar:
+        """Return an angle that exceeds a quarter turn [rad]; 0 for others."""
+        if self.cosine is not None:
+            return rotation.beyond_quarter_turn(self.cosine(tip))
+        turn = self.turn(tip)
+        angle = sqrt(turn @ turn)
+        return where(angle > 0.5 * math.pi, angle, 0.0)
+
     def across(self, p: Array, tip: Array, angle: Callable[[Scalar, Scalar], Scalar]) -> Array:
         """Return the displacement of a tip's origin without its free translations, contact axes, (3,) [m].
 
@@ -321,13 +298,12 @@ def _sine_cosine_past_thread(p: Array, tip: Array, pitch: float) -> tuple[Scalar
 
 
 GRASP_KINDS: dict[str, GraspKind] = {
-    "rigid": GraspKind((), (), (0, 1, 2), full_turn, full_opening, regrasped=tip_attitude, equality="weld"),
+    "rigid": GraspKind((), (), (0, 1, 2), *FULL, regrasped=tip_attitude, equality="weld"),
     "hinge": GraspKind(
         (0,),
         ("object",),
         (1, 2),
-        axis_turn,
-        axis_opening,
+        *ABOUT_X,
         regrasped=attitude_about_tip_axis,
         size="half_length",
         friction=sliding_or_tipping,
@@ -347,22 +323,18 @@ GRASP_KINDS: dict[str, GraspKind] = {
         (0, 1),
         ("tip", "object"),
         (2,),
-        cross_turn,
-        cross_opening,
+        *CROSS,
         axes=cross_axes,
         regrasped=attitude_across_tip_axis,
     ),
-    "slider": GraspKind((3,), ("object",), (0, 1, 2), full_turn, full_opening, regrasped=tip_attitude),
-    "cylinder": GraspKind(
-        (0, 3), ("object", "object"), (1, 2), axis_turn, axis_opening, regrasped=attitude_about_tip_axis
-    ),
-    "screw": GraspKind((0,), ("object",), (1, 2), axis_turn, axis_opening, regrasped=tip_attitude, threaded=True),
+    "slider": GraspKind((3,), ("object",), (0, 1, 2), *FULL, regrasped=tip_attitude),
+    "cylinder": GraspKind((0, 3), ("object", "object"), (1, 2), *ABOUT_X, regrasped=attitude_about_tip_axis),
+    "screw": GraspKind((0,), ("object",), (1, 2), *ABOUT_X, regrasped=tip_attitude, threaded=True),
     "planar": GraspKind(
         (2, 3, 4),
         ("object", "object", "object"),
         (0, 1),
-        normal_turn,
-        normal_opening,
+        *ABOUT_Z,
         regrasped=attitude_about_tip_normal,
     ),
     "subspace": GraspKind((), (), (0, 1, 2), axes=tip_attitude, regrasped=tip_attitude, by_hand=True),

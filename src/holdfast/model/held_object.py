@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import get_args
@@ -12,12 +13,14 @@ from holdfast import outer
 from holdfast.model import checks
 from holdfast.model.fingerprint import PICTURE
 from holdfast.model.visuals import Cylinder, Shape, Sphere
+from holdfast.names import called
 from holdfast.spatial import inertia as spatial_inertia
 from holdfast.spatial.converted import REQUIRED, ArrayField, making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.inertia import RigidInertia
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class HeldObject(Frozen):
     """A rigid body with origin C, which need not be its mass centre.
@@ -84,23 +87,40 @@ class HeldObject(Frozen):
 
         Raises:
             ModelError: both or neither of mass and density are given, or a number is not > 0.
-            SceneError: the file cannot be read, or its surface is open, inside out or flat.
+            SceneError: the file cannot be read, or its surface is open, inside out or flat, or encloses places twice
+                (shells that overlap, lie within others, or occur twice; a cavity's surface looks inward).
         """
         return outer.held_object_from_mesh(path, mass, density, scale)
 
     @staticmethod
-    def from_urdf(path_or_text: str | PathLike[str], link: str | None = None, *, physical: bool = True) -> HeldObject:
+    def from_urdf(
+        path_or_text: str | PathLike[str],
+        link: str | None = None,
+        *,
+        physical: bool = True,
+        xacro_args: Mapping[str, str] | None = None,
+        trust_xacro: bool = False,
+        packages: Mapping[str, str | PathLike[str]] | None = None,
+    ) -> HeldObject:
         """Return a link of a URDF file with everything that is fixed to it; C is the origin of the link's frame.
 
         Args:
             path_or_text: path of the file, or its text.
             link: name of the link; by default the root, if the file has no movable joints.
             physical: False accepts principal moments that no mass distribution has.
+            xacro_args: values of the file's <xacro:arg> elements by name.
+            trust_xacro: whether to expand a `.xacro` file, which runs the Python code in it.
+            packages: folders of packages by name, for `$(find name)` (see `read_urdf`).
+
+        Warns:
+            ModelWarning: once, with all notes on what was not read.
 
         Raises:
             SceneError: the file has an error, the link is unknown, or other links move relative to it.
+            MissingExtra: the file is a `.xacro` file, and xacrodoc is not installed.
         """
-        return outer.held_object_from_urdf(path_or_text, link, physical)
+        how = {"xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
+        return outer.held_object_from_urdf(path_or_text, link, physical, **how)
 
     @frozen_property
     def spatial_inertia(self) -> RigidInertia:

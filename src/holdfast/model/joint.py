@@ -12,6 +12,7 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.fingerprint import ADDED
 from holdfast.model.joint_types import JOINT_TYPES, JointType
+from holdfast.names import called
 from holdfast.spatial.converted import ArrayField, Converted, making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
@@ -22,6 +23,7 @@ PER_FREEDOM = ("rate_limit", "effort_limit", "armature", "damping", "friction", 
 UNBOUNDED: Any = (-np.inf, np.inf)  # Any, because type checkers do not accept a tuple as a `Converted`
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Joint(Frozen):
     """A joint between a link and its parent (the previous link, or the base).
@@ -61,7 +63,7 @@ class Joint(Frozen):
     rest: float = field(default=0.0, metadata=ADDED)
 
     def __post_init__(self) -> None:
-        checks.instance(self.name, str, "joint: name")
+        checks.name(self.name, "joint: name")
         label = f"joint '{self.name}'" if self.name else "joint"
         if not isinstance(self.kind, str) or self.kind not in JOINT_TYPES:
             expected = " or ".join(map(repr, JOINT_TYPES))

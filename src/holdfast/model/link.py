@@ -8,12 +8,14 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.spatial import inertia as spatial_inertia
 from holdfast.spatial.converted import ArrayField, making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.inertia import RigidInertia
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Link(Frozen):
     """A rigid body moved by one joint; the origin of its frame lies on that joint.
@@ -34,7 +36,7 @@ class Link(Frozen):
     physical: bool = True
 
     def __post_init__(self) -> None:
-        checks.instance(self.name, str, "link: name")
+        checks.name(self.name, "link: name")
         checks.instance(self.physical, bool, "link: physical")
         label = f"link '{self.name}'" if self.name else "link"
         put = object.__setattr__

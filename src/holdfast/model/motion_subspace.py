@@ -17,7 +17,7 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial import rotation
 from holdfast.spatial.linalg import without_overflow
-from holdfast.spatial.scalar import Array, Scalar, arctan2, concatenate, cos, sin
+from holdfast.spatial.scalar import Array, Scalar, arctan2, concatenate, cos, maximum, sin
 from holdfast.spatial.vector import axial, cross
 
 CLOSED = 1e-9  # tolerance, for unit twists, of dependent columns and of brackets outside the span
@@ -70,6 +70,17 @@ class MotionSubspace:
         if self.turning == 1:
             turn = cross(n, R @ n)
         return -self._gap(R, p, turn, lambda sine, _: sine)
+
+    def hidden_gap(self, tip: Array, p: Array) -> Scalar:
+        """Return the largest gap that `small_gap` does not show, because an angle exceeds a quarter turn; 0 if none."""
+        R, n = tip.T, np.array(self.axis)
+        cosine = (rotation.cosine(R), n @ (R @ n), 1.0)[min(self.turning, 2)]
+        found = rotation.beyond_quarter_turn(cosine)
+        if not self.pitch:
+            return found
+        point = np.array(self.point)
+        _, cosine = self._past_thread(R, (R @ point - p - point) @ n)
+        return maximum(found, abs(self.pitch) * rotation.beyond_quarter_turn(cosine))
 
     def _gap(self, R: Array, p: Array, turn: Array, angle: Callable[[Scalar, Scalar], Scalar]) -> Array:
         """Return the transmitted part of [turn; shift], with the angle past a thread of its sine and cosine."""

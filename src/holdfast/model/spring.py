@@ -11,6 +11,7 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
+from holdfast.names import called
 from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
 from holdfast.spatial.frozen import Frozen
 
@@ -88,6 +89,7 @@ class SpringEnd(Frozen):
         return self
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Spring(Frozen):
     """A massless spring and damper along the line between two points.

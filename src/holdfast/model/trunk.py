@@ -10,11 +10,12 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.arm import Arm, fitting_visuals
+from holdfast.model.arm import Arm, checked_notes, fitting_visuals
 from holdfast.model.fingerprint import PICTURE
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Visuals
+from holdfast.names import called
 from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
@@ -23,6 +24,7 @@ NAME = "trunk"  # name of its joints in flat arrays, which no arm may have
 BASE = "base"  # name of the floating body as a mount for arms
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Trunk(Frozen):
     """A serial chain of joints and links on which arms are mounted: a torso, an arm with a hand, a floating base.
@@ -33,6 +35,7 @@ class Trunk(Frozen):
         base: pose of its base frame in the world; not used with a floating base, whose pose is part of the state.
         floating: the free body with which the trunk begins, for example a spacecraft; None for a base in the world.
         visuals: appearance, as for an `Arm`.
+        notes: notes on its file, as for an `Arm`.
     """
 
     joints: Sequence[Joint] = ()
@@ -40,12 +43,14 @@ class Trunk(Frozen):
     base: PoseField = field(default_factory=making(Pose.identity))
     floating: Link | None = None
     visuals: Visuals | None = field(default=None, metadata=PICTURE)
+    notes: Sequence[str] = field(default=(), metadata=PICTURE)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         if not isinstance(self.floating, Link | None):
             raise ModelError(f"trunk: floating: expected a Link or None, got {type(self.floating).__name__}")
         put(self, "base", checks.pose(self.base, "trunk: base"))
+        put(self, "notes", checked_notes(self.notes, NAME))
         for part in ("joints", "links"):
             if not isinstance(getattr(self, part), Sequence):
                 raise ModelError(f"trunk: {part}: expected a list, got {type(getattr(self, part)).__name__}")

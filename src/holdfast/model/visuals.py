@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import Frozen, FrozenDict
 from holdfast.spatial.pose import Pose
 
 Rgba = tuple[float, float, float, float]
@@ -99,7 +99,9 @@ class Visuals(Frozen):
     Attributes:
         bodies: visual elements of its base and of each of its N links.
         folder: folder to which the names of mesh files are relative; empty if there is none.
+        packages: folders of the packages that these names refer to, by name, as far as they were given or found.
     """
 
     bodies: Sequence[Sequence[Visual]]
     folder: str = ""
+    packages: Mapping[str, str] = field(default_factory=FrozenDict)

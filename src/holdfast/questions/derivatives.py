@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import wrong_call
 from holdfast.questions.arrays import ARRAYS, CONTACTS, LIMITS, Shape, gradient_shapes, value_of
 from holdfast.questions.case import VariedCase
 from holdfast.questions.linearised_function import LinearisedFunction, linearised_function
@@ -173,15 +174,11 @@ def bound_arguments(
     """Return the arguments of a call by name.
 
     Raises:
-        StateError: one is unknown, missing, or given twice.
+        CallError: one is unknown, missing, or given twice.
     """
-    for name in by_name:
-        if name not in signature.parameters:
-            raise StateError(f"{what}: no argument '{name}'.{checks.did_you_mean(name, signature.parameters)}")
-    try:
-        bound = signature.bind(*given, **by_name)
-    except TypeError as error:
-        raise StateError(f"{what}: {error}; expected {', '.join(signature.parameters)}") from None
+    if wrong := wrong_call(signature, what, given, by_name):
+        raise wrong
+    bound = signature.bind(*given, **by_name)
     bound.apply_defaults()
     return bound.arguments
 
@@ -306,7 +303,9 @@ def directions(
     counts = set()
     for name, x in given.items():
         if x.shape != shapes[name] and x.shape[1:] != shapes[name]:
-            raise StateError(f"{what}: {name}: expected shape {shapes[name]} or (d, *{shapes[name]}), got {x.shape}")
+            raise StateError(
+                f"{what}: {name}: expected shape {checks.shapes_with_rows(shapes[name], 'd')}, got {x.shape}"
+            )
         counts |= {len(x)} if x.ndim > len(shapes[name]) else set()
     if len(counts) > 1:
         raise StateError(f"{what}: expected one number of directions, got {', '.join(map(str, sorted(counts)))}")

@@ -10,7 +10,8 @@ from typing import Any
 from holdfast.errors import MissingExtra, SceneError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.robots.urdf import load_urdf
+from holdfast.robots.notes import show_notes
+from holdfast.robots.urdf import urdf_chain
 
 
 def load_robot_description(
@@ -24,15 +25,20 @@ def load_robot_description(
         trust_xacro: whether to expand a xacro file, which runs the Python code in it.
         **options: base, tip, locked, lock_others, mount and physical of `load_urdf`.
 
+    Warns:
+        ModelWarning: as for `load_urdf`.
+
     Raises:
         SceneError: the name is unknown, or the description cannot be fetched; and as for `load_urdf`.
         MissingExtra: the extra `robots` is not installed.
     """
-    return load_urdf(robot_description_path(name, xacro_args=xacro_args, trust_xacro=trust_xacro), **options)
+    chain = urdf_chain(robot_description_path(name, xacro_args=xacro_args, trust_xacro=trust_xacro), **options)
+    show_notes(chain.arm.notes)
+    return chain.arm
 
 
 def robot_description_path(name: str, *, xacro_args: Mapping[str, str] | None = None, trust_xacro: bool = False) -> str:
-    """Return the path of a description's URDF file, for `load_urdf_arms` and `urdf_chain`.
+    """Return the path of a description's URDF file, for `load_urdf_arms`, `load_urdf_trunk` and `urdf_chain`.
 
     The package downloads a description when it is first used, and stores it. Xacro files are expanded into its cache.
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.assembly.assemble import assemble
+from holdfast.assembly.plausibility import plausibility_notes
 from holdfast.assembly.slack import with_slack_bushings
 from holdfast.control.controller import Controller
 from holdfast.dynamics.closed.chain_motion import chain_motion
@@ -24,6 +25,7 @@ from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.trunk import Trunk
+from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf.source import Source
 from holdfast.scenario import parts
 from holdfast.scenario.names import require_names
@@ -94,8 +96,9 @@ class Scenario:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on what in these files was changed or ignored when they were loaded."""
-        return tuple(dict.fromkeys(note for one in self.made.values() for note in one.notes))
+        """Notes on what in these files was changed or ignored, and on numbers of the scene that are unlikely."""
+        of_files = (note for one in self.made.values() for note in one.notes)
+        return tuple(dict.fromkeys([*of_files, *plausibility_notes(self.chain, self.state.object_frame)]))
 
 
 def load_scene(
@@ -104,6 +107,7 @@ def load_scene(
     *,
     trust_xacro: bool = False,
     robots: Mapping[str, Source] | None = None,
+    packages: Mapping[str, str | PathLike[str]] | None = None,
 ) -> Scenario:
     """Return the scenario of a TOML file.
 
@@ -112,6 +116,8 @@ def load_scene(
         folder: folder to which the file names of robots in the scene are relative; None for the scene's own folder.
         trust_xacro: whether to expand the xacro files that the scene names, which runs the Python code in them.
         robots: URDFs to use instead of the files that the scene names, by arm name; "trunk" for the trunk.
+        packages: folders of packages by name, in addition to those of the scene, for `$(find name)` and
+            `package://name` in the robots' files.
 
     Raises:
         SceneError: the file is unreadable or invalid, with the path of the first fault, or it names a xacro file
@@ -122,7 +128,9 @@ def load_scene(
     file = file_path(path, "path", SceneError)
     home = file.parent if folder is None else file_path(folder, "folder", SceneError)
     text = typed.read_bytes(file, LARGEST_FILE)
-    return parse_scene(text, str(file), file.stem, RobotFiles(home, trust_xacro, robots or {}))
+    return parse_scene(
+        text, str(file), file.stem, RobotFiles(home, trust_xacro, robots or {}, given_packages(packages))
+    )
 
 
 def parse_scene(text: bytes, source: str, name: str, files: RobotFiles, changes: Sequence[str] = ()) -> Scenario:
@@ -193,6 +201,7 @@ def build_robots(data: SceneData, files: RobotFiles, at: Location) -> tuple[Scen
     if len(data.arms) > MOST_ARMS:
         raise (at / "arms").refuse(f"expected at most {MOST_ARMS} arms, got {len(data.arms)}")
     require_names((arm.name for arm in data.arms), at / "arms", "name")
+    files = replace(files, packages={**data.packages, **files.packages})
     trunk = None if data.trunk is None else scene_trunk(data.trunk, data.arms, files, at)
     robots, joints = {}, 0 if trunk is None else trunk.trunk.joint_count
     for i, arm in enumerate(data.arms):

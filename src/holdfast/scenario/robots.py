@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from holdfast.model.anchor import Anchor
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.robots import ROBOTS
+from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf import UrdfChain, urdf_chain
 from holdfast.robots.urdf.source import Source, read_source
 from holdfast.scenario.joints import joints_and_links
@@ -58,20 +60,26 @@ class RobotFiles:
         folder: folder to which relative file names refer.
         trust_xacro: whether xacro files may be expanded, which runs the Python code in them.
         kept: URDFs to use instead of an arm's file, by arm name; "trunk" for the trunk.
+        packages: folders of packages by name, relative to `folder`; also those of the scene.
     """
 
     folder: Path = Path()
     trust_xacro: bool = False
     kept: Mapping[str, Source] = field(default_factory=dict)
+    packages: Mapping[str, str | PathLike[str]] = field(default_factory=dict)
 
     def source(self, data: UrdfData, name: str) -> Source:
         """Return the URDF of an arm, or of the trunk.
 
         Raises:
-            SceneError: the file cannot be read, or it is a xacro file that is not trusted or cannot be expanded.
+            SceneError: the file cannot be read, it is a xacro file that is not trusted or cannot be expanded, or a
+                package is no folder.
             MissingExtra: it is a xacro file, and xacrodoc is not installed.
         """
-        return self.kept.get(name) or read_source(self.folder / data.file, data.xacro_args, self.trust_xacro)
+        if name in self.kept:
+            return self.kept[name]
+        folders = given_packages(self.packages, self.folder)
+        return read_source(self.folder / data.file, data.xacro_args, self.trust_xacro, folders)
 
 
 def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
@@ -179,7 +187,7 @@ def file_refusals(at: Location) -> Iterator[None]:
 
 
 def with_drives(data: UrdfData, chains: Sequence[Sequence[Joint]], at: Location) -> list[list[Joint]]:
-    """Return the joints of chains with armature and springs from the scene, which URDF cannot express.
+    """Return the joints of chains with armature and springs from the scene instead of those of the file.
 
     Raises:
         SceneError: a joint does not exist, or a quantity is impossible.

@@ -343,7 +343,10 @@ class SweepData(_Strict):
 
 
 class SceneData(_Strict):
-    """A scene: the arms, their trunk if any, the held object, grasps, a controller, and the simulation settings."""
+    """A scene: the arms, their trunk if any, the held object, grasps, a controller, and the simulation settings.
+
+    `packages` are the folders of packages by name to which robot files refer, relative to the scene's folder.
+    """
 
     arms: list[ArmData]
     object: ObjectData
@@ -355,5 +358,6 @@ class SceneData(_Strict):
     wrenches: list[WrenchData] = []
     springs: list[SpringData] = []
     sweep: SweepData | None = None
+    packages: dict[str, str] = {}
     gravity: Vector3 = STANDARD_GRAVITY
     name: str = ""

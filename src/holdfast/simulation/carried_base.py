@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from holdfast.control.paths import ObjectPath, path_function
 from holdfast.model import checks
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.names import called
 from holdfast.spatial.converted import REQUIRED
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose, PoseField
@@ -21,6 +22,7 @@ from holdfast.spatial.vector import cross
 Motion = Callable[[Any], tuple[Any, ArrayLike, ArrayLike]]
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class CarriedBase(Frozen):
     """A base fixed to a moving frame, for the argument `base_motion` of runs and rollouts.

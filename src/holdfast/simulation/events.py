@@ -11,11 +11,13 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.names import called
 from holdfast.simulation.occurrence import Occurrence
 from holdfast.spatial.frozen import Frozen
 from holdfast.state import Inputs, State
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Attach(Frozen):
     """An arm grasps the object. An impulse stops the relative velocity that the grasp does not allow.
@@ -34,6 +36,7 @@ class Attach(Frozen):
     here: bool = False
 
 
+@called
 @dataclass(frozen=True)
 class Release(Frozen):
     """An arm releases the object; velocities stay the same.

@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 from holdfast.compiled.structure import Options, Structure
 from holdfast.control.controller import held_torques
 from holdfast.dynamics.forward import forward_dynamics
-from holdfast.dynamics.linearise import Linearisation, basis_at, linearised_dynamics, turned_towards
+from holdfast.dynamics.linearise import Linearisation, basis_at, coordinates, linearised_dynamics, turned_towards
 from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.simulation.environment import MOVING_BASES, BaseMotion, Environment
 from holdfast.simulation.rollout.traced_step import StepModel
 from holdfast.simulation.rollout.varied_step import LinearStep, VariedStep, state_arrays
@@ -27,6 +28,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, shaped_inputs
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class DiscreteLinearisation(Frozen):
     """The linearisation of a time step, z' = A z + B (tau - tau_0).
@@ -50,6 +52,14 @@ class DiscreteLinearisation(Frozen):
     basis: Array
     end_basis: Array
     step: float
+
+    def coordinates(self, state: State) -> Array:
+        """Return z of a state near that at the start of the step, (m,); see `Linearisation.coordinates`.
+
+        Raises:
+            StateError: the state has other joints, or another base.
+        """
+        return coordinates(self.basis, self.state, state)
 
     def __repr__(self) -> str:
         """Return the numbers of coordinates and torques, and the step."""

@@ -11,6 +11,7 @@ import numpy as np
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.simulation.environment import BaseMotion, motion_of
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
@@ -62,6 +63,7 @@ def recorded_base(name: str, motion: BaseMotion, times: Array) -> RecordedBase:
     return RecordedBase(times, R.reshape(-1, 3, 3), p.reshape(-1, 3), twist.reshape(-1, 6), acceleration.reshape(-1, 6))
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Setting(Frozen):
     """The setting of a run.

@@ -135,7 +135,7 @@ def simulate(
     checks.instance(chain, ClosedChain, "simulation: chain")
     checks.instance(state, State, "simulation: state", StateError)
     require_controller(controller)
-    checks.instance(name, str, "simulation: name")
+    checks.name(name, "simulation: name")
     named = scheme_named(scheme)
     grid = step_times(duration, step)
     state.fits(chain)

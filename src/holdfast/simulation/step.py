@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
+from holdfast.dynamics.consistency import largest_position
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, STEP_ROUNDS, after_step, largest_gaps
 from holdfast.dynamics.rank import held_near
 from holdfast.errors import ClosureError, StateError
@@ -180,16 +182,20 @@ def back_on_constraint(
     chain, inputs = environment.at(t, state)
     given = inputs.shaped(chain)
     before = largest_gaps(chain, state, given)
+
+    def open_by(at: State) -> float:
+        return largest_position(chain_at_rest(chain, at), at)
+
     if not before.position <= FARTHEST:
         raise ClosureError(
-            f"the grasps are open by {before.position:.3g} (m or rad), expected a step's rounding; try a smaller time"
+            f"the grasps are open by {open_by(state):.3g} (m or rad), expected a step's rounding; try a smaller time"
             " step"
         )
     closed = after_step(chain, state, given, held)
     after = largest_gaps(chain, closed, given)
     if after.position > LEFT_OPEN:
         raise ClosureError(
-            f"the grasps stay open by {after.position:.3g} (m or rad): {STEP_ROUNDS} rounds of Newton's method do not"
+            f"the grasps stay open by {open_by(closed):.3g} (m or rad): {STEP_ROUNDS} rounds of Newton's method do not"
             " close them; try a smaller time step"
         )
     return closed, Gaps(np.array([before.position, after.position]), np.array([before.velocity, after.velocity]))

@@ -11,6 +11,7 @@ import numpy as np
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.simulation.balance import imbalance, momentum_imbalance
 from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.run_outputs import RunOutputs
@@ -123,6 +124,7 @@ def _quintic(
 OF_TRUNK = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wrench")  # results of 0.1 have no such arrays
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Trajectory(Frozen, RunOutputs):
     """A run sampled at every step; the first axis of every array is the sample.

@@ -54,7 +54,7 @@ class FrozenDict(dict[Any, Any]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the mapping again."""
-        return FrozenDict, (dict(self),)
+        return type(self), (dict(self),)
 
 
 class frozen_property(cached_property[Value]):

@@ -101,21 +101,18 @@ def log(R: Array) -> Array:
     return where(small, 2.0, 2.0 * arctan2(sine, q[0]) / where(small, 1.0, sine)) * q[1:]
 
 
-def log_below_pi(R: Array) -> Array:
-    """Return the rotation vector [rad] of a rotation by less than pi; not to be used near pi.
+def cosine(R: Array) -> Scalar:
+    """Return the cosine of the angle of a rotation matrix, (trace R - 1) / 2."""
+    return 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
 
-    With s = sin(a/2), c = cos(a/2) > 0 the half angle h solves sin(a/2 - h) = s cos h - c sin h = 0;
-    adding that sine to h leaves the cube of its error.
+
+def beyond_quarter_turn(cosine: Scalar) -> Scalar:
+    """Return an angle [rad] that exceeds a quarter turn, from its cosine; 0 for others.
+
+    The sine of such an angle is that of a smaller one, and vanishes at half a turn. With d = pi - angle it returns
+    pi - 2 sin(d/2), which exceeds the angle by d^3 / 24, without an inverse tangent.
     """
-    sine = 0.5 * array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])  # sin(a) n
-    c = 0.5 * sqrt(maximum(1.0 + R[0, 0] + R[1, 1] + R[2, 2], 1e-12))
-    vector = sine / (2 * c)  # sin(a/2) n
-    s = sqrt(vector @ vector)
-    h = s
-    for _ in range(4):
-        h = h + (s * cos(h) - c * sin(h))
-    small = s < 1e-9
-    return where(small, 2.0, 2.0 * h / where(small, 1.0, s)) * vector
+    return where(cosine < 0.0, math.pi - sqrt(maximum(2.0 + 2.0 * cosine, 0.0)), 0.0)
 
 
 def quaternion_product(p: Array, q: Array) -> Array:

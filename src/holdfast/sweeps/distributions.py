@@ -10,6 +10,7 @@ import numpy as np
 
 from holdfast.errors import StateError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.real_numbers import numbers
 from holdfast.spatial.scalar import Array
@@ -39,6 +40,7 @@ def uniforms(seed: int, name: str, begin: int, end: int, width: int) -> Array:
     return np.random.Generator(source).random((end - begin, counts * PER_COUNT))[:, :width]
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Uniform(Frozen):
     """Independent uniform distributions of all entries.
@@ -70,6 +72,7 @@ class Uniform(Frozen):
             return _finite(name, low + (high - low) * u.reshape(-1, *shape))
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Normal(Frozen):
     """Independent normal distributions of all entries.
@@ -102,6 +105,7 @@ class Normal(Frozen):
             return _finite(name, mean + deviation * ndtri(np.maximum(u, 2.0**-54)).reshape(-1, *shape))
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class NearPose(Frozen):
     """Poses near given ones, rotated and displaced in their own axes by uniformly distributed coordinates.

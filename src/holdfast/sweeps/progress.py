@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Progress(Frozen):
     """The progress of a sweep; as text it is one line.

@@ -12,6 +12,7 @@ import numpy as np
 
 from holdfast.errors import ResultError, StateError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.simulation.rollout.arguments import whole_number
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.real_numbers import numbers
@@ -24,6 +25,7 @@ OWN_COLUMNS = ("run", "status", "stopped [s]")
 LARGEST_TABLE = 2**23  # most numbers in memory at a time
 
 
+@called
 class Sweep:
     """The result of a sweep; created by `sweep`.
 

@@ -241,5 +241,8 @@ def _root(name: str) -> str:
 
 
 def _node(name: str) -> str:
-    """Return a name as one component of a path, with a division sign in place of each slash."""
-    return name.replace("/", "\u2215")
+    """Return a name as one component of a path, with a division sign in place of each slash.
+
+    Nodes in parentheses are our own, so parentheses in names are others.
+    """
+    return name.replace("/", "\u2215").replace("(", "\u2768") or "\u2768"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import html
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from holdfast.errors import ModelError
+from holdfast.view.embedded import data_element, escaped
 from holdfast.view.playback import Playback
 
 MOST_PAGES = 12  # browsers draw at most 16 players at once
@@ -46,10 +45,10 @@ def with_chooser(pages: Sequence[str], titles: Sequence[str]) -> str:
         pages: the result of `page` for each playback.
         titles: titles of the playbacks, all different.
     """
-    data = json.dumps({"titles": list(titles), "pages": list(pages)}, separators=(",", ":")).replace("</", "<\\/")
+    data = data_element("pages", {"titles": list(titles), "pages": list(pages)})
     style, script = ((HERE / f"chooser.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
     return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(", ".join(titles))}</title>'
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escaped(", ".join(titles))}</title>'
         f"<style>{style}</style></head><body><nav></nav><main></main>"
-        f'<script type="application/json" id="pages">{data}</script><script>{script}</script></body></html>\n'
+        f"{data}<script>{script}</script></body></html>\n"
     )

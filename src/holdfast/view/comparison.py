@@ -11,7 +11,7 @@ from holdfast.errors import StateError
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 from holdfast.view.base_travel import base_travel
-from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, DANGER, arm_style, stacked_panels
+from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, DANGER, arm_style, drawn_text, stacked_panels
 from holdfast.view.playback import torque_use
 from holdfast.view.plots import columns_of_panels, without_spikes, worst_gaps
 
@@ -81,7 +81,7 @@ def _hands_figure(runs: Runs) -> Any:
     rows = [row for row in HAND_ROWS if any(of[row] is not None for of_runs in hands.values() for of in of_runs)]
     with columns_of_panels(len(arms), 1.25 * len(rows), 0.4, rows) as (figure, columns):
         for name, column in zip(arms, columns, strict=True):
-            column[0].set_title(name)
+            column[0].set_title(drawn_text(name))
             for panel, row in zip(column, rows, strict=True):
                 _draw(panel, runs, [of[row] for of in hands[name]])
                 if row in LIMITS:
@@ -144,16 +144,16 @@ def _draw(panel: Any, runs: Runs, curves: Sequence[Array | None]) -> None:
     for i, ((name, run), found) in enumerate(zip(runs.items(), curves, strict=True)):
         if found is not None:
             colour, line = arm_style(i)
-            panel.plot(
-                run.t, found, linestyle=line, color=colour, label=name, linewidth=2.0 - 0.9 * i / (len(runs) - 1)
-            )
+            width = 2.0 - 0.9 * i / (len(runs) - 1)
+            panel.plot(run.t, found, linestyle=line, color=colour, label=drawn_text(name), linewidth=width)
 
 
 def _name_runs(figure: Any, runs: Runs) -> None:
     """Add one legend of the runs for all panels."""
     found = {line.get_label(): line for panel in figure.axes for line in panel.lines}
-    handles = [found[name] for name in runs if name in found]
-    longest = max(len(name) for name in runs)
+    names = [drawn_text(name) for name in runs]
+    handles = [found[name] for name in names if name in found]
+    longest = max(map(len, names))
     figure.legend(handles=handles, loc="outside upper center", ncols=max(1, min(4, 48 // (longest + 6))))
 
 

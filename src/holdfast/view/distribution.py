@@ -7,7 +7,7 @@ from typing import Any
 
 from holdfast.io.files import file_path
 from holdfast.spatial.scalar import Array
-from holdfast.view.figure_style import BLUE, COLUMN, new_figure, write_figure
+from holdfast.view.figure_style import BLUE, COLUMN, drawn_text, new_figure, write_figure
 
 
 def plot_distribution(title: str, values: Array, levels: Array, path: str | PathLike[str] | None) -> Any:
@@ -28,7 +28,7 @@ def plot_distribution(title: str, values: Array, levels: Array, path: str | Path
         panel = figure.subplots()
         panel.step(values, levels, where="post", color=BLUE)
         panel.set_ylim(0.0, 1.0)
-        panel.set_xlabel(title)
+        panel.set_xlabel(drawn_text(title))
         panel.set_ylabel("share of the runs")
     if place is not None:
         write_figure(figure, place)

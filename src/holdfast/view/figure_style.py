@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from holdfast.errors import MissingExtra
-from holdfast.io.files import write_atomically
+from holdfast.io.files import one_line, write_atomically
 from holdfast.model.closed_chain import ClosedChain
 
 # Okabe and Ito (2008): distinct under every common colour blindness
@@ -33,6 +34,7 @@ TRUNK_COLOUR = "#707883"  # grey: it belongs to no arm
 
 NOISE = 1e-9  # N m per N: smaller moments are rounding
 DPI = 200
+LONGEST_LABEL = 32  # characters
 COLUMN = 3.5  # inches: one column of a two-column page
 STYLE: dict[Any, Any] = {  # keys and values of matplotlib's rcParams
     "font.size": 8,
@@ -94,13 +96,29 @@ def stacked_panels(height: float, labels: Sequence[str], ratios: Sequence[float]
         figure.align_ylabels()
 
 
+def drawn_text(name: str) -> str:
+    """Return a name as figures show it: printable, on one line, dollar signs as such instead of formulas between them.
+
+    A space comes before a low line, since matplotlib leaves labels that begin with one, or are empty, out of legends.
+    """
+    shown = one_line(name, LONGEST_LABEL).replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") or not shown else shown
+
+
 def write_figure(figure: Any, path: Path) -> None:
     """Write a matplotlib figure as a PNG file.
 
     Raises:
         ResultError: the file cannot be written.
     """
-    write_atomically(path, lambda file: figure.savefig(file, format="png", dpi=DPI))
+    write_atomically(path, lambda file: draw_png(figure, file, DPI))
+
+
+def draw_png(figure: Any, file: Any, dpi: int) -> None:
+    """Draw a matplotlib figure into an open file; characters that its font lacks are boxes."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        figure.savefig(file, format="png", dpi=dpi)
 
 
 @contextlib.contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 import io
 import tempfile
 import webbrowser
@@ -17,6 +16,8 @@ from holdfast.progress import in_notebook
 from holdfast.simulation.summary import Summary, summarise
 from holdfast.simulation.trajectory import require_run_of, text_of
 from holdfast.view import summary_table
+from holdfast.view.embedded import escaped
+from holdfast.view.figure_style import draw_png
 from holdfast.view.plots import figures
 
 HEIGHT = 620  # height of a page in a notebook [pixels]
@@ -50,8 +51,8 @@ class InlinePage:
         return f"<page of '{self.title}'>"
 
     def _repr_html_(self) -> str:
-        page = html.escape(self.text, quote=True)
-        title = html.escape(self.title, quote=True)
+        page = escaped(self.text)
+        title = escaped(self.title)
         return f'<iframe title="{title}" srcdoc="{page}" style="width:100%;height:{HEIGHT}px;border:0"></iframe>'
 
 
@@ -74,20 +75,20 @@ def shown(page: str, title: str) -> InlinePage | Path:
 def png(figure: Any) -> bytes:
     """Return a matplotlib figure as a PNG file."""
     file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=INLINE_DPI)
+    draw_png(figure, file, INLINE_DPI)
     return file.getvalue()
 
 
 def image(figure: Any, name: str) -> str:
     """Return a matplotlib figure as an HTML image."""
     data = base64.b64encode(png(figure)).decode()
-    return f'<img alt="{html.escape(name, quote=True)}" src="data:image/png;base64,{data}">'
+    return f'<img alt="{escaped(name)}" src="data:image/png;base64,{data}">'
 
 
 def html_of_summary(summary: Summary) -> str:
     """Return the table of `holdfast summary` in HTML."""
     rows = summary_table.rows(summary)
-    lines = "".join(f"<tr><td>{html.escape(left)}</td><td>{html.escape(right)}</td></tr>" for left, right in rows)
+    lines = "".join(f"<tr><td>{escaped(left)}</td><td>{escaped(right)}</td></tr>" for left, right in rows)
     return f"<table>{lines}</table>"
 
 
@@ -100,7 +101,7 @@ def html_of_run(run: Any) -> str | None:
         lines = html_of_summary(summarise(chain, whole))
     except HoldfastError:
         return None
-    head = f"<b>{html.escape(text_of(whole))}</b>"
+    head = f"<b>{escaped(text_of(whole))}</b>"
     try:
         name, figure = next(iter(figures(chain, whole).items()))
     except MissingExtra:

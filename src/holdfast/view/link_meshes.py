@@ -16,6 +16,7 @@ from holdfast.model.visuals import Mesh as MeshFile
 from holdfast.robots.mesh_files.limits import FARTHEST, MeshFault, require_triangles
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.robots.primitive import COLOURS, Primitive
+from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.view import meshes
 from holdfast.view.meshes import Mesh
@@ -58,20 +59,20 @@ def meshes_of(visuals: Sequence[Sequence[Primitive]]) -> list[list[LinkMesh]]:
     ]
 
 
-def meshes_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path | None) -> UrdfMeshes:
+def meshes_of_urdf(
+    visuals: Sequence[Sequence[Visual]], folder: Path | None, packages: Mapping[str, str] = FrozenDict()
+) -> UrdfMeshes:
     """Return the visuals of the base and the links of a URDF; none if a mesh file cannot be read.
 
     Args:
         visuals: the result of `urdf_visuals`.
-        folder: the folder to which file names are relative; `package://` names are searched for in it and in the
-            folders above it. None if there is no such folder.
+        folder: the folder to which file names are relative; None if there is no such folder.
+        packages: folders of packages by name, which are searched first.
     """
 
     @cache
     def read(filename: str) -> Mesh:
-        if folder is None:
-            raise MeshFault(f"{filename}: the robot came without a file whose folder it could be in")
-        return read_mesh(filename, folder)
+        return read_mesh(filename, folder, packages)
 
     found: list[list[LinkMesh]] = []
     missing: list[str] = []
@@ -98,7 +99,8 @@ def meshes_in_files(chain: ClosedChain) -> tuple[dict[str, list[list[LinkMesh]]]
     for name, of in {**({} if chain.trunk is None else {TRUNK: chain.trunk}), **chain.arms}.items():
         if of.visuals is None:
             continue
-        found = meshes_of_urdf(of.visuals.bodies, Path(of.visuals.folder) if of.visuals.folder else None)
+        folder = Path(of.visuals.folder) if of.visuals.folder else None
+        found = meshes_of_urdf(of.visuals.bodies, folder, of.visuals.packages)
         if found.link_meshes is not None:
             link_meshes[name] = found.link_meshes
         elif found.missing:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.chooser import different_playbacks
+from holdfast.view.embedded import escaped
 from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_style
 from holdfast.view.markers import ArrowScale, common_scale
 from holdfast.view.page import legend, meter, plots
@@ -89,7 +89,7 @@ class Controls:
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
         key = " ".join(chip(i, name) for i, name in enumerate(playback.chain.names))
-        gui.add_html(f"<div style='padding:0 1em'><b>{html.escape(playback.title)}</b><br>{key}</div>")
+        gui.add_html(f"<div style='padding:0 1em'><b>{escaped(playback.title)}</b><br>{key}</div>")
         if len(titles) > 1:
             self._choice = gui.add_dropdown("run", titles, initial_value=playback.title)
         if len(playback) > 1:
@@ -183,14 +183,14 @@ def readout(playback: Playback, frame: int) -> str:
         f"<div style='padding:0 1em;font-size:.8em'><b>t = {playback.t[frame]:.3f} s</b>"
         f"<table style='width:100%'><tr>{head}</tr>{rows}</table>"
         f"condition of the grasps {playback.condition[frame]:.3g}; regular to singular, nearest:"
-        f" {html.escape(nearest)}"
+        f" {escaped(nearest)}"
         f"<div style='{METER}'><div style='{NEEDLE};left:{99 * share:.1f}%'></div></div></div>"
     )
 
 
 def chip(index: int, name: str) -> str:
     """Return an arm's name after a square in its colour, as HTML."""
-    return f"<span style='color:{arm_style(index)[0]}'>&#9632;</span> {html.escape(name)}"
+    return f"<span style='color:{arm_style(index)[0]}'>&#9632;</span> {escaped(name)}"
 
 
 def _row(playback: Playback, frame: int, i: int, name: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
-from holdfast.view.figure_style import COLUMN, DANGER, arm_style, new_figure
+from holdfast.view.figure_style import COLUMN, DANGER, arm_style, drawn_text, new_figure
 
 MOST_NAMED = 4  # instants of slip with their times beside
 OPEN = 1e-6  # of the axis: wider ranges of margins are drawn
@@ -38,7 +38,7 @@ def friction_margin_figure(chain: ClosedChain, run: Trajectory) -> Any:
         panel.axhline(0.0, color=DANGER, linewidth=0.8)
         for i in limited:
             colour, line = arm_style(i)
-            panel.plot(run.t, _finite(run.margin[:, i]), linestyle=line, color=colour, label=chain.names[i])
+            panel.plot(run.t, _finite(run.margin[:, i]), linestyle=line, color=colour, label=drawn_text(chain.names[i]))
         low, high = _range(run.margin)
         for i in limited:
             worst, best = (np.clip(m[:, i], -BEYOND, BEYOND) for m in (run.worst_margin, run.best_margin))
@@ -64,7 +64,7 @@ def _mark_slips(panel: Any, run: Trajectory, found: list[tuple[str, float]], low
         if k < MOST_NAMED:
             late = t > 0.6 * end + 0.4 * begin
             panel.annotate(
-                f"{name} gives way at {t:.4g} s", (t, top - k * line), (-3 if late else 3, -1),
+                f"{drawn_text(name)} gives way at {t:.4g} s", (t, top - k * line), (-3 if late else 3, -1),
                 textcoords="offset points", ha="right" if late else "left", va="top", fontsize=7, color=DANGER,
             )  # fmt: skip
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-import json
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
@@ -18,6 +16,7 @@ from holdfast.view.base_travel import base_travel
 from holdfast.view.cameras import cameras
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.chooser import different_playbacks, with_chooser
+from holdfast.view.embedded import data_element, escaped
 from holdfast.view.figure_style import BLACK, NOISE, TRUNK_COLOUR, part_colour
 from holdfast.view.markers import ArrowScale, common_scale
 from holdfast.view.playback import RATE, Playback
@@ -83,15 +82,12 @@ def with_panel(page: str, playback: Playback, scale: ArrowScale) -> str:
         playback: the recorded playback.
         scale: scale of the arrows.
     """
-    data = json.dumps(panel_data(playback, scale), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
     style, script = ((HERE / f"page_panel.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
     head, body = f"<style>{style}</style></head>", page.rindex("</body>")
-    panel = (
-        f'<aside id="holdfast"></aside><script type="application/json" id="holdfast-data">{data}</script>'
-        f"<script>{script}</script>"
-    )
+    data = data_element("holdfast-data", panel_data(playback, scale))
+    panel = f'<aside id="holdfast"></aside>{data}<script>{script}</script>'
     page = page[:body] + panel + page[body:]
-    return page.replace("<title>Viser</title>", f"<title>{html.escape(playback.title)}</title>", 1).replace(
+    return page.replace("<title>Viser</title>", f"<title>{escaped(playback.title)}</title>", 1).replace(
         "</head>", head, 1
     )
 

@@ -99,7 +99,9 @@
     const row = add(figure, "div", { class: "values" });
     const values = of.curves.map((curve) => {
       const style = `--colour:${curve.colour};--line:${curve.dashed ? "dashed" : "solid"}`;
-      return add(row, "span", { style });
+      const entry = add(row, "span", { style });
+      add(entry, "bdi", {}, curve.label);  // whatever the direction of its letters, the number follows
+      return entry.appendChild(document.createTextNode(""));
     });
     const all = [...of.curves.flatMap((curve) => curve.values), ...of.lines].filter((v) => v !== null);
     const largest = of.log ? 0 : all.reduce((a, b) => Math.max(a, Math.abs(b)), 0);
@@ -144,7 +146,7 @@
       svg.addEventListener("pointermove", follow);
     }
     return (k, t) => {
-      of.curves.forEach((curve, i) => { values[i].textContent = `${curve.label} ${short(curve.values[k], largest)}`; });
+      of.curves.forEach((curve, i) => { values[i].data = ` ${short(curve.values[k], largest)}`; });
       cursor?.moveTo(t);
     };
   }
@@ -162,7 +164,7 @@
   }
 
   const title = add(panel, "h1");
-  add(title, "span", {}, data.title);
+  add(title, "bdi", {}, data.title);
   const clock = add(title, "output");
   const views = add(panel, "nav");
   for (const camera of data.cameras)

@@ -17,7 +17,7 @@ from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style as style
 from holdfast.view.base_travel import base_travel
-from holdfast.view.figure_style import COLUMN, COMPONENTS, arm_style, new_figure, stacked_panels
+from holdfast.view.figure_style import COLUMN, COMPONENTS, arm_style, drawn_text, new_figure, stacked_panels
 from holdfast.view.margin_figure import friction_margin_figure
 from holdfast.view.spikes import cut_spikes
 
@@ -149,7 +149,7 @@ def columns_of_panels(
 def _title(chain: ClosedChain, arm: int) -> str:
     """Return an arm's name and, if it begins with one, its grasp's kind."""
     name = chain.names[arm]
-    return f"{name} ({chain.grasps[name].kind})" if name in chain.grasps else name
+    return drawn_text(name) + (f" ({chain.grasps[name].kind})" if name in chain.grasps else "")
 
 
 def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
@@ -172,7 +172,7 @@ def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
     named = 0.13 * max((min(len(chain.joints_of[name]), len(style.JOINT_DASHES)) for name in driven), default=0)
     with columns_of_panels(len(driven), 3.0 + named, 0.2, (_label(chain), "share of limit [%]")) as (figure, columns):
         for name, (torque, share) in zip(driven, columns, strict=True):
-            torque.set_title(name)
+            torque.set_title(drawn_text(name))
             _draw(chain, run, name, torque, share)
             share.legend(handles=_told_apart(torque), loc="upper center", bbox_to_anchor=(0.5, -0.4), borderaxespad=0)
         without_spikes(figure, columns, ((), (0.0, 100.0)))
@@ -214,7 +214,7 @@ def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: An
         colour, line, label = style.OTHERS, "-", "_"
         if k in first:
             colour, line = style.joint_style(style.part_colour(chain, name), first.index(k), len(first))
-            label = joint.name or f"joint{k + 1}"
+            label = drawn_text(joint.name or f"joint{k + 1}")
         torque.plot(run.t, tau[:, k], linestyle=line, color=colour, label=label)
         if limited[k]:
             share.plot(run.t, use[:, k], linestyle=line, color=colour, label=label)
@@ -273,7 +273,7 @@ def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:
         for i, name in enumerate(chain.names):
             if run.holding[:, i].any():
                 colour, line = arm_style(i)
-                share.plot(run.t, shares[:, i], linestyle=line, color=colour, label=name)
+                share.plot(run.t, shares[:, i], linestyle=line, color=colour, label=drawn_text(name))
         share.set_ylim(*_wide_enough(shares))
         force.plot(run.t, net, "-", color=style.BLACK)
         force.set_ylim(0, 1.08 * net.max() or 1.0)

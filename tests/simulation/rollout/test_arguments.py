@@ -26,12 +26,12 @@ def one(count: int = 2) -> tuple[Rollout, RolloutSystems]:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"q": np.zeros(5)}, r"q: expected shape \(6,\) or \(batch, \*\(6,\)\), got \(5,\)"),
+        ({"q": np.zeros(5)}, r"q: expected shape \(6,\) or \(batch, 6\), got \(5,\)"),
         ({"qd": np.zeros((3, 6)), "q": np.zeros((2, 6))}, "expected one batch size, got q: 2, qd: 3"),
         ({"q": np.zeros((0, 6))}, "rollout: expected at least one system"),
         ({"q": "abc"}, "q: expected real numbers"),
         ({"tau": np.zeros(5)}, r"tau: expected shape \(6,\)"),
-        ({"tau": np.zeros((3, 6))}, r"tau: expected shape \(6,\) or \(1, \*\(6,\)\), got \(3, 6\)"),
+        ({"tau": np.zeros((3, 6))}, r"tau: expected shape \(6,\) or \(1, 6\), got \(3, 6\)"),
         ({"memory": np.zeros(2)}, r"memory: expected shape \(0,\)"),
         ({"t": np.nan}, "t: expected a finite number, got nan"),
         ({"threads": 1.5}, "threads: expected an integer >= 1, got 1.5"),
@@ -68,7 +68,7 @@ def test_start(change, message):
         ({"object_mass": [1.0, -1.0], "object_inertia": "scale"}, "object_mass: expected > 0"),
         (
             {"object_mass": [1.0, 2.0, 3.0], "object_inertia": "scale"},
-            r"mass: expected shape \(\) or \(2, \*\(\)\), got \(3,\)",
+            r"mass: expected shape \(\) or \(2,\), got \(3,\)",
         ),
         ({"object_wrench": np.full(6, np.inf)}, "object_wrench: expected finite numbers"),
         ({"object_wrench": np.zeros((3, 6))}, r"object_wrench: expected shape \(6,\) or \(2, "),
@@ -165,7 +165,6 @@ def torques_only(t: Any, state: Any, memory: Any, given: Any) -> Any:
         (lambda t, x, m, given: (np.zeros(5), m), r"control law: torques: expected shape \(6,\), got \(5,\)"),
         (lambda t, x, m, given: (1.0, m), r"control law: torques: expected shape \(6,\), got \(\)"),
         (lambda t, x, m, given: (np.zeros(6), np.zeros(2)), r"control law: memory: expected shape \(0,\), got \(2,\)"),
-        (lambda t, x, m, given: (given["gain"] * x.qd, m), "KeyError: 'gain'"),
     ],
 )
 def test_laws_that_cannot_be_traced(torque, message):

@@ -155,9 +155,68 @@ def test_resets_refused():
         systems.reset([3], other)
     with pytest.raises(StateError, match="expected 2 systems for as many rows, got 1"):
         systems.reset([True, False, True], other)
-    with pytest.raises(StateError, match="object_wrench given to both"):
-        systems.reset([0], rollout.start(**arrays(state), tau=np.zeros(6), object_wrench=np.ones(6)))
     with pytest.raises(StateError, match="systems of the same rollout"):
         systems.reset([0], integrating()[0].start(**arrays(integrating()[1]), **given(0.0)))
     with pytest.raises(StateError, match="other: expected RolloutSystems, got NoneType"):
         systems.reset([0], None)
+
+
+MASS = {"object_mass": 3.0, "object_inertia": "scale"}
+WRENCH = {"object_wrench": np.array([0.0, 0.1, 0.0, 2.0, 0.0, 1.0])}
+
+
+@pytest.mark.parametrize("own", [MASS, WRENCH, MASS | WRENCH], ids=["mass", "wrench", "both"])
+def test_resets_say_what_they_change(own):
+    """What a start is not given stays as it was in those rows; what only it is given is the chain's own elsewhere."""
+    rollout, (_, state) = given_torques("one"), problem("one")
+    many, tau = {name: np.tile(x, (3, 1)) for name, x in arrays(state).items()}, np.linspace(0.0, 1.0, 6)
+    plain, whole = (rollout.step(rollout.start(**many, tau=tau, **more), STEP, steps=3) for more in ({}, own))
+    others = {id(plain): plain.copy(), id(whole): whole.copy()}
+    plain.reset([1], rollout.start(**arrays(state), tau=2.0 * tau, **own))
+    whole.reset([1], rollout.start(**arrays(state), tau=2.0 * tau))
+    alone = rollout.start(**arrays(state), tau=2.0 * tau, **own)
+    rollout.step(alone, STEP, steps=2)
+    for systems in (plain, whole):
+        before = others[id(systems)]
+        rollout.step(systems, STEP, steps=2)
+        rollout.step(before, STEP, steps=2)
+        assert same_bits(systems.q[[0, 2]], before.q[[0, 2]])
+        for name in ("q", "qd", "qdd", "object_pose", "grasp_wrench"):
+            assert getattr(systems, name)[1] == pytest.approx(getattr(alone, name)[0], rel=1e-12, abs=1e-12)
+
+
+def test_resets_under_another_law():
+    """A parameter of the law that only one of them has is named, with what to do."""
+    rollout, (chain, state) = given_torques("one"), problem("one")
+    law = ControlLaw(
+        lambda t, x, memory, given: (given["tau"] * given["share"], memory), (), {"tau": (6,), "share": ()}
+    )
+    other = compile_rollout(chain, law).start(**arrays(state), tau=np.zeros(6), share=0.5)
+    systems = rollout.start(**arrays(state), tau=np.zeros(6))
+    with pytest.raises(StateError, match="the fresh systems have their own share; pass it to these systems' too"):
+        systems.reset([0], other)
+    with pytest.raises(StateError, match="these systems have their own share; pass it to the fresh `start` too"):
+        other.reset([0], systems)
+
+
+def test_no_systems():
+    """What is given in the place of systems is named."""
+    rollout = given_torques("one")
+    for call in (
+        lambda: rollout.step(None, STEP),
+        lambda: rollout.run(0.1, 0.1, STEP),
+        lambda: rollout.tape([], STEP, steps=1),
+        lambda: rollout.take_over("systems"),
+    ):
+        with pytest.raises(StateError, match="systems: expected those that `start` returned, got"):
+            call()
+
+
+def test_shapes_in_words():
+    """A number for each of four systems is of shape (4,)."""
+    rollout, state = integrating()
+    many = {name: np.tile(x, (4, 1)) for name, x in arrays(state).items()}
+    with pytest.raises(StateError, match=r"target: expected shape \(\) or \(4,\), got \(3,\)"):
+        rollout.start(**many, gain=np.zeros(3), target=np.zeros(3))
+    with pytest.raises(StateError, match=r"gain: expected shape \(3,\) or \(batch, 3\), got \(2,\)"):
+        rollout.start(**many, gain=np.zeros(2), target=0.0)

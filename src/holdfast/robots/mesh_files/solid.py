@@ -16,8 +16,12 @@ from holdfast.model.visuals import Mesh as MeshFile
 from holdfast.robots.mesh_files.limits import MeshFault
 from holdfast.robots.mesh_files.mesh import Mesh, distinct
 from holdfast.robots.mesh_files.read import read_mesh
+from holdfast.robots.mesh_files.winding import require_enclosed_once
+from holdfast.robots.notes import show_notes
+from holdfast.robots.visuals import equivalent_box
 from holdfast.spatial.scalar import Array
 
+LONGEST, HEAVIEST = 50.0, 1e6  # [m, kg]
 THINNEST = 1e-12  # a surface that encloses less than this part of its extent's cube is flat
 
 
@@ -58,7 +62,18 @@ def held_object_from_mesh(
     volume = found.volume * size**3
     of_density = given if mass is None else given / volume
     inertia = of_density * size**5 * found.inertia
-    return HeldObject(of_density * volume, inertia, size * found.centre, shape=MeshFile(str(place), (size, size, size)))
+    made = HeldObject(of_density * volume, inertia, size * found.centre, shape=MeshFile(str(place), (size, size, size)))
+    show_notes([f"{place}: {note}" for note in size_notes(made)])
+    return made
+
+
+def size_notes(held: HeldObject) -> list[str]:
+    """Return a note on an object of a mesh file that is too large or heavy for any arm, with the likely cause."""
+    edges = equivalent_box(held)[0]
+    if edges.max() <= LONGEST and held.mass <= HEAVIEST:
+        return []
+    size = " x ".join(f"{edge:.3g}" for edge in edges)
+    return [f"as large as a box of {size} m, {held.mass:.3g} kg: is the file in millimetres? Try scale=0.001"]
 
 
 def solid(mesh: Mesh) -> Solid:
@@ -66,10 +81,11 @@ def solid(mesh: Mesh) -> Solid:
 
     By the divergence theorem the integrals are sums over the tetrahedra (O, a, b, c) of the faces,
         v = a . (b x c) / 6,   int x = v s / 4,   int x x^T = v (a a^T + b b^T + c c^T + s s^T) / 20,
-    with s = a + b + c and any O; the last is computed about the centroid. Overlapping parts count twice.
+    with s = a + b + c and any O; the last is computed about the centroid. This is right if every place is enclosed at
+    most once, which is checked along lines.
 
     Raises:
-        MeshFault: the surface is open, inside out or flat.
+        MeshFault: the surface is open, flat, or inside out, or encloses some places several times.
     """
     places, which = distinct(mesh.vertices)
     if gaps := _open_edges(which[mesh.faces], len(places)):
@@ -86,6 +102,7 @@ def solid(mesh: Mesh) -> Solid:
         raise MeshFault(f"encloses no volume: got {volume:.3g} m^3 in an extent of {extent:.3g} m")
     if volume < 0:
         raise MeshFault("is inside out: expected faces counter-clockwise seen from outside; try reversing them")
+    require_enclosed_once(mesh.vertices[mesh.faces])
     centre = (parts[:, None] * corners.sum(axis=1)).sum(axis=0) / (4 * volume)
     corners = corners - centre
     four = [*np.moveaxis(corners, 1, 0), corners.sum(axis=1)]

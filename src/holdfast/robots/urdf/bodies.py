@@ -11,13 +11,19 @@ from __future__ import annotations
 from collections.abc import Container
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from holdfast.errors import ModelError
 from holdfast.model.link import Link
+from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint
 from holdfast.robots.urdf.robot import UrdfJoint, UrdfRobot
 from holdfast.spatial.inertia import turned, welded
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import product
+
+SLIGHT = 1e-4  # of a body's largest principal moment: by so much the inertia of one of its links may be impossible
 
 Welded = dict[str, Pose]  # pose in the body's frame, by link name
 
@@ -116,18 +122,19 @@ def moving_branches(links: Welded, passed: Container[str], locks: Locks) -> list
     return found
 
 
-def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool) -> Link:
+def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool, notes: list[str]) -> Link:
     """Return the links of a body combined to one link.
 
         m = sum m_i,  c = sum m_i c_i / m,  J = sum R_i J_i R_i^T + m_i (d_i.d_i 1 - d_i d_i^T)
 
-    with d_i = c_i - c. Each link must be physically possible; `moved` is the reason why the body must have a mass.
+    with d_i = c_i - c. Each link must be physically possible. An inertia that is impossible by less than `SLIGHT` of
+    the body's is used as it stands, and noted in `notes`. `moved` is the reason why the body must have a mass.
 
     Raises:
         SceneError: a link is physically impossible, or the body has no <inertial>.
     """
     name = next(iter(links))
-    parts = inertia_parts(robot, links, physical)
+    parts = inertia_parts(robot, links, physical, notes)
     if not parts:
         raise robot.links[name].element.refuse(
             f"expected <inertial>, since {moved}, got none; try adding one"
@@ -137,18 +144,44 @@ def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool) -> 
         return Link(*welded(parts), name=name, physical=physical)
 
 
-def inertia_parts(robot: UrdfRobot, links: Welded, physical: bool) -> list[tuple[float, Array, Array]]:
+def inertia_parts(
+    robot: UrdfRobot, links: Welded, physical: bool, notes: list[str]
+) -> list[tuple[float, Array, Array]]:
     """Return the mass, mass centre and inertia about it of each link that has them, in the frame of the links' poses.
 
     Raises:
-        SceneError: a link is physically impossible.
+        SceneError: a link is physically impossible, or has no weight.
     """
-    parts: list[tuple[float, Array, Array]] = []
-    for link, at in links.items():
-        inertial = robot.links[link].inertial
-        if inertial is None:
-            continue
-        with inertial.element.refusals():
-            own = Link(inertial.mass, inertial.com, inertial.inertia, link, physical)
-        parts.append((own.mass, at.p + product(at.R, own.com), turned(own.inertia, at.R)))
+    stated = [
+        (robot.links[link], inertial, at) for link, at in links.items() if (inertial := robot.links[link].inertial)
+    ]
+    for link, inertial, _ in stated:
+        if link.fault is not None:
+            raise link.fault
+        if link.weightless is not None and inertial.mass > 0.0:
+            off = f"gravity off for link {quoted(link.name)}"
+            if physical:
+                raise link.weightless.refuse(
+                    f"{off}: expected every body to have weight, since the model has no such switch; try"
+                    " physical=False, which gives it weight, and joint torques that carry it; or gravity=[0, 0, 0] of"
+                    " the chain if nothing is to have weight"
+                )
+            notes.append(link.weightless.message(f"{off}: not read, it has weight"))
+    parts = [(one.mass, at.p + product(at.R, one.com), turned(one.inertia, at.R)) for _, one, at in stated]
+    largest = float(np.linalg.eigvalsh(welded(parts)[2])[-1]) if parts else 0.0  # of the whole body
+    for link, one, _ in stated:
+        with one.element.refusals():
+            try:
+                Link(one.mass, one.com, one.inertia, link.name, physical)
+            except ModelError:
+                a, b, c = np.linalg.eigvalsh(one.inertia).tolist()
+                excess = max(-a, c - a - b)
+                if one.mass < 0.0 or excess > SLIGHT * largest:
+                    raise
+                notes.append(
+                    one.element.message(
+                        f"inertia: no mass distribution has principal moments {a:.3g}, {b:.3g}, {c:.3g}; used as it"
+                        f" stands, since this is {excess / largest:.1g} of the largest moment of the whole body"
+                    )
+                )
     return parts

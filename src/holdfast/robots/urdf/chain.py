@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any, Unpack
 
-import numpy as np
-
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.tip_direction import tip_advice, tip_angle
+from holdfast.robots.notes import show_notes
 from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, welded_link
+from holdfast.robots.urdf.chain_notes import coupling_notes, read_within, tip_note_of
 from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
 from holdfast.robots.urdf.path import Locks, checked_locks, ends, known_link, path_between, resting_position
@@ -23,9 +22,7 @@ from holdfast.robots.urdf.source import Source
 from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
 
-SAME_PLACE = 1e-6  # [m] distance below which the origins of two frames are at the same place
-OF_JOINT = ("position_limits", "rate_limit", "effort_limit", "damping", "friction", "stiffness", "rest")
-UPRIGHT = 0.1  # [rad] largest angle between z and the direction to the tip
+OF_JOINT = ("position_limits", "rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +38,9 @@ class UrdfChain:
         bodies: N + 1 mappings from link name to pose: first the links on the base in the base's
             frame, then the links welded to arm link k in its frame.
         elsewhere: names of the links that move relative to the base by joints off the path.
-        notes: notes, with line numbers, on what was not read, or was interpreted differently from the file; and on a
-            tip whose z axis does not point out of the hand.
+        notes: notes, with line numbers, on what was not read, or was interpreted differently from the file; on links
+            without mass and shape; and on a tip whose z axis does not point out of the hand. `load_urdf` warns of the
+            first, which are the notes of the arm, too.
         tip_note: the last of these notes alone; "" if there is none.
     """
 
@@ -81,7 +79,15 @@ def urdf_chain(
     locks = locks_of(robot, [path], options)
     folded = fold(start, path, locks)
     refuse_loose(locks, hanging(locks, folded))
-    return chain_of(locks, folded, mount_of(options), options)
+    return _alone(locks, folded, mount_of(options), options)
+
+
+def _alone(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
+    """Return an arm to which nothing outside of it is coupled."""
+    chain = chain_of(locks, folded, mount, options)
+    notes = coupling_notes(locks.robot, chain.bodies, [joint.name for joint in chain.arm.joints])
+    arm = replace(chain.arm, notes=(*notes, *chain.arm.notes))
+    return replace(chain, arm=arm, notes=(*notes, *chain.notes))
 
 
 def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
@@ -94,10 +100,12 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
         )
     bodies = (folded.on_base, *(body.links for body in folded.bodies))
     visuals, unread = visuals_of_bodies(robot, bodies)
-    arm = Arm(*joints_and_links(robot, folded, options), _plain(folded.tip), mount, robot.name, visuals)
+    joints, links, changed = joints_and_links(robot, folded, options)
     inside = {name for links in bodies for name in links}
-    locked, notes = read_within(locks, folded)
-    tip_note = _tip_note(robot, arm, tip, folded)
+    locked, notes, frames = read_within(locks, folded)
+    notes += [*changed, *unread]
+    arm = Arm(joints, links, _plain(folded.tip), mount, robot.name, visuals, notes)
+    tip_note = tip_note_of(robot, arm, tip, folded)
     return UrdfChain(
         arm=arm,
         robot=robot,
@@ -106,49 +114,28 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
         locked=locked,
         bodies=bodies,
         elsewhere=tuple(name for name in robot.links if name not in inside),
-        notes=(*notes, *unread, *([tip_note] if tip_note else [])),
+        notes=(*notes, *frames, *([tip_note] if tip_note else [])),
         tip_note=tip_note,
     )
 
 
-def joints_and_links(robot: UrdfRobot, folded: FoldedChain, options: UrdfOptions) -> tuple[list[Joint], list[Link]]:
-    """Return the joints of a chain and the links that they move, base to tip."""
-    physical = options.get("physical", True)
+def joints_and_links(
+    robot: UrdfRobot, folded: FoldedChain, options: UrdfOptions
+) -> tuple[list[Joint], list[Link], list[str]]:
+    """Return the joints of a chain and the links that they move, base to tip, with notes on changed inertias."""
+    physical, notes = options.get("physical", True), list[str]()
     links = [
-        welded_link(robot, body.links, f"joint {quoted(body.step.joint.name)} moves it", physical)
+        welded_link(robot, body.links, f"joint {quoted(body.step.joint.name)} moves it", physical, notes)
         for body in folded.bodies
     ]
-    return [_joint(body) for body in folded.bodies], links
-
-
-def read_within(locks: Locks, folded: FoldedChain) -> tuple[dict[str, float], list[str]]:
-    """Return the positions of locked joints within a chain and its base, and the notes on its links and joints."""
-    robot = locks.robot
-    inside = {name: robot.links[name] for links in (folded.on_base, *folded.moving) for name in links}
-    within = [joint for joint in robot.joints.values() if joint.parent in inside and joint.child in inside]
-    locked = {j.name: q for j in within if not j.is_fixed and (q := locks.position(j)) is not None}
-    notes = [note for part in (robot, *inside.values(), *within) for note in part.notes]
-    moving = [robot.links[name] for links in folded.moving for name in links]
-    notes += [link.element.message("no <inertial>, taken as massless") for link in moving if link.inertial is None]
-    return locked, notes
-
-
-def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: FoldedChain) -> str:
-    """Return the note on a tip whose z axis does not point out of the hand, with better links at this place, or ''."""
-    if not (advice := tip_advice(arm)):
-        return ""
-    better = [
-        f"tip={quoted(name)}"
-        for name, at in folded.bodies[-1].links.items()
-        if np.allclose(at.p, arm.tip.p, rtol=0, atol=SAME_PLACE) and tip_angle(arm.with_tip(at)) < UPRIGHT
-    ]
-    others = f", or {' or '.join(better[:3])}, a frame at the same place" if better else ""
-    return robot.links[tip].element.message(f"as a tip: {advice}{others}")
+    return [_joint(body) for body in folded.bodies], links, notes
 
 
 def _joint(body: WeldedBody) -> Joint:
     """Return the joint that moves a body."""
     joint, down = body.step
+    if joint.fault is not None:
+        raise joint.fault
     with joint.element.refusals():
         return Joint(
             kind=MOVING[joint.kind],  # pyright: ignore[reportArgumentType]
@@ -190,8 +177,9 @@ def urdf_chains(
     mount, chains = mount_of(options), {}
     for name, folded in folds.items():
         at, notes = _standing(locks, folded.base)
-        chain = chain_of(locks, folded, mount @ at, options)
-        chains[name] = replace(chain, notes=(*notes, *chain.notes))
+        chain = _alone(locks, folded, mount @ at, options)
+        arm = replace(chain.arm, notes=(*notes, *chain.arm.notes))
+        chains[name] = replace(chain, arm=arm, notes=(*notes, *chain.notes))
     return chains
 
 
@@ -233,6 +221,7 @@ def load_urdf(
     physical: bool = True,
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
+    packages: Mapping[str, str | PathLike[str]] | None = None,
 ) -> Arm:
     """Return the arm between two links of a URDF file. O(links).
 
@@ -252,9 +241,14 @@ def load_urdf(
         locked: positions of joints to lock [rad or m], by name. A joint that mimics a locked one is locked, too.
         lock_others: lock every other joint on the arm at 0, or at its limit nearest to 0.
         mount: pose of the base link in the world (a Pose or wxyz_xyz); by default the world frame.
-        physical: False accepts principal moments that no mass distribution has.
+        physical: False accepts principal moments that no mass distribution has, and gives weight to links for which the
+            file switches gravity off.
         xacro_args: values of the file's <xacro:arg> elements by name.
         trust_xacro: whether to expand a `.xacro` file, which runs the Python code in it.
+        packages: folders of packages by name, for `$(find name)` and `package://name` (see `read_urdf`).
+
+    Warns:
+        ModelWarning: once, with all notes on what was not read, or was interpreted differently from the file.
 
     Raises:
         SceneError: the file has an error or does not contain such an arm; the message gives file, line, element and
@@ -262,7 +256,7 @@ def load_urdf(
         ModelError: the mount is not a pose.
         MissingExtra: the file is a `.xacro` file, and xacrodoc is not installed.
     """
-    return urdf_chain(
+    chain = urdf_chain(
         path_or_text,
         base=base,
         tip=tip,
@@ -272,7 +266,10 @@ def load_urdf(
         physical=physical,
         xacro_args=xacro_args,
         trust_xacro=trust_xacro,
-    ).arm
+        packages=packages,
+    )
+    show_notes(chain.arm.notes)
+    return chain.arm
 
 
 def load_urdf_arms(
@@ -285,6 +282,7 @@ def load_urdf_arms(
     physical: bool = True,
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
+    packages: Mapping[str, str | PathLike[str]] | None = None,
 ) -> dict[str, Arm]:
     """Return several arms of one robot, each with its base at its place on the robot. O(arms links).
 
@@ -303,10 +301,16 @@ def load_urdf_arms(
         physical: as for `load_urdf`.
         xacro_args: as for `load_urdf`.
         trust_xacro: as for `load_urdf`.
+        packages: as for `load_urdf`.
+
+    Warns:
+        ModelWarning: as for `load_urdf`, once for all arms.
 
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf`.
     """
     options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
-    options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro}
-    return {name: chain.arm for name, chain in urdf_chains(path_or_text, arms, **options).items()}
+    options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
+    chains = urdf_chains(path_or_text, arms, **options)
+    show_notes(note for chain in chains.values() for note in chain.arm.notes)
+    return {name: chain.arm for name, chain in chains.items()}

@@ -6,7 +6,9 @@ from collections.abc import Collection, Mapping
 from os import PathLike
 from typing import Any, TypedDict
 
+from holdfast.errors import CallError
 from holdfast.model import checks
+from holdfast.names import did_you_mean
 from holdfast.robots.urdf.path import Locks, PassedJoint, checked_locks
 from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.refusals import refuse_unsupported
@@ -16,7 +18,7 @@ from holdfast.spatial.pose import Pose
 
 
 class UrdfOptions(TypedDict, total=False):
-    """The keywords that `load_urdf`, `load_urdf_arms`, `urdf_chain` and `urdf_chains` share."""
+    """The keywords that `load_urdf`, `load_urdf_arms`, `load_urdf_trunk`, `urdf_chain` and `urdf_chains` share."""
 
     locked: Mapping[str, float] | None
     lock_others: bool
@@ -24,18 +26,26 @@ class UrdfOptions(TypedDict, total=False):
     physical: bool
     xacro_args: Mapping[str, str] | None
     trust_xacro: bool
+    packages: Mapping[str, str | PathLike[str]] | None
 
 
 def read_robot(path_or_text: str | PathLike[str] | Source, options: UrdfOptions) -> UrdfRobot:
     """Return the links and joints in a file.
 
     Raises:
-        TypeError: there is no such option.
+        CallError: there is no such option.
         SceneError, MissingExtra: as for `load_urdf`.
     """
-    if unknown := options.keys() - UrdfOptions.__annotations__.keys():
-        raise TypeError(f"got an unexpected keyword argument '{min(unknown)}'")
-    return read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
+    known = UrdfOptions.__annotations__
+    if unknown := options.keys() - known.keys():
+        hint = did_you_mean(min(unknown), known)
+        raise CallError(f"URDF: got an unexpected keyword argument '{min(unknown)}'.{hint}")
+    return read_urdf(
+        path_or_text,
+        xacro_args=options.get("xacro_args"),
+        trust_xacro=options.get("trust_xacro", False),
+        packages=options.get("packages"),
+    )
 
 
 def locks_of(robot: UrdfRobot, paths: Collection[list[PassedJoint]], options: UrdfOptions) -> Locks:

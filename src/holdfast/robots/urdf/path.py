@@ -12,7 +12,7 @@ from holdfast.errors import SceneError
 from holdfast.model import checks
 from holdfast.robots.urdf.attributes import LARGEST
 from holdfast.robots.urdf.document import hint, quoted
-from holdfast.robots.urdf.robot import MOVING, UrdfJoint, UrdfRobot
+from holdfast.robots.urdf.robot import MOVING, PLANAR, UrdfJoint, UrdfRobot
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 
@@ -143,8 +143,20 @@ class Locks:
     def position(self, joint: UrdfJoint) -> float | None:
         """Return the position at which a joint is locked [rad or m]; None if it moves.
 
-        A joint that mimics a locked one is locked at the corresponding position.
+        A joint that mimics a locked or fixed one is locked at the corresponding position.
         """
+        try:
+            return self._position(joint)
+        except SceneError:
+            if not self.passes_over(joint):
+                raise
+            return resting_position(joint)  # it follows no joint of the file
+
+    def passes_over(self, joint: UrdfJoint) -> bool:
+        """Return whether `others` locks a joint that is on no path, whatever is wrong with it."""
+        return self.others and joint.name not in self.on_path and joint.kind not in ("floating", PLANAR)
+
+    def _position(self, joint: UrdfJoint) -> float | None:
         followed, multiplier, offset = joint, 1.0, 0.0
         for _ in range(DEEPEST_MIMIC):
             mimic = followed.mimic
@@ -159,6 +171,8 @@ class Locks:
                     f" Or try locked={{{quoted(followed.name)}: 0.0}}"
                 )
             followed = self.robot.joints[mimic.joint]
+            if followed.is_fixed:
+                return _bounded(joint, offset)
         raise joint.element.refuse(f"mimic: follows {DEEPEST_MIMIC} joints or itself; expected one that follows none")
 
     def _own_position(self, joint: UrdfJoint) -> float | None:
@@ -173,9 +187,13 @@ class Locks:
         """Return the pose of the child frame in the parent frame; None if the joint moves."""
         if joint.is_fixed:
             return joint.origin
+        if joint.kind not in MOVING and self.passes_over(joint):
+            return joint.origin
         q = self.position(joint)
         if q is None:
             return None
+        if joint.fault is not None and q != 0.0:
+            raise joint.fault
         if not joint.turns:
             return joint.origin @ Pose(np.eye(3), q * joint.axis)
         return joint.origin @ Pose(rotation.exp(q * joint.axis), np.zeros(3))
@@ -202,6 +220,8 @@ def checked_locks(robot: UrdfRobot, locked: Mapping[str, float] | None) -> dict[
             raise robot.element.refuse(f"locked: no joint {quoted(str(name))}.{hint(str(name), robot.joints)}")
         if joint.kind not in MOVING:
             raise joint.element.refuse(f"locked: expected a joint with one degree of freedom, got a {joint.kind} one")
+        if joint.fault is not None:
+            raise joint.fault
         with joint.element.refusals():
             q = checks.number(position, "locked")
         low, high = joint.position_limits

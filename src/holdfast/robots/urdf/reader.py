@@ -10,11 +10,15 @@ from typing import Any, TypeVar
 import numpy as np
 
 import holdfast.robots.urdf.attributes as attributes
+from holdfast.errors import SceneError
 from holdfast.model import checks
 from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
+from holdfast.robots.urdf.extensions import Extensions, gazebo, gravity, with_extensions
 from holdfast.robots.urdf.planar import taken_apart
 from holdfast.robots.urdf.robot import MOVING, PLANAR, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
 from holdfast.robots.urdf.source import Source, read_source
+from holdfast.robots.urdf.transmissions import drive, ros2_control, transmission
+from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, unread_notes
 from holdfast.spatial.inertia import turned
 from holdfast.spatial.scalar import Array
 
@@ -27,11 +31,13 @@ def read_urdf(
     *,
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
+    packages: Mapping[str, str | PathLike[str]] | None = None,
 ) -> UrdfRobot:
     """Return the tree of links and joints that a URDF file describes. O(links + joints).
 
-    All links and joints are read. Masses and inertias are checked only when they are used. Angles within 1e-12 rad of a
-    multiple of pi/2 are rounded to that multiple. A planar joint becomes two prismatic joints and a revolute one.
+    All links and joints are read. Masses, inertias, limits and drives are checked only when they are used. Angles
+    within 1e-12 rad of a multiple of pi/2 are rounded to that multiple. A planar joint becomes two prismatic joints and
+    a revolute one.
 
     Args:
         path_or_text: a file, or the text itself (which begins with `<`). A file whose name ends
@@ -39,27 +45,66 @@ def read_urdf(
         xacro_args: values of the file's <xacro:arg> elements by name.
         trust_xacro: whether to expand a `.xacro` file. This runs the Python expressions in it and in the files that it
             includes, with all permissions of the user.
+        packages: folders of packages by name, for `$(find name)` and `package://name`. Others are searched beside the
+            file's own package, in its workspace and in ROS's environment variables.
 
     Raises:
         SceneError: the file has an error (the message gives file, line and element), or is a .xacro file and
             `trust_xacro` is False.
         MissingExtra: the file is a .xacro file, and xacrodoc is not installed.
     """
-    source = read_source(path_or_text, xacro_args, trust_xacro)
+    source = read_source(path_or_text, xacro_args, trust_xacro, packages)
     root = parse_document(source.text, source.name)
     if root.tag != "robot":
         raise root.refuse("expected <robot> as the outermost element")
-    notes = (*source.notes, *attributes.unread_notes(root))
-    stated = [_joint(element) for element in root.children if element.tag == "joint"]
-    parts = [taken_apart(joint) if joint.kind == PLANAR else ([joint], []) for joint in stated]
-    links = [_link(element) for element in root.children if element.tag == "link"]
-    links = _by_name([*links, *(link for _, between in parts for link in between)])
+    stated = _by_name([_joint(element) for element in root.children if element.tag in ("joint", "drake:joint")])
+    found = _extensions(root, _by_name([_link(element) for element in root.children if element.tag == "link"]), stated)
+    bodies, hinges = with_extensions(found)
+    notes = (*source.notes, *unread_notes(root), *found.notes.get("", ()))
+    parts = [taken_apart(joint) if joint.kind == PLANAR else ([joint], []) for joint in hinges]
+    links = _by_name([*bodies, *(link for _, between in parts for link in between)])
     joints = _by_name([joint for apart, _ in parts for joint in apart])
     folder = "" if source.folder is None else str(source.folder.resolve())
     name = attributes.name(root) if root.attributes.get("name", "").strip() else ""
-    robot = UrdfRobot(name, links, joints, _root(root, links, joints), root, notes, folder)
+    couplings = tuple(found.couplings)
+    robot = UrdfRobot(name, links, joints, _root(root, links, joints), root, notes, folder, source.packages, couplings)
     _refuse_circles(robot)
     return robot
+
+
+def _extensions(root: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> Extensions:
+    """Return what the file says of links and joints outside of their own elements."""
+    named = [(frame.attributes.get("name", ""), frame) for frame in root.children if frame.tag == "frame"]
+    found = Extensions(links, joints, {name: frame.attributes.get("link", "") for name, frame in named})
+    for element in root.children:
+        if VOCABULARY["robot"].effect(element.tag) == "refused":
+            found.couple(element)
+        elif element.tag == "gazebo":
+            gazebo(found, element)
+            drive(found, element, element.attributes.get("reference", ""))
+        elif element.tag == "transmission":
+            transmission(found, element, {})
+        elif element.tag == "ros2_control":
+            ros2_control(found, element)
+        elif element.tag == "sensor":
+            found.note("", hidden_notes(element))
+        elif element.tag == "mujoco":
+            found.note("", [*extension_notes(element, "mujoco"), *_of_compiler(element)])
+    for joint in joints.values():
+        drive(found, joint.element, joint.name)
+    for link in links.values():
+        for element in link.element.children:
+            if element.tag in VOCABULARY["link"].extensions:
+                with found.faults_of([link.name]):
+                    gravity(found, element, link.name)
+    return found
+
+
+def _of_compiler(element: Element) -> list[str]:
+    """Return notes on settings of MuJoCo's compiler that change masses."""
+    settings = VOCABULARY["mujoco compiler"].noted
+    given = [(one, name) for one in element.children for name in one.attributes if name in settings]
+    return [one.message(f"{name}: changes masses, but is not read") for one, name in given]
 
 
 def _by_name(members: list[Named]) -> dict[str, Named]:
@@ -83,7 +128,9 @@ def _root(element: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, 
             more than one root.
     """
     if not links:
-        raise element.refuse("expected at least one <link>, got none")
+        of_xacro = "xmlns:xacro" in element.attributes or element.source.endswith("(expanded)")
+        why = ": the file contains macros only and calls none; try to load the file that calls them" if of_xacro else ""
+        raise element.refuse(f"expected at least one <link>, got none{why}")
     above: dict[str, UrdfJoint] = {}
     for joint in joints.values():
         for side, link in (("parent", joint.parent), ("child", joint.child)):
@@ -117,10 +164,14 @@ def _refuse_circles(robot: UrdfRobot) -> None:
 
 def _link(element: Element) -> UrdfLink:
     """Return a link, which is massless without <inertial>."""
-    notes = list(attributes.unread_notes(element))
-    inertial = element.first("inertial")
-    weight = None if inertial is None else _inertial(inertial, notes)
-    return UrdfLink(attributes.name(element), weight, element, tuple(notes))
+    notes = list(unread_notes(element))
+    inertial, weight, fault = element.first("inertial"), None, None
+    if inertial is not None and (missing := [tag for tag in ("mass", "inertia") if inertial.first(tag) is None]):
+        weight = UrdfInertial(1.0, np.zeros(3), np.zeros((3, 3)), inertial)
+        fault = inertial.refuse(f"expected <{missing[0]}>, got none")  # matters only on a body that moves
+    elif inertial is not None:
+        weight = _inertial(inertial, notes)
+    return UrdfLink(attributes.name(element), weight, element, tuple(notes), fault)
 
 
 def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
@@ -147,18 +198,30 @@ def _symmetric(moments: Element) -> Array:
 
 
 def _joint(element: Element) -> UrdfJoint:
-    """Return a joint; the axis, limits and friction of a fixed joint have no meaning and are not read."""
-    notes = list(attributes.unread_notes(element))
+    """Return a joint; the axis, limits and friction of a fixed joint have no meaning and are not read.
+
+    An error in the axis, the limits or the drive is kept, since it does not matter if the joint is locked.
+    """
+    notes = list(unread_notes(element))
     kind = _kind(element)
-    moving = kind in MOVING
-    drive = {**_limits(element, kind, notes), **_dynamics(element), "mimic": _mimic(element)} if moving else {}
+    axis = np.array([1.0, 0.0, 0.0])
+    drive: dict[str, Any] = {}
+    try:
+        if kind in MOVING:
+            drive["mimic"] = _mimic(element)
+        if kind in MOVING or kind == PLANAR:
+            axis = _axis(element, notes)
+        if kind in MOVING:
+            drive |= {**_dynamics(element), **_limits(element, kind, notes)}
+    except SceneError as fault:
+        drive["fault"] = fault
     return UrdfJoint(
         name=attributes.name(element),
         kind=kind,
         parent=attributes.name(element.required("parent"), "link"),
         child=attributes.name(element.required("child"), "link"),
         origin=attributes.pose(element.first("origin")),
-        axis=_axis(element, notes) if moving or kind == PLANAR else np.array([1.0, 0.0, 0.0]),
+        axis=axis,
         element=element,
         notes=tuple(notes),
         **drive,
@@ -168,6 +231,8 @@ def _joint(element: Element) -> UrdfJoint:
 def _kind(element: Element) -> str:
     """Return the joint's type, one of those defined by URDF or its dialects."""
     kind = attributes.name(element, "type")
+    if element.tag != "joint":
+        return f"{element.tag.partition(':')[0]}:{kind}"  # a type of Drake's own
     known = (*MOVING, PLANAR, "fixed", *UNSUPPORTED)
     if kind not in known:
         raise element.refuse(
@@ -185,17 +250,17 @@ def _axis(element: Element, notes: list[str]) -> np.ndarray:
 
 
 def _dynamics(element: Element) -> dict[str, float]:
-    """Return viscous damping, Coulomb friction, and a spring's stiffness and reference, if the file gives any."""
+    """Return damping, Coulomb friction, armature, and a spring's stiffness and reference, if the file gives any."""
     if (dynamics := element.first("dynamics")) is None:
         return {}
-    keys = {"damping": "damping", "friction": "friction", "stiffness": "spring_stiffness"}
+    keys = {"damping": "damping", "friction": "friction", "stiffness": "spring_stiffness", "armature": "armature"}
     sizes = {name: attributes.number(dynamics, key, 0.0, at_least=0.0) for name, key in keys.items()}
     return {**sizes, "rest": attributes.number(dynamics, "spring_reference", 0.0)}
 
 
 def _mimic(element: Element) -> Mimic | None:
     """Return the joint that this joint mimics, or None."""
-    if (mimic := element.first("mimic")) is None:
+    if (mimic := element.first("mimic") or element.first("drake:mimic")) is None:
         return None
     followed = attributes.name(mimic, "joint")
     multiplier, offset = attributes.number(mimic, "multiplier", 1.0), attributes.number(mimic, "offset", 0.0)

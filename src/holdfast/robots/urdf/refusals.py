@@ -29,6 +29,7 @@ def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
         assert mimic is not None
         raise following[0].element.refuse(
             f"mimic: expected joints that move independently, got one that follows {quoted(mimic.joint)}"
+            f"{', which moves, so that lock_others does not lock it' if locks.others else ''}"
             f"{f', and {others}' if following[1:] else ''}; try {_held(following)}"
         )
 
@@ -52,7 +53,9 @@ def hanging(
     passed = {joint.name for joint, _ in folded.path} if passed is None else passed
     return [
         LooseJoint(
-            joint, f"moves link {quoted(joint.child)}, which hangs on the {what} but is not between base and tip"
+            joint,
+            f"moves link {quoted(joint.child)}, which hangs on the {what} but is not between base and tip"
+            + (_unlocked(joint.mimic.joint) if joint.mimic and locks.others else ""),
         )
         for links in folded.moving
         for joint in moving_branches(links, passed, locks)
@@ -73,6 +76,10 @@ def shared(locks: Locks, ends: Mapping[str, tuple[str, str]]) -> list[LooseJoint
     reasons += [(name, f"moves the {' and the '.join(moved)}") for name, moved in bases.items()]
     joints = robot.joints
     return [LooseJoint(joints[name], why) for name, why in reasons if locks.pose(joints[name]) is None]
+
+
+def _unlocked(leader: str) -> str:
+    return f", and mimics {quoted(leader)}, which moves, so that lock_others does not lock it"
 
 
 def refuse_loose(locks: Locks, loose: list[LooseJoint]) -> None:

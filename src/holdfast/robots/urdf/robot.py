@@ -7,15 +7,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from holdfast.errors import SceneError
 from holdfast.model.joint import UNBOUNDED
 from holdfast.model.joint_types import JOINT_TYPES
 from holdfast.robots.urdf.document import Element
+from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 MOVING = {urdf: kind for kind, row in JOINT_TYPES.items() for urdf in row.urdf}  # kinds of `Joint` by URDF type
 PLANAR = "planar"  # read as three joints with one degree of freedom
 UNSUPPORTED = ("floating", "ball", "spherical")
+WORLD = "world"  # end of a coupling that is attached to no link
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +47,16 @@ class UrdfLink:
         inertial: mass, mass centre and inertia; None if the file gives none.
         element: the <link> element.
         notes: notes on what was not read, or was interpreted differently from the file.
+        fault: why it cannot be part of a body that moves, such as a mass without inertia; None if it can.
+        weightless: the element that switches gravity off for it; None if it has weight.
     """
 
     name: str
     inertial: UrdfInertial | None
     element: Element = field(repr=False)
     notes: tuple[str, ...]
+    fault: SceneError | None = None
+    weightless: Element | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -87,7 +94,9 @@ class UrdfJoint:
         friction: Coulomb friction [N m or N].
         stiffness, rest: stiffness and rest position of a spring [N m/rad or N/m, rad or m], which many URDF files give
             with the names of SDF.
+        armature: inertia of the rotors of its drives, reflected to the joint [kg m^2 or kg].
         mimic: the joint that it mimics, or None.
+        fault: why it cannot move, an error in its axis, limits or drive, which do not matter if it is locked; or None.
     """
 
     name: str
@@ -105,7 +114,9 @@ class UrdfJoint:
     friction: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
+    armature: float = 0.0
     mimic: Mimic | None = None
+    fault: SceneError | None = None
 
     @property
     def is_fixed(self) -> bool:
@@ -123,6 +134,21 @@ class UrdfJoint:
 
 
 @dataclass(frozen=True, eq=False)
+class Coupling:
+    """An element that couples bodies beyond the tree: a loop, a spring between links, a drive of several joints.
+
+    Attributes:
+        element: the element.
+        links: names of the links that it couples, or "world".
+        joints: names of the joints that it couples.
+    """
+
+    element: Element = field(repr=False)
+    links: frozenset[str] = frozenset()
+    joints: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
 class UrdfRobot:
     """A tree of links and joints.
 
@@ -134,6 +160,8 @@ class UrdfRobot:
         element: the <robot> element.
         notes: one sentence for each part of the <robot> element itself that was ignored.
         folder: folder to which relative names of meshes refer; "" for a text without a file.
+        packages: folders of packages by name, as given or as found by xacro.
+        couplings: what couples bodies beyond the tree.
     """
 
     name: str
@@ -143,6 +171,8 @@ class UrdfRobot:
     element: Element = field(repr=False)
     notes: tuple[str, ...]
     folder: str = ""
+    packages: Mapping[str, str] = field(default_factory=FrozenDict)
+    couplings: tuple[Coupling, ...] = ()
 
     @cached_property
     def joint_above(self) -> Mapping[str, UrdfJoint]:

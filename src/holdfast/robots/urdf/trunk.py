@@ -10,8 +10,10 @@ from typing import Unpack
 from holdfast.model import checks
 from holdfast.model.trunk import BASE, Trunk
 from holdfast.robots.arms_on_trunk import ArmsOnTrunk, branching, mount_name, shared_counts
+from holdfast.robots.notes import show_notes
 from holdfast.robots.urdf.bodies import FoldedChain, fold, welded_link
-from holdfast.robots.urdf.chain import UrdfChain, chain_of, joints_and_links, read_within
+from holdfast.robots.urdf.chain import UrdfChain, chain_of, joints_and_links
+from holdfast.robots.urdf.chain_notes import coupling_notes, read_within
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
 from holdfast.robots.urdf.path import Locks, PassedJoint, known_link, path_between
@@ -73,8 +75,13 @@ def load_urdf_trunk(
         SceneError: as for `load_urdf_arms`; or no joint moves two arms and the base is fixed, the trunk branches, an
             arm has no joint of its own, or a mount is given for a floating base.
         ModelError, MissingExtra: as for `load_urdf_arms`.
+
+    Warns:
+        ModelWarning: as for `load_urdf_arms`.
     """
-    return urdf_trunk(path_or_text, tips, base=base, floating=floating, **options).found
+    chain = urdf_trunk(path_or_text, tips, base=base, floating=floating, **options)
+    show_notes([*chain.found.trunk.notes, *(note for one in chain.chains.values() for note in one.arm.notes)])
+    return chain.found
 
 
 def urdf_trunk(
@@ -176,12 +183,16 @@ def _on_trunk(
 ) -> UrdfTrunkChain:
     """Return trunk and arms; `shared` contains the number of trunk joints below each arm."""
     robot, floats = locks.robot, common.floats
-    free = welded_link(robot, common.on_base, "it floats", options.get("physical", True)) if floats else None
+    joints, links, notes = joints_and_links(robot, common, options)
+    free = welded_link(robot, common.on_base, "it floats", options.get("physical", True), notes) if floats else None
     bodies = (common.on_base, *(body.links for body in common.bodies))
     visuals, unread = visuals_of_bodies(robot, bodies)
-    trunk = Trunk(*joints_and_links(robot, common, options), mount_of(options), free, visuals)
-    locked, notes = read_within(locks, common)
-    notes += unread
+    locked, within, frames = read_within(locks, common)
+    parts = [*bodies, *(body.links for folded in folds.values() for body in folded.bodies)]
+    moving = {body.step.joint.name for folded in (common, *folds.values()) for body in folded.bodies}
+    notes += [*coupling_notes(robot, parts, moving, floats), *within, *unread]
+    trunk = Trunk(joints, links, mount_of(options), free, visuals, notes)
+    notes += frames
     chains, mounts = {}, {}
     for name, folded in folds.items():
         k = shared[name]

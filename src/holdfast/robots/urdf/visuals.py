@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import holdfast.robots.urdf.attributes as attributes
 from holdfast.errors import SceneError
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Rgba, Shape, Sphere, Visual, Visuals
+from holdfast.robots.packages import Packages
 from holdfast.robots.urdf.document import Element
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.spatial.pose import Pose
@@ -42,7 +44,15 @@ def visuals_of_bodies(robot: UrdfRobot, bodies: Bodies) -> tuple[Visuals | None,
         visuals = _visuals(robot, bodies)
     except SceneError as cause:  # invalid visuals are no reason to refuse an arm
         return None, [f"{cause}; drawn with simple solids"]
-    return Visuals(visuals, robot.folder) if any(visuals) else None, []
+    return Visuals(visuals, robot.folder, _packages_of(visuals, robot)) if any(visuals) else None, []
+
+
+def _packages_of(visuals: tuple[tuple[Visual, ...], ...], robot: UrdfRobot) -> dict[str, str]:
+    """Return the folders of the packages that names of meshes may refer to, so that later searches find the same."""
+    shapes = [visual.shape for body in visuals for visual in body]
+    names = {one.filename.partition("://")[2].partition("/")[0] for one in shapes if isinstance(one, Mesh)}
+    search = Packages(Path(robot.folder) if robot.folder else None, robot.packages)
+    return {**robot.packages, **{name: str(at) for name in sorted(names - {""}) if (at := search.find(name))}}
 
 
 def _visuals(robot: UrdfRobot, bodies: Bodies) -> tuple[tuple[Visual, ...], ...]:

@@ -136,7 +136,7 @@ def fitting(name: str, value: Any, shape: tuple[int, ...], count: int) -> Array:
     """
     x = arrays.floats(name, value, shape)
     if x.ndim > len(shape) and len(x) != count:
-        raise StateError(f"{name}: expected shape {shape} or ({count}, *{shape}), got {x.shape}")
+        raise StateError(f"{name}: expected shape {checks.shapes_with_rows(shape, count)}, got {x.shape}")
     return x
 
 
@@ -166,6 +166,19 @@ def whole_number(name: str, value: Any, most: int | None = None) -> int:
     if most is not None and value > most:
         raise StateError(f"{name}: expected at most {most}, got {checks.short(value)}")
     return int(value)
+
+
+def require_systems(systems: Any) -> None:
+    """Refuse what is not the systems of a rollout.
+
+    Raises:
+        StateError: it is something else.
+    """
+    if not isinstance(systems, RolloutSystems):
+        raise StateError(
+            f"systems: expected those that `start` returned, got {type(systems).__name__}; try rollout.start(q, qd,"
+            " object_pose, object_twist)"
+        )
 
 
 def step_lengths(step: Any, count: int) -> Array:

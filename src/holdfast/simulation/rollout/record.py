@@ -10,6 +10,7 @@ from typing import Any
 
 from holdfast import outer
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.simulation.rollout.systems import RolloutSystems, status_summary
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.frozen import Frozen
@@ -37,6 +38,7 @@ class RolloutArguments(Frozen):
     duration: float
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class RolloutRecord(Frozen):
     """The recorded arrays of a rollout; the first axis of every array is the time, the second the system.

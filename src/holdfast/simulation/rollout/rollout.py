@@ -15,6 +15,7 @@ from holdfast.dynamics.consistency import POSITION_TOLERANCE
 from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.progress import busy
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
@@ -25,6 +26,7 @@ from holdfast.simulation.rollout.arguments import (
     drift_limit,
     kernel_arguments,
     number,
+    require_systems,
     state_arguments,
     step_inputs,
     step_lengths,
@@ -50,6 +52,7 @@ NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
 RECORDED = ("q", "qd", "object_pose", "object_twist", "grasp_wrench")
 
 
+@called
 class Rollout:
     """Advances many systems in machine code; created by `compile_rollout`.
 
@@ -161,6 +164,7 @@ class Rollout:
         Raises:
             StateError: the joints differ, or a shape is wrong.
         """
+        require_systems(systems)
         joints, others = self.chain.joint_names(), systems.chain.joint_names()
         if joints != others:
             raise StateError(
@@ -228,6 +232,7 @@ class Rollout:
         Raises:
             StateError: a shape is wrong, a name is unknown, or the step is not positive.
         """
+        require_systems(systems)
         steps, threads = whole_number("steps", steps, MOST_STEPS), whole_number("threads", threads)
         least = stop_margins(least_margin, stop_at_limits)
         limit = drift_limit(largest_drift)
@@ -304,6 +309,7 @@ class Rollout:
                 different times.
             ResultError: the folder is in use or cannot be written.
         """
+        require_systems(systems)
         options = step_options(least_margin, stop_at_limits, largest_drift)
         h, duration = float(step_lengths(step, 1)[0]), number("duration", duration)
         arguments = RolloutArguments(self, systems.copy(), h, whole_number("every", every), options, duration)
@@ -342,6 +348,7 @@ class Rollout:
         Raises:
             StateError: a shape or name is wrong.
         """
+        require_systems(systems)
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
         return Tape(self, systems, step, steps, every, record, schedule or {}, options, given)
 

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.parameters import parameters_of
 from holdfast.errors import FrozenError, StateError
 from holdfast.forces.margins import joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.stability import cell, fastest_passive
@@ -50,6 +52,7 @@ def _carried(key: str, meaning: str) -> Any:
 RATE, CELL = PASSIVE = "passive_rate", "passive_cell"
 
 
+@called
 class RolloutSystems:
     """Many systems of one chain, advanced in place by `Rollout.step`.
 
@@ -233,17 +236,18 @@ class RolloutSystems:
         self.begin[rows], self.step_length[rows] = other.begin, other.step_length
 
     def reset(self, rows: Any, other: RolloutSystems) -> None:
-        """Set some systems to others that `Rollout.start` returned, arguments of calls included. O(rows).
+        """Set some systems to others that `Rollout.start` returned, with the arguments that it was given. O(rows).
 
-        An argument that was common to all systems, and differs for the new ones, gets a row for each system.
+        An argument that it was not given keeps its value in these rows; accelerations and forces are those of the start
+        until the next step. An argument that was common to all systems, and differs for the new ones, gets a row for
+        each system.
 
         Args:
             rows: the systems to replace, as numbers or as a boolean mask.
             other: as many systems of the same rollout.
 
         Raises:
-            StateError: there are no such systems, the numbers of systems differ, or `other` belongs to another rollout
-                or has arguments that these systems do not have.
+            StateError: there are no such systems, the numbers of systems differ, or `other` belongs to another rollout.
         """
         checks.instance(other, RolloutSystems, "reset: other", StateError)
         which = np.arange(len(self))[self._rows(rows)]
@@ -253,11 +257,21 @@ class RolloutSystems:
         alike = all(self.arrays[name].shape[1:] == other.arrays[name].shape[1:] for name in here & there)
         if not alike or (here ^ there) - {*PASSIVE}:
             raise StateError("reset: expected systems of the same rollout, got others; try its `start`")
-        for name in sorted(self.call_inputs.keys() ^ other.call_inputs.keys()):
-            raise StateError(f"reset: expected {name.removeprefix('control.')} given to both or to none")
+        mine_alone = self.call_inputs.keys() - other.call_inputs.keys()
+        theirs_alone = other.call_inputs.keys() - self.call_inputs.keys()
+        for name in sorted(name for name in mine_alone | theirs_alone if name.startswith("control.")):
+            own, called = ("these", "the fresh `start`") if name in mine_alone else ("the fresh", "these systems'")
+            raise StateError(
+                f"reset: {own} systems have their own {name.removeprefix('control.')}; pass it to {called} too"
+            )
         self.put(which, other)  # an array that only one of them has is in PASSIVE, and is computed again
+        if mine_alone:
+            self.under = ()  # the slopes of these rows were evaluated with other values
+        chains = parameters_of(self.chain, None) if theirs_alone else {}
         for name, x in other.call_inputs.items():
-            mine = self.call_inputs[name]
+            mine = self.call_inputs.get(name)
+            if mine is None:
+                mine = self.call_inputs[name] = np.array(chains.get(name, np.zeros(x.shape[1:])))[None]
             if len(mine) == 1 and not (len(x) == 1 and np.array_equal(x, mine)):
                 mine = self.call_inputs[name] = np.repeat(mine, len(self), axis=0)
             if len(mine) == len(self):

@@ -15,6 +15,7 @@ import numpy as np
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
+from holdfast.names import called
 from holdfast.questions.arrays import results_of, state_fields
 from holdfast.questions.derivatives import Derivatives, require_names
 from holdfast.simulation.rollout.adjoint import BEFORE, AdjointKernel, adjoint_shapes
@@ -56,6 +57,7 @@ class StoredStep(NamedTuple):
     went: Array
 
 
+@called
 class Tape:
     """Stored steps of systems, for gradients; created by `Rollout.tape`.
 

@@ -1,0 +1,98 @@
+"""Notes on numbers that are possible but unlikely, each with its likely cause: units, signs, orders of quaternions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from holdfast import outer
+from holdfast.assembly.outward_normal import outward_normal
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
+from holdfast.model.held_object import HeldObject
+from holdfast.model.visuals import Mesh
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+DENSEST = 3e4  # [kg/m^3]; osmium has 2.3e4
+HEAVIEST = 30.0  # mass of an object, relative to that of the arms that hold it against gravity; robots lift their own
+LONGEST = 30.0  # length of an object, relative to that of the longest arm
+FEWEST = 5  # joints of an arm with a hand; cranks of mechanisms are pinned to an object with any attitude
+LIKE = 0.99  # least cosine between directions that are meant to be the same
+
+
+def plausibility_notes(chain: ClosedChain, object_pose: Pose | None = None) -> tuple[str, ...]:
+    """Return notes on a chain's gravity, object, grasps and bases, and on the pose of its object. O(arms)."""
+    g = chain.gravity
+    notes = []
+    if g[2] > 0.5 * float(np.linalg.norm(g)):
+        notes.append(f"gravity: [{_few(g)}] points upward, along +z; it is the acceleration of a falling body, try -z")
+    notes += _of_object(chain)
+    for name, grasp in chain.grasps.items():
+        presses = grasp.contact is not None or (grasp.of_kind.oriented and len(chain.arms[name].joints) >= FEWEST)
+        notes += _of_grasp(name, grasp, chain.held_object) if presses else ()
+    poses = {f"arm '{name}': base": arm.base for name, arm in chain.arms.items() if name not in chain.mounts}
+    for what, pose in {**poses, **({} if object_pose is None else {"object: pose": object_pose})}.items():
+        notes += _of_order(what, pose)
+    if object_pose is not None and np.allclose(object_pose.R, np.diag([-1.0, -1.0, 1.0]), rtol=0, atol=1e-9):
+        notes.append(
+            "object: pose: the quaternion [0, 0, 0, 1] is half a turn about z; if none was meant: [1, 0, 0, 0]"
+        )
+    return tuple(notes)
+
+
+def _of_object(chain: ClosedChain) -> Iterator[str]:
+    """Yield notes on the size and mass of the object."""
+    held = chain.held_object
+    edges = outer.equivalent_box(held)[0]
+    arms = [chain.arms[name] for name in chain.grasps]
+    moved, longest = sum(link.mass for arm in arms for link in arm.links), max((arm.length for arm in arms), default=0)
+    box = f"a box of {_few(edges, ' x ')} m with its inertia"
+    if isinstance(held.shape, Mesh) and (found := outer.size_notes(held)):
+        yield from (f"object: {note}" for note in found)
+    elif edges.max() > LONGEST * longest > 0.0:
+        yield f"object: {box} is {edges.max() / longest:.0f} times as long as the longest arm: mm instead of m?"
+    if (density := held.mass / float(edges.prod())) > DENSEST:
+        yield f"object: {held.mass:g} kg in {box} are {density:.2g} kg/m^3, more than any metal: g instead of kg?"
+    elif moved and all(arm.joints for arm in arms) and chain.gravity.any() and held.mass > HEAVIEST * moved:
+        yield f"object: {held.mass:g} kg are {held.mass / moved:.0f} times the mass of its arms: g instead of kg?"
+
+
+def _of_grasp(name: str, grasp: Grasp, held: HeldObject) -> Iterator[str]:
+    """Yield a note on a contact frame on the object's surface whose z axis does not point inward, as it should."""
+    normal = outward_normal(held, grasp.frame.p)
+    if normal is None:
+        return
+    outward, other = float(grasp.frame.R[:, 2] @ normal), _reordered(grasp.frame)
+    if other is not None and outward > -0.5 and float(other.R[:, 2] @ normal) < -LIKE:
+        yield f"grasp '{name}': {_meant(grasp.frame)}; then z would point into the object, as it should"
+    elif outward > 0.5:
+        yield (
+            f"grasp '{name}': the contact frame's z axis points out of the object, but should point into it; try the"
+            " frame after half a turn about its x axis, frame @ Pose.from_rpy(pi, 0, 0)"
+        )
+
+
+def _of_order(what: str, pose: Pose) -> Iterator[str]:
+    """Yield a note on a pose that lies on its side, but would be upright if its quaternion's order was x, y, z, w."""
+    other = _reordered(pose)
+    if other is not None and other.R[2, 2] > LIKE > abs(pose.R[2, 2]):
+        yield f"{what}: {_meant(pose)}; then z would point upward"
+
+
+def _reordered(pose: Pose) -> Pose | None:
+    """Return a pose with its quaternion read as x, y, z, w; None if that is the same, or if it has no rotation."""
+    w, x, y, z = rotation.to_quaternion(pose.R)
+    other = Pose(rotation.from_quaternion(np.array([z, w, x, y])), pose.p)
+    return None if np.allclose(other.R, pose.R, atol=1e-6) or abs(w) > 1 - 1e-12 else other
+
+
+def _meant(pose: Pose) -> str:
+    w, x, y, z = (given := rotation.to_quaternion(pose.R)) * (-1.0 if given[3] < 0 else 1.0)
+    return f"was the quaternion [{_few([w, x, y, z])}] meant as x, y, z, w? As w, x, y, z it is [{_few([z, w, x, y])}]"
+
+
+def _few(numbers: Array | list[float], between: str = ", ") -> str:
+    return between.join(f"{x + 0.0:.4g}" for x in numbers)

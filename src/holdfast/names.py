@@ -1,0 +1,164 @@
+"""Wrong names in a user's code become errors of ours: of a package's contents, and of arguments."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NoReturn, TypeVar
+
+import lazy_loader
+
+from holdfast.errors import CallError, UnknownName
+
+MOST_NAMED = 40  # names in a message that lists what is known
+Kind = TypeVar("Kind", bound=type)
+Called = TypeVar("Called", bound=Callable[..., Any])
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ' Did you mean ...?' with the closest known name in any case, or a list of the known names."""
+    known = list(known)
+    cases = {each.lower(): each for each in reversed(known)}
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
+    near = near or [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.8)]
+    if near:
+        return f" Did you mean '{near[0]}'?"
+    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
+    return f" Known: {', '.join(known[:MOST_NAMED]) or 'none'}{more}."
+
+
+def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
+    """Return the error for a name that a package does not have."""
+    return UnknownName(f"{package} has no '{name}'.{did_you_mean(name, known)}")
+
+
+def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return `__getattr__`, `__dir__` and `__all__` of a package whose public names its stub lists; see `lazy_loader`.
+
+    A function is made `called` where it is defined, so that the package and its module have the same one.
+
+    Args:
+        package: name of the package.
+        file: its `__init__.py`.
+    """
+    load, _, names = lazy_loader.attach_stub(package, file)
+
+    def get(name: str) -> Any:
+        if name not in names:
+            raise unknown_name(package, name, names)
+        found = load(name)
+        if inspect.isfunction(found):
+            found = called(found)
+            for module in (found.__module__, package):
+                vars(sys.modules[module])[name] = found
+        return found
+
+    return get, names.copy, names
+
+
+def named(cls: Kind) -> Kind:
+    """Return a class whose attributes are named in the error for one that it does not have."""
+    if "__getattr__" not in vars(cls):
+        cls.__getattr__ = _unknown_attribute  # type: ignore[attr-defined]
+    return cls
+
+
+def _unknown_attribute(of: Any, name: str) -> NoReturn:
+    if hasattr(type(of), name):
+        object.__getattribute__(of, name)  # a property's own error
+    raise unknown_attribute(of, name)
+
+
+def unknown_attribute(of: Any, name: str) -> UnknownName:
+    """Return the error for an attribute that an object does not have; Python's own questions get a plain one."""
+    known = [] if name.startswith("_") else [each for each in dir(of) if not each.startswith("_")]
+    hint = did_you_mean(name, known) if known else ""
+    return UnknownName(f"'{type(of).__name__}' object has no attribute '{name}'{'.' * bool(hint)}{hint}")
+
+
+def called(of: Called) -> Called:
+    """Return a function whose wrong calls raise errors of ours; of a class, its constructor and public methods.
+
+    A call is wrong if its arguments do not fit the signature. Nothing is done to other calls.
+
+    Attributes that such a class does not have raise an `UnknownName`.
+
+    Raises:
+        CallError: a name is unknown, an argument is missing or given twice, or there are too many.
+    """
+    if isinstance(of, type):
+        named(of)
+        for name, method in [*vars(of).items()]:
+            if inspect.isfunction(method) and (name in ("__init__", "__call__") or not name.startswith("_")):
+                setattr(of, name, _called(method, of.__name__ if name.startswith("__") else name))
+        return of  # type: ignore[return-value]
+    return _called(of, of.__name__)  # type: ignore[return-value]
+
+
+def no_arguments(what: str, given: tuple[Any, ...]) -> None:
+    """Refuse arguments of a call that has none, because it reads fixed arrays.
+
+    Raises:
+        CallError: there are some.
+    """
+    if given:
+        raise CallError(f"{what}: expected no arguments, got {len(given)}; try writing into its arrays before the call")
+
+
+def _called(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    @functools.wraps(function)
+    def call(*args: Any, **given: Any) -> Any:
+        try:
+            return function(*args, **given)
+        except TypeError:
+            if (wrong := wrong_call(inspect.signature(function), name, args, given)) is None:
+                raise
+        raise wrong
+
+    return call
+
+
+def wrong_call(
+    signature: inspect.Signature, name: str, args: Sequence[Any], given: Mapping[str, Any]
+) -> CallError | None:
+    """Return the error for arguments that do not fit a signature; None if they do.
+
+    Args:
+        signature: the signature.
+        name: what is called, for the message.
+        args: arguments by place.
+        given: arguments by name.
+    """
+    try:
+        signature.bind(*args, **given)
+    except TypeError as error:
+        said = str(error)
+    else:
+        return None
+    kinds, parameters = inspect.Parameter, list(signature.parameters.values())
+    own = sum(p.name == "self" for p in parameters[:1])
+    parameters, args = parameters[own:], args[own:]
+    by_place = [p.name for p in parameters if p.kind in (kinds.POSITIONAL_ONLY, kinds.POSITIONAL_OR_KEYWORD)]
+    known = [p.name for p in parameters if p.kind in (kinds.POSITIONAL_OR_KEYWORD, kinds.KEYWORD_ONLY)]
+    anything = any(p.kind == kinds.VAR_KEYWORD for p in parameters)
+    have = {*by_place[: len(args)], *given}
+    missing = [p.name for p in parameters if p.default is p.empty and p.name in known and p.name not in have]
+    unknown = [key for key in given if key not in known]
+    if anything:  # the function refuses unknown names itself, but one that is missing may be misspelt
+        unknown = [key for key in unknown if difflib.get_close_matches(key, missing, cutoff=0.8)]
+    if unknown:
+        return CallError(f"{name}: no argument '{unknown[0]}'.{did_you_mean(unknown[0], known)}")
+    if len(args) > len(by_place):
+        order = f" in the order {', '.join(by_place)}" if by_place else ""
+        return CallError(
+            f"{name}: expected at most {len(by_place)} arguments without names{order}, got {len(args)}; try names for"
+            " the others"
+        )
+    if twice := [key for key in by_place[: len(args)] if key in given]:
+        return CallError(f"{name}: expected {twice[0]} once, got it by place and by name")
+    if missing:
+        return CallError(f"{name}: expected {', '.join(missing)} too, got no value; try {missing[0]}=...")
+    return CallError(f"{name}: {said}")

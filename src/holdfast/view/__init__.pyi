@@ -1,0 +1,6 @@
+"""What people see: figures, pages and playbacks; `holdfast.plot` is its public name."""
+
+from .comparison import compare_runs as compare_runs
+from .page import export_page as export_page
+from .playback import playback_of_run as playback_of_run
+from .plots import save_plots as save_plots
