@@ -90,7 +90,7 @@ class DerivativeRequest:
     """The derivatives requested at every state: random cotangents and directions, the same for all of them.
 
     Attributes:
-        kind: argument of `bind_derivatives`.
+        kind: argument of `bind`.
         names: keyword arguments that select results and arguments.
         parts: keys of the returned derivatives.
         numbers: cotangents or directions of one system, by name.

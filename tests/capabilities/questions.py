@@ -14,9 +14,12 @@ import holdfast as hf
 from holdfast import dynamics, forces
 from holdfast.interop import to_mjcf
 from holdfast.interop.mcap_writer import write_mcap
+from holdfast.questions.arrays import FLOATING_RESULT
+from holdfast.questions.question import QUESTIONS
 from holdfast.view.page import page
 from holdfast.view.playback import playback_of_run
 from tests.capabilities.chains import Case
+from tests.questions.every import FUNCTIONS, asked
 
 STEP = 1e-4
 ANSWERED = {dynamics.Status.OK, dynamics.Status.INDETERMINATE_FORCES}
@@ -154,32 +157,18 @@ def through_steps(c: Case) -> Any:
     return [found.q, found.tau]
 
 
-def of_texts(c: Case) -> Any:
-    """Return gradients of torques by joint positions, and of both energies."""
+def of_questions(c: Case) -> list[Any]:
+    """Return a gradient of every question that is answered without the equations of motion."""
     found = solved(c)
-    base = found.base_acceleration if c.chain.floats else None
-    given = c.chain, c.state, found.qdd, found.grasp_wrench, c.inputs, base
-    return [
-        hf.inverse_dynamics.vjp(*given, tau=np.ones(c.chain.joint_count), by=("q",)).q,
-        dynamics.kinetic_energy.vjp(c.chain, c.state, inputs=c.inputs, by=("q",)).q,
-        dynamics.potential_energy.vjp(c.chain, c.state, by=("q",)).q,
-    ]
-
-
-def of_margins(c: Case) -> Any:
-    """Return gradients by joint positions of the gaps of the grasps, of margins, and of wrenches at wrists."""
-    found, cotangent = solved(c), np.ones(c.chain.joint_count)
-    gaps = [gap.position for gap in dynamics.closure(c.chain, c.state, c.inputs).values()]
-    of_gaps = np.ones(sum(map(len, gaps)))
-    wrists = np.ones((len(c.chain.arms), 6))
-    return [
-        dynamics.closure.vjp(c.chain, c.state, c.inputs, position=of_gaps, by=("q",)).q,
-        forces.joint_margins.vjp(c.chain, c.state, c.tau, position=cotangent, by=("q",)).q,
-        forces.wrist_wrenches.vjp(c.chain, c.state, found, wrist_wrenches=wrists, by=("q",)).q,
-        forces.grasp_margins.vjp(
-            c.chain, c.state, found.grasp_wrench, grasp_margins=np.ones(len(c.chain.grasps))
-        ).grasp_wrench,
-    ]
+    given = {"tau": c.tau, "qdd": found.qdd, "grasp_wrench": found.grasp_wrench, "result": found}
+    given |= {FLOATING_RESULT: found.base_acceleration} if c.chain.floats else {}
+    gradients = []
+    for name in FUNCTIONS:
+        question = QUESTIONS[name]
+        ones = {of: np.ones(question.shape(c.chain, of)) for of in question.names[:1]}
+        made = asked(name, c.chain, c.state, c.inputs, given, "vjp", by=question.by[-1:], **ones)
+        gradients += made.parts.values()
+    return gradients
 
 
 def exported(c: Case) -> Any:
@@ -264,8 +253,7 @@ DERIVATIVES = [
     Question("derivatives of forward dynamics", gradients, quick=False),
     Question("`linearise`", lambda c: hf.linearise(c.chain, c.state, c.tau, inputs=c.inputs).A, quick=False),
     Question("compiled derivatives", gradients_by_machine_code, quick=False),
-    Question("of inverse dynamics and energies", of_texts, quick=False),
-    Question("of closure, margins, wrists", of_margins, quick=False),
+    Question("of all other questions", of_questions, quick=False),
     Question("a time step", a_step, quick=False),
     Question("through rollouts", through_steps, quick=False),
     Question("`regressor`", parameters_rows, quick=False),

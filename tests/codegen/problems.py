@@ -77,7 +77,7 @@ def truths(name: str, count: int, derivatives: bool = True) -> list[Truth]:
     chain, state = chain_and_state(name)
     compiled = hf.compile(chain)
     made = [_forward(compiled, state, count), _law(compiled, state, count)]
-    made += [_answer(question, compiled, state, count) for question in direct()]
+    made += [answer(question, compiled, state, count) for question in direct()]
     made += [_jacobian(compiled, state, count)] if derivatives else []
     return [*made, steps(compiled, state, count)]
 
@@ -127,7 +127,7 @@ def _without(system: System, *names: str) -> System:
     return {n: x for n, x in system.items() if n not in names}
 
 
-def _answer(name: str, compiled: hf.compiled.CompiledChain, state: hf.State, count: int) -> Truth:
+def answer(name: str, compiled: hf.compiled.CompiledChain, state: hf.State, count: int) -> Truth:
     """Return a question that is answered without the equations of motion; what is projected is nearly closed."""
     function, call, near = exported_function(name, compiled), getattr(compiled, name), name != "project"
     given, expected = [], []

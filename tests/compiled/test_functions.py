@@ -17,6 +17,7 @@ from holdfast.compiled.not_compiled import REASONS
 from holdfast.compiled.structure import Options
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.compiler.targets import cpu
+from holdfast.dynamics.projection import after_step
 from holdfast.model.grasp import WrenchLimits
 from holdfast.questions.arrays import ARRAYS
 from holdfast.questions.case import OF_INPUTS
@@ -26,7 +27,17 @@ from holdfast.spatial.scalar import Array
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, chain_of, compiled, numbers, one
 from tests.dynamics.problems import CASES, random_problem, stored
-from tests.questions.every import Given, built_with, direct, flat, inputs_of, parameters_of, reference, taken_by
+from tests.questions.every import (
+    FUNCTIONS,
+    Given,
+    built_with,
+    direct,
+    flat,
+    inputs_of,
+    parameters_of,
+    reference,
+    taken_by,
+)
 from tests.surface import PUBLIC
 from tests.systems.as_chain import Problem
 
@@ -128,6 +139,36 @@ def test_random_systems(function, seed):
     kinds = {joint.kind for arm in problem.chain.arms.values() for joint in arm.joints}
     assert kinds == {"revolute", "prismatic"}
     assert disagreement(problem, function, seed) < BOUND
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_functions_of_the_reference(seed):
+    """They return what their questions compute; those with derivatives are in `tests/derivatives/test_functions.py`."""
+    p = random_problem(seed, grasps=("rigid", "hinge", "ball", None), joints=(6, 5, 3, 4), moving_base=True)
+    chain, s, about = p.chain, p.state, np.array([0.1, 0.2, 0.3])
+    given = {"q": s.q, "qd": s.qd, "object_pose": s.object_pose, "object_twist": s.object_twist, "about": about}
+    of_arms = {
+        "mass_matrix": holdfast.dynamics.joint_mass_matrix,
+        "jacobian": holdfast.dynamics.tip_jacobian,
+        "tip_poses": lambda arm, q: {x: getattr(holdfast.dynamics.tip_pose(arm, q), x) for x in "Rp"},
+        "link_poses": lambda arm, q: {
+            x: np.array([getattr(link, x) for link in holdfast.dynamics.link_poses(arm, q)]) for x in "Rp"
+        },
+    }
+    closed = after_step(chain, s, p.inputs.shaped(chain))
+    expected = {
+        "momentum": holdfast.dynamics.momentum(chain, s, about, p.inputs),
+        "centre_of_mass": holdfast.dynamics.centre_of_mass(chain, s),
+        "object_mobility": holdfast.dynamics.object_mobility(chain, s),
+        "project": {name: getattr(closed, name) for name in QUESTIONS["project"].inputs},
+        **{
+            name: {arm: of(chain.arms[arm], s.q[part]) for arm, part in chain.joints.items()}
+            for name, of in of_arms.items()
+        },
+    }
+    assert {*expected} | {*FUNCTIONS} == {*EVERY}
+    for name, of in expected.items():
+        assert gap(reference(name, chain, given, p.inputs), flat(of)) < 1e-13, name
 
 
 @pytest.mark.parametrize("function", [name for name in EVERY if name not in ("object_mobility", "project")])

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 import holdfast
+from holdfast.compiled import CompiledChain
+from holdfast.compiled.structure import Options
 from holdfast.dynamics import Status
+from holdfast.questions.question import QUESTIONS
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, compiled, numbers, one, outputs
 from tests.compiler.programs import all_same_bits
@@ -59,3 +62,15 @@ def test_results(batch):
         assert other["arm0"].qdd.base is not None and not other["arm0"].qdd.any()
         assert not batch or result.qdd.any()
     assert type(result.chain).__name__ == "ClosedChain" and result.method == "sequential"
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_functions(name):
+    """A function is that of its question again, and so are its derivatives."""
+    chain = chain_named("two")
+    of = getattr(CompiledChain(chain, Options(), None), name)
+    made = [of, of.derived("vjp", of.question.names[:1], of.question.by[:1])] if of.question.by else [of]
+    for function in made:
+        for other in (pickle.loads(pickle.dumps(function)), copy.deepcopy(function)):
+            assert other is not function and (other.question, other.request) == (function.question, function.request)
+            assert other.name == function.name and [*other.externals] == [*function.externals]

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.compiled import arrays
+from holdfast.compiled import CompiledChain, arrays
+from holdfast.compiled.structure import Options
 from holdfast.dynamics import Status
-from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.questions.arrays import FLOATING
+from holdfast.questions.question import QUESTIONS
+from tests.compiled.test_functions import gap
 from tests.longer import mostly_long
+from tests.questions.every import direct, flat, reference
 from tests.systems.problems import relative_gap
 from tests.systems.trunk_problems import cases, random_on_trunk
 from tests.systems.trunk_runs import still_base
@@ -139,53 +141,26 @@ def test_refused():
 @pytest.mark.slow
 @pytest.mark.parametrize("floating", mostly_long([False, True], [True]))
 def test_other_functions(floating):
-    """Energies, momentum, mass centre, frames, Jacobians, mobility, closure and projection are the reference's."""
+    """Every other question has the reference's answer, and refuses a call without the state of a floating base."""
     p = still_base(3, 2, floating=floating, arms={"arms": 2, "joints": 7, "grasps": ("rigid", "ball")}, in_world=0.4)
-    chain, s, compiled = p.chain, p.state, hf.compile(p.chain)
-    pose = {"floating_pose": s.base_pose} if floating else {}
-    moving = pose | ({"floating_twist": s.base_twist} if floating else {})
-    state = (s.q, s.qd, s.object_pose, s.object_twist)
-    expected = {
-        "kinetic_energy": hf.dynamics.kinetic_energy(chain, s),
-        "potential_energy": hf.dynamics.potential_energy(chain, s),
-        "momentum": hf.dynamics.momentum(chain, s),
-        "centre_of_mass": hf.dynamics.centre_of_mass(chain, s),
-        "object_mobility": hf.dynamics.object_mobility(chain, s),
-    }
-    found = {
-        "kinetic_energy": compiled.kinetic_energy(*state, **moving),
-        "potential_energy": compiled.potential_energy(s.q, s.object_pose, **pose),
-        "momentum": compiled.momentum(*state, **moving),
-        "centre_of_mass": compiled.centre_of_mass(s.q, s.object_pose, **pose),
-        "object_mobility": compiled.object_mobility(s.q, s.object_pose, **pose),
-    }
-    for name, x in expected.items():
-        assert np.allclose(found[name], x, rtol=1e-11, atol=1e-11 * np.abs(x).max()), name
-    motion = chain_motion(chain, s, p.tau, hf.Inputs().shaped(chain))
-    tips, jacobians = compiled.tip_poses(s.q, **pose), compiled.jacobian(s.q, **pose)
-    for name, arm in motion.arms.items():
-        assert np.allclose(tips[name].p, arm.at.tip.p, atol=1e-12)
-        assert np.allclose(jacobians[name], jacobian(arm.arm, arm.at), atol=1e-11)
-    off = dataclasses.replace(s, q=s.q + 1e-5)
-    closed = compiled.project(off.q, *state[1:], **moving)
-    there, _ = hf.project(chain, off)
-    assert np.allclose(closed["q"], there.q, atol=1e-12)
-    assert np.allclose(closed["object_twist"], there.object_twist, atol=1e-10)
+    chain, s, compiled, found = p.chain, p.state, CompiledChain(p.chain, Options(), None), p.solved()
+    given = {"q": s.q, "qd": s.qd, "object_pose": s.object_pose, "object_twist": s.object_twist}
+    given |= {"qdd": found.qdd, "grasp_wrench": found.grasp_wrench, "tau": p.tau}
     if floating:
-        assert np.allclose(closed["floating_pose"], there.base_pose, atol=1e-12)
-        with pytest.raises(hf.StateError, match="floating_twist: expected that of the trunk's floating base"):
-            compiled.momentum(*state, **pose)
-        with pytest.raises(hf.StateError, match="floating_acceleration: expected that of the trunk's floating base"):
-            compiled.inverse_dynamics(s.q, s.qd, 0 * s.q, np.zeros((2, 6)), **moving)
-    found = p.solved()
-    accelerating = moving | ({"floating_acceleration": found.base_acceleration} if floating else {})
-    tau = compiled.inverse_dynamics(s.q, s.qd, found.qdd, found.grasp_wrench, **accelerating)
-    expected = hf.inverse_dynamics(
-        chain, s, found.qdd, found.grasp_wrench, base_acceleration=accelerating.get("floating_acceleration")
-    )
-    assert np.allclose(tau, expected, rtol=1e-11, atol=1e-9)
+        given |= {"floating_pose": s.base_pose, "floating_twist": s.base_twist}
+        given |= {"floating_acceleration": found.base_acceleration}
+    for name in direct():
+        question, now = QUESTIONS[name], given
+        if name == "project":
+            now = given | {"q": s.q + 1e-5}
+        own, ask = {x: now[x] for x in question.by_name(chain)}, getattr(compiled, name)
+        answer = ask(*(now[x] for x in question.inputs), **own)
+        assert gap(flat(answer), reference(name, chain, now, hf.Inputs())) < EXACT, name
+        for x in own:
+            with pytest.raises(hf.StateError, match=f"{x}: expected that of the trunk's floating base"):
+                ask(*(now[y] for y in question.inputs), **{y: value for y, value in own.items() if y != x})
     if not floating:
-        many = compiled.momentum(*(np.array([x, x]) for x in state))
+        many = compiled.momentum(*(np.array([x, x]) for x in (s.q, s.qd, s.object_pose, s.object_twist)))
         assert np.allclose(many, [hf.dynamics.momentum(chain, s)] * 2, rtol=1e-11, atol=1e-11)
 
 

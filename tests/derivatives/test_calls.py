@@ -243,7 +243,10 @@ def test_bound_forms():
     p, own = one_arm()
     fast, random = compiled(p), np.random.default_rng(0)
     of = ("qdd", "grasp_wrench")
-    vjp, jvp, matrix = (fast.forward_dynamics.bind(kind, of=of, by=FEW, **own) for kind in ("vjp", "jvp", "jacobian"))
+    vjp, jvp, matrix = (
+        fast.forward_dynamics.bind(kind, of=of, by=FEW, **{name: np.array(x) for name, x in own.items()})
+        for kind in ("vjp", "jvp", "jacobian")
+    )
     for _ in range(2):
         own["tau"] = random.normal(size=p.chain.joint_count)
         cotangents = {name: random.normal(size=shapes(p)[name]) for name in of}

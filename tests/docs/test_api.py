@@ -1,6 +1,6 @@
 """What the documentation names is there, and the other way round: public names, robots, commands, extras."""
 
-import importlib
+import pkgutil
 import re
 import tomllib
 
@@ -15,15 +15,6 @@ DIRECTIVE = re.compile(r"^\.\. (?:auto\w+|py:data):: (holdfast[\w.]*)$", re.MULT
 DOCUMENTED = [
     name for page in sorted((DOCS / "api").glob("*.md")) for name in DIRECTIVE.findall(page.read_text(encoding="utf-8"))
 ]
-
-
-def target(name: str) -> object:
-    """Return what a documented name stands for."""
-    module, _, attribute = name.rpartition(".")
-    try:
-        return getattr(importlib.import_module(module), attribute)
-    except AttributeError:
-        return importlib.import_module(name)
 
 
 def test_every_public_name():
@@ -42,7 +33,7 @@ def test_no_other_name():
     """Every documented name exists, is documented once, and has a text of its own."""
     assert len(DOCUMENTED) == len(set(DOCUMENTED))
     for name in DOCUMENTED:
-        found = target(name)
+        found = pkgutil.resolve_name(name)
         assert isinstance(found, dict) or getattr(found, "__doc__", None), name
 
 

@@ -138,7 +138,7 @@ class Differentiated:
             **parameters: parameters as in a call.
 
         Returns:
-            `found[of, by]`, (*shape of the result, *shape of the argument's gradient), with a leading axis for a batch.
+            `found[of, by]`, with the axes of the result and then those of the argument's gradient; a batch comes first.
 
         Raises:
             StateError: A name, shape or number is wrong, or a requested force is not unique.
@@ -180,7 +180,7 @@ class Differentiated:
         require_inputs([name for name in own if name not in inputs], further)
         values += [further.pop(name) for name in own[len(given) :]]
         values += [vectors[name] for name in self.request.given]
-        if threads == 1:
+        if type(threads) is int and threads == 1:
             return self(*values, out=out, **further)
         return self(*values, out=out, threads=threads, **further)
 

@@ -158,7 +158,7 @@ def derivative_docstring(question: Question, kind: str) -> str:
         "jacobian": (
             f"Return the Jacobian dz/dtheta of `{question.name}`.",
             f"of: the results: {results}.\n    by: the arguments: {arguments}.",
-            "`found[of, by]`, (*shape of the result, *shape of the argument's gradient).",
+            "`found[of, by]`, with the axes of the result and then those of the argument's gradient.",
         ),
     }[kind]
     return (

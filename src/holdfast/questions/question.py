@@ -100,6 +100,10 @@ class Question:
     returns: str = "Array"
     shown: Callable[[ClosedChain], Show] = _first
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to unpickle a declared question: by its name."""
+        return _declared, (self.name,)
+
     @property
     def rows(self) -> dict[str, Row]:
         """The rows of the results, by name."""
@@ -163,6 +167,10 @@ class Question:
 
 
 QUESTIONS: dict[str, Question] = {}  # all that machine code answers; see `derivatives.declare`
+
+
+def _declared(name: str) -> Question:
+    return QUESTIONS[name]
 
 
 def by_joints(chain: ClosedChain, result: str) -> list[Part]:
