@@ -9,6 +9,28 @@ from holdfast.dynamics.kinematics import Frames
 from holdfast.forces.margins import JointMargins
 from holdfast.spatial.scalar import Array
 
+class CentreOfMass(Function):
+    def __call__(
+        self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+    ) -> Array:
+        """Return the mass centre of links and object.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            out: an earlier answer with arrays, to be overwritten.
+            threads: the number of threads for a batch.
+            **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3), base_pose
+                (arms, 7); those of the links, if `compile` was asked for them; with a floating base, required,
+                floating_pose and what moves with it.
+
+        Returns:
+            (3,) mass centre, world axes [m]. As Array, with a leading axis for a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong, or the question has no answer.
+        """
+
 class Closure(Function):
     def __call__(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
@@ -16,12 +38,10 @@ class Closure(Function):
         """Return the constraint residuals of every grasp.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            qd: (n,) joint rates [rad/s or m/s]; with a leading batch axis for many systems.
-            object_pose: (7,) wxyz_xyz of the object frame; with a leading batch axis for many systems.
-            object_twist: (6,) [omega; v of C] of the object, world axes [rad/s, m/s]; with a leading batch axis for
-                many systems.
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            qd: (n,) or (batch, n) joint rates [rad/s or m/s].
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
             out: an earlier answer with arrays, to be overwritten.
             threads: the number of threads for a batch.
             **parameters: for this call, any of base_pose (arms, 7), base_twist (arms, 6), grasp_pose (grasps, 7);
@@ -37,59 +57,6 @@ class Closure(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class Project(Function):
-    def __call__(
-        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
-    ) -> dict[str, Array]:
-        """Return the state projected onto the grasp constraint, positions and velocities, in the kinetic metric.
-
-        Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            qd: (n,) joint rates [rad/s or m/s]; with a leading batch axis for many systems.
-            object_pose: (7,) wxyz_xyz of the object frame; with a leading batch axis for many systems.
-            object_twist: (6,) [omega; v of C] of the object, world axes [rad/s, m/s]; with a leading batch axis for
-                many systems.
-            out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
-            **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3), base_pose
-                (arms, 7), base_twist (arms, 6), grasp_pose (grasps, 7); those of the links, if `compile` was asked
-                for them; with a floating base, required, floating_pose and what moves with it; with a trunk that
-                stands trunk_base_twist.
-
-        Returns:
-            closed.q: (n,) closed: joint positions, arms in order, base to tip, a trunk's first [rad or m]; closed.qd:
-            (n,) closed: joint rates [rad/s or m/s]; closed.object_pose: (7,) closed: wxyz_xyz of the object frame;
-            closed.object_twist: (6,) closed: [omega; v of C] of the object, world axes [rad/s, m/s]. As dict[str,
-            Array], with a leading axis for a batch.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or the question has no answer.
-        """
-
-class ObjectMobility(Function):
-    def __call__(
-        self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
-    ) -> Array:
-        """Return the closed chain's mobility at C.
-
-        Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            object_pose: (7,) wxyz_xyz of the object frame; with a leading batch axis for many systems.
-            out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
-            **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3), base_pose
-                (arms, 7), grasp_pose (grasps, 7); those of the links, if `compile` was asked for them; with a
-                floating base, required, floating_pose and what moves with it.
-
-        Returns:
-            (6, 6) mobility P at C, world axes: alpha(C) changes by P w. As Array, with a leading axis for a batch.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or the question has no answer.
-        """
-
 class ForwardDynamics(Function):
     def __call__(
         self, q: Any, qd: Any, tau: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
@@ -97,13 +64,11 @@ class ForwardDynamics(Function):
         """Return joint accelerations, the wrench at every grasp and the object's acceleration.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            qd: (n,) joint rates [rad/s or m/s]; with a leading batch axis for many systems.
-            tau: (n,) joint torques [N m or N]; with a leading batch axis for many systems.
-            object_pose: (7,) wxyz_xyz of the object frame; with a leading batch axis for many systems.
-            object_twist: (6,) [omega; v of C] of the object, world axes [rad/s, m/s]; with a leading batch axis for
-                many systems.
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            qd: (n,) or (batch, n) joint rates [rad/s or m/s].
+            tau: (n,) or (batch, n) joint torques [N m or N].
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
             out: an earlier answer with arrays, to be overwritten.
             threads: the number of threads for a batch.
             **parameters: for this call, any of object_wrench (6,), gravity (3,), object_mass (), object_com (3,),
@@ -123,19 +88,108 @@ class ForwardDynamics(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
+class GraspMargins(Function):
+    def __call__(
+        self, object_pose: Any, grasp_wrench: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+    ) -> Array:
+        """Return the margin of every grasp: how far it is from slipping, lifting off or giving way.
+
+        Args:
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            grasp_wrench: (arms, 6) or (batch, arms, 6) wrench [moment; force] of each arm on the object about the
+                contact point, world axes [N m, N].
+            out: an earlier answer with arrays, to be overwritten.
+            threads: the number of threads for a batch.
+            **parameters: for this call, any of grasp_pose (grasps, 7).
+
+        Returns:
+            (grasps,) margins of the grasps; infinite without a limit [N]. As Array, with a leading axis for a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong, or the question has no answer.
+        """
+
+class InverseDynamics(Function):
+    def __call__(
+        self, q: Any, qd: Any, qdd: Any, grasp_wrench: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+    ) -> Array:
+        """Return the joint torques of a motion under given grasp wrenches, tau = M qdd + C + J^T f + damping qd + stiffness (q - rest).
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            qd: (n,) or (batch, n) joint rates [rad/s or m/s].
+            qdd: (n,) or (batch, n) joint accelerations [rad/s^2 or m/s^2].
+            grasp_wrench: (arms, 6) or (batch, arms, 6) wrench [moment; force] of each arm on the object about the
+                contact point, world axes [N m, N].
+            out: an earlier answer with arrays, to be overwritten.
+            threads: the number of threads for a batch.
+            **parameters: for this call, any of gravity (3,), base_pose (arms, 7), base_twist (arms, 6),
+                base_acceleration (arms, 6); those of the links, if `compile` was asked for them; with a floating
+                base, required, floating_pose and what moves with it; with a trunk that stands trunk_base_twist and
+                trunk_base_acceleration.
+
+        Returns:
+            (n,) joint torques [N m or N]. As Array, with a leading axis for a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong, or the question has no answer.
+        """
+
+class Jacobian(Function):
+    def __call__(
+        self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+    ) -> dict[str, Array]:
+        """Return the Jacobian of every arm's tip point, [omega; v] = J qd on a base at rest, world axes.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            out: an earlier answer with arrays, to be overwritten.
+            threads: the number of threads for a batch.
+            **parameters: for this call, any of base_pose (arms, 7); with a floating base, required, floating_pose and
+                what moves with it.
+
+        Returns:
+            Jacobians of the arms' tips, one after the other, by rows [1, m]. As dict[str, Array], with a leading axis
+            for a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong, or the question has no answer.
+        """
+
+class JointMargins(Function):
+    def __call__(
+        self, q: Any, qd: Any, tau: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+    ) -> JointMargins:
+        """Return the margins of all joints; infinite without a limit.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            qd: (n,) or (batch, n) joint rates [rad/s or m/s].
+            tau: (n,) or (batch, n) joint torques [N m or N].
+            out: an earlier answer with arrays, to be overwritten.
+            threads: the number of threads for a batch.
+            **parameters: for this call, none.
+
+        Returns:
+            position: (n,) distance to the nearer end of the range [rad or m]; rate: (n,) rate limit minus |qd| [rad/s
+            or m/s]; effort: (n,) effort limit minus |tau| [N m or N]. As JointMargins, with a leading axis for a
+            batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong, or the question has no answer.
+        """
+
 class KineticEnergy(Function):
     def __call__(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
-    ) -> Array:
+    ) -> Any:
         """Return the kinetic energy of links and object, plus 1/2 armature qd^2 of the actuators.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            qd: (n,) joint rates [rad/s or m/s]; with a leading batch axis for many systems.
-            object_pose: (7,) wxyz_xyz of the object frame; with a leading batch axis for many systems.
-            object_twist: (6,) [omega; v of C] of the object, world axes [rad/s, m/s]; with a leading batch axis for
-                many systems.
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            qd: (n,) or (batch, n) joint rates [rad/s or m/s].
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
             out: an earlier answer with arrays, to be overwritten.
             threads: the number of threads for a batch.
             **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3), base_pose
@@ -143,30 +197,48 @@ class KineticEnergy(Function):
                 base, required, floating_pose and what moves with it; with a trunk that stands trunk_base_twist.
 
         Returns:
-            kinetic energy [J]. As Array, with a leading axis for a batch.
+            kinetic energy [J]. As a number, with a leading axis for a batch.
 
         Raises:
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class PotentialEnergy(Function):
+class LinkPoses(Function):
     def __call__(
-        self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
-    ) -> Array:
-        """Return the potential energy of gravity and of all springs, zero at the world's origin.
+        self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+    ) -> dict[str, Frames]:
+        """Return the poses of every arm's link frames in the world, base to tip; their origins lie on the joints.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            object_pose: (7,) wxyz_xyz of the object frame; with a leading batch axis for many systems.
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
             out: an earlier answer with arrays, to be overwritten.
             threads: the number of threads for a batch.
-            **parameters: for this call, any of gravity (3,), object_mass (), object_com (3,), object_inertia (3, 3),
-                base_pose (arms, 7); those of the links, if `compile` was asked for them; with a floating base,
-                required, floating_pose and what moves with it.
+            **parameters: for this call, any of base_pose (arms, 7); with a floating base, required, floating_pose and
+                what moves with it.
 
         Returns:
-            potential energy [J]. As Array, with a leading axis for a batch.
+            axes to world axes by rows, then the origin, frame after frame [m]. As dict[str, Frames], with a leading
+            axis for a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong, or the question has no answer.
+        """
+
+class MassMatrix(Function):
+    def __call__(
+        self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+    ) -> dict[str, Array]:
+        """Return the joint mass matrix of every arm, armature included.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            out: an earlier answer with arrays, to be overwritten.
+            threads: the number of threads for a batch.
+            **parameters: for this call, none; those of the links, if `compile` was asked for them.
+
+        Returns:
+            joint mass matrices of the arms, one after the other, by rows [kg m^2, kg m, kg]. As dict[str, Array],
+            with a leading axis for a batch.
 
         Raises:
             StateError: A name, shape or number is wrong, or the question has no answer.
@@ -179,12 +251,10 @@ class Momentum(Function):
         """Return the momentum of links and object about a world point.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            qd: (n,) joint rates [rad/s or m/s]; with a leading batch axis for many systems.
-            object_pose: (7,) wxyz_xyz of the object frame; with a leading batch axis for many systems.
-            object_twist: (6,) [omega; v of C] of the object, world axes [rad/s, m/s]; with a leading batch axis for
-                many systems.
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            qd: (n,) or (batch, n) joint rates [rad/s or m/s].
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
             out: an earlier answer with arrays, to be overwritten.
             threads: the number of threads for a batch.
             **parameters: for this call, any of about (3,), object_mass (), object_com (3,), object_inertia (3, 3),
@@ -200,94 +270,73 @@ class Momentum(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class CentreOfMass(Function):
+class ObjectMobility(Function):
     def __call__(
         self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> Array:
-        """Return the mass centre of links and object.
+        """Return the closed chain's mobility at C.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            object_pose: (7,) wxyz_xyz of the object frame; with a leading batch axis for many systems.
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
             out: an earlier answer with arrays, to be overwritten.
             threads: the number of threads for a batch.
             **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3), base_pose
-                (arms, 7); those of the links, if `compile` was asked for them; with a floating base, required,
-                floating_pose and what moves with it.
+                (arms, 7), grasp_pose (grasps, 7); those of the links, if `compile` was asked for them; with a
+                floating base, required, floating_pose and what moves with it.
 
         Returns:
-            (3,) mass centre, world axes [m]. As Array, with a leading axis for a batch.
+            (6, 6) mobility P at C, world axes: alpha(C) changes by P w. As Array, with a leading axis for a batch.
 
         Raises:
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class InverseDynamics(Function):
+class PotentialEnergy(Function):
     def __call__(
-        self, q: Any, qd: Any, qdd: Any, grasp_wrench: Any, *, out: Any = None, threads: int = 1, **parameters: Any
-    ) -> Array:
-        """Return the joint torques of a motion under given grasp wrenches, tau = M qdd + C + J^T f + damping qd + stiffness (q - rest).
+        self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+    ) -> Any:
+        """Return the potential energy of gravity and of all springs, zero at the world's origin.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            qd: (n,) joint rates [rad/s or m/s]; with a leading batch axis for many systems.
-            qdd: (n,) joint accelerations [rad/s^2 or m/s^2]; with a leading batch axis for many systems.
-            grasp_wrench: (arms, 6) wrench [moment; force] of each arm on the object about the contact point, world
-                axes [N m, N]; with a leading batch axis for many systems.
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
             out: an earlier answer with arrays, to be overwritten.
             threads: the number of threads for a batch.
-            **parameters: for this call, any of gravity (3,), base_pose (arms, 7), base_twist (arms, 6),
-                base_acceleration (arms, 6); those of the links, if `compile` was asked for them; with a floating
-                base, required, floating_pose and what moves with it; with a trunk that stands trunk_base_twist and
-                trunk_base_acceleration.
+            **parameters: for this call, any of gravity (3,), object_mass (), object_com (3,), object_inertia (3, 3),
+                base_pose (arms, 7); those of the links, if `compile` was asked for them; with a floating base,
+                required, floating_pose and what moves with it.
 
         Returns:
-            (n,) joint torques [N m or N]. As Array, with a leading axis for a batch.
+            potential energy [J]. As a number, with a leading axis for a batch.
 
         Raises:
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class MassMatrix(Function):
+class Project(Function):
     def __call__(
-        self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> dict[str, Array]:
-        """Return the joint mass matrix of every arm, armature included.
+        """Return the state projected onto the grasp constraint, positions and velocities, in the kinetic metric.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            qd: (n,) or (batch, n) joint rates [rad/s or m/s].
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
             out: an earlier answer with arrays, to be overwritten.
             threads: the number of threads for a batch.
-            **parameters: for this call, none; those of the links, if `compile` was asked for them.
+            **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3), base_pose
+                (arms, 7), base_twist (arms, 6), grasp_pose (grasps, 7); those of the links, if `compile` was asked
+                for them; with a floating base, required, floating_pose and what moves with it; with a trunk that
+                stands trunk_base_twist.
 
         Returns:
-            joint mass matrices of the arms, one after the other, by rows [kg m^2, kg m, kg]. As dict[str, Array],
-            with a leading axis for a batch.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or the question has no answer.
-        """
-
-class Jacobian(Function):
-    def __call__(
-        self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
-    ) -> dict[str, Array]:
-        """Return the Jacobian of every arm's tip point, [omega; v] = J qd on a base at rest, world axes.
-
-        Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
-            **parameters: for this call, any of base_pose (arms, 7); with a floating base, required, floating_pose and
-                what moves with it.
-
-        Returns:
-            Jacobians of the arms' tips, one after the other, by rows [1, m]. As dict[str, Array], with a leading axis
-            for a batch.
+            closed.q: (n,) closed: joint positions, arms in order, base to tip, a trunk's first [rad or m]; closed.qd:
+            (n,) closed: joint rates [rad/s or m/s]; closed.object_pose: (7,) closed: wxyz_xyz of the object frame;
+            closed.object_twist: (6,) closed: [omega; v of C] of the object, world axes [rad/s, m/s]. As dict[str,
+            Array], with a leading axis for a batch.
 
         Raises:
             StateError: A name, shape or number is wrong, or the question has no answer.
@@ -300,8 +349,7 @@ class TipPoses(Function):
         """Return the pose of every arm's tip frame in the world.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
             out: an earlier answer with arrays, to be overwritten.
             threads: the number of threads for a batch.
             **parameters: for this call, any of base_pose (arms, 7); with a floating base, required, floating_pose and
@@ -310,73 +358,6 @@ class TipPoses(Function):
         Returns:
             axes to world axes by rows, then the origin, frame after frame [m]. As dict[str, Frames], with a leading
             axis for a batch.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or the question has no answer.
-        """
-
-class LinkPoses(Function):
-    def __call__(
-        self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
-    ) -> dict[str, Frames]:
-        """Return the poses of every arm's link frames in the world, base to tip; their origins lie on the joints.
-
-        Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
-            **parameters: for this call, any of base_pose (arms, 7); with a floating base, required, floating_pose and
-                what moves with it.
-
-        Returns:
-            axes to world axes by rows, then the origin, frame after frame [m]. As dict[str, Frames], with a leading
-            axis for a batch.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or the question has no answer.
-        """
-
-class GraspMargins(Function):
-    def __call__(
-        self, object_pose: Any, grasp_wrench: Any, *, out: Any = None, threads: int = 1, **parameters: Any
-    ) -> Array:
-        """Return the margin of every grasp: how far it is from slipping, lifting off or giving way.
-
-        Args:
-            object_pose: (7,) wxyz_xyz of the object frame; with a leading batch axis for many systems.
-            grasp_wrench: (arms, 6) wrench [moment; force] of each arm on the object about the contact point, world
-                axes [N m, N]; with a leading batch axis for many systems.
-            out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
-            **parameters: for this call, any of grasp_pose (grasps, 7).
-
-        Returns:
-            (grasps,) margins of the grasps; infinite without a limit [N]. As Array, with a leading axis for a batch.
-
-        Raises:
-            StateError: A name, shape or number is wrong, or the question has no answer.
-        """
-
-class JointMargins(Function):
-    def __call__(
-        self, q: Any, qd: Any, tau: Any, *, out: Any = None, threads: int = 1, **parameters: Any
-    ) -> JointMargins:
-        """Return the margins of all joints; infinite without a limit.
-
-        Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            qd: (n,) joint rates [rad/s or m/s]; with a leading batch axis for many systems.
-            tau: (n,) joint torques [N m or N]; with a leading batch axis for many systems.
-            out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
-            **parameters: for this call, none.
-
-        Returns:
-            position: (n,) distance to the nearer end of the range [rad or m]; rate: (n,) rate limit minus |qd| [rad/s
-            or m/s]; effort: (n,) effort limit minus |tau| [N m or N]. As JointMargins, with a leading axis for a
-            batch.
 
         Raises:
             StateError: A name, shape or number is wrong, or the question has no answer.
@@ -389,10 +370,9 @@ class WristWrenches(Function):
         """Return the grasp wrenches in tip axes, as force-torque sensors in the wrists measure them.
 
         Args:
-            q: (n,) joint positions, arms in order, base to tip, a trunk's first [rad or m]; with a leading batch axis
-                for many systems.
-            grasp_wrench: (arms, 6) wrench [moment; force] of each arm on the object about the contact point, world
-                axes [N m, N]; with a leading batch axis for many systems.
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            grasp_wrench: (arms, 6) or (batch, arms, 6) wrench [moment; force] of each arm on the object about the
+                contact point, world axes [N m, N].
             out: an earlier answer with arrays, to be overwritten.
             threads: the number of threads for a batch.
             **parameters: for this call, any of base_pose (arms, 7); with a floating base, required, floating_pose and
@@ -409,19 +389,19 @@ class WristWrenches(Function):
 class Answers:
     """The questions as attributes."""
 
-    closure: Closure
-    project: Project
-    object_mobility: ObjectMobility
-    forward_dynamics: ForwardDynamics
-    kinetic_energy: KineticEnergy
-    potential_energy: PotentialEnergy
-    momentum: Momentum
     centre_of_mass: CentreOfMass
-    inverse_dynamics: InverseDynamics
-    mass_matrix: MassMatrix
-    jacobian: Jacobian
-    tip_poses: TipPoses
-    link_poses: LinkPoses
+    closure: Closure
+    forward_dynamics: ForwardDynamics
     grasp_margins: GraspMargins
+    inverse_dynamics: InverseDynamics
+    jacobian: Jacobian
     joint_margins: JointMargins
+    kinetic_energy: KineticEnergy
+    link_poses: LinkPoses
+    mass_matrix: MassMatrix
+    momentum: Momentum
+    object_mobility: ObjectMobility
+    potential_energy: PotentialEnergy
+    project: Project
+    tip_poses: TipPoses
     wrist_wrenches: WristWrenches

@@ -35,7 +35,9 @@ def parameters_of(question: Question) -> list[str]:
 
 def _given(row: Row) -> str:
     shape = _shape(row)
-    return f"{shape} or (batch, {shape[1:].removesuffix(',)').removesuffix(')')}) {row.text.removeprefix(shape).strip()}."
+    return (
+        f"{shape} or (batch, {shape[1:].removesuffix(',)').removesuffix(')')}) {row.text.removeprefix(shape).strip()}."
+    )
 
 
 def _parameters(question: Question) -> str:
@@ -129,6 +131,14 @@ def page() -> str:
             "returns": f"`{question.returns}`",
             "derivatives by": ", ".join(f"`{given}`" for given in question.arguments) or "none",
         }
-        lines += ["", f"## {name}", "", f"{question.summary[0].upper()}{question.summary[1:]}.", "", "| | |", "|---|---|"]
+        lines += [
+            "",
+            f"## {name}",
+            "",
+            f"{question.summary[0].upper()}{question.summary[1:]}.",
+            "",
+            "| | |",
+            "|---|---|",
+        ]
         lines += [f"| {what} | {text.replace('|', chr(92) + '|')} |" for what, text in rows.items()]
     return "\n".join([*lines, ""])
