@@ -9,7 +9,7 @@ from holdfast.dynamics.kinematics import Frames
 from holdfast.forces.margins import JointMargins
 from holdfast.spatial.scalar import Array
 
-class CentreOfMass(Function):
+class _CentreOfMass(Function):
     def __call__(
         self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> Array:
@@ -31,7 +31,7 @@ class CentreOfMass(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class Closure(Function):
+class _Closure(Function):
     def __call__(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> dict[str, GraspResidual]:
@@ -57,7 +57,7 @@ class Closure(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class ForwardDynamics(Function):
+class _ForwardDynamics(Function):
     def __call__(
         self, q: Any, qd: Any, tau: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> CompiledResult:
@@ -88,7 +88,7 @@ class ForwardDynamics(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class GraspMargins(Function):
+class _GraspMargins(Function):
     def __call__(
         self, object_pose: Any, grasp_wrench: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> Array:
@@ -109,7 +109,7 @@ class GraspMargins(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class InverseDynamics(Function):
+class _InverseDynamics(Function):
     def __call__(
         self, q: Any, qd: Any, qdd: Any, grasp_wrench: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> Array:
@@ -135,7 +135,7 @@ class InverseDynamics(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class Jacobian(Function):
+class _Jacobian(Function):
     def __call__(
         self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> dict[str, Array]:
@@ -156,7 +156,7 @@ class Jacobian(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class JointMargins(Function):
+class _JointMargins(Function):
     def __call__(
         self, q: Any, qd: Any, tau: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> JointMargins:
@@ -179,7 +179,7 @@ class JointMargins(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class KineticEnergy(Function):
+class _KineticEnergy(Function):
     def __call__(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> Any:
@@ -203,7 +203,7 @@ class KineticEnergy(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class LinkPoses(Function):
+class _LinkPoses(Function):
     def __call__(
         self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> dict[str, Frames]:
@@ -224,7 +224,7 @@ class LinkPoses(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class MassMatrix(Function):
+class _MassMatrix(Function):
     def __call__(
         self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> dict[str, Array]:
@@ -244,7 +244,7 @@ class MassMatrix(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class Momentum(Function):
+class _Momentum(Function):
     def __call__(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> Array:
@@ -270,7 +270,7 @@ class Momentum(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class ObjectMobility(Function):
+class _ObjectMobility(Function):
     def __call__(
         self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> Array:
@@ -292,7 +292,7 @@ class ObjectMobility(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class PotentialEnergy(Function):
+class _PotentialEnergy(Function):
     def __call__(
         self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> Any:
@@ -314,7 +314,7 @@ class PotentialEnergy(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class Project(Function):
+class _Project(Function):
     def __call__(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> dict[str, Array]:
@@ -342,7 +342,7 @@ class Project(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class TipPoses(Function):
+class _TipPoses(Function):
     def __call__(
         self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> dict[str, Frames]:
@@ -363,7 +363,7 @@ class TipPoses(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
-class WristWrenches(Function):
+class _WristWrenches(Function):
     def __call__(
         self, q: Any, grasp_wrench: Any, *, out: Any = None, threads: int = 1, **parameters: Any
     ) -> Array:
@@ -389,19 +389,19 @@ class WristWrenches(Function):
 class Answers:
     """The questions as attributes."""
 
-    centre_of_mass: CentreOfMass
-    closure: Closure
-    forward_dynamics: ForwardDynamics
-    grasp_margins: GraspMargins
-    inverse_dynamics: InverseDynamics
-    jacobian: Jacobian
-    joint_margins: JointMargins
-    kinetic_energy: KineticEnergy
-    link_poses: LinkPoses
-    mass_matrix: MassMatrix
-    momentum: Momentum
-    object_mobility: ObjectMobility
-    potential_energy: PotentialEnergy
-    project: Project
-    tip_poses: TipPoses
-    wrist_wrenches: WristWrenches
+    centre_of_mass: _CentreOfMass
+    closure: _Closure
+    forward_dynamics: _ForwardDynamics
+    grasp_margins: _GraspMargins
+    inverse_dynamics: _InverseDynamics
+    jacobian: _Jacobian
+    joint_margins: _JointMargins
+    kinetic_energy: _KineticEnergy
+    link_poses: _LinkPoses
+    mass_matrix: _MassMatrix
+    momentum: _Momentum
+    object_mobility: _ObjectMobility
+    potential_energy: _PotentialEnergy
+    project: _Project
+    tip_poses: _TipPoses
+    wrist_wrenches: _WristWrenches

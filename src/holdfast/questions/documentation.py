@@ -35,9 +35,8 @@ def parameters_of(question: Question) -> list[str]:
 
 def _given(row: Row) -> str:
     shape = _shape(row)
-    return (
-        f"{shape} or (batch, {shape[1:].removesuffix(',)').removesuffix(')')}) {row.text.removeprefix(shape).strip()}."
-    )
+    many = f"(batch, {shape[1:].removesuffix(',)').removesuffix(')')})"
+    return f"{shape} or {many} {row.text.removeprefix(shape).strip()}."
 
 
 def _parameters(question: Question) -> str:
@@ -78,8 +77,8 @@ def _wrapped(text: str, indent: int, further: int | None = None) -> list[str]:
 
 
 def class_name(question: Question) -> str:
-    """Return the name of a question's class in the stub, such as `KineticEnergy`."""
-    return "".join(part.capitalize() for part in question.name.split("_"))
+    """Return the name of a question's class in the stub, such as `_KineticEnergy`."""
+    return f"_{''.join(part.capitalize() for part in question.name.split('_'))}"
 
 
 def stub() -> str:
@@ -118,9 +117,9 @@ def page() -> str:
     lines = [
         "# Questions to a compiled chain",
         "",
-        "Every question is an attribute of a compiled chain and takes one system or a batch: `fast.kinetic_energy(q, qd, object_pose, object_twist)`.",
-        "Those with arguments in the last row also have `.vjp`, `.jvp` and `.jacobian`; all have `.bind` and `.export`. `make stubs` makes this page from the",
-        "declarations in `holdfast.questions`.",
+        "Every question is an attribute of a compiled chain and takes one system or a batch, such as",
+        "`fast.kinetic_energy(q, qd, object_pose, object_twist)`. Those with arguments in the last row also have `.vjp`,",
+        "`.jvp` and `.jacobian`; all have `.bind` and `.export`. `make stubs` makes this page from the declarations.",
     ]
     for name, question in sorted(QUESTIONS.items()):
         returned = [f"`{row.name}`: {row.text}" for row in question.rows.values()]
