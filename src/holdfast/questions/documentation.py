@@ -118,8 +118,8 @@ def page() -> str:
         "# Questions to a compiled chain",
         "",
         "Every question is an attribute of a compiled chain and takes one system or a batch, such as",
-        "`fast.kinetic_energy(q, qd, object_pose, object_twist)`. Those with arguments in the last row also have `.vjp`,",
-        "`.jvp` and `.jacobian`; all have `.bind` and `.export`. `make stubs` makes this page from the declarations.",
+        "`fast.kinetic_energy(q, qd, object_pose, object_twist)`. Those with arguments in the last row also have",
+        "`.vjp`, `.jvp` and `.jacobian`; all have `.bind` and `.export`. `make stubs` makes this page.",
     ]
     for name, question in sorted(QUESTIONS.items()):
         returned = [f"`{row.name}`: {row.text}" for row in question.rows.values()]
