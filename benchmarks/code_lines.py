@@ -28,7 +28,7 @@ from scipy.sparse.csgraph import connected_components
 LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 CORE = {"spatial", "model", "state", "questions", "dynamics", "forces", "compiler", "compiled", "control", "simulation"}
-CORE |= {"assembly", "errors", "progress"}
+CORE |= {"assembly", "errors", "names", "outer", "progress"}
 BENCH = "benchmarks/bench"  # was src/holdfast/bench
 METHODS = "from holdfast.compiled import CompiledChain; print(sum(name[0] != '_' for name in dir(CompiledChain)))"
 
