@@ -8,7 +8,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the library, which Python is to compile once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo style test test-slow test-portable acceptance fuzz million lint counts capabilities bench drift pictures robots docs clean
+.PHONY: demo style test test-slow test-portable acceptance fuzz million lint stubs counts capabilities bench drift pictures robots docs clean
 
 demo: $(VENV)/.demo
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -53,6 +53,10 @@ style: $(VENV)/.dev
 
 lint: style
 	$(BIN)/pyright
+
+# The stub of compiled chains and the page of all questions, made of their declarations.
+stubs: $(VENV)/.dev
+	$(BIN)/python benchmarks/write_stubs.py
 
 # Operation counts of every algorithm, into docs/operation_counts.md.
 counts: $(VENV)/.dev

@@ -1,5 +1,6 @@
 """Opening a scene or a result never runs what came with it: xacro is Python, expanded on the user's word only."""
 
+import hashlib
 import json
 import shutil
 
@@ -7,6 +8,7 @@ import pytest
 
 from holdfast import SceneError, load_result, load_scene, load_urdf
 from holdfast.cli import main
+from tests.io.signing import as_0_1, resigned, signed
 from tests.robots.two_armed import TWO_ARMED
 from tests.scenario.test_robot import scene
 
@@ -77,10 +79,9 @@ def test_a_result_is_opened_without_expanding(folder, result, capsys):
 
 def test_a_result_that_keeps_no_robot(folder, result, capsys):
     """A folder as 0.1 wrote it: its figures are drawn without the robot, and nothing is expanded without a word."""
-    meta = json.loads((result / "meta.json").read_text())
-    for record in meta.pop("robots").values():
+    for record in json.loads((result / "meta.json").read_text())["robots"].values():
         (result / record["file"]).unlink(missing_ok=True)
-    (result / "meta.json").write_text(json.dumps(meta))
+    as_0_1(result, robots=None)
     assert load_result(result).samples == 5
     capsys.readouterr()
     assert main(["view", str(result), "--export", str(folder / "page.html")]) == 2
@@ -97,18 +98,18 @@ def test_a_result_that_keeps_no_robot(folder, result, capsys):
 
 def test_a_result_names_files_of_its_own_only(result, capsys):
     """A meta.json cannot make anyone read, or remove, a file elsewhere."""
-    place, unchanged = result / "meta.json", (result / "meta.json").read_text()
+    meta = json.loads((result / "meta.json").read_text())
     capsys.readouterr()
-    for file in ("../two.toml", "/etc/hostname", "scene.toml", "robot_0123.urdf", ""):
-        meta = json.loads(unchanged)
-        meta["robots"]["left"]["file"] = file
-        place.write_text(json.dumps(meta))
+    for file in ("../two.toml", "/etc/hostname", ""):
+        resigned(result, robots=meta["robots"] | {"left": {"file": file, "sha256": "", "folder": ""}})
         assert main(["plot", str(result)]) == 2, file
-        assert "robots: expected" in capsys.readouterr().err, file
-        meta["robots"], meta["checkpoint"] = {}, {"file": file, "samples": 1}
-        place.write_text(json.dumps(meta))
+        assert f"{file} is not {'named by the manifest' if file else 'a file'}" in capsys.readouterr().err, file
+    for file in ("../two.toml", "/etc/hostname", "notes.txt", "robot_/../../two.urdf"):
+        (result / "notes.txt").touch()
+        empty = hashlib.sha256(b"").hexdigest()
+        (result / "meta.json").write_text(signed(meta | {"files": meta["files"] | {file: empty}}))
         assert main(["plot", str(result)]) == 2, file
-        assert "checkpoint: expected" in capsys.readouterr().err, file
+        assert f"names '{file}', no file of a result" in capsys.readouterr().err, file
 
 
 def test_a_robot_exchanged_in_a_result(result, capsys):
@@ -117,7 +118,7 @@ def test_a_robot_exchanged_in_a_result(result, capsys):
     kept.write_text(TWO_ARMED.replace('<mass value="3"/>', '<mass value="4"/>'))
     capsys.readouterr()
     assert main(["plot", str(result)]) == 2
-    assert f"{kept.name}: expected the text of the simulated robot" in capsys.readouterr().err
+    assert f"{kept.name} is damaged, or another file" in capsys.readouterr().err
     kept.unlink()
     assert main(["plot", str(result)]) == 2
-    assert f"{kept.name}: cannot be read" in capsys.readouterr().err
+    assert f"{kept.name} is missing" in capsys.readouterr().err

@@ -156,7 +156,7 @@ def test_balance(run):
 
 @pytest.mark.slow
 def test_identify(run):
-    """Mass and mass centre from a motion without turns, which names the inertia as the model's; all with turns."""
+    """Mass and mass centre from a motion without turns, which names the inertia as the guess's; all with turns."""
     found, printed = run("12")
     for one in found.values():
         assert abs(one.held_object.mass / 3.0 - 1) < 0.01
@@ -166,7 +166,7 @@ def test_identify(run):
     off = np.diag(found["turned"].held_object.inertia) - [0.06, 0.03, 0.05]
     sizes = [found["turned"].deviations[f"inertia {axes}"] for axes in ("xx", "yy", "zz")]
     assert (np.abs(off) < 4 * np.array(sizes)).all() and max(sizes) < 0.01
-    assert "the model's" in printed
+    assert "from the guess" in printed
 
 
 @pytest.mark.slow

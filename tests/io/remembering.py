@@ -56,17 +56,20 @@ def run(
     folder: Path,
     resume: bool = False,
     *,
+    overwrite: bool = False,
     duration: float = DURATION,
     added=lambda n: None,
     marked=lambda n: None,
 ) -> Trajectory:
-    """Simulate into a folder, or go on with what is there.
+    """Simulate into a folder, or go on with what is there, or replace it.
 
     After a sample is added, and after its checkpoint is marked, the hooks are called with how many there were.
     """
     chain, state = unlimited()
     meta = run_meta(chain, "remembering", duration, STEP)
-    writer = ResultWriter.resume(folder, meta, SCENE) if resume else ResultWriter(folder, meta, SCENE)
+    writer = (
+        ResultWriter.resume(folder, meta, SCENE) if resume else ResultWriter(folder, meta, SCENE, overwrite=overwrite)
+    )
     seen = []
 
     def add(sample):

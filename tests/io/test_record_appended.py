@@ -93,7 +93,8 @@ def test_interrupted(initial, tmp_path):
     assert len(hf.io.load_record(tmp_path / "record").t) == 4 and not (tmp_path / "new").exists()
     rollout.run(systems, 0.002, 0.001, folder=tmp_path / "record", overwrite=True, record=())
     names = sorted(path.name for path in (tmp_path / "record").iterdir())
-    assert names == ["model.json", "record.npz", "records_000000.npz", "records_000001.npz"]
+    assert names == [
+        "model.json", "record.json", "records_000000.npz", "records_000001.npz", "systems_000002.npz"]  # fmt: skip
 
 
 @pytest.mark.usefixtures("at_once")

@@ -9,6 +9,7 @@ import holdfast as hf
 from holdfast.io import record_writer, result_folder
 from tests.compiler.programs import same_bits
 from tests.io.mutations import small_case
+from tests.io.signing import resigned
 from tests.simulation.rollout.problems import elsewhere, problem, swinging
 
 RECORDED = ("q", "grasp_wrench", "status")
@@ -80,7 +81,7 @@ def test_half_way(made, tmp_path, monkeypatch, cause):
     def fail(*_):
         raise cause
 
-    monkeypatch.setattr(record_writer, "write_arrays", fail)
+    monkeypatch.setattr(record_writer, "arrays_text", fail)
     with pytest.raises((hf.ResultError, KeyboardInterrupt, MemoryError)):
         record.save(folder, overwrite=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
@@ -91,42 +92,47 @@ def test_damage(made, tmp_path):
     """Whatever was done to a file is refused by name, and no object in it is unpickled."""
     rollout, record = made
     folder = record.save(tmp_path / "record")
-    file = folder / "record.npz"
-    whole = file.read_bytes()
-    for k in range(0, len(whole), len(whole) // 12):
-        file.write_bytes(whole[:k] + bytes([whole[k] ^ 0xFF]) + whole[k + 1 :])
-        try:
-            hf.io.load_record(folder, rollout)
-        except hf.ResultError:
-            continue
-    for k in (0, 100, len(whole) - 1):
-        file.write_bytes(whole[:k])
-        with pytest.raises(hf.ResultError, match="damaged"):
-            hf.io.load_record(folder)
-    file.write_bytes(whole)
-    for name in ("record.npz", "records_000000.npz"):
+    for name in ("record.json", "records_000000.npz", "systems_000001.npz", "model.json"):
+        file = folder / name
+        whole = file.read_bytes()
+        for k in range(0, len(whole), len(whole) // 12):
+            file.write_bytes(whole[:k] + bytes([whole[k] ^ 0xFF]) + whole[k + 1 :])
+            with pytest.raises(hf.ResultError, match=rf"{name}.* damaged"):
+                hf.io.load_record(folder, rollout)
+            file.write_bytes(whole[: k // 2])
+            with pytest.raises(hf.ResultError, match=rf"{name}.* damaged.* overwrite=True"):
+                hf.io.load_record(folder)
+        file.write_bytes(whole)
+    for name in ("systems_000001.npz", "records_000000.npz"):
         file = folder / name
         whole = file.read_bytes()
         arrays = dict(np.load(io.BytesIO(whole)))
+
+        def load(held, file=file):
+            np.savez(file, **held)
+            resigned(folder)
+            hf.io.load_record(folder, rollout)
+
         for name in arrays:
             if name.partition(".")[0] in ("last_inputs", "first_inputs"):
                 continue  # any of them may be there or not
-            np.savez(file, **{n: x for n, x in arrays.items() if n != name})
             with pytest.raises(hf.ResultError):
-                hf.io.load_record(folder, rollout)
+                load({n: x for n, x in arrays.items() if n != name})
         odd = {"t", "stopped", "last.begin", "record.q", "record.status", "last_arrays.q", "last_arrays.code"}
         for name in odd & arrays.keys():
-            np.savez(file, **arrays | {name: np.append(arrays[name].ravel(), 7.5)})
             with pytest.raises(hf.ResultError, match="damaged"):
-                hf.io.load_record(folder)
-        np.savez(file, **arrays | {"t": np.array([small_case()], dtype=object)})
+                load(arrays | {name: np.append(arrays[name].ravel(), 7.5)})
         with pytest.raises(hf.ResultError, match="damaged"):
-            hf.io.load_record(folder)
+            load(arrays | {"t": np.array([small_case()], dtype=object)})
         file.write_bytes(whole)
+        resigned(folder)
     file.unlink()
-    with pytest.raises(hf.ResultError, match="damaged: records_000000"):
+    with pytest.raises(hf.ResultError, match=r"records_000000\.npz is missing; 3 of 3 records are lost"):
         hf.io.load_record(folder)
-    with pytest.raises(hf.ResultError, match=r"with record\.npz in it"):
+    (folder / "record.json").unlink()
+    with pytest.raises(hf.ResultError, match=r"record\.json is missing; is this a record folder"):
+        hf.io.load_record(folder)
+    with pytest.raises(hf.ResultError, match="nowhere: no such folder"):
         hf.io.load_record(tmp_path / "nowhere")
 
 
@@ -145,7 +151,7 @@ def test_a_run_half_way(made, tmp_path, monkeypatch):
     (folder / "notes.txt").write_text("mine")
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     with monkeypatch.context() as patched:
-        patched.setattr(result_folder, "write_chunk", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
+        patched.setattr(result_folder, "chunk_text", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
         with pytest.raises(hf.ResultError, match="run: cannot be written: No space left"):
             run.save(folder, overwrite=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before

@@ -87,7 +87,7 @@ def test_the_parts_are_the_run(tmp_path):
         joined = np.concatenate([getattr(part, name) for part in parts])
         assert np.array_equal(joined, getattr(stacked(given), name))
     (tmp_path / "run" / "chunk_0001.npz").unlink()
-    with pytest.raises(ResultError, match=r"changed while it was read: chunk_0001.npz is missing"):
+    with pytest.raises(ResultError, match=r"chunk_0001.npz is missing; changed while it was read; try again"):
         list(found.parts())
 
 

@@ -11,6 +11,7 @@ from holdfast.io.result_reader import load_result
 from holdfast.simulation import trajectory
 from holdfast.simulation.trajectory import stacked
 from tests.io.recorded import filled, same_bits
+from tests.io.signing import as_0_1, resigned
 
 
 def test_half_written_run_is_read_up_to_the_last_flush(tmp_path):
@@ -50,6 +51,8 @@ def test_a_chunk_that_would_fill_the_memory(tmp_path):
     with np.load(chunk) as file:
         arrays = dict(file) | {"more": np.zeros(12_500_000)}
     np.savez_compressed(chunk, **arrays)
+    assert "chunk_0001.npz is damaged" in load_result(tmp_path / "run").note
+    resigned(tmp_path / "run")
     assert chunk.stat().st_size < 1e6
     found = load_result(tmp_path / "run")
     assert "chunk_0001.npz is damaged: it unpacks to more than the size of the file" in found.note
@@ -81,26 +84,20 @@ def test_random_damage(seed, tmp_path):
     same_bits(found.trajectory, stacked(given[:1] if damaged else given))
 
 
-def rewritten(folder, **changes):
-    """Change entries of meta.json."""
-    path = folder / "meta.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda folder: None, "no such folder"),
-        (lambda folder: folder.mkdir(), "meta.json: cannot be read"),
+        (lambda folder: folder.mkdir(), "meta.json is missing; is this a result folder"),
         (lambda folder: (folder.mkdir(), (folder / "meta.json").write_text("{")), "not valid JSON"),
         (lambda folder: (folder.mkdir(), (folder / "meta.json").write_text("[]")), "Expected `object`, got `array`"),
         (lambda folder: (folder.mkdir(), (folder / "meta.json").write_text("{}")), "expected format 'holdfast-result'"),
-        (lambda folder: (filled(folder, 2), (folder / "scene.toml").unlink()), "scene.toml: cannot be read"),
-        (lambda folder: (filled(folder, 2), rewritten(folder, format_version=1)), "version 2, got .* version 1"),
-        (lambda folder: (filled(folder, 2), rewritten(folder, chunks=[1])), r"expected chunks of 2 samples .* \[1\]"),
-        (lambda folder: (filled(folder, 2), rewritten(folder, chunks=[2.5])), r"Expected `int`.*chunks\[0\]"),
-        (lambda folder: (filled(folder, 2), rewritten(folder, chunks=[3], samples=3)), "holds shape .* expected 3"),
-        (lambda folder: (filled(folder, 2), rewritten(folder, chunks=[], samples=0)), "ended before its first flush"),
+        (lambda folder: (filled(folder, 2), resigned(folder, format_version=1)), "version 3, got .* version 1"),
+        (lambda folder: (filled(folder, 2), (folder / "meta.json").unlink()), "meta.json is missing; .* --overwrite"),
+        (lambda folder: (filled(folder, 2), resigned(folder, chunks=[1])), r"expected chunks of 2 samples .* \[1\]"),
+        (lambda folder: (filled(folder, 2), resigned(folder, chunks=[2.5])), r"Expected `int`.*chunks\[0\]"),
+        (lambda folder: (filled(folder, 2), resigned(folder, chunks=[3], samples=3)), "holds shape .* expected 3"),
+        (lambda folder: (filled(folder, 2), resigned(folder, chunks=[], samples=0)), "ended before its first flush"),
     ],
 )
 def test_no_result_there(make, message, tmp_path):
@@ -111,13 +108,17 @@ def test_no_result_there(make, message, tmp_path):
 
 
 def test_another_scene_in_the_folder(tmp_path):
-    """A scene.toml that was edited, or torn, is not passed off as the one that was simulated."""
+    """A scene.toml that was edited, or lost, is not passed off as the one that was simulated; samples are read."""
     w, _ = filled(tmp_path / "run", 2)
     w.finish(None)
     (tmp_path / "run" / "scene.toml").write_text("name = ")
     found = load_result(tmp_path / "run")
     assert found.complete
-    assert found.note == "scene.toml is not the text of the simulated scene"
+    assert found.note.startswith("scene.toml is damaged, or another file") and "--overwrite" in found.note
+    with pytest.raises(ResultError, match=r"scene.toml is damaged.*; the samples can be read without it"):
+        _ = found.setting
+    (tmp_path / "run" / "scene.toml").unlink()
+    assert load_result(tmp_path / "run").note.startswith("scene.toml is missing")
 
 
 def test_arrays_that_come_and_go(tmp_path, monkeypatch):
@@ -128,7 +129,7 @@ def test_arrays_that_come_and_go(tmp_path, monkeypatch):
         later.setattr("holdfast.io.result_reader.array_names", lambda: [*names, "heat", "noise"])
         with pytest.raises(ResultError, match=r"written by holdfast .*, which had no heat, noise; try that version"):
             load_result(tmp_path / "run")
-    rewritten(tmp_path / "run", units=json.loads((tmp_path / "run/meta.json").read_text())["units"] | {"heat": "J"})
+    resigned(tmp_path / "run", units=json.loads((tmp_path / "run/meta.json").read_text())["units"] | {"heat": "J"})
     assert "its heat are ignored" in load_result(tmp_path / "run").note
 
 
@@ -138,7 +139,7 @@ def test_results_from_before_there_were_trunks(tmp_path):
     chunk = tmp_path / "run" / "chunk_0000.npz"
     np.savez(chunk, **{name: x for name, x in np.load(chunk).items() if name not in trajectory.OF_TRUNK})
     units = json.loads((tmp_path / "run/meta.json").read_text())["units"]
-    rewritten(tmp_path / "run", units={name: unit for name, unit in units.items() if name not in trajectory.OF_TRUNK})
+    as_0_1(tmp_path / "run", units={name: unit for name, unit in units.items() if name not in trajectory.OF_TRUNK})
     same_bits(load_result(tmp_path / "run").trajectory, stacked(given))
 
 
@@ -148,6 +149,7 @@ def test_chunks_of_other_shapes(tmp_path):
     chunk = tmp_path / "run" / "chunk_0001.npz"
     arrays = dict(np.load(chunk))
     np.savez(chunk, **arrays | {"q": arrays["q"][:, :3]})
+    resigned(tmp_path / "run")
     found = load_result(tmp_path / "run")
     assert found.samples == 2
     assert "chunk_0001.npz does not continue the previous chunks" in found.note

@@ -1,6 +1,5 @@
 """A run that was left anywhere goes on to the same bits, or is refused with the reason."""
 
-import json
 import os
 
 import numpy as np
@@ -15,6 +14,7 @@ from tests.control.two_pandas import two_pandas
 from tests.io import remembering
 from tests.io.recorded import SCENE, filled, meta, same_bits, samples, writer
 from tests.io.remembering import run
+from tests.io.signing import resigned
 
 SAMPLES = 13
 
@@ -84,7 +84,6 @@ def test_interrupted_between_a_sample_and_its_checkpoint(whole, tmp_path):
     with pytest.raises(Died):
         run(tmp_path / "run", resume=True, added=dies_at(1))
     assert load_result(tmp_path / "run").chunks == (1, 3, 1)
-    assert len(np.load(tmp_path / "run" / "chunk_0002.npz")["t"]) == 1
     with pytest.raises(Died):
         run(tmp_path / "run", resume=True, marked=dies_at(4))
     run(tmp_path / "run", resume=True)
@@ -138,8 +137,7 @@ def test_nothing_to_go_on_from(whole, tmp_path):
     """Where nothing was flushed the run begins: no folder, an empty one, or a writer that died at once."""
     (tmp_path / "empty").mkdir()
     filled(tmp_path / "begun", 1)
-    path = tmp_path / "begun" / "meta.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"samples": 0, "chunks": [], "last_time": None}))
+    resigned(tmp_path / "begun", samples=0, chunks=[], last_time=None)
     for name in ("none", "empty", "begun"):
         assert ResultWriter.resume(tmp_path / name, meta(), SCENE).start is None
     run(tmp_path / "begun", resume=True)
@@ -196,11 +194,19 @@ def test_a_run_that_has_ended(tmp_path):
 @pytest.mark.parametrize(
     ("name", "spoil", "message"),
     [
-        ("checkpoint_0002.npz", lambda path: path.unlink(), "checkpoint_0002.npz is missing; try --overwrite"),
-        ("checkpoint_0002.npz", lambda path: path.write_bytes(path.read_bytes()[:-9]), "checkpoint_0002.npz is dam"),
+        (
+            "checkpoint_0007.npz",
+            lambda path: path.unlink(),
+            "checkpoint_0007.npz is missing; it cannot be resumed; try --overwrite",
+        ),
+        ("checkpoint_0007.npz", lambda path: path.write_bytes(path.read_bytes()[:-9]), "checkpoint_0007.npz is dam"),
         ("chunk_0001.npz", lambda path: path.write_bytes(path.read_bytes()[:500]), "chunk_0001.npz is damaged"),
-        ("meta.json", lambda path: path.write_bytes(path.read_bytes()[:500]), "meta.json: not valid JSON"),
-        ("checkpoint_0002.npz", lambda path: np.savez(path, data=np.array("{}")), "checkpoint: cannot be read: "),
+        ("meta.json", lambda path: path.write_bytes(path.read_bytes()[:500]), "meta.json is damaged: not valid JSON"),
+        (
+            "checkpoint_0007.npz",
+            lambda path: (np.savez(path, data=np.array("{}")), resigned(path.parent)),
+            "checkpoint: cannot be read: ",
+        ),
     ],
 )
 def test_a_damaged_run(name, spoil, message, tmp_path):
@@ -222,7 +228,7 @@ def test_two_writers(tmp_path):
     made = result_folder.run_meta(chain, "remembering", remembering.DURATION, remembering.STEP)
     first, second = (ResultWriter.resume(tmp_path / "run", made, remembering.SCENE) for _ in range(2))
     for w, count in ((first, 1), (second, 2)):
-        for one in samples(count):
+        for one in samples(count, 10):
             w.add(one)
     first.flush()
     for again in (second.flush, lambda: second.finish(None)):

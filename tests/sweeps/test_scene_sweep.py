@@ -3,6 +3,7 @@
 import copy
 import json
 import random
+import shutil
 import tomllib
 from contextlib import suppress
 from dataclasses import replace
@@ -187,7 +188,7 @@ def test_no_sweep_in_the_scene():
         (["scene.toml", "--out", "a_file"], "a_file"),
         (["scene.toml", "--out", "used"], "other files"),
         (["scene.toml", "--out", "x" * 300], "cannot be written"),
-        (["used"], "expected the folder of a scene's sweep"),
+        (["used"], "is this a sweep folder?"),
         (["store", "--run", "7"], "from 0 to 6"),
         (["store", "--run", "-1"], "from 0 to 6"),
         (["store", "--run", "1.5"], "run"),
@@ -227,6 +228,23 @@ def test_damaged_folders(name, content, folder, tmp_path, capsys):
     (tmp_path / name).write_text(content)
     assert main(["sweep", str(tmp_path), "--run", "1"]) == 2
     assert name in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["sweep.json", "runs_000001.parquet", "robots.json"])
+def test_damage_healed_by_the_command(name, folder, tmp_path, capsys):
+    """One flipped bit of a data page, of the manifest or of the list of robots is named; the command heals it."""
+    place = tmp_path / "store"
+    shutil.copytree(folder, place)
+    content = bytearray((place / name).read_bytes())
+    content[len(content) // 4] ^= 1
+    (place / name).write_bytes(content)
+    with pytest.raises(hf.ResultError, match=rf"{name} is damaged.*call `sweep` again"):
+        load_sweep(place).column("object_pose z [m]")
+    (tmp_path / "scene.toml").write_text(TEXT)
+    assert main(["sweep", str(tmp_path / "scene.toml"), "--out", str(place)]) == 0
+    capsys.readouterr()
+    assert data(place) == data(folder)
+    assert load_sweep(place).column("run").tolist() == list(range(7))
 
 
 def test_mutated_tables():

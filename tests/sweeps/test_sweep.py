@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.sweeps import Uniform
+from holdfast.sweeps import Uniform, store
 from holdfast.sweeps.workers import computed_by_processes
 from tests.control.two_pandas import two_pandas
 from tests.sweeps.problems import data, law, parameters, small_sweep
@@ -75,6 +75,41 @@ def test_whatever_happened(undisturbed, tmp_path):
     assert [p.done for p in seen] == [23, 28, 33]
     assert kept == (store / "runs_000000.parquet").stat().st_mtime_ns
     assert str(seen[-1]).startswith("33 of 33 runs, ")
+
+
+def test_chunks_in_wrong_places(undisturbed, tmp_path):
+    """Chunks that were exchanged, or are of another plan, are named when they are read, and computed again."""
+    store = small_sweep(tmp_path / "store").folder
+    names = ["runs_000001.parquet", "runs_000002.parquet"]
+    for name, other in zip(names, reversed(names), strict=True):
+        (store / name).write_bytes(data(undisturbed.folder)[other])
+    found = small_sweep(store)
+    assert data(store) == data(undisturbed.folder)
+    (store / names[0]).write_bytes(data(small_sweep(tmp_path / "other", seed=1).folder)[names[0]])
+    with pytest.raises(hf.ResultError, match=r"runs_000001\.parquet is damaged, or another file.*call `sweep` again"):
+        found.column("run")
+    assert small_sweep(store).column("run").tolist() == list(range(33))
+
+
+def test_what_a_crash_kept_out_of_the_manifest(undisturbed, tmp_path, monkeypatch):
+    """Chunks since the last commit are known by the log, unless a line or the file is damaged."""
+    monkeypatch.setattr(store.Store, "close", lambda self: self._lock.close())
+
+    def stop(progress):
+        if progress.done >= 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        small_sweep(tmp_path, progress=stop)
+    assert len(json.loads((tmp_path / "sweep.json").read_text())["files"]) == 0
+    lines = (tmp_path / "log.jsonl").read_bytes().splitlines()
+    lines[1] = lines[1].replace(b'"sha256": "', b'"sha256": "0')
+    lines.insert(3, b'{"chunk": "x"\xff')
+    (tmp_path / "log.jsonl").write_bytes(b"\n".join(lines) + b"\n")
+    seen = []
+    small_sweep(tmp_path, progress=seen.append)
+    assert len(seen) == 7 - 3  # the second of four is computed again
+    assert data(tmp_path) == data(undisturbed.folder)
 
 
 def test_by_any_executor(undisturbed, tmp_path):
@@ -169,7 +204,13 @@ def test_stores_of_others(undisturbed, tmp_path):
     with pytest.raises(hf.ResultError, match="another process writes"):
         small_sweep(tmp_path / "new", progress=lambda _: small_sweep(tmp_path / "new"))
     (tmp_path / "new" / "sweep.json").write_text(json.dumps({"format": "else"}))
-    with pytest.raises(hf.ResultError, match="manifest"):
+    with pytest.raises(hf.ResultError, match=r"sweep\.json: expected .* got 'else' .*; call `sweep` again"):
+        small_sweep(tmp_path / "new", seed=1)
+    small_sweep(tmp_path / "new")
+    for path in (tmp_path / "new").glob("runs_*"):
+        path.unlink()
+    (tmp_path / "new" / "sweep.json").write_text(json.dumps({"format": "else"}))
+    with pytest.raises(hf.ResultError, match=r"got 'else' .*; is this a sweep folder"):
         small_sweep(tmp_path / "new")
 
 

@@ -139,7 +139,7 @@ def export_c(
     found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in requested]
     found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
     doing = f"writing code of {len(found)} function{'s' * (len(found) > 1)}"
-    with replaced_folder(place, lambda path: path.name in written.files) as beside:  # refuses before any code is made
+    with replaced_folder(place, lambda name: name in written.files) as beside:  # refuses before any code is made
         with busy(progress, doing, "this may take seconds"):
             written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
         for file, content in written.files.items():

@@ -7,6 +7,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, get_args
 
 from holdfast import outer
+from holdfast.compiled.answers import Answers
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.function import Function
@@ -94,7 +95,7 @@ def compile(
 
 
 @called
-class CompiledChain:
+class CompiledChain(Answers):
     """The dynamics of one chain as machine code; made by `holdfast.compile`.
 
     Every question in `holdfast.questions` is an attribute, a `Function` whose machine code is made when it is first

@@ -30,6 +30,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.names import called, wrong_call
 from holdfast.questions.arrays import MOVING, POSES
+from holdfast.questions.documentation import docstring
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
 
@@ -58,9 +59,9 @@ class Function(Differentiated):
         has_status: whether every system has a status, because its equations may have no solution.
     """
 
-    def __new__(cls, *_: Any) -> Function:
+    def __new__(cls, compiled: CompiledChain, question: Question, *_: Any) -> Function:
         """Return a function with a class of its own, because Python looks `__call__` up in the class."""
-        own: Any = type(cls.__name__, (cls,), {"__module__": cls.__module__, "__doc__": cls.__doc__})
+        own: Any = type(cls.__name__, (cls,), {"__module__": cls.__module__, "__doc__": docstring(question)})
         return object.__new__(own)
 
     @classmethod

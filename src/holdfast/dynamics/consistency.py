@@ -229,6 +229,7 @@ CLOSURE = declare(
         depends_on=("grasps",),
         parts=_by_grasps,
         of_object=True,
+        returns="dict[str, GraspResidual]",
         shown=_residuals,
     ),
     closure,

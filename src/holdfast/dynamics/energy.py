@@ -345,6 +345,7 @@ KINETIC = declare(
         lambda case: (total_kinetic_energy(case.chain, case.state, case.inputs),),
         (Row("kinetic_energy", (), "J", "kinetic energy"),),
         "the kinetic energy of links and object, plus 1/2 armature qd^2 of the actuators",
+        returns="Any",
         inputs=STATE,
         parameters=(*OBJECT, "base_R", "base_twist"),
         arguments=(
@@ -361,6 +362,7 @@ POTENTIAL = declare(
         lambda case: (total_potential_energy(case.chain, case.state),),
         (Row("potential_energy", (), "J", "potential energy"),),
         "the potential energy of gravity and of all springs, zero at the world's origin",
+        returns="Any",
         inputs=("q", "object_pose"),
         parameters=("gravity", *OBJECT, "base_R", "base_p"),
         arguments=("q", "object_pose", "gravity", *_BASES, "grasp_pose", *_INERTIAS),

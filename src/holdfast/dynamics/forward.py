@@ -185,5 +185,6 @@ FORWARD_DYNAMICS = declare(
         by=STATE_AND_TORQUES,
         of=("qdd", "grasp_wrench"),
         depends_on=("grasps", "links", "forces", "bushings"),
+        returns="CompiledResult",
     )
 )

@@ -154,6 +154,7 @@ MASS_MATRIX = declare(
         ),
         "the joint mass matrix of every arm, armature included",
         inputs=("q",),
+        returns="dict[str, Array]",
         shown=by_arm(lambda N: (N, N)),
     )
 )
@@ -173,6 +174,7 @@ JACOBIAN = declare(
         inputs=("q",),
         parameters=("base_R",),
         depends_on=(),
+        returns="dict[str, Array]",
         shown=by_arm(lambda N: (6, N)),
     )
 )
@@ -185,6 +187,7 @@ TIP_POSES = declare(
         inputs=("q",),
         parameters=("base_R", "base_p"),
         depends_on=(),
+        returns="dict[str, Frames]",
         shown=by_arm(lambda N: (12,), _frames),
     )
 )
@@ -197,6 +200,7 @@ LINK_POSES = declare(
         inputs=("q",),
         parameters=("base_R", "base_p"),
         depends_on=(),
+        returns="dict[str, Frames]",
         shown=by_arm(lambda N: (N, 12), _frames),
     )
 )  # fmt: skip

@@ -263,6 +263,7 @@ PROJECT = declare(
         inputs=STATE,
         parameters=(*OBJECT, "base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
         depends_on=("grasps", "links"),
+        returns="dict[str, Array]",
         shown=lambda chain: lambda found: {name.removeprefix(_OF_CLOSED): x for name, x in found.items()},
     )
 )

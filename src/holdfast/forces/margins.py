@@ -243,6 +243,7 @@ JOINT_MARGINS = declare(
         depends_on=(),
         unlimited=True,
         parts=by_joints,
+        returns="JointMargins",
         shown=lambda chain: lambda found: JointMargins(**found),
     ),
     joint_margins,

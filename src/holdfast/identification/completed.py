@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.identification.recording import FEWEST, Recording
+from holdfast.identification.smoothing import Spline, smoothing_spline
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -23,30 +22,52 @@ OF_OBJECT = ("object_pose", "object_twist", "object_acceleration")
 OF_BASE = ("base_pose", "base_twist", "base_acceleration")
 
 
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """Arrays of a recording that were computed with smoothing splines through one that was recorded.
+
+    Attributes:
+        names: the arrays that are the splines' values and their derivatives, in order.
+        splines: one for each joint.
+    """
+
+    names: tuple[str, ...]
+    splines: list[Spline]
+
+
+def differentiated(given: Recording) -> tuple[Recording, list[Smoothed]]:
+    """Return a recording with joint rates and accelerations, and what was smoothed to find them.
+
+    Raises:
+        StateError: there are too few samples for a spline.
+    """
+    if given.qd is not None and given.qdd is not None:
+        return given, []
+    if len(given) < FEWEST:
+        raise StateError(f"recording: expected qd and qdd, or {FEWEST} samples to find them, got {len(given)}")
+    if given.qd is not None:
+        sources = [("q",), ("qd", "qdd")]
+    else:
+        sources = [("q", "qd", "qdd") if given.qdd is None else ("q", "qd")]
+    found, made = [], {}
+    for names in sources:
+        splines = [smoothing_spline(given.t, column) for column in getattr(given, names[0]).T]
+        made |= {name: np.column_stack([one.values[k] for one in splines]) for k, name in enumerate(names)}
+        found.append(Smoothed(names, splines))
+    return replace(given, **made), found
+
+
 def completed(chain: ClosedChain, given: Recording) -> Recording:
-    """Return a recording with rates, accelerations and the object's motion.
+    """Return a recording, which has joint rates and accelerations, with the object's motion.
 
     Args:
         chain: the recorded chain.
         given: the recording.
 
     Raises:
-        StateError: the number of joints or arms is wrong, there are too few samples for a spline, the motion of a
-            floating base was not recorded, or the object's motion was neither recorded nor follows from a rigid grasp.
+        StateError: the motion of a floating base was not recorded, or the object's motion was neither recorded nor
+            follows from a rigid grasp.
     """
-    if given.q.shape[1] != chain.joint_count:
-        raise StateError(f"recording: q: expected {chain.joint_count} joints, got {given.q.shape[1]}")
-    made: dict[str, Any] = {}
-    if given.qd is None or given.qdd is None:
-        if len(given) < FEWEST:
-            raise StateError(f"recording: expected qd and qdd, or {FEWEST} samples to find them, got {len(given)}")
-        if given.qd is None:
-            made["qd"] = make_interp_spline(given.t, given.q, k=5)(given.t, 1)
-            if given.qdd is None:
-                made["qdd"] = make_interp_spline(given.t, given.q, k=5)(given.t, 2)
-        else:
-            made["qdd"] = make_interp_spline(given.t, given.qd, k=5)(given.t, 1)
-    given = replace(given, **made)
     if chain.floats and (unknown := [name for name in OF_BASE if getattr(given, name) is None]):
         raise StateError(f"recording: expected {', '.join(unknown)}, as the trunk's base floats; got none")
     lacking = [name for name in OF_OBJECT if getattr(given, name) is None]

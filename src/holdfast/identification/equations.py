@@ -13,7 +13,7 @@ about C,
 and torques give as many rows as the chain has degrees of freedom. With N, a basis of the chain's motions, along which
 grasp forces do no work, these are
 
-    N_C^T (Y_C pi - w) + N_q^T (M qdd + C + damping qd + ... - tau) = -N_q^T noise
+    N_C^T (Y_C pi - w) + N_q^T (M qdd + C + damping qd + friction + ... - tau) = -N_q^T noise
 
 With a floating base, N_b^T times the wrench that would be needed to drive the base is added on the left.
 """
@@ -33,6 +33,7 @@ from holdfast.dynamics.regressor import UNIT_BODIES, object_columns
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.identification.recording import Recording
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 from holdfast.state import Inputs, State
@@ -61,24 +62,35 @@ class Equations:
         rows: (samples, r, features) coefficients of the features.
         maps: (samples, r, channels) from the noise of the channels to the rows.
         measured: (samples, channels) measurements [N m, N].
-        left_out: number of samples that are left out because their configuration is singular, so that the number of
-            degrees of freedom differs.
+        kept: by recording, which samples these are. Others are left out because their configuration is singular, so
+            that the number of degrees of freedom differs.
     """
 
     rows: Array
     maps: Array
     measured: Array
-    left_out: int = 0
+    kept: list[Array]
+
+    @property
+    def left_out(self) -> int:
+        """The number of samples that are left out."""
+        return sum(int((~one).sum()) for one in self.kept)
 
 
 def equations(chain: ClosedChain, recordings: list[Recording], settings: Settings) -> Equations:
     """Return the equations of completed recordings. O(samples n), with torques O(samples n^3)."""
+    found = [rows_of_samples(chain, recording, settings) for recording in recordings]
+    usual = Counter(len(one[0]) for part in found for one in part).most_common(1)[0][0]
+    kept = [np.array([len(one[0]) == usual for one in part]) for part in found]
+    used = [one for part in found for one in part if len(one[0]) == usual]
+    rows, maps, measured = (np.array(part) for part in zip(*used, strict=True))
+    return Equations(rows, maps, measured, kept)
+
+
+def rows_of_samples(chain: ClosedChain, recording: Recording, settings: Settings) -> list[tuple[Array, Array, Array]]:
+    """Return rows, maps and measurements of each sample."""
     of_sample = wrist_rows if settings.source == "wrist_wrench" else torque_rows
-    found = [of_sample(chain, recording, k, settings) for recording in recordings for k in range(len(recording))]
-    usual = Counter(len(rows) for rows, _, _ in found).most_common(1)[0][0]
-    kept = [one for one in found if len(one[0]) == usual]
-    rows, maps, measured = (np.array(part) for part in zip(*kept, strict=True))
-    return Equations(rows, maps, measured, len(found) - len(kept))
+    return [of_sample(chain, recording, k, settings) for k in range(len(recording))]
 
 
 def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
@@ -103,7 +115,7 @@ def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Setti
 
 def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
     """Return the rows of the equations that joint torques give at a sample, their maps and their measurements."""
-    assert recording.tau is not None and recording.qdd is not None
+    assert recording.tau is not None and recording.qd is not None and recording.qdd is not None
     state, alpha, inputs = _sample(chain, recording, k)
     qdd, tau, n = recording.qdd[k], recording.tau[k], chain.joint_count
 
@@ -126,11 +138,12 @@ def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Sett
     joints, free = N[:n].T, N[n : n + 6].T
     moving = np.vstack([N[:n], N[n + 6 :]]).T  # of joints and floating base
     here = needed(motion)
+    tau = tau - friction_torque(joint_friction(chain), recording.qd[k])
     last = [(moving @ here - joints @ tau - free @ motion.object_case.wrench)[:, None]]
     if settings.gravity:
         last += [np.array([moving @ (needed(moved(axis)) - here) for axis in np.eye(3)]).T]
     columns = [free @ part for part in _object_columns(chain, state, alpha, settings)]
-    return np.hstack([*columns, *last]), joints, tau
+    return np.hstack([*columns, *last]), joints, recording.tau[k]
 
 
 def _sample(chain: ClosedChain, recording: Recording, k: int) -> tuple[State, Array, Inputs]:

@@ -1,46 +1,41 @@
-"""Weighted least squares over physically possible bodies; unidentifiable combinations keep the model's values.
+"""Weighted least squares over physically possible bodies; what the rows do not determine keeps the guess's values.
 
-The whitened rows are reduced to a triangle R (QR). With each unknown scaled by its size, the singular values of R are
-the inverses of the standard deviations of combinations of unknowns. Combinations with a standard deviation below a
-limit are estimated. The others, Q, are fixed,
+    1. the unconstrained estimate, with weights from its own residuals          free_fit
+    2. which combinations of unknowns it determines                             kept.split_at
+    3. the others are the guess's                                               kept.with_the_guess
+    4. if that is not a possible body: the possible body that fits the determined combinations best and,
+       next to that, is nearest to the guess                                    possible_bodies
 
-    min |R features(x)|^2    with    Q^T (xi - xi_model) / sizes = 0
+The covariance is that of step 1 without the combinations Q that the guess gives,
 
-over log-Cholesky parameters, so that every iterate is a possible body. With Z, a basis of the changes that leave the
-fixed combinations unchanged,
+    cov = P G^-1 M G^-1 P,    P = 1 - Q Q^T,    G = J^T J,    M = sum u u^T + motion,    u = J^T S e
 
-    cov = Z G^-1 (sum_blocks u u^T) G^-1 Z^T,    u = Z^T sum J^T e,   G = Z^T J^T J Z
-
-which is valid for any distribution of the noise, even if the weights are wrong (White 1980). With given noise,
-cov = Z G^-1 Z^T. Blocks are as long as the residuals are correlated from sample to sample.
+where S leaves the share of the measurements' noise in the whitened residuals e. Its part of M is valid for any
+distribution of the noise, even if the weights are wrong (White 1980); that of the motion follows from its noise
+(`motion_noise`). With given noise, or if that of the motion hides it, the former part is J^T S^2 J.
 """
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from holdfast.errors import StateError
+from holdfast.identification.colour import Colour, colour_of
 from holdfast.identification.equations import Equations
-from holdfast.identification.noise import channel_sizes, estimated, whitener
+from holdfast.identification.free_fit import FreeFit, free_fit
+from holdfast.identification.kept import Split, free_roots, sized, split_at, with_the_guess
+from holdfast.identification.motion_noise import JointNoise
+from holdfast.identification.possible_bodies import best_possible, is_possible
 from holdfast.identification.unknowns import Unknowns
 from holdfast.model import checks
-from holdfast.spatial.inertia import of_parameters
-from holdfast.spatial.log_cholesky import numbers_of
 from holdfast.spatial.scalar import Array
 
-HARDLY = 0.01  # initial guess of the noise, relative to the measurements
-ROUNDS = 3  # alternations of weights and estimate
-FIRM = 1e3  # weight of the fixed combinations, relative to the largest singular value
-NARROWEST = 5.0  # largest deviation from the model of the log-Cholesky parameters for the spread of mass
-MOST_STEPS, MOST_HALVINGS = 100, 30
-NO_GAIN = 1e-8  # smallest decrease of the sum of squares, whose terms are about 1, that counts as progress
-BOUNDED = 1e-2  # if an impossible body decreases that sum by more than this, the estimate is on the bound
-CORRELATED = 0.1  # correlation of successive samples above which samples are combined into blocks
 LEAST_LEFT = 0.05  # lower bound of 1 - h, which is near 0 if one sample alone determines a coefficient
+HIDDEN = 0.1  # share of the motion's noise in the residuals above which these do not show that of the measurements
+ROUNDING = 1e-3  # least noise of whitened residuals that are exact, which averages do not reduce reliably
+SURELY = 5.0  # standard deviations by which a mass below zero is no accident
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +45,16 @@ class Estimate:
     Attributes:
         plain: (p,) the estimate xi.
         covariance: (p, p) covariance of xi; 0 along the fixed combinations.
-        fixed: (p, d) orthonormal basis of the combinations that keep the model's values, with unknowns scaled by size.
+        fixed: (p, d) orthonormal basis of the combinations that keep the guess's values, with unknowns scaled by size.
         residuals: (samples, r) residuals of the rows.
         noise: (channels,) standard deviations that define the weights.
         misfit: mean square of the whitened residuals, which is 1 if the noise has these standard deviations.
-        correlation: correlation of the whitened residuals of successive samples; 0 if it is not significant.
-        possible: whether the unconstrained minimum is a physically possible body.
+        moved: squared distance from the unconstrained estimate along the determined combinations, in standard
+            deviations.
+        colour: how residuals depend on those before them.
+        motion_share: part of the whitened residuals' variance that the noise of the motion explains.
+        settled: whether the weights converged.
+        held: whether the guess's values are a possible body together with the determined combinations.
     """
 
     plain: Array
@@ -64,11 +63,21 @@ class Estimate:
     residuals: Array
     noise: Array
     misfit: float
-    correlation: float
-    possible: bool
+    moved: float
+    colour: Colour
+    motion_share: float
+    settled: bool
+    held: bool
 
 
-def estimate(system: Equations, unknowns: Unknowns, kinds: Array, given: Array | None, largest: float) -> Estimate:
+def estimate(
+    system: Equations,
+    unknowns: Unknowns,
+    kinds: Array,
+    given: Array | None,
+    largest: float,
+    motion: list[JointNoise] | None = None,
+) -> Estimate:
     """Return the estimate.
 
     Args:
@@ -77,147 +86,114 @@ def estimate(system: Equations, unknowns: Unknowns, kinds: Array, given: Array |
         kinds: (channels,) labels; channels with the same label have the same noise.
         given: (channels,) standard deviations of the noise; None to estimate them.
         largest: standard deviation of a combination, relative to its size, above which it is not estimated.
+        motion: the noise of the motion; none by default.
+
+    Raises:
+        StateError: the recordings determine nothing, or a mass below zero.
     """
     for x in (system.rows, system.measured, system.maps):
         checks.finite(x, "identify: recordings")
-    sizes = channel_sizes(system.measured, kinds)
-    noise, theta = HARDLY * sizes if given is None else given, unknowns.start
-    fixed, rows = np.zeros((0, 0)), system.rows
-    for _ in range(ROUNDS if given is None else 1):
-        W = whitener(system.maps, noise)
-        rows = W @ system.rows
-        _, R = np.linalg.qr(rows.reshape(-1, rows.shape[2]))
-        fixed, identified = combinations(
-            R @ unknowns.features(unknowns.linear(theta))[1] * unknowns.linear_sizes, largest
-        )
-        theta = solved(R, unknowns, fixed, identified)
-        values = unknowns.features(unknowns.linear(theta))[0]
-        if given is None:
-            noise = estimated(W @ system.maps, rows @ values, kinds, sizes)
-    if fixed.shape[0] == fixed.shape[1]:
+    motion = motion or []
+    fit = free_fit(system, unknowns, kinds, given, motion)
+    _require_mass(fit, unknowns, largest)
+    unknowns = sized(unknowns, fit, largest)
+    split = split_at(np.concatenate([unknowns.sizes[:1], unknowns.model[1:]]), fit, unknowns, largest)
+    split = split_at(_estimate_of(fit, split)[0], fit, unknowns, largest)  # now at the estimate's mass centre
+    x, held = _estimate_of(fit, split)
+    if not split.steps.size:
         raise StateError(
             "identify: expected a recording that identifies some part of the payload, got one in which all its effects"
             " are below the noise; try larger and faster motions, above all rotations"
         )
-    values, slopes = unknowns.features(unknowns.linear(theta))
-    e, J = rows @ values, rows @ slopes * unknowns.linear_sizes
-    correlation = float((e[1:] * e[:-1]).sum() / max((e * e).sum(), 1e-300))
-    if correlation < max(CORRELATED, 3.0 / np.sqrt(e.size)):  # not significant
-        correlation = 0.0
-    to_x, to_plain = unknowns.slopes(theta)
-    try:
-        inverse = np.linalg.inv(to_x)
-    except np.linalg.LinAlgError as cause:
-        raise StateError(
-            "identify: expected a recording that some payload explains, got one whose estimate has no uncertainty in"
-            " float64; check the units and signs of the wrenches and torques"
-        ) from cause
-    change = (to_plain @ inverse) * unknowns.linear_sizes / unknowns.sizes[:, None]
-    Z = null_space(fixed.T @ change)
-    pull = np.einsum("srj,sr->j", J @ Z, e)  # zero unless the estimate is on the bound of possible bodies
-    gain = float(pull @ np.linalg.solve(np.einsum("srj,srk->jk", J @ Z, J @ Z), pull))
-    spread = change @ Z @ variance(J @ Z, e, correlation, given is not None) @ Z.T @ change.T
-    covariance = spread * np.outer(unknowns.sizes, unknowns.sizes)
-    freedoms = max(e.size - Z.shape[1], 1)
-    misfit = float((e * e).sum()) / freedoms
-    left = system.rows @ values
+    values = unknowns.features(x)[0]
+    e, left, off = fit.rows @ values, system.rows @ values, split.deviations_between(x, fit.x)
+    colour = colour_of(e, max((one.spline.memory for one in motion), default=1))
+    covariance = _covariance(system, fit, split, x, motion, given is not None, colour.widening)
     checks.finite(np.append(covariance, left), "identify: the estimate")
-    return Estimate(unknowns.plain(theta), covariance, fixed, left, noise, misfit, correlation, gain < BOUNDED)
+    return Estimate(
+        plain=unknowns.plain(x),
+        covariance=covariance,
+        fixed=split.fixed,
+        residuals=left,
+        noise=fit.noise,
+        misfit=float((e * e).sum()) / max(e.size - len(x), 1),
+        moved=float((off * off).sum()),
+        colour=colour,
+        motion_share=fit.motion_share,
+        settled=fit.settled,
+        held=held,
+    )
 
 
-def combinations(J: Array, largest: float) -> tuple[Array, Array]:
-    """Return bases of the combinations that cannot be identified, (p, d), and of those that can, (p, k)."""
-    checks.finite(J, "identify: what the recordings tell")
-    _, singular, Vt = np.linalg.svd(J, full_matrices=True)
-    count = int((singular * largest >= 1.0).sum())
-    return Vt[count:].T, Vt[:count].T
-
-
-def solved(R: Array, unknowns: Unknowns, fixed: Array, identified: Array) -> Array:
-    """Return theta of the physically possible body with the least sum of squares.
-
-    Args:
-        R: (.., features) triangle of the whitened rows.
-        unknowns: the unknowns.
-        fixed: basis of the combinations that keep the model's values.
-        identified: basis of the other combinations.
-    """
-    firm = FIRM * float(np.linalg.norm(R[:, :10] * unknowns.linear_sizes[:10], ord=2)) or 1.0
-
-    def rows_at(theta: Array) -> Array:
-        off = (unknowns.plain(theta) - unknowns.model) / unknowns.sizes
-        return np.concatenate([R @ unknowns.features(unknowns.linear(theta))[0], firm * (fixed.T @ off)])
-
-    def slopes_at(theta: Array) -> Array:
-        to_x, to_plain = unknowns.slopes(theta)
-        of_rows = R @ unknowns.features(unknowns.linear(theta))[1] @ to_x
-        return np.vstack([of_rows, firm * fixed.T @ (to_plain / unknowns.sizes[:, None])])
-
-    start = unknowns.start
-    values, slopes = unknowns.features(unknowns.linear(start))
-    J = R @ slopes * unknowns.linear_sizes
-    step = -identified @ (np.linalg.pinv(J @ identified) @ (R @ values))
-    x = unknowns.linear(start) + step * unknowns.linear_sizes
-    begin = start
-    with contextlib.suppress(ValueError):  # the step leads to an impossible body
-        begin = np.concatenate([numbers_of(of_parameters(x[:10])), x[10:]])
-    width = np.full(len(start), np.inf)
-    width[1:4] = NARROWEST
-    return gauss_newton(rows_at, slopes_at, begin, start - width, start + width)
-
-
-def gauss_newton(
-    rows_at: Callable[[Array], Array], slopes_at: Callable[[Array], Array], theta: Array, low: Array, high: Array
+def _covariance(
+    system: Equations,
+    fit: FreeFit,
+    split: Split,
+    x: Array,
+    motion: list[JointNoise],
+    known: bool,
+    widening: float,
 ) -> Array:
-    """Return the minimiser of the whitened rows within bounds; as they are nearly linear, a few steps suffice."""
-    theta = np.clip(theta, low, high)
-    rows = rows_at(theta)
-    for _ in range(MOST_STEPS):
-        J = slopes_at(theta)
-        step = np.linalg.lstsq(J, -rows, rcond=1e-13)[0]
-        outward = ((theta <= low) & (step < 0.0)) | ((theta >= high) & (step > 0.0))
-        if outward.any():
-            step = np.where(outward, 0.0, np.linalg.lstsq(J * ~outward, -rows, rcond=1e-13)[0])
-        gain = float(np.sum((J @ step) ** 2))
-        if gain < NO_GAIN:
-            break
-        for halving in range(MOST_HALVINGS):
-            there = np.clip(theta + 0.5**halving * step, low, high)
-            found = rows_at(there)
-            if found @ found < rows @ rows:
-                break
-        else:
-            break
-        theta, rows = there, found
-    return theta
+    """Return the covariance of the plain unknowns at an estimate x."""
+    values, slopes = split.unknowns.features(x)
+    J, inverse = fit.rows @ slopes @ split.change, split.root @ split.root.T
+    known = known or fit.motion_share > HIDDEN
+    scores = variance(J, fit.rows @ values, inverse, fit.of_motion, known) * widening
+    scores = scores + ROUNDING**2 * np.einsum("srj,srk->jk", J, J)
+    raw = fit.weights.transpose(0, 2, 1) @ J
+    for one in motion:
+        scores = scores + one.score(system.maps, values, raw)
+    influence = split.unknowns.sizes[:, None] * (inverse - split.fixed @ (split.fixed.T @ inverse))
+    return influence @ scores @ influence.T
 
 
-def null_space(rows: Array) -> Array:
-    """Return an orthonormal basis of the null space of independent rows."""
-    return np.linalg.svd(rows, full_matrices=True)[2][len(rows) :].T if len(rows) else np.eye(rows.shape[1])
+def _require_mass(fit: FreeFit, unknowns: Unknowns, largest: float) -> None:
+    """Refuse recordings that a mass below zero explains best, beyond doubt."""
+    m, deviation = float(fit.x[0]), float(np.linalg.norm(free_roots(fit, unknowns)[0]))
+    if m < -SURELY * deviation and deviation < largest * max(unknowns.sizes[0], -m):
+        raise StateError(
+            "identify: expected wrenches on the object, or torques of the joints, that some payload explains; got ones"
+            f" that a mass of {m:.3g} +- {deviation:.2g} kg fits best. Most likely their sign is reversed, as many"
+            " sensors report the reaction of the object: try -wrist_wrench (or -tau). If the sign is right, look at"
+            " sensor offsets (sensor_bias=True) and at the masses of the model's arms"
+        )
 
 
-def variance(J: Array, e: Array, correlation: float, known: bool) -> Array:
-    """Return the covariance (k, k) of estimated coefficients from the slopes J and the whitened residuals e.
+def _estimate_of(fit: FreeFit, split: Split) -> tuple[Array, bool]:
+    """Return the possible body, and whether what is not determined has the guess's values."""
+    x = with_the_guess(fit.x, split)
+    if x is not None and is_possible(x[:10]):
+        return x, True
+    unknowns, count = split.unknowns, split.steps.shape[1]
+    guess = unknowns.model.copy()
+    guess[:10] *= unknowns.sizes[0] / guess[0]
+    steps = split.change @ np.hstack([split.steps, split.fixed])
+    return best_possible(fit.x, steps, count, guess, unknowns.sizes[10:]), False
+
+
+def variance(J: Array, e: Array, inverse: Array, share: Array | None, known: bool) -> Array:
+    """Return the covariance (k, k) of the sum of J^T e that is due to the noise of the measurements.
 
     The residuals are smaller than the noise, because the estimate is fitted to it: those of a sample by (1 - h)^1/2,
-    where h is the leverage of the sample (Bell and McCaffrey 2002). This correction is used for single samples; blocks
-    are corrected by their number.
+    where h is the leverage of the sample (Bell and McCaffrey 2002).
 
     Args:
-        J: (samples, r, k) derivatives of the rows by the coefficients.
+        J: (samples, r, k) derivatives of the whitened rows by the coefficients.
         e: (samples, r) whitened residuals.
-        correlation: correlation of the residuals of successive samples.
-        known: whether the noise is known, so that it has unit variance; else size and correlation of e are used.
+        inverse: (k, k) inverse of the sum of J^T J.
+        share: (samples, r, r) part of their covariance that is due to the motion; None for none.
+        known: whether the noise is known, so that e has unit variance; else its size is used.
     """
-    samples, r, k = J.shape
-    inverse = np.linalg.inv(np.einsum("srj,srk->jk", J, J))
+    one = np.eye(J.shape[1])
+    left = np.broadcast_to(one, (len(J), *one.shape)) if share is None else one - share
     if known:
-        return inverse
-    length = int(np.ceil(3.0 * (1.0 + correlation) / max(1.0 - correlation, 3.0 / samples))) if correlation else 1
-    length = min(length, max(samples // (4 * k), 1))
-    sizes, axes = np.linalg.eigh(np.eye(r) - np.einsum("srj,jk,stk->srt", J, inverse, J))
-    part = np.einsum("srt,st,sut,su->sr", axes, np.maximum(sizes, LEAST_LEFT) ** -0.5, axes, e)
-    blocks = np.add.reduceat(np.einsum("srj,sr->sj", J, part), np.arange(0, samples, length))
-    few = 1.0 if length == 1 else len(blocks) / max(len(blocks) - k / r, 1.0)
-    return few * inverse @ (blocks.T @ blocks) @ inverse
+        return np.einsum("srj,srt,stk->jk", J, left, J)
+    part = power(one - np.einsum("srj,jk,stk->srt", J, inverse, J), -0.5, LEAST_LEFT) @ e[..., None]
+    scores = np.einsum("srj,sr->sj", J, (power(left, 0.5, 0.0) @ part)[..., 0])
+    return scores.T @ scores
+
+
+def power(matrices: Array, exponent: float, least: float) -> Array:
+    """Return powers of symmetric matrices (samples, r, r), whose eigenvalues are raised to a least one."""
+    sizes, axes = np.linalg.eigh(matrices)
+    return (axes * np.maximum(sizes, least)[:, None, :] ** exponent) @ axes.transpose(0, 2, 1)

@@ -22,11 +22,11 @@ class Identification(Frozen):
         names: (p,) names of the unknowns: mass, com x .. z from C, inertia xx, xy, xz, yy, yz, zz about the mass
             centre, all in object axes; then sensor offsets and the tilt of gravity, if they were requested.
         values: (p,) their values [kg, m, kg m^2, ...].
-        covariance: (p, p) covariance of the values; 0 along combinations that keep the model's values.
-        deviations: standard deviations by name; infinite for values that are entirely or partly the model's.
-        kept: names of the values that are the model's, because the motion does not identify them.
-        partly: names of the values that are partly the model's, because only combinations of them are identified.
-        undetermined: combinations that the motion does not identify and that keep the model's values, as text.
+        covariance: (p, p) covariance of the values; 0 along combinations that are not identified.
+        deviations: standard deviations by name; infinite for values that are entirely or partly from the guess.
+        kept: names of the values that are from the guess, because the motion does not identify them.
+        partly: names of the values that are partly from the guess, because only combinations of them are identified.
+        undetermined: combinations that the motion does not identify and that keep the guess's values, as text.
         notes: remarks on the estimate, as text.
         sensor_bias: (arms, 6) offset of each wrist sensor, tip axes [N m, N]; None if it was not requested.
         grasp_deviations: standard deviations (6,) of estimated grasp frames by arm, [turn; shift], object axes [rad,
@@ -34,7 +34,8 @@ class Identification(Frozen):
         residuals: (samples, rows) residuals of the equations: [moment; force] about C along world axes, or with
             torques the power along an orthonormal basis of motions.
         noise: (channels,) standard deviations of the measurements, by which the rows are weighted [N m, N].
-        misfit: mean square of the residuals in units of that noise.
+        misfit: mean square of the residuals in units of that noise and of the noise of the motion; far above 1 if no
+            possible body explains the recordings.
     """
 
     chain: ClosedChain
@@ -67,11 +68,12 @@ class Identification(Frozen):
         return f"<Identification of {len(self.names)} values: {self.held_object.mass:.4g} kg>"
 
     def __str__(self) -> str:
-        """Return a table of the values, followed by undetermined combinations and notes."""
-        width, said = max(map(len, self.names)), dict.fromkeys(self.kept, "the model's")
-        said |= dict.fromkeys(self.partly, "in part the model's")
+        """Return a table of the values, followed by the misfit, undetermined combinations and notes."""
+        width, said = max(map(len, self.names)), dict.fromkeys(self.kept, "from the guess")
+        said |= dict.fromkeys(self.partly, "partly from the guess")
         lines = [
             f"{name:<{width}}  {value:>+12.5g}  {said.get(name, f'+- {self.deviations[name]:.2g}')}"
             for name, value in zip(self.names, self.values.tolist(), strict=True)
         ]
-        return "\n".join([*lines, *self.undetermined, *self.notes])
+        misfit = f"misfit {self.misfit:.3g}: mean square of the residuals, in units of the noise"
+        return "\n".join([*lines, misfit, *self.undetermined, *(f"note: {note}" for note in self.notes)])

@@ -9,14 +9,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.consistency import closure
 from holdfast.errors import ModelError, StateError
-from holdfast.identification.completed import completed
+from holdfast.identification.completed import completed, differentiated
 from holdfast.identification.equations import Equations, Settings, equations
 from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.grasp_frames import measured_grasps
 from holdfast.identification.identification import Identification
 from holdfast.identification.load_recording import recording_of
+from holdfast.identification.motion_noise import motion_noise
+from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
+from holdfast.identification.possible_bodies import is_possible
 from holdfast.identification.recording import Recording
 from holdfast.identification.undetermined import parts_kept, sentences
 from holdfast.identification.unknowns import Unknowns, unknowns_of
@@ -26,14 +28,9 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.inertia import about_origin, of_parameters
-from holdfast.spatial.log_cholesky import numbers_of
 from holdfast.spatial.scalar import Array
 
 SOURCES = ("wrist_wrench", "tau")
-FAR = 0.01  # tip errors above this are reported [m or rad]
-CHECKED_SAMPLES = 10  # samples in which they are checked
-ROUNDING = 1e-3  # mean square of whitened residuals below which these are rounding rather than noise
-POORLY = 2.0  # mean square of residuals, in units of a given noise, above which a note is added
 Source = Recording | Trajectory | Result | str | PathLike[str]
 
 
@@ -51,8 +48,11 @@ def identify(
 ) -> Identification:
     """Estimate mass, mass centre and inertia of the payload by weighted least squares over possible bodies.
 
-    Combinations of parameters that the motion does not identify keep the model's values and are listed in the result.
-    O(samples n), with torques O(samples n^3).
+    The sum of squared residuals is minimised, weighted by the inverse covariance of their noise, over all bodies that
+    some distribution of mass has. Combinations of parameters that the motion does not identify keep the guess's values,
+    those of the chain, and are listed in the result; if no possible body has these, they become those of the nearest
+    one that fits as well. Positions without rates or accelerations are smoothed, and their noise enters the weights and
+    the covariance. O(samples n), with torques O(samples n^3).
 
     Args:
         chain: model of arms, grasps and object.
@@ -66,20 +66,22 @@ def identify(
         grasp_frames: whether to estimate the frames of rigid grasps first, from the poses of tips and object.
         noise: standard deviations of the measurements: (6,) or (arms, 6) for wrists [N m, N], (n,) or one number for
             torques [N m or N]. With None they are estimated, and the covariance remains valid for noise that is
-            unequal, or correlated from sample to sample.
+            unequal; for noise that is correlated from sample to sample, deviations are increased, with a note.
         largest_deviation: a combination is estimated if its standard deviation, relative to its typical size, is below
-            this; the sizes are those of the model's mass m, its radius of gyration r, and m r^2.
+            this; the sizes are the mass m, the radius of gyration r, and m r^2 of the estimate as far as the recordings
+            determine them, or else of the guess.
 
     Returns:
         An `Identification`.
 
     Raises:
         ModelError: it is not a chain, the payload is flat or not a possible body, or options contradict each other.
-        StateError: a recording does not match the chain, lacks measurements, is too short, or identifies nothing.
+        StateError: a recording does not match the chain, lacks measurements, is too short, or identifies nothing; a
+            mass below zero explains the recordings best.
         ResultError: a file cannot be read.
 
     Reference:
-        Atkeson, An and Hollerbach 1986; Rucker and Wensing 2022; `docs/theory/derivatives.md`.
+        Atkeson, An and Hollerbach 1986; Wensing, Kim and Slotine 2018; `docs/theory/derivatives.md`.
     """
     settings = _settings(chain, by, {"sensor_bias": sensor_bias, "gravity": gravity, "grasp_frames": grasp_frames})
     largest = checks.number(largest_deviation, "identify: largest_deviation", above=0.0)
@@ -92,7 +94,8 @@ def identify(
     frames: dict[str, Array] = {}
     if grasp_frames:
         chain, frames = measured_grasps(chain, given)
-    whole = [completed(chain, one) for one in given]
+    moving = [differentiated(_fitting(chain, one)) for one in given]
+    whole = [completed(chain, one) for one, _ in moving]
     system = equations(chain, whole, settings)
     wrists = np.tile([0, 0, 0, 1, 1, 1], len(chain.grasps))
     kinds = wrists if by == "wrist_wrench" else np.arange(chain.joint_count)
@@ -102,8 +105,10 @@ def identify(
         raise StateError(
             f"identify: expected {2 * p} rows or more for {p} unknowns, got {rows} of {len(system.rows)} samples"
         )
-    found = estimate(system, unknowns, kinds, _given_noise(noise, chain, by), largest)
-    notes = [*_notes(found, system, noise is not None), *_notes_on_grasps(chain, whole, frames)]
+    motion = motion_noise(chain, moving, settings, system)
+    found = estimate(system, unknowns, kinds, _given_noise(noise, chain, by), largest, motion)
+    notes = [*notes_on_estimate(found, motion, system, noise is not None), *notes_on_grasps(chain, whole, frames)]
+    notes += notes_on_motion(given)
     return _identification(chain, unknowns, found, settings, frames, tuple(notes))
 
 
@@ -122,14 +127,19 @@ def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
         raise ModelError("identify: chain: expected an arm that holds the object, got none")
     if flags["gravity"] and not chain.gravity.any():
         raise ModelError("identify: gravity: expected a chain with gravity, whose size is known; got none")
-    try:
-        numbers_of(about_origin(chain.held_object.mass, np.zeros(3), chain.held_object.inertia))
-    except ValueError as cause:
+    if not is_possible(about_origin(chain.held_object.mass, np.zeros(3), chain.held_object.inertia).parameters):
         raise ModelError(
             "identify: object: expected principal moments of which any two sum to more than the third; got a flat or an"
             " impossible body; try HeldObject.box with three edges as a first guess"
-        ) from cause
+        )
     return Settings(by, flags["sensor_bias"], flags["gravity"])
+
+
+def _fitting(chain: ClosedChain, one: Recording) -> Recording:
+    """Return a recording with as many joints as the chain; refuse others."""
+    if one.q.shape[1] != chain.joint_count:
+        raise StateError(f"recording: q: expected {chain.joint_count} joints, got {one.q.shape[1]}")
+    return one
 
 
 def _require(chain: ClosedChain, one: Recording, by: str) -> None:
@@ -203,41 +213,3 @@ def _identification(
         noise=found.noise,
         misfit=found.misfit,
     )
-
-
-def _notes(found: Estimate, system: Equations, noise_given: bool) -> list[str]:
-    """Return remarks on the quality of the estimate."""
-    notes = []
-    if not found.possible:
-        notes.append("the unconstrained estimate is not a possible body; the nearest possible body is returned")
-    if noise_given and found.misfit > POORLY:
-        notes.append(
-            f"residuals are {np.sqrt(found.misfit):.2g} times the given noise: the model lacks something, such as"
-            " friction, and deviations are too small; try noise=None"
-        )
-    if found.correlation and found.misfit > ROUNDING:
-        what = "deviations are too small by that" if noise_given else "deviations take that into account, roughly"
-        notes.append(f"residuals of neighbouring samples are correlated ({found.correlation:.2f}): {what}")
-    if system.left_out:
-        notes.append(f"{system.left_out} samples at singular configurations were left out")
-    return notes
-
-
-def _notes_on_grasps(chain: ClosedChain, recordings: list[Recording], frames: dict[str, Array]) -> list[str]:
-    """Return remarks on the grasps: frames that were not estimated, and tips that are away from their grasps."""
-    notes = []
-    if frames and (others := [name for name in chain.grasps if name not in frames]):
-        notes.append(f"the grasp frames of {', '.join(map(repr, others))} are the model's")
-    apart = dict.fromkeys(chain.grasps, 0.0)
-    for one in recordings:
-        for k in np.linspace(0, len(one) - 1, CHECKED_SAMPLES).round().astype(int).tolist():
-            for name, gap in closure(chain, one.state(k)).items():
-                apart[name] = max(apart[name], float(np.abs(gap.position).max(initial=0.0)))
-    far = {name: gap for name, gap in apart.items() if gap > FAR}
-    if far:
-        said = ", ".join(f"'{name}' {gap:.2g}" for name, gap in far.items())
-        notes.append(
-            f"tips are off their grasps by up to [m or rad]: {said}; try grasp_frames=True, or look at units, joint"
-            " zeros and the model's frames"
-        )
-    return notes

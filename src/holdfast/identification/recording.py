@@ -16,7 +16,7 @@ from holdfast.spatial.converted import NOT_GIVEN, REQUIRED, ArrayField, Optional
 from holdfast.spatial.frozen import Frozen
 from holdfast.state import Inputs, State
 
-FEWEST = 6  # samples required by a quintic spline
+FEWEST = 8  # samples required by a spline of degree 7
 FREE_BODIES = ("object", "base")
 
 
@@ -25,9 +25,9 @@ FREE_BODIES = ("object", "base")
 class Recording(Frozen):
     """A recording; the first axis of every array is the sample. Arrays that were not recorded are None.
 
-    Joint rates and accelerations that were not recorded are computed from a quintic spline through the positions (or
-    rates). This does not smooth, so that noisy positions should be filtered beforehand. An object motion that was not
-    recorded is computed from the tips that hold the object rigidly.
+    Joint rates and accelerations that were not recorded are found by smoothing splines from the positions (or rates),
+    which are smoothed as much as their noise calls for. An object motion that was not recorded is computed from the
+    tips that hold the object rigidly.
 
     Attributes:
         t: (samples,) increasing times [s].

@@ -8,12 +8,12 @@ from holdfast.identification.base_parameters import pivoted
 from holdfast.identification.unknowns import Unknowns
 from holdfast.spatial.scalar import Array
 
-WHOLLY, PARTLY = 0.99, 0.01  # squared share of an unknown in the fixed combinations above which it is so the model's
+WHOLLY, PARTLY = 0.99, 1e-8  # squared share of an unknown in the fixed combinations above which it is so from the guess
 ALONE = 0.05  # terms smaller than this, relative to a combination's largest one, are not named
 
 
 def parts_kept(fixed: Array) -> tuple[Array, Array]:
-    """Return which unknowns keep the model's value entirely, and which partly, (p,) each."""
+    """Return which unknowns keep the guess's value entirely, and which partly, (p,) each."""
     part = (fixed**2).sum(axis=1)
     return part > WHOLLY, (part > PARTLY) & (part <= WHOLLY)
 
@@ -36,10 +36,10 @@ def sentences(fixed: Array, unknowns: Unknowns) -> tuple[str, ...]:
         if not others:
             alone.append(unknowns.names[k])
             continue
-        steps = direction * unknowns.sizes / unknowns.sizes[k]
-        with_it = ", ".join(f"{steps[j]:+.3g} {unknowns.units[j]} of {unknowns.names[j]}" for j in others)
-        together.append(
-            f"+1 {unknowns.units[k]} of {unknowns.names[k]} together with {with_it} cannot be told from noise"
+        weights = direction * unknowns.sizes[k] / unknowns.sizes
+        with_it = "".join(
+            f" {'-' if weights[j] < 0 else '+'} {abs(weights[j]):.3g} {unknowns.names[j]}" for j in others
         )
+        together.append(f"the combination {unknowns.names[k]}{with_it} is not identifiable")
     lead = (f"cannot be told from noise: {', '.join(alone)}",) if alone else ()
     return (*lead, *together)

@@ -1,29 +1,26 @@
-"""The unknowns of the identification, in three sets of coordinates.
+"""The unknowns of the identification, in two sets of coordinates.
 
-    free    theta = [log-Cholesky parameters; b; tilt]   any values are a possible body
-    linear  x = [pi; b; tilt]                            the equations are linear in products of its entries
-    plain   xi = [m; c; I about c; b; tilt]              the model's parameters, which unidentified ones keep
+    linear  x = [pi; b; tilt]              the equations are linear in products of its entries
+    plain   xi = [m; c; I about c; b; tilt]  the quantities that are reported, and kept where unidentified
 
 pi and c are relative to the model's mass centre. Gravity is tilted by g = |g| (n + E tilt) / |n + E tilt|.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from holdfast.identification.equations import Settings
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.differentiation import linearised
-from holdfast.spatial.inertia import PARAMETERS, RigidInertia, of_parameters
-from holdfast.spatial.log_cholesky import inertia_of, numbers_of
-from holdfast.spatial.scalar import Array, array, concatenate
-from holdfast.spatial.vector import dot, outer
+from holdfast.spatial.inertia import PARAMETERS
+from holdfast.spatial.scalar import Array
 
 NAMES = ("mass", "com x", "com y", "com z", *(f"inertia {name[1:]}" for name in PARAMETERS[4:]))
 UNITS = ("kg", *["m"] * 3, *["kg m^2"] * 6)
 AXES = ("moment x", "moment y", "moment z", "force x", "force y", "force z")
+ENTRIES = np.triu_indices(3)  # of I among the parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +31,7 @@ class Unknowns:
         names: names of the entries of xi.
         units: units of the entries of xi.
         sizes: typical sizes of the entries of xi, by which they are scaled.
-        model: xi of the model; offsets and tilt are 0.
+        model: xi of the model, and x, since c is 0; offsets and tilt are 0.
         gravity: (3,) gravity of the model.
         across: (2, 3) E, unit vectors perpendicular to gravity.
         biases: number of sensor offsets.
@@ -55,30 +52,25 @@ class Unknowns:
         """Typical sizes of the entries of x, in which first moments replace the mass centre."""
         return np.concatenate([self.sizes[:1], self.sizes[0] * self.sizes[1:4], self.sizes[4:]])
 
-    @property
-    def start(self) -> Array:
-        """Theta of the model."""
-        # of the model, c and so m c are 0
-        return np.concatenate([numbers_of(of_parameters(self.model[:10])), self.model[10:]])
+    def sized(self, mass: float, radius: float) -> Unknowns:
+        """Return the unknowns with the sizes of a body of a mass and a radius of gyration."""
+        own = [mass, *[radius] * 3, *[mass * radius**2] * 6]
+        return replace(self, sizes=np.concatenate([own, self.sizes[10:]]))
 
-    def linear(self, theta: Array) -> Array:
-        """Return x of theta."""
-        return np.concatenate([inertia_of(theta[:10]).parameters, theta[10:]])
+    def plain(self, x: Array) -> Array:
+        """Return xi of x."""
+        m, h = x[0], x[1:4]
+        moved = (h @ h * np.eye(3) - np.outer(h, h))[ENTRIES] / m
+        return np.concatenate([[m], h / m, x[4:10] - moved, x[10:]])
 
-    def plain(self, theta: Array) -> Array:
-        """Return xi of theta."""
-        return np.concatenate([plain_parameters(theta[:10]), theta[10:]])
-
-    def slopes(self, theta: Array) -> tuple[Array, Array]:
-        """Return dx/dtheta and dxi/dtheta."""
-        text = linearised(lambda x: (inertia_of(x).parameters, plain_parameters(x)), theta[:10])
-        columns = [text.rates(unit) for unit in np.eye(10)]
-        found = []
-        for part in zip(*columns, strict=True):
-            whole = np.eye(len(theta))
-            whole[:10, :10] = np.array(part).T
-            found.append(whole)
-        return found[0], found[1]
+    def slopes(self, x: Array) -> Array:
+        """Return dxi/dx, (p, p), which is triangular."""
+        m, h, found = x[0], x[1:4], np.eye(len(x))
+        found[1:4, 0], found[1:4, 1:4] = -h / m**2, np.eye(3) / m
+        found[4:10, 0] = (h @ h * np.eye(3) - np.outer(h, h))[ENTRIES] / m**2
+        for k, e in enumerate(np.eye(3)):
+            found[4:10, 1 + k] = -(2.0 * h[k] * np.eye(3) - np.outer(e, h) - np.outer(h, e))[ENTRIES] / m
+        return found
 
     def tilted_gravity(self, tilt: Array) -> tuple[Array, Array]:
         """Return gravity (3,) and its derivative (3, 2) by the tilt."""
@@ -112,7 +104,7 @@ def unknowns_of(chain: ClosedChain, settings: Settings, wrench_sizes: Array) -> 
     body, names, units = chain.held_object, list(NAMES), list(UNITS)
     m, radius = body.mass, float(np.sqrt(np.trace(body.inertia) / (2.0 * body.mass)))
     sizes = [m, *[radius] * 3, *[m * radius**2] * 6]
-    model = [m, 0.0, 0.0, 0.0, *body.inertia[np.triu_indices(3)]]
+    model = [m, 0.0, 0.0, 0.0, *body.inertia[ENTRIES]]
     holding = list(chain.grasps) if settings.sensor_bias else []
     for name in holding:
         names += [f"sensor offset of '{name}', {axis}" for axis in AXES]
@@ -126,11 +118,3 @@ def unknowns_of(chain: ClosedChain, settings: Settings, wrench_sizes: Array) -> 
     model += [0.0] * (len(names) - 10)
     arrays = (np.array(sizes), np.array(model), chain.gravity, across)
     return Unknowns(tuple(names), tuple(units), *arrays, 6 * len(holding), settings.gravity)
-
-
-def plain_parameters(numbers: Array) -> Array:
-    """Return (10,) m, c and I about c for ten log-Cholesky parameters."""
-    body = inertia_of(numbers)
-    c = numbers[7:]
-    about_c = body.I - body.m * (dot(c, c) * np.eye(3) - outer(c, c))
-    return concatenate([array([body.m]), c, RigidInertia(body.m, body.h, about_c).parameters[4:]])

@@ -56,11 +56,11 @@ def read_bounded(path: Path, most: int) -> bytes:
 
 
 def names_in(folder: Path, what: str) -> list[str]:
-    """Return what is in a folder, sorted; of one that is not there nothing.
+    """Return the sorted names in a folder, or an empty list.
 
     Args:
         folder: the folder.
-        what: it shall be, for the message.
+        what: what it shall be, for the message.
 
     Raises:
         ResultError: it is none, or cannot be read.

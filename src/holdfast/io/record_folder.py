@@ -12,12 +12,12 @@ import msgspec
 import numpy as np
 
 from holdfast.errors import ResultError, StateError
-from holdfast.io.files import LONGEST_NAME, file_path, one_line
+from holdfast.io.files import file_path
 from holdfast.io.model_data import model_of
-from holdfast.io.record_writer import RECORD, RecordMeta
-from holdfast.io.result_chunk import Damage, read_arrays
-from holdfast.io.result_meta import MODEL, read_bytes
-from holdfast.io.stored_arrays import STATUSES, StoredArrays, piece_name, read_piece
+from holdfast.io.result_meta import MODEL
+from holdfast.io.store import read_manifest, times_of_chunks
+from holdfast.io.stored_arrays import RECORD, STATUSES, RecordMeta, StoredArrays, read_piece
+from holdfast.io.stored_file import Damage, read_arrays, stored
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
@@ -26,6 +26,8 @@ from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.spatial.scalar import Array
+
+OLD = "record.npz"  # manifest and systems of holdfast 0.1
 
 
 def load_record(folder: str | PathLike[str], rollout: Rollout | None = None) -> RolloutRecord:
@@ -46,30 +48,54 @@ def load_record(folder: str | PathLike[str], rollout: Rollout | None = None) -> 
     """
     place = file_path(folder, "folder")
     checks.instance(rollout, (Rollout, type(None)), "load_record: rollout")
-    if not os.path.isfile(place / RECORD):  # Path.is_file raises at names that are too long
-        shown = one_line(str(place), LONGEST_NAME)
-        raise ResultError(f"{shown}: expected a folder that RolloutRecord.save wrote, with {RECORD} in it")
+    meta = _manifest(place)
+    while True:
+        try:
+            return _loaded(place, meta, rollout)
+        except Damage as damage:
+            now = _manifest(place)
+            if now == meta:
+                raise Damage(f"{place}: {damage}; {RECORD.again}") from damage
+            meta = now  # the rollout went on
+
+
+def _manifest(place: Path) -> RecordMeta:
+    """Return the manifest of a record; of one by holdfast 0.1, from the file in which it was then.
+
+    Raises:
+        ResultError: there is none, it is damaged, or its format is another one.
+    """
+    if os.path.exists(place / RECORD.manifest) or not os.path.isfile(place / OLD):
+        return read_manifest(place, RECORD, RecordMeta)
+    files: dict[str, str | None] = {path.name: None for path in place.iterdir()}
     try:
-        arrays, data = read_arrays(place / RECORD, "meta")
-        meta = msgspec.convert(data, RecordMeta)
-    except (Damage, msgspec.ValidationError) as cause:
-        raise ResultError(f"{place}: damaged: {cause}") from cause
-    known = RecordMeta()
-    if (meta.format, meta.format_version) != (known.format, known.format_version):
-        raise ResultError(f"{place}: written by holdfast {meta.holdfast} in another format; try that version")
+        return msgspec.convert(read_arrays(place, OLD, files, "meta")[1] | {"files": files}, RecordMeta)
+    except (Damage, TypeError, msgspec.ValidationError) as cause:
+        raise Damage(f"{place}: {OLD} is damaged: {cause}; {RECORD.again}") from cause
+
+
+def _loaded(place: Path, meta: RecordMeta, rollout: Rollout | None) -> RolloutRecord:
+    """Return the record of a manifest; see `load_record`.
+
+    Raises:
+        Damage: a file is damaged.
+        ResultError: there are no records yet, or the rollout is of another chain.
+    """
     if not meta.pieces:
         raise ResultError(f"{place}: no records yet: the rollout has just begun, or ended before its first flush")
-    chain = model_of(read_bytes(place / MODEL), str(place / MODEL))
-    fault = ResultError(f"{place}: damaged: {RECORD} lacks arrays, or has them in other shapes")
-    systems, stopped = _systems(arrays, "last", chain, fault), arrays.get("stopped", np.zeros(0))
-    if stopped.shape != (len(systems),):
-        raise fault
-    t = _times(place, meta, len(systems))
+    arrays, _ = read_arrays(place, OLD if OLD in meta.files else meta.systems, meta.files, "meta")
+    chain = model_of(stored(place, MODEL, meta.files), str(place / MODEL))
+    systems, stopped = _systems(arrays, "last", chain), arrays["stopped"]
+    times, damage = times_of_chunks(RECORD, meta.pieces, lambda k: read_piece(place, k, meta, len(systems)))
+    if damage:
+        lost = sum(meta.pieces[len(times) :])
+        raise Damage(f"{damage}; {lost} of {sum(meta.pieces)} records are lost")
+    t = np.concatenate(times)
     last = f"{t[-1]:.6g} s" if len(t) else "none"
     note = "" if meta.complete else f"incomplete, up to t = {last}: interrupted, or still running"
     arguments = None
     if rollout is not None and meta.step is not None:
-        first = _systems(arrays, "first", chain, fault)
+        first = _systems(arrays, "first", chain)
         if fingerprint(rollout.chain) != fingerprint(chain):
             raise ResultError(f"{place}: expected the rollout that made it, got one of another chain")
         try:
@@ -80,28 +106,7 @@ def load_record(folder: str | PathLike[str], rollout: Rollout | None = None) -> 
         stops = {"least_margin": -np.inf}
         options = {name: stops.get(name) if x is None else x for name, x in meta.options.items()}
         arguments = RolloutArguments(rollout, first, meta.step, meta.every, options, meta.duration)
-    stored = StoredArrays(place, tuple(meta.pieces), tuple(meta.names))
-    return RolloutRecord(t, stored, systems, stopped, arguments, note)
-
-
-def _times(place: Path, meta: RecordMeta, systems: int) -> Array:
-    """Return the times of all records; looks at every piece.
-
-    Raises:
-        ResultError: a piece is missing or damaged, or is of other systems.
-    """
-    times, shapes = list[Array](), None
-    for k, count in enumerate(meta.pieces):
-        try:
-            t, recorded = read_piece(place, k, count, tuple(meta.names))
-        except Damage as damage:
-            raise ResultError(f"{place}: damaged: {damage}") from damage
-        here = {name: x.shape[1:] for name, x in recorded.items()}
-        if any(shape[:1] != (systems,) for shape in here.values()) or here != (shapes or here):
-            raise ResultError(f"{place}: damaged: {piece_name(k)} is not of these systems")
-        times.append(t)
-        shapes = here
-    return np.concatenate(times)
+    return RolloutRecord(t, StoredArrays(place, meta), systems, stopped, arguments, note)
 
 
 def parts_of_record(record: RolloutRecord) -> Iterator[RolloutRecord]:
@@ -117,11 +122,11 @@ def _below(arrays: dict[str, Array], name: str) -> dict[str, Array]:
     return {key.partition(".")[2]: x for key, x in arrays.items() if key.partition(".")[0] == name}
 
 
-def _systems(arrays: dict[str, Array], name: str, chain: ClosedChain, fault: ResultError) -> RolloutSystems:
+def _systems(arrays: dict[str, Array], name: str, chain: ClosedChain) -> RolloutSystems:
     """Return the systems that are under a name.
 
     Raises:
-        ResultError: `fault`, if they cannot be systems of the chain.
+        Damage: they cannot be systems of the chain.
     """
     own, carried, inputs = (_below(arrays, key) for key in (name, f"{name}_arrays", f"{name}_inputs"))
     begin, length = own.get("begin", np.zeros(())), own.get("step_length", np.zeros(()))
@@ -129,7 +134,7 @@ def _systems(arrays: dict[str, Array], name: str, chain: ClosedChain, fault: Res
     code = carried.get("code", np.zeros(0))
     if not (
         begin.ndim == 1
-        and length.shape == begin.shape
+        and begin.shape == length.shape == arrays.get("stopped", np.zeros(0)).shape
         and needed <= carried.keys()
         and all(x.shape[:1] == begin.shape for x in carried.values())
         and all(x.ndim and len(x) in (1, len(begin)) for x in inputs.values())
@@ -137,7 +142,7 @@ def _systems(arrays: dict[str, Array], name: str, chain: ClosedChain, fault: Res
         and carried["q"].shape[1:] == (chain.joint_count,)
         and np.isin(code, np.arange(len(STATUSES))).all()
     ):
-        raise fault
+        raise Damage("systems: arrays are missing, or have other shapes: damaged")
     systems = RolloutSystems(chain, carried, begin, length)
     systems.call_inputs = inputs
     return systems

@@ -1,66 +1,34 @@
 """Writing of a record of a rollout to a folder, which can be read at any moment while the rollout runs.
 
-    record.npz           how it was made, the systems at the start and at the last flush, and the pieces that are there
-    records_000000.npz   a piece: the time and the recorded arrays of some records
-    model.json           the chain
-
-A flush writes a piece under a new name, then moves a record.npz that names it over the old one: that move is the flush.
-Pieces that record.npz does not name do not count.
+record.json          the manifest: how it was made, and the pieces that are there
+records_000000.npz   a piece: the time and the recorded arrays of some records
+systems_000001.npz   the systems at the start and after so many pieces
+model.json           the chain
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from fnmatch import fnmatchcase
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 
-from holdfast.errors import ResultError
-from holdfast.io.files import file_path, make_folder, remove, write_atomically
+from holdfast.io.files import file_path
 from holdfast.io.model_data import model_text
-from holdfast.io.replaced_folder import replaced_folder, require_free
-from holdfast.io.result_chunk import write_arrays
+from holdfast.io.replaced_folder import replaced_folder
 from holdfast.io.result_folder import PATIENCE
 from holdfast.io.result_meta import MODEL
-from holdfast.io.stored_arrays import StoredArrays, piece_name, plain
+from holdfast.io.store_writer import StoreWriter, require_free
+from holdfast.io.stored_arrays import RECORD, RecordMeta, StoredArrays, plain
+from holdfast.io.stored_file import arrays_text
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.spatial.scalar import Array
 
-RECORD = "record.npz"
 LARGEST_PIECE = 16 * 2**20  # bytes that wait until they are flushed
-
-
-class RecordMeta(msgspec.Struct, forbid_unknown_fields=True):
-    """How a record was made.
-
-    Attributes:
-        format, format_version: which layout this is.
-        holdfast: the version that wrote it.
-        step: h [s]; None of a record that was put together from arrays.
-        every: steps from one record to the next.
-        duration: requested duration [s].
-        options: of `Rollout.step`.
-        names: of the recorded arrays.
-        pieces: number of records in each piece.
-        complete: whether the rollout reached its end.
-    """
-
-    format: str = "holdfast-record"
-    format_version: int = 1
-    holdfast: str = ""
-    step: float | None = None
-    every: int = 1
-    duration: float = 0.0
-    options: dict[str, Any] = {}
-    names: list[str] = []
-    pieces: list[int] = []
-    complete: bool = True
 
 
 def meta_of_record(arguments: RolloutArguments | None) -> RecordMeta:
@@ -85,22 +53,26 @@ class RecordWriter:
 
     Attributes:
         folder: the folder.
-        started: whether a piece is on disk.
     """
 
-    def __init__(self, folder: str | PathLike[str], arguments: RolloutArguments, overwrite: bool = False) -> None:
+    def __init__(
+        self, folder: str | PathLike[str], arguments: RolloutArguments | None, overwrite: bool = False
+    ) -> None:
         """Check that the folder can be used.
 
         Raises:
             ResultError: it is in use.
         """
         self.folder = file_path(folder, "folder")
-        require_free(self.folder, overwrite, "record", RECORD, "overwrite=True")
-        self.started = False
-        self._arguments, self._last, self._stopped = arguments, arguments.systems, np.zeros(0)
-        self._meta, self._times = meta_of_record(arguments), list[Array]()
+        require_free(self.folder, RECORD, overwrite, "overwrite=True")
+        self._store = StoreWriter(self.folder, RECORD)
+        self._arguments, self._meta, self._times = arguments, meta_of_record(arguments), list[Array]()
         self._flushed_at = -np.inf
-        self._stamp: tuple[int, ...] = ()
+
+    @property
+    def started(self) -> bool:
+        """Whether anything is on disk."""
+        return self._store.started
 
     def is_due(self, waiting: Sequence[tuple[float, Mapping[str, Array]]]) -> bool:
         """Return whether waiting records are to be written: none is on disk yet, or they are many, or old."""
@@ -122,79 +94,35 @@ class RecordWriter:
         Raises:
             ResultError: they cannot be written, or another process has written to the folder.
         """
-        if self.started and self._stamp != _stamp(self.folder):
-            raise ResultError(f"{self.folder}: another process has written to it; no more records are added")
-        self._last, self._stopped = last, stopped
-        if not self.started:
-            self._begin()
-        pieces = self._meta.pieces
-        write_piece(self.folder, len(pieces), t, arrays)
-        changes: dict[str, Any] = {"pieces": [*pieces, len(t)], "names": [*arrays]}
-        self._commit(msgspec.structs.replace(self._meta, complete=complete, **changes))
+        self._store.begin(self._meta, {MODEL: model_text(last.chain)})
+        old, pieces = self._meta, [*self._meta.pieces, len(t)]
+        self._store.write(
+            RECORD.chunk.format(len(old.pieces)),
+            arrays_text({"t": t} | _under("record", arrays), "piece", len(old.pieces)),
+        )
+        meta = replace(old, pieces=pieces, names=[*arrays], complete=complete)
+        first = {} if self._arguments is None else _of(self._arguments.systems, "first")
+        self._store.write(meta.systems, arrays_text({"stopped": stopped} | _of(last, "last") | first, "meta", None))
+        self._store.commit(meta, (old.systems,))
+        self._meta, self._last, self._stopped = replace(meta, files=self._store.files), last, stopped
         self._times.append(t)
         self._flushed_at = time.monotonic()
 
     def record(self) -> RolloutRecord:
         """Return the record, whose arrays are read from the folder when they are used."""
-        t = np.concatenate(self._times)
-        arrays = StoredArrays(self.folder, tuple(self._meta.pieces), tuple(self._meta.names))
-        return RolloutRecord(t, arrays, self._last, self._stopped, self._arguments)
-
-    def _begin(self) -> None:
-        """Make the folder that of this record, without records yet; an earlier record there goes."""
-        make_folder(self.folder)
-        chain = model_text(self._last.chain)
-        self._commit(self._meta)  # first, so that the folder is known as ours before anything else is in it
-        remove(*self.folder.glob("records_*.npz"), *self.folder.glob("*.npz.part"))
-        write_atomically(self.folder / MODEL, chain)
-        self.started = True
-
-    def _commit(self, meta: RecordMeta) -> None:
-        write_head(self.folder, meta, self._arguments, self._last, self._stopped)
-        self._meta, self._stamp = meta, _stamp(self.folder)
+        arrays = StoredArrays(self.folder, self._meta)
+        return RolloutRecord(np.concatenate(self._times), arrays, self._last, self._stopped, self._arguments)
 
 
 def save_record(record: RolloutRecord, folder: str | PathLike[str], overwrite: bool = False) -> Path:
     """Write a record as a folder, and return the folder; see `RolloutRecord.save`."""
     place = file_path(folder, "folder")
-    require_free(place, overwrite, "record", RECORD, "overwrite=True")
-    chain = model_text(record.systems.chain)
-    with replaced_folder(place, is_of_a_record) as new:
-        write_atomically(new / MODEL, chain)
-        pieces = list[int]()
-        for k, part in enumerate(record.parts()):
-            write_piece(new, k, part.t, part.arrays)
-            pieces.append(len(part.t))
-        changes: dict[str, Any] = {"names": [*record.arrays], "pieces": pieces}
-        meta = msgspec.structs.replace(meta_of_record(record.arguments), complete=not record.note, **changes)
-        write_head(new, meta, record.arguments, record.systems, record.stopped)
+    require_free(place, RECORD, overwrite, "overwrite=True")
+    with replaced_folder(place, RECORD.owns) as new:
+        writer = RecordWriter(new, record.arguments)
+        for part in record.parts():
+            writer.append(part.t, part.arrays, record.systems, record.stopped, not record.note)
     return place
-
-
-def write_piece(folder: Path, k: int, t: Array, arrays: Mapping[str, Array]) -> None:
-    """Write piece k, all or none.
-
-    Raises:
-        ResultError: it cannot be written.
-    """
-    write_arrays(folder / piece_name(k), {"t": t} | _under("record", arrays), "piece", k)
-
-
-def write_head(
-    folder: Path, meta: RecordMeta, arguments: RolloutArguments | None, last: RolloutSystems, stopped: Array
-) -> None:
-    """Write record.npz, all or none.
-
-    Raises:
-        ResultError: it cannot be written.
-    """
-    arrays = {"stopped": stopped} | _of(last, "last") | ({} if arguments is None else _of(arguments.systems, "first"))
-    write_arrays(folder / RECORD, arrays, "meta", msgspec.to_builtins(meta))
-
-
-def is_of_a_record(path: Path) -> bool:
-    """Return whether a file's name is one of those in folders of records."""
-    return path.name in (RECORD, MODEL) or fnmatchcase(path.name, "records_*.npz")
 
 
 def _of(systems: RolloutSystems, name: str) -> dict[str, Array]:
@@ -205,12 +133,3 @@ def _of(systems: RolloutSystems, name: str) -> dict[str, Array]:
 
 def _under(name: str, arrays: Mapping[str, Array]) -> dict[str, Array]:
     return {f"{name}.{key}": plain(x) for key, x in arrays.items()}
-
-
-def _stamp(folder: Path) -> tuple[int, ...]:
-    """Return what tells one version of the folder's record.npz from another."""
-    try:
-        found = (folder / RECORD).stat()
-    except OSError:
-        return ()
-    return found.st_ino, found.st_mtime_ns, found.st_size

@@ -1,4 +1,4 @@
-"""A folder that takes the place of an earlier one, if there is one: whether it may, and how it does as a whole."""
+"""A folder that takes the place of an earlier one as a whole."""
 
 from __future__ import annotations
 
@@ -10,35 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from holdfast.errors import ResultError
-from holdfast.io.files import LONGEST_NAME, names_in, one_line, reason_of
-from holdfast.io.result_meta import read_bytes
-
-
-def require_free(folder: Path, overwrite: bool, kind: str, mark: str, advice: str, says: bytes = b"") -> None:
-    """Refuse a folder that holds anything, unless it is an earlier one of its kind to be replaced.
-
-    Args:
-        folder: the folder.
-        overwrite: whether an earlier one may be replaced.
-        kind: what it holds, "result" or "record".
-        mark: name of the file by which an earlier one is known.
-        advice: what to try if there is an earlier one.
-        says: what stands in that file.
-
-    Raises:
-        ResultError: saying what is there.
-    """
-    names = names_in(folder, f"a {kind} folder")
-    if names in ([], [f"{mark}.part"]):  # a writer died before it wrote anything
-        return
-    if mark not in names or (says and says not in read_bytes(folder / mark)):
-        raise ResultError(f"{folder}: expected a new or empty folder, or an earlier {kind}; found '{names[0]}' in it")
-    if not overwrite:
-        raise ResultError(f"{folder}: holds an earlier {kind}; try {advice}")
+from holdfast.io.files import LONGEST_NAME, one_line, reason_of
 
 
 @contextmanager
-def replaced_folder(folder: Path, is_ours: Callable[[Path], bool]) -> Iterator[Path]:
+def replaced_folder(folder: Path, owns: Callable[[str], bool]) -> Iterator[Path]:
     """Yield a new folder to write in, which takes the place of another one when all went well.
 
     What was there stays until then, also if the writer fails or is killed. A writer that is killed leaves
@@ -46,7 +22,7 @@ def replaced_folder(folder: Path, is_ours: Callable[[Path], bool]) -> Iterator[P
 
     Args:
         folder: the place; whatever is in it may be replaced.
-        is_ours: whether a file of the old folder goes with it; the others are taken over.
+        owns: whether a file of this name goes with the old folder; the others are taken over.
 
     Raises:
         ResultError: it cannot be written.
@@ -71,7 +47,7 @@ def replaced_folder(folder: Path, is_ours: Callable[[Path], bool]) -> Iterator[P
         shutil.rmtree(beside, ignore_errors=True)
     if aside.exists():
         for path in aside.iterdir():
-            if not is_ours(path) and not (place / path.name).exists():
+            if not owns(path.name) and not (place / path.name).exists():
                 os.replace(path, place / path.name)
         shutil.rmtree(aside, ignore_errors=True)
 

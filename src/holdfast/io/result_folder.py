@@ -1,16 +1,15 @@
 """Result folders: a run on disk, readable at any moment while it is written, and after any death of its writer.
 
-    meta.json             which run it is, and which samples and which checkpoint are there
+    meta.json             the manifest: which run it is, and which samples and which checkpoint are there
     scene.toml            the scene's text
     robot_*.urdf          the robots that it takes from files, xacro expanded
     chunk_0000.npz        samples: the trajectory's arrays under their names
-    checkpoint_0000.npz   what the run goes on from, while it has not ended
+    checkpoint_0001.npz   what the run is resumed from after so many samples, until it has ended
     summary.json          the summary table's numbers, once it has
     model.json            of a run made in Python instead of a scene: its chain
-    bases.npz             of such a run: how bases moved
+    bases.npz             of such a run: how bases moved; bases_planned.npz until it has ended
 
-A flush writes files under new names, then moves a meta.json that names them over the old one: that
-move is the flush. Files that meta.json does not name do not count. docs/results.md is the format in full.
+A chunk counts once meta.json, replaced atomically, names it (`store_writer`). docs/results.md is the format in full.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import platform
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from fnmatch import fnmatchcase
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
@@ -28,48 +26,33 @@ import numpy as np
 from msgspec.structs import replace
 
 from holdfast.errors import ResultError
-from holdfast.io.files import make_folder, remove, write_atomically
-from holdfast.io.replaced_folder import require_free
-from holdfast.io.result_chunk import Damage, cut_chunk, read_arrays, read_chunk, stray_chunks, write_arrays, write_chunk
+from holdfast.io.result_chunk import chunk_name, chunk_text, read_chunk
 from holdfast.io.result_meta import (
     BASES,
-    FORMAT,
-    FORMAT_VERSION,
     META,
-    MODEL,
+    PLANNED,
+    RESULT,
     SCENE,
+    SUMMARY,
     CheckpointRecord,
     ResultMeta,
     differences,
-    json_text,
     kept_files,
-    read_bytes,
     read_meta,
-    sha256,
 )
+from holdfast.io.store_writer import StoreWriter, require_free
+from holdfast.io.stored_file import advising, arrays_text, json_text, read_arrays, sha256
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
 from holdfast.robots.urdf.source import Source
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.summary import Summary
-from holdfast.simulation.trajectory import UNITS, Occurrence, Trajectory, array_names
+from holdfast.simulation.trajectory import UNITS, Trajectory, array_names
 
 CHUNK = 1000  # samples that wait until they are flushed
 PATIENCE = 5.0  # seconds after which fewer are
-RESULT_FILES = (
-    SCENE,
-    "robot_*.urdf",
-    "summary.json",
-    MODEL,
-    BASES,
-    "chunk_*.npz",
-    "checkpoint_*.npz",
-    "trajectory*.csv",
-    "trajectory*.parquet",
-    "*.png",
-    "*.part",
-)
 
 
 class ResultWriter:
@@ -105,18 +88,16 @@ class ResultWriter:
         Raises:
             ResultError: the folder is in use.
         """
-        require_free(folder, overwrite, "result", META, advice, FORMAT.encode())
-        self.folder = folder
+        require_free(folder, RESULT, overwrite, advice)
+        self.folder, self._store = folder, StoreWriter(folder, RESULT)
         self.start: Checkpoint | None = None
-        self._scene = scene_text.encode("utf-8")
+        scene = scene_text.encode("utf-8")
         records, kept = kept_files(robots or {})
-        self._files = {**kept, **(files or {})}
-        self._meta = replace(meta, scene_sha256=sha256(self._scene), robots=records)
+        self._files = {SCENE: scene, **kept, **(files or {})}
+        self._meta = replace(meta, scene_sha256=sha256(scene), robots=records)
         self._waiting: list[Trajectory] = []
         self._reported = 0  # occurrences
         self._marked: tuple[int, Checkpoint] | None = None
-        self._started = False
-        self._texts: tuple[bytes, ...] = ()  # of meta.json, as this writer left it or was about to
         self._flushed_at = -np.inf  # so that the first sample goes to disk at once
 
     @classmethod
@@ -139,8 +120,8 @@ class ResultWriter:
         """
         writer = cls(folder, meta, scene_text, robots=robots, overwrite=True)
         if (found := _resumed(folder, writer._meta)) is not None:
-            writer._meta, writer.start = found
-            writer._started, writer._texts = True, (json_text(writer._meta),)
+            writer._meta, writer.start, writer._store = found
+            writer._store.keep({name: x for name, x in writer._files.items() if name in writer._store.files})
             writer._flushed_at = time.monotonic()
         return writer
 
@@ -178,23 +159,26 @@ class ResultWriter:
         """
         if not self._waiting:
             return
-        if self._started:
-            self._require_alone()
-        else:
-            self._begin()
+        self._store.begin(self._meta, self._files)
         k, count = len(self._meta.chunks), len(self._waiting)
-        write_chunk(self.folder, k, self._waiting)
+        self._store.write(chunk_name(k), chunk_text(self._waiting))
         flushed = replace(
-            self._with_checkpoint(k),
+            self._with_checkpoint(),
             samples=self.samples + count,
             chunks=[*self._meta.chunks, count],
             last_time=float(self._waiting[-1].t),
         )
-        self._commit(flushed, waiting=[])
+        self._commit(flushed)
+        self._waiting = []
         self._flushed_at = time.monotonic()
 
     def finish(
-        self, summary: Summary | None, *, stopped: str | None = None, occurrences: Sequence[Occurrence] = ()
+        self,
+        summary: Summary | None,
+        *,
+        stopped: str | None = None,
+        occurrences: Sequence[Occurrence] = (),
+        bases: bytes | None = None,
     ) -> None:
         """Write the remaining samples and record how the run ended.
 
@@ -204,6 +188,7 @@ class ResultWriter:
                 be resumed.
             occurrences: all occurrences since the run began or was resumed. Those after the last sample are stored as
                 the ones that ended it.
+            bases: how bases moved, as the content of `bases.npz`, in place of what was planned.
 
         Raises:
             ResultError: A file cannot be written, or another process has written to the folder.
@@ -211,36 +196,16 @@ class ResultWriter:
         self.flush()
         if not self.samples:
             return
-        self._require_alone()
+        self._store.begin(self._meta, {})
+        if bases is not None:
+            self._store.write(BASES, bases)
         if summary is not None:
-            write_atomically(self.folder / "summary.json", json_text(asdict(summary)))
+            self._store.write(SUMMARY, json_text(asdict(summary)))
         last = list(occurrences[self._reported :])
         ended = replace(self._meta, complete=stopped is None, stopped=stopped, occurrences=last)
-        self._commit(replace(ended, checkpoint=None) if ended.ended else ended)
+        self._commit(replace(ended, checkpoint=None) if ended.ended else ended, () if bases is None else (PLANNED,))
 
-    def _begin(self) -> None:
-        """Make the folder that of this run, without samples yet; an earlier result there goes."""
-        make_folder(self.folder)
-        self._write_meta(self._meta)  # first, so that the folder is known as ours before anything else is in it
-        remove(*(path for pattern in RESULT_FILES for path in self.folder.glob(pattern)))
-        for name, content in {SCENE: self._scene, **self._files}.items():
-            write_atomically(self.folder / name, content)
-        self._started = True
-
-    def _require_alone(self) -> None:
-        """Refuse to write where someone else did: two runs would mix."""
-        if read_bytes(self.folder / META) not in self._texts:
-            raise ResultError(
-                f"{self.folder}: another process has written to it; no more samples of this run are added"
-            )
-
-    def _write_meta(self, meta: ResultMeta) -> None:
-        """Put meta.json in place; whether that works or not, it is this writer's."""
-        text = json_text(meta)
-        self._texts = (*self._texts[-1:], text)
-        write_atomically(self.folder / META, text)
-
-    def _with_checkpoint(self, k: int) -> ResultMeta:
+    def _with_checkpoint(self) -> ResultMeta:
         """Return the meta that names the last checkpoint, after writing it."""
         if self._marked is None:
             return self._meta
@@ -249,24 +214,22 @@ class ResultWriter:
             arrays, data = checkpoint.to_data()
         except ResultError as cause:  # a memory that cannot be written is no reason to lose samples
             return replace(self._meta, checkpoint=None, no_checkpoint=str(cause))
-        record = CheckpointRecord(f"checkpoint_{k:04d}.npz", samples)
-        write_arrays(self.folder / record.file, arrays, "data", data)
+        record = CheckpointRecord(f"checkpoint_{samples:04d}.npz", samples)  # a name for each, so that none is replaced
+        self._store.write(record.file, arrays_text(arrays, "data", data))
         return replace(self._meta, checkpoint=record)
 
-    def _commit(self, meta: ResultMeta, waiting: list[Trajectory] | None = None) -> None:
-        """Put meta.json in place, then remove the checkpoint that it no longer names."""
-        self._write_meta(meta)
-        old = self._meta.checkpoint
-        # only now, so that a flush that was broken off can be done again
-        self._meta, self._waiting = meta, self._waiting if waiting is None else waiting
-        if old is not None and (meta.checkpoint is None or meta.checkpoint.file != old.file):
-            remove(self.folder / old.file)
+    def _commit(self, meta: ResultMeta, drop: Sequence[str] = ()) -> None:
+        """Put meta.json in place, without the checkpoint that it no longer names."""
+        old, new = self._meta.checkpoint, meta.checkpoint
+        over = () if old is None or (new is not None and new.file == old.file) else (old.file,)
+        self._store.commit(meta, (*drop, *over))
+        self._meta = meta  # only now, so that a flush that was broken off can be done again
 
 
-def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint] | None:
-    """Return the new content of the folder's meta.json, and the checkpoint to go on from.
+def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint, StoreWriter] | None:
+    """Return the new content of the folder's meta.json, the checkpoint to go on from, and the folder's writer.
 
-    Samples after the checkpoint go, since the run makes them again. Reads every chunk, one
+    Samples after the checkpoint do not count any more, since the run makes them again. Reads every chunk, one
     at a time.
 
     Args:
@@ -279,7 +242,7 @@ def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint] | 
     Raises:
         ResultError: the run has ended, is damaged, or is another one.
     """
-    if not (folder / META).exists():
+    if not (folder / META).exists() and not RESULT.strays(folder, 0):
         return None
     found = read_meta(folder)
     if not found.samples:
@@ -289,16 +252,13 @@ def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint] | 
         raise ResultError(
             f"{folder}: cannot be resumed: {found.no_checkpoint or 'it has no checkpoint'}; try --overwrite"
         )
-    try:
-        arrays, data = read_arrays(folder / found.checkpoint.file, "data")
-        checkpoint = Checkpoint.from_data(arrays, data)
+    with advising(folder, "it cannot be resumed; try --overwrite"):
+        checkpoint = Checkpoint.from_data(*read_arrays(folder, found.checkpoint.file, found.files, "data"))
         kept = _up_to(found.checkpoint.samples, folder, found)
-        write_atomically(folder / META, json_text(kept))  # first: what goes now does not count any more
-        cut_chunk(folder, len(kept.chunks) - 1, kept.chunks[-1])
-    except Damage as damage:
-        raise ResultError(f"{folder}: cannot be resumed: {damage}; try --overwrite") from damage
-    _remove_the_rest(folder, kept)
-    return kept, checkpoint
+    store = StoreWriter(folder, RESULT, found.files)
+    store.commit(kept, [*map(chunk_name, range(len(kept.chunks), len(found.chunks))), SUMMARY])
+    store.remove_unnamed((*RESULT.data, "*.part"))
+    return kept, checkpoint, store
 
 
 def _require_open(folder: Path, found: ResultMeta, meta: ResultMeta) -> None:
@@ -308,6 +268,8 @@ def _require_open(folder: Path, found: ResultMeta, meta: ResultMeta) -> None:
             f"{folder}: the run there cannot be resumed identically, since these differ: {', '.join(differ)};"
             " try the original ones, or --overwrite"
         )
+    if found.format_version != RESULT.versions[0]:
+        raise ResultError(f"{folder}: written by holdfast 0.1: it can be read, but not resumed; try --overwrite")
     if found.ended:
         how = found.stopped or f"the run is complete, {found.samples} samples up to t = {found.last_time:.6g} s"
         raise ResultError(f"{folder}: nothing to resume: {how}")
@@ -324,21 +286,9 @@ def _up_to(samples: int, folder: Path, meta: ResultMeta) -> ResultMeta:
     for k, count in enumerate(meta.chunks):
         left = min(count, samples - sum(counts))
         if left > 0:
-            last_time = float(read_chunk(folder, k, count).t[left - 1])
+            last_time = float(read_chunk(folder, k, meta).t[left - 1])
             counts.append(left)
     return replace(meta, samples=sum(counts), chunks=counts, last_time=last_time, stopped=None, occurrences=[])
-
-
-def _remove_the_rest(folder: Path, meta: ResultMeta) -> None:
-    """Take out of the folder what its meta.json does not name."""
-    kept = meta.checkpoint.file if meta.checkpoint else None
-    stray = [path for path in folder.glob("checkpoint_*.npz") if path.name != kept]
-    remove(*stray_chunks(folder, len(meta.chunks)), *stray, *folder.glob("*.part"), folder / "summary.json")
-
-
-def is_of_a_result(path: Path) -> bool:
-    """Return whether a file's name is one of those in result folders."""
-    return any(fnmatchcase(path.name, pattern) for pattern in (META, *RESULT_FILES))
 
 
 def run_meta(
@@ -358,8 +308,8 @@ def run_meta(
 
     packages = {"holdfast": __version__, "numpy": np.__version__, "llvmlite": version("llvmlite")}
     return ResultMeta(
-        format=FORMAT,
-        format_version=FORMAT_VERSION,
+        format=RESULT.format,
+        format_version=RESULT.versions[0],
         scene=name,
         scene_folder=scene_folder,
         model_sha256=fingerprint(chain),

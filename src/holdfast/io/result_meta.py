@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,16 +9,23 @@ from typing import Any
 import msgspec
 
 from holdfast.errors import ResultError
-from holdfast.io.files import LONGEST_NAME, one_line, read_bounded, reason_of
+from holdfast.io.store import Kind, Manifest, read_manifest
+from holdfast.io.stored_file import sha256, stored
 from holdfast.robots.urdf.source import Source
-from holdfast.simulation.trajectory import Occurrence
+from holdfast.simulation.occurrence import Occurrence
 
-FORMAT = "holdfast-result"
-FORMAT_VERSION = 2
-META, SCENE = "meta.json", "scene.toml"
-MODEL, BASES = "model.json", "bases.npz"  # of a run made in Python: its chain, and how bases moved
-LARGEST_FILE = 64 * 2**20  # [bytes] of meta.json, scene.toml and a robot; samples lie elsewhere
+META, SCENE, SUMMARY = "meta.json", "scene.toml", "summary.json"
+MODEL, BASES, PLANNED = "model.json", "bases.npz", "bases_planned.npz"  # of a run made in Python
 INTERRUPTED = "interrupted"  # the one `stopped` after which a run can go on
+RESULT = Kind(
+    name="result",
+    manifest=META,
+    versions=(3, 2),
+    chunk="chunk_{:04d}.npz",
+    data=("chunk_[0-9]*.npz", "checkpoint_[0-9]*.npz", SUMMARY),
+    others=(SCENE, "robot_*.urdf", MODEL, BASES, PLANNED, "trajectory*.csv", "trajectory*.parquet", "*.png"),
+    again="the same command with --overwrite, or the same call with overwrite=True, computes the run again",
+)
 
 
 class CheckpointRecord(msgspec.Struct, frozen=True):
@@ -29,7 +33,7 @@ class CheckpointRecord(msgspec.Struct, frozen=True):
 
     Attributes:
         file: its name.
-        samples: how many samples lie before what it goes on to.
+        samples: number of samples stored before the checkpoint.
     """
 
     file: str
@@ -41,8 +45,8 @@ class RobotRecord(msgspec.Struct, frozen=True):
 
     Attributes:
         file: its name in the result folder.
-        sha256: of it.
-        folder: that relative names of meshes in it start from; empty if it came without one.
+        sha256: SHA-256 of the file.
+        folder: folder to which the file's mesh names are relative; empty if unknown.
         packages: folders of packages that it refers to, by name, as far as they were given or found by xacro.
     """
 
@@ -52,41 +56,38 @@ class RobotRecord(msgspec.Struct, frozen=True):
     packages: dict[str, str] = {}
 
 
-class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
+class ResultMeta(Manifest, frozen=True, kw_only=True):
     """The content of meta.json.
 
     Attributes:
-        format, format_version: of the folder.
         scene: the scene's name.
-        scene_sha256: of scene.toml.
-        scene_folder: that names of robot files in scene.toml start from.
-        robots: the URDF of each arm that is out of a file, as simulated; nothing in folders of holdfast 0.1.
-        model_sha256: of all numbers of the chain, see `fingerprint`; files that a scene names have a part in it.
-        versions: of everything that has a part in the last bit.
+        scene_sha256: SHA-256 of scene.toml.
+        scene_folder: folder to which names of robot files in scene.toml are relative.
+        robots: the simulated URDF of each arm from a file; empty in folders of holdfast 0.1.
+        model_sha256: digest of all numbers of the chain, see `fingerprint`, those from robot files included.
+        versions: versions of the libraries that affect results.
         arms: their names, in the arrays' order.
         trunk: whether they stand on one.
         grasps: the kind of grasp by arm, at the start.
         joints, joint_kinds: `arm/joint` and revolute or prismatic, in the arrays' order.
         work_terms: the columns of `work`.
         units: by array.
-        duration, step: asked for [s].
-        options: whatever else was asked for.
-        samples: how many are there.
-        chunks: how many of each chunk belong to the run, from its first on.
-        last_time: of the last sample [s].
-        checkpoint: what the run goes on from, while it has not ended.
+        duration, step: as requested [s].
+        options: further requests.
+        samples: number of samples in the folder.
+        chunks: number of samples of each chunk that belong to the run, from its first on.
+        last_time: time of the last sample [s].
+        checkpoint: what the run is resumed from, until it has ended.
         no_checkpoint: why there is none, if none can be written.
         complete: whether the run reached its end.
         stopped: what ended it early.
-        occurrences: what happened after the last sample, at the instant that ended the run.
+        occurrences: occurrences after the last sample, at the instant that ended the run.
     """
 
-    format: str
-    format_version: int
     scene: str
     scene_sha256: str = ""
     scene_folder: str = ""
-    robots: dict[str, RobotRecord] = {}
+    robots: dict[str, RobotRecord] = msgspec.field(default_factory=dict)
     model_sha256: str
     versions: dict[str, str]
     arms: list[str]
@@ -99,13 +100,13 @@ class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
     step: float
     options: dict[str, Any]
     samples: int = 0
-    chunks: list[int] = []
+    chunks: list[int] = msgspec.field(default_factory=list)
     last_time: float | None = None
     checkpoint: CheckpointRecord | None = None
     no_checkpoint: str | None = None
     complete: bool = False
     stopped: str | None = None
-    occurrences: list[Occurrence] = []
+    occurrences: list[Occurrence] = msgspec.field(default_factory=list)
     trunk: bool = False
 
     @property
@@ -115,10 +116,7 @@ class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
 
 
 _PROGRESS = ("samples", "chunks", "last_time", "checkpoint", "no_checkpoint", "complete", "stopped", "occurrences")
-_ANYWHERE = ("scene_folder", "robots")  # the files may have moved; what they say is in the model
-# A name in meta.json is never a way out of the folder.
-_ROBOT_FILE = re.compile(r"robot_[0-9a-f]{16}\.urdf")
-_CHECKPOINT_FILE = re.compile(r"checkpoint_[0-9]{4,12}\.npz")
+_ANYWHERE = ("scene_folder", "robots", "files", "sha256")  # files may have moved; what they say is in the model
 
 
 def read_meta(folder: Path) -> ResultMeta:
@@ -127,56 +125,10 @@ def read_meta(folder: Path) -> ResultMeta:
     Raises:
         ResultError: there is none, it is damaged, or its format is of another version.
     """
-    path = folder / META
-    if not os.path.isdir(folder):  # Path.is_dir raises at names that are too long
-        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: no such folder")
-    try:
-        found = msgspec.json.decode(read_bytes(path), type=dict)
-        here = {"format": found.get("format"), "format_version": found.get("format_version")}
-        if here != {"format": FORMAT, "format_version": FORMAT_VERSION}:
-            raise ResultError(
-                f"{path}: expected format '{FORMAT}' version {FORMAT_VERSION}, got {here['format']!r} version"
-                f" {here['format_version']!r}; try the version of holdfast that wrote it"
-            )
-        meta = msgspec.convert(found, ResultMeta)
-    except msgspec.ValidationError as cause:
-        raise ResultError(f"{path}: {cause}") from cause
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
-        raise ResultError(f"{path}: not valid JSON: {cause}") from cause
+    meta = read_manifest(folder, RESULT, ResultMeta)
     if min(meta.chunks, default=1) < 1 or sum(meta.chunks) != meta.samples:
-        raise ResultError(f"{path}: expected chunks of {meta.samples} samples together, got {meta.chunks}")
-    if meta.checkpoint is not None and not 1 <= meta.checkpoint.samples <= meta.samples:
-        raise ResultError(f"{path}: expected a checkpoint in {meta.samples} samples, got {meta.checkpoint.samples}")
-    if meta.checkpoint is not None and not _CHECKPOINT_FILE.fullmatch(meta.checkpoint.file):
-        raise ResultError(f"{path}: checkpoint: expected a file such as 'checkpoint_0000.npz', got another name")
-    if not all(_ROBOT_FILE.fullmatch(robot.file) for robot in meta.robots.values()):
-        raise ResultError(f"{path}: robots: expected files such as 'robot_0123456789abcdef.urdf', got another name")
+        raise ResultError(f"{folder / META}: expected chunks of {meta.samples} samples together, got {meta.chunks}")
     return meta
-
-
-def read_bytes(path: Path) -> bytes:
-    """Return a file's bytes.
-
-    Raises:
-        ResultError: it cannot be read.
-    """
-    try:
-        content = read_bounded(path, LARGEST_FILE)
-    except OSError as cause:
-        raise ResultError(f"{path}: cannot be read: {reason_of(cause)}; is this a result folder?") from cause
-    if len(content) > LARGEST_FILE:
-        raise ResultError(f"{path}: expected at most {LARGEST_FILE >> 20} MiB, got more")
-    return content
-
-
-def json_text(data: Any) -> bytes:
-    """Return data as indented JSON."""
-    return msgspec.json.format(msgspec.json.encode(data), indent=2) + b"\n"
-
-
-def sha256(content: bytes) -> str:
-    """Return the SHA-256 of some bytes, hexadecimal."""
-    return hashlib.sha256(content).hexdigest()
 
 
 _DESCRIPTIONS = {"scene_sha256": "the scene's text", "model_sha256": "the model that the scene describes"}
@@ -209,17 +161,14 @@ def kept_files(sources: Mapping[str, Source]) -> tuple[dict[str, RobotRecord], d
 
 
 def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, Source]:
-    """Return the URDF of each arm that is out of a file, as it was simulated.
+    """Return the URDF of each arm that is from a file, as it was simulated.
 
     Raises:
-        ResultError: one is missing, or is not the one that was simulated.
+        Damage: one is missing, or is not the one that was simulated.
     """
     found = {}
     for arm, record in records.items():
-        path = folder / record.file
-        content = read_bytes(path)
-        if sha256(content) != record.sha256:
-            raise ResultError(f"{path}: expected the text of the simulated robot, got another text")
-        folder_of_meshes = Path(record.folder) if record.folder else None
-        found[arm] = Source(str(path), content, folder_of_meshes, packages=record.packages)
+        content = stored(folder, record.file, {record.file: record.sha256})
+        meshes = Path(record.folder) if record.folder else None
+        found[arm] = Source(str(folder / record.file), content, meshes, packages=record.packages)
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -13,12 +14,25 @@ import numpy as np
 from holdfast.errors import ResultError, StateError
 from holdfast.io.files import file_path
 from holdfast.io.model_data import model_of
-from holdfast.io.result_chunk import Damage, chunk_name, read_arrays, read_chunk, stray_chunks
-from holdfast.io.result_meta import BASES, MODEL, SCENE, ResultMeta, kept_robots, read_bytes, read_meta, sha256
+from holdfast.io.result_chunk import read_chunk
+from holdfast.io.result_meta import (
+    BASES,
+    MODEL,
+    PLANNED,
+    RESULT,
+    SCENE,
+    SUMMARY,
+    ResultMeta,
+    kept_robots,
+    read_meta,
+)
+from holdfast.io.store import times_of_chunks
+from holdfast.io.stored_file import CHANGED, Damage, advising, read_arrays, stored
 from holdfast.model.fingerprint import fingerprint
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import RecordedBase, Setting
 from holdfast.simulation.trajectory import OF_TRUNK, Trajectory, array_names
+from holdfast.spatial.scalar import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +42,7 @@ class Result(RunOutputs):
     Attributes:
         folder: where it is.
         meta: the content of meta.json: versions, joints, units, ...
-        scene_text: the scene's own text.
+        scene_text: the scene's own text; empty if it is damaged.
         chunks: how many samples of each chunk are whole and belong to the run.
         complete: whether the run reached its end, and all of it is there.
         note: what is missing or odd, in words; empty for a complete run.
@@ -56,17 +70,19 @@ class Result(RunOutputs):
         parts = list(self.parts())
         arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in array_names()}
         occurrences = tuple(one for part in parts for one in part.occurrences)
-        setting = self.setting if self.keeps_model else None
+        setting = None
+        with suppress(Damage):  # which `note` names; the samples can be read nevertheless
+            setting = self.setting if self.keeps_model else None
         return Trajectory(**arrays, stopped=self.meta.stopped, occurrences=occurrences, setting=setting)
 
     @property
     def keeps_model(self) -> bool:
         """Whether the folder keeps its chain, as that of a run made in Python does; else it has a scene."""
-        return (self.folder / MODEL).exists()
+        return MODEL in self.meta.files
 
     @cached_property
     def setting(self) -> Setting:
-        """What it is a run of; a scene is read anew, of the robots that the folder keeps.
+        """Chain, law and options of the run; a scene is rebuilt from the stored robot files.
 
         Raises:
             ResultError: the folder changed, or is of another chain.
@@ -94,11 +110,9 @@ class Result(RunOutputs):
             ResultError: the folder changed since `load_result`.
         """
         last = len(self.meta.chunks) - 1
-        for k, count in enumerate(self.chunks):
-            try:
-                part = read_chunk(self.folder, k, count)
-            except Damage as damage:
-                raise ResultError(f"{self.folder}: changed while it was read: {damage}; try again") from damage
+        for k in range(len(self.chunks)):
+            with advising(self.folder, CHANGED):
+                part = read_chunk(self.folder, k, self.meta)
             at_end = tuple(self.meta.occurrences) if k == last else ()
             yield replace(part, stopped=self.meta.stopped, occurrences=part.occurrences + at_end)
 
@@ -124,38 +138,31 @@ def load_result(folder: str | PathLike[str]) -> Result:
             f"{folder}: written by holdfast {meta.versions.get('holdfast')}, which had no {', '.join(missing)};"
             " try that version, or numpy.load on the chunks"
         )
-    chunks, last_time, damage = _whole_chunks(folder, meta)
-    if not chunks:
-        raise ResultError(f"{folder}: expected at least one whole chunk of samples, but {damage}")
-    complete = meta.complete and not damage
-    notes = []
+    times, damage = times_of_chunks(RESULT, meta.chunks, lambda k: _named(read_chunk(folder, k, meta)))
+    if not times:
+        raise ResultError(f"{folder}: expected at least one whole chunk of samples, but {damage}; {RESULT.again}")
+    complete, notes = meta.complete and not damage, list[str]()
     if not complete:
         reason = damage or meta.stopped or "interrupted, or still running"
-        notes.append(f"incomplete, up to t = {last_time:.6g} s of {meta.duration} s: {reason}")
+        notes.append(f"incomplete, up to t = {times[-1][-1]:.6g} s of {meta.duration} s: {reason}")
     if unknown := [name for name in meta.units if name not in ours]:
         notes.append(f"written by holdfast {meta.versions.get('holdfast')}, its {', '.join(unknown)} are ignored")
-    scene = read_bytes(folder / SCENE)
-    if sha256(scene) != meta.scene_sha256:
-        notes.append("scene.toml is not the text of the simulated scene")
-    notes += [f"{path.name} is not part of the run" for path in stray_chunks(folder, len(meta.chunks))]
-    return Result(folder, meta, scene.decode("utf-8", "replace"), tuple(chunks), complete, "; ".join(notes))
-
-
-def _whole_chunks(folder: Path, meta: ResultMeta) -> tuple[list[int], float, str]:
-    """Return samples of the chunks before the first damage, the last one's time, and that damage."""
-    counts: list[int] = []
-    last_time, shapes = np.nan, None
-    for k, count in enumerate(meta.chunks):
+    files, texts = {**meta.files, SCENE: meta.scene_sha256}, {SCENE: b""}
+    # not checkpoint and plan, which a run that is going on may just have removed
+    for name in (SCENE, MODEL, BASES, SUMMARY, *dict.fromkeys(robot.file for robot in meta.robots.values())):
         try:
-            part = read_chunk(folder, k, count)
-            here = [getattr(part, name).shape[1:] for name in array_names()]
-            if here != (shapes or here):
-                raise Damage(f"{chunk_name(k)} does not continue the previous chunks")
-        except Damage as damage:
-            return counts, last_time, str(damage)
-        counts.append(count)
-        last_time, shapes = float(part.t[-1]), here
-    return counts, last_time, ""
+            texts[name] = stored(folder, name, files) if name in files else b""
+        except Damage as found:
+            notes.append(damage := str(found))
+    notes += [RESULT.again] if damage else []
+    notes += [f"{name} is not part of the run" for name in RESULT.strays(folder, len(meta.chunks))]
+    scene, whole = texts[SCENE].decode("utf-8", "replace"), tuple(meta.chunks[: len(times)])
+    return Result(folder, meta, scene, whole, complete, "; ".join(notes))
+
+
+def _named(part: Trajectory) -> tuple[Array, dict[str, Array]]:
+    """Return times and arrays of a chunk."""
+    return part.t, {name: getattr(part, name) for name in array_names()}
 
 
 def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Setting:
@@ -172,15 +179,19 @@ def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Set
         ResultError: the model, or how bases moved, cannot be read, or is of other joints.
         SceneError, ClosureError: the scene, or a robot file that it names, cannot be read any more.
     """
-    source = folder / MODEL
-    if keeps_model := source.exists():
-        chain, moved = model_of(read_bytes(source), str(source)), _bases(folder)
-    else:
-        from holdfast.scenario.build import load_scene
+    keeps_model = MODEL in meta.files
+    source = folder / (MODEL if keeps_model else SCENE)
+    with advising(folder, f"{RESULT.again}; the samples can be read without it"):
+        if keeps_model:
+            chain = model_of(stored(folder, MODEL, meta.files), str(source))
+            moved = _bases(folder, meta)
+        else:
+            from holdfast.scenario.build import load_scene
 
-        source, robots = folder / SCENE, kept_robots(folder, meta.robots)
-        scenario = load_scene(source, meta.scene_folder or None, trust_xacro=trust_xacro, robots=robots)
-        chain, moved = scenario.chain, scenario.options.get("base_motion", {})
+            stored(folder, SCENE, {SCENE: meta.scene_sha256})
+            robots = kept_robots(folder, meta.robots)
+            scenario = load_scene(source, meta.scene_folder or None, trust_xacro=trust_xacro, robots=robots)
+            chain, moved = scenario.chain, scenario.options.get("base_motion", {})
     if (joints := chain.joint_names()) != meta.joints:
         raise ResultError(
             f"{source}: not the {'chain' if keeps_model else 'scene'} of this run: expected the joints"
@@ -191,14 +202,14 @@ def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Set
     return Setting(chain, moved, meta.scene, meta.duration, meta.step, meta.options)
 
 
-def _bases(folder: Path) -> dict[str, RecordedBase]:
+def _bases(folder: Path, meta: ResultMeta) -> dict[str, RecordedBase]:
     """Return how bases moved, by name; nothing where none did."""
-    path = folder / BASES
-    if not path.exists():
+    name = BASES if BASES in meta.files else PLANNED
+    if name not in meta.files:
         return {}
+    arrays, names = read_arrays(folder, name, meta.files, "bases")
+    parts = ("t", "R", "p", "twist", "acceleration")
     try:
-        arrays, names = read_arrays(path, "bases")
-        parts = ("t", "R", "p", "twist", "acceleration")
-        return {name: RecordedBase(*(arrays[f"{name}.{part}"] for part in parts)) for name in names}
-    except (Damage, KeyError, TypeError, StateError) as cause:
-        raise ResultError(f"{path}: cannot be read: {cause}") from cause
+        return {base: RecordedBase(*(arrays[f"{base}.{part}"] for part in parts)) for base in names}
+    except (KeyError, TypeError, StateError) as cause:
+        raise Damage(f"{name} is damaged: {cause}") from cause

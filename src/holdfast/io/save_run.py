@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import io
 from os import PathLike
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
-from holdfast.io.files import file_path, write_atomically
+from holdfast.io.files import file_path
 from holdfast.io.model_data import model_text
-from holdfast.io.replaced_folder import replaced_folder, require_free
-from holdfast.io.result_folder import CHUNK, ResultWriter, is_of_a_result, run_meta
-from holdfast.io.result_meta import BASES, FORMAT, INTERRUPTED, META, MODEL, ResultMeta
+from holdfast.io.replaced_folder import replaced_folder
+from holdfast.io.result_folder import CHUNK, ResultWriter, run_meta
+from holdfast.io.result_meta import BASES, INTERRUPTED, MODEL, PLANNED, RESULT, ResultMeta
+from holdfast.io.store_writer import require_free
+from holdfast.io.stored_file import arrays_text
 from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
 from holdfast.simulation.summary import summarise
@@ -39,9 +39,10 @@ def save_run(run: Trajectory, folder: str | PathLike[str], overwrite: bool = Fal
         ResultError: the folder is in use or cannot be written.
     """
     place, setting = file_path(folder, "folder"), run.require_setting()
-    require_free(place, overwrite, "result", META, ADVICE, FORMAT.encode())
-    with replaced_folder(place, is_of_a_result) as new:
-        writer = ResultWriter(new, meta_of(setting), SCENE, files=_own_files(setting, run.t))
+    require_free(place, RESULT, overwrite, ADVICE)
+    with replaced_folder(place, RESULT.owns) as new:
+        files = {MODEL: model_text(setting.chain)} | _bases(BASES, setting, run.t)
+        writer = ResultWriter(new, meta_of(setting), SCENE, files=files)
         for k, one in enumerate(_singles(run)):
             writer.add(one)
             if (k + 1) % CHUNK == 0:
@@ -70,7 +71,8 @@ class AppendedRun:
         Raises:
             ResultError: the folder is in use.
         """
-        place, files = file_path(folder, "folder"), _own_files(setting, times)
+        place = file_path(folder, "folder")
+        files = {MODEL: model_text(setting.chain)} | _bases(PLANNED, setting, times)
         self._writer = ResultWriter(place, meta_of(setting), SCENE, files=files, overwrite=overwrite, advice=ADVICE)
 
     def add(self, sample: Trajectory) -> None:
@@ -89,10 +91,8 @@ class AppendedRun:
             ResultError: they cannot be written, or another process has written to the folder.
         """
         setting = run.require_setting()
-        self._writer.flush()
-        if setting.base_motion:
-            write_atomically(self._writer.folder / BASES, _own_files(setting, run.t)[BASES])
-        self._writer.finish(summarise(setting.chain, run), stopped=run.stopped, occurrences=run.occurrences)
+        summary, moved = summarise(setting.chain, run), _bases(BASES, setting, run.t)
+        self._writer.finish(summary, stopped=run.stopped, occurrences=run.occurrences, bases=moved.get(BASES))
 
     def interrupt(self) -> None:
         """Write the remaining samples of a run that an error or Ctrl-C ended.
@@ -103,18 +103,13 @@ class AppendedRun:
         self._writer.finish(None, stopped=INTERRUPTED)
 
 
-def _own_files(setting: Setting, times: Array) -> dict[str, bytes]:
-    """Return the chain, and how bases moved, as files."""
-    found = {MODEL: model_text(setting.chain)}
-    if not setting.base_motion:
-        return found
+def _bases(name: str, setting: Setting, times: Array) -> dict[str, bytes]:
+    """Return how bases moved as a file of this name; none if they did not."""
     arrays = {}
-    for name, motion in setting.base_motion.items():
-        base = motion if isinstance(motion, RecordedBase) else recorded_base(name, motion, times)
-        arrays |= {f"{name}.{part}": getattr(base, part) for part in ("t", "R", "p", "twist", "acceleration")}
-    file = io.BytesIO()
-    np.savez(file, **arrays, bases=np.array(msgspec.json.encode(list(setting.base_motion)).decode()))
-    return {**found, BASES: file.getvalue()}
+    for base, motion in setting.base_motion.items():
+        moved = motion if isinstance(motion, RecordedBase) else recorded_base(base, motion, times)
+        arrays |= {f"{base}.{part}": getattr(moved, part) for part in ("t", "R", "p", "twist", "acceleration")}
+    return {name: arrays_text(arrays, "bases", list(setting.base_motion))} if arrays else {}
 
 
 def _singles(run: Trajectory) -> list[Trajectory]:

@@ -44,7 +44,7 @@ class Joint(Frozen):
         effort_limit: largest |tau| [N m or N].
         armature: inertia of the drive, reflected to the joint, >= 0 [kg m^2 or kg].
         damping: viscous damping, >= 0 [N m s/rad or N s/m].
-        friction: Coulomb friction, >= 0 [N m or N]; used by simulation only.
+        friction: Coulomb friction, >= 0 [N m or N]; used by simulation and identification only.
         stiffness: stiffness k of a spring in the joint with the torque -k (q - rest), >= 0 [N m/rad or N/m].
         rest: q at which that spring is slack [rad or m].
     """

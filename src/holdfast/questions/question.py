@@ -76,6 +76,7 @@ class Question:
         require: refuses inputs, of one system or a batch, that the question does not admit; None if it admits all.
         settle: takes the given inputs and the results with the arrays of `feasibility`, of one system or a batch;
             returns the results, and raises a StateError or writes NaN where there is no answer.
+        returns: the type of that, for type checkers and documentation.
         shown: returns a function that makes what a user gets of the results for a chain.
     """
 
@@ -96,6 +97,7 @@ class Question:
     restricted: Callable[[VariedCase], VariedCase] = lambda case: case
     require: Callable[[ClosedChain, Found], None] | None = None
     settle: Callable[[ClosedChain, Found, Found], Found] = _settled
+    returns: str = "Array"
     shown: Callable[[ClosedChain], Show] = _first
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -14,9 +14,11 @@ import numpy as np
 from holdfast.control.controller import ControlLaw
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.control.traced_law import law_of
-from holdfast.errors import HoldfastError, ResultError, SceneError
-from holdfast.io.files import file_path, names_in
-from holdfast.io.result_meta import RobotRecord, kept_files, kept_robots, read_bytes
+from holdfast.errors import HoldfastError, SceneError
+from holdfast.io.files import file_path
+from holdfast.io.result_meta import SCENE, RobotRecord, kept_files, kept_robots
+from holdfast.io.store import read_manifest
+from holdfast.io.stored_file import Damage, advising, stored
 from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.scenario.build import Scenario, parse_scene
@@ -26,10 +28,10 @@ from holdfast.sweeps.distributions import NearPose, Normal, Uniform
 from holdfast.sweeps.plan import OUTPUTS, Plan, plan_of
 from holdfast.sweeps.progress import Progress
 from holdfast.sweeps.result import Sweep
-from holdfast.sweeps.store import stored_rank
+from holdfast.sweeps.store import ROBOTS, SWEEP, SweepMeta, differences
 from holdfast.sweeps.sweep import carry_out
 
-SCENE, ROBOTS = "scene.toml", "robots.json"
+OF_INSTALLATION = {"versions", "processor", "model_sha256", "law_sha256", "state_sha256"}  # may change its last bits
 # keys of `[simulation]` that rollouts support, and the names of their arguments
 STEADY = {"sample_time": None, "on_singular": "stop"}
 LEAST_MARGIN = {"stop": 0.0, "record": -float("inf")}
@@ -71,6 +73,8 @@ def sweep_scene(
 def load_sweep(folder: str | PathLike[str]) -> Sweep:
     """Return the sweep of a scene from its folder, as far as it has been computed, without writing anything.
 
+    A sweep by another version of holdfast or its libraries can be read; its runs cannot be repeated.
+
     Args:
         folder: a folder written by `sweep_scene` or `holdfast sweep`.
 
@@ -79,32 +83,31 @@ def load_sweep(folder: str | PathLike[str]) -> Sweep:
         SceneError, ClosureError: its scene cannot be read.
     """
     place = file_path(folder, "folder")
-    plan = scene_plan(kept_scene(place))
-    return Sweep(plan.settled(stored_rank(place, plan)), place)
+    plan, meta = scene_plan(kept_scene(place)), read_manifest(place, SWEEP, SweepMeta)
+    differing = differences(place, meta, plan.description(), OF_INSTALLATION)
+    return Sweep(plan.settled(meta.generic_rank), place, meta.files, differing)
 
 
 def kept_scene(folder: Path) -> Scenario:
     """Return the scenario of the scene in a sweep's folder, with the robots stored there.
 
     Raises:
-        ResultError: there is no scene, or a robot is not the one of the sweep.
+        ResultError: there is no scene, or a file is damaged.
         SceneError, ClosureError: the scene cannot be read.
     """
-    there = names_in(folder, "the folder of a sweep")
-    for name in (SCENE, ROBOTS):
-        if name not in there:
-            raise ResultError(
-                f"{folder}: expected the folder of a scene's sweep, got one without {name}; a sweep started in Python"
-                " is continued by the same call of `holdfast.sweep`"
-            )
     try:
-        records = msgspec.json.decode(read_bytes(folder / ROBOTS), type=dict[str, RobotRecord])
-    except (msgspec.MsgspecError, UnicodeDecodeError) as cause:
-        raise ResultError(f"{folder / ROBOTS}: expected which arm is out of which file: {cause}") from cause
-    if any(Path(one.file).name != one.file for one in records.values()):
-        raise ResultError(f"{folder / ROBOTS}: expected names of files beside it, got a path")
-    files = RobotFiles(folder, False, kept_robots(folder, records))
-    return parse_scene(read_bytes(folder / SCENE), str(folder / SCENE), folder.name, files)
+        files = read_manifest(folder, SWEEP, SweepMeta).files
+    except Damage:  # chunks tell whether the scene is theirs
+        if not SWEEP.strays(folder, 0):
+            raise
+        files = {ROBOTS: None, SCENE: None}
+    with advising(folder, SWEEP.again):
+        try:
+            records = msgspec.json.decode(stored(folder, ROBOTS, files), type=dict[str, RobotRecord])
+        except (msgspec.MsgspecError, UnicodeDecodeError) as cause:
+            raise Damage(f"{ROBOTS} is damaged: expected which arm is out of which file: {cause}") from cause
+        robots, text = kept_robots(folder, records), stored(folder, SCENE, files)
+    return parse_scene(text, str(folder / SCENE), folder.name, RobotFiles(folder, False, robots))
 
 
 def scene_plan(scenario: Scenario) -> Plan:

@@ -104,7 +104,7 @@ class Plan(Frozen):
         rollout = self.rollout
         program = law_program(rollout.law, rollout.chain)
         law = (program.input_shapes, program.instructions, program.outputs, rollout.law.memory.tolist())
-        return {
+        found = {
             "model_sha256": fingerprint(rollout.chain),
             "law_sha256": _sha256(repr(law)),
             "state_sha256": fingerprint(self.state),
@@ -115,6 +115,7 @@ class Plan(Frozen):
             "outputs": list(self.outputs),
             **made_by(),
         }
+        return json.loads(json.dumps(found), parse_constant=str)  # as JSON has it, infinities as text
 
     def settled(self, generic_rank: int) -> Plan:
         """Return the plan with the generic rank for all chunks."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.errors import ResultError, StateError
+from holdfast.io.stored_file import UNREADABLE, Damage, advising, stored
 from holdfast.model import checks
 from holdfast.names import called
 from holdfast.simulation.rollout.arguments import whole_number
@@ -19,7 +21,7 @@ from holdfast.spatial.real_numbers import numbers
 from holdfast.spatial.scalar import Array
 from holdfast.sweeps.chunk import parquet_modules
 from holdfast.sweeps.plan import Plan
-from holdfast.sweeps.store import chunk_path
+from holdfast.sweeps.store import SWEEP
 
 OWN_COLUMNS = ("run", "status", "stopped [s]")
 LARGEST_TABLE = 2**23  # most numbers in memory at a time
@@ -29,15 +31,19 @@ LARGEST_TABLE = 2**23  # most numbers in memory at a time
 class Sweep:
     """The result of a sweep; created by `sweep`.
 
-    Files are read chunk by chunk, and only the requested columns.
+    Files are read chunk by chunk, and only the requested columns. At its first use a file is compared with its digest,
+    which reads all of it.
 
     Attributes:
         plan: initial values and parameters of the runs.
         folder: the folder of the sweep.
     """
 
-    def __init__(self, plan: Plan, folder: Path) -> None:
-        self.plan, self.folder = plan, folder
+    def __init__(
+        self, plan: Plan, folder: Path, files: Mapping[str, str | None], differing: Sequence[str] = ()
+    ) -> None:
+        self.plan, self.folder, self._files = plan, folder, dict(files)
+        self._differing, self._checked = differing, set[int]()
 
     def __len__(self) -> int:
         return self.plan.count
@@ -76,9 +82,13 @@ class Sweep:
         for title in columns:
             if title not in known:
                 raise StateError(f"sweep: no column '{title}'.{checks.did_you_mean(str(title), known)}")
+
+        def read(path: Path) -> dict[str, Array]:
+            table = parquet.ParquetFile(path).read(columns=list(columns))
+            return {title: table[title].to_numpy() for title in columns}
+
         for k in range(self.plan.chunk_count):
-            table = self._read(k, lambda path: parquet.ParquetFile(path).read(columns=list(columns)))
-            yield {title: table[title].to_numpy() for title in columns}
+            yield self._read(k, read)
 
     def column(self, title: str, status: str | None = None) -> Array:
         """Return one column of all runs, or of those that ended with a status; O(runs) memory.
@@ -173,8 +183,14 @@ class Sweep:
 
         Raises:
             StateError: there is no such run, or its first state is invalid.
+            ResultError: another installation made the sweep, so that its bits cannot be repeated.
         """
         plan = self.plan
+        if self._differing:
+            raise ResultError(
+                f"run: its steps cannot be repeated with identical bits, since {', '.join(self._differing)} differ; try"
+                " the installation that made the sweep"
+            )
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < plan.count:
             raise StateError(f"run: expected a number from 0 to {plan.count - 1}, got {checks.short(number)}")
         begin, end = plan.bounds(int(number) // plan.chunk)
@@ -208,15 +224,22 @@ class Sweep:
             raise StateError(f"sweep: expected a column of numbers, got '{title}'; columns: {', '.join(self.columns)}")
         return x
 
-    def _read(self, k: int, read: Any) -> Any:
+    def _read(self, k: int, read: Callable[[Path], Any]) -> Any:
+        """Return what is read from the file of chunk k.
+
+        Raises:
+            Damage: it is missing or damaged; the message says how to recompute it.
+        """
         arrow, _ = parquet_modules()
-        path = chunk_path(self.folder, k)
-        try:
-            return read(path)
-        except (OSError, arrow.ArrowException) as cause:
-            raise ResultError(
-                f"{path}: cannot be read; call `sweep` again with the same arguments to recompute it"
-            ) from cause
+        name = SWEEP.chunk.format(k)
+        with advising(self.folder, SWEEP.again):
+            if k not in self._checked:
+                stored(self.folder, name, self._files, most=sys.maxsize)
+                self._checked.add(k)
+            try:
+                return read(self.folder / name)
+            except (*UNREADABLE, arrow.ArrowException) as cause:
+                raise Damage(f"{name} is damaged") from cause
 
 
 def _levels(levels: Any) -> Array:

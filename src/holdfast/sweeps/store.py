@@ -1,34 +1,63 @@
 """The folder of a sweep.
 
-    sweep.json             the manifest: the plan, its digest, versions
-    runs_000000.parquet    the runs of a chunk, one per row
-    log.jsonl              one line per chunk: time, process and duration of its computation
-    lock                   locked by the process that writes to the folder
-    scene.toml             text of the scene, for the sweep of a scene
-    robot_*.urdf           robots that the scene takes from files, with xacro expanded
-    robots.json            the arms and the robot files to which they belong
+sweep.json             the manifest: the plan, its digest, versions, and the chunks that are there
+runs_000000.parquet    the runs of a chunk, one per row
+log.jsonl              one line per chunk: its SHA-256, and time, process and duration of its computation
+lock                   locked by the process that writes to the folder
+scene.toml             text of the scene, for the sweep of a scene
+robot_*.urdf           robots that the scene takes from files, with xacro expanded
+robots.json            the arms and the robot files to which they belong
 
-The file of a chunk is written under another name and then moved, so that a file that exists is complete.
+A chunk counts once sweep.json, replaced atomically, names it (`io.store_writer`), or the log does.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
+from msgspec.structs import replace
+
 from holdfast.errors import ResultError
-from holdfast.io.files import LONGEST_NAME, one_line, read_bounded, reason_of, write_atomically
+from holdfast.io.files import LONGEST_NAME, one_line, reason_of
+from holdfast.io.result_meta import SCENE
+from holdfast.io.store import Kind, Manifest, read_manifest
+from holdfast.io.store_writer import StoreWriter
+from holdfast.io.stored_file import UNREADABLE, Damage, stored
 from holdfast.sweeps.chunk import Computed, parquet_modules
 from holdfast.sweeps.plan import Plan, digest_of
 
-MANIFEST, LOG, LOCK = "sweep.json", "log.jsonl", "lock"
-FORMAT, FORMAT_VERSION = "holdfast-sweep", 1
-LARGEST_MANIFEST = 16 * 2**20  # bytes
+LOG, LOCK, ROBOTS = "log.jsonl", "lock", "robots.json"
+SWEEP = Kind(
+    name="sweep",
+    manifest="sweep.json",
+    versions=(2, 1),
+    chunk="runs_{:06d}.parquet",
+    data=("runs_[0-9]*.parquet",),
+    others=(LOG, LOCK, SCENE, ROBOTS, "robot_*.urdf"),
+    again="call `sweep` again with the same arguments, or `holdfast sweep` with the scene, to recompute it",
+)
+PATIENCE = 5.0  # seconds between two commits; until then the log has the digests of further chunks
+
+
+class SweepMeta(Manifest, frozen=True, kw_only=True):
+    """The content of sweep.json.
+
+    Attributes:
+        plan_sha256: digest of the plan, which every chunk contains.
+        generic_rank: the generic rank that the first call found.
+        plan: description of the plan.
+    """
+
+    plan_sha256: str
+    generic_rank: int
+    plan: dict[str, Any]
 
 
 class Store:
@@ -36,71 +65,83 @@ class Store:
 
     Attributes:
         folder: path of the folder.
-        digest: digest of the plan.
-        generic_rank: the generic rank that the first call found; None in a new folder.
+        meta: its manifest; None in a new folder.
+        plan_sha256: digest of the plan.
     """
 
     def __init__(self, folder: Path, plan: Plan) -> None:
         """Open or create the folder of a plan.
 
         Raises:
-            ResultError: the folder contains results of another plan or other files, is in use, or cannot be written.
+            ResultError: the folder contains results of another plan or other files, is of an earlier format or in use,
+                or cannot be written.
         """
-        description = json.loads(json.dumps(plan.description()))
-        self.folder, self.digest = folder, digest_of(description)
+        self._description = plan.description()
+        self.folder, self.plan_sha256 = folder, digest_of(self._description)
+        self.meta: SweepMeta | None = None
+        self._writer, self._committed_at = StoreWriter(folder, SWEEP), -float("inf")
         self._made = not os.path.exists(folder)
-        self._written = [] if os.path.exists(folder / LOCK) else [LOCK]
+        self._written = [] if os.path.exists(folder / LOCK) else [LOCK]  # of a new folder
         self._lock = _locked(folder)
         try:
-            found = _manifest(folder)
-            own = (LOCK, f"{MANIFEST}.part")  # the second if a process died while it wrote its first file
-            if found is None and any(path.name not in own for path in folder.iterdir()):
-                raise ResultError(f"{folder}: expected a sweep's folder or an empty one, got other files; try another")
-            if found is not None:
-                _require_same(folder, found["plan"], description)
-            self.generic_rank: int | None = None if found is None else found["generic_rank"]
+            if (found := self._found()) is not None:
+                differences(folder, found, self._description)
+                if found.format_version != SWEEP.versions[0]:
+                    raise ResultError(f"{folder}: written by holdfast 0.1: can be read, but not continued; try another")
+                self.meta, self._writer.files = found, _logged(folder) | found.files
         except BaseException:
             self.withdraw()
-            self.close()
+            self._lock.close()
             raise
-        self._description = description
 
-    def settle(self, generic_rank: int) -> None:
-        """Write the manifest of a new folder.
-
-        Raises:
-            ResultError: the file cannot be written.
-        """
-        self.generic_rank = generic_rank
-        content = {
-            "format": FORMAT,
-            "format_version": FORMAT_VERSION,
-            "plan_sha256": self.digest,
-            "generic_rank": generic_rank,
-            "plan": self._description,
-        }
-        write_atomically(self.folder / MANIFEST, json.dumps(content, indent=2).encode() + b"\n")
-        self._written.append(MANIFEST)
-
-    def keep_beside(self, files: Mapping[str, bytes]) -> None:
-        """Write additional files that do not exist yet; they are the same for every call of a plan.
+    def _found(self) -> SweepMeta | None:
+        """Return the manifest; None for a new folder, and for one of this plan that has lost its manifest.
 
         Raises:
-            ResultError: a file cannot be written.
+            ResultError: the folder contains other files, or a damaged manifest and no chunk of this plan.
         """
-        for name, content in files.items():
-            if not (self.folder / name).exists():
-                write_atomically(self.folder / name, content)
-                self._written.append(name)
-
-    def holds(self, k: int, rows: int) -> bool:
-        """Return whether there is a readable file of chunk k that belongs to this plan."""
-        arrow, parquet = parquet_modules()
+        names = {path.name for path in self.folder.iterdir()} - {LOCK, f"{SWEEP.manifest}.part"}
+        chunks = SWEEP.strays(self.folder, 0)
+        if names and SWEEP.manifest not in names and not chunks:
+            raise ResultError(f"{self.folder}: expected a sweep's folder or an empty one, got other files; try another")
         try:
-            meta = parquet.read_metadata(chunk_path(self.folder, k))
-        except (OSError, arrow.ArrowException):
+            return read_manifest(self.folder, SWEEP, SweepMeta) if names else None
+        except Damage:
+            if not any(_plan_in(self.folder / name) == self.plan_sha256.encode() for name in chunks):
+                raise
+            return None
+
+    def prepare(self, rank: Callable[[], int], files: Mapping[str, bytes]) -> SweepMeta:
+        """Write the manifest of a new folder, and further files that are missing or damaged; return the manifest.
+
+        Files that the manifest does not name are removed.
+
+        Args:
+            rank: returns the generic rank.
+            files: contents of the further files by name, which are the same for every call of a plan.
+
+        Raises:
+            ResultError: a file cannot be written or removed.
+        """
+        self._written += [name for name in (SWEEP.manifest, *files) if not (self.folder / name).exists()]
+        if self.meta is None:
+            form: dict[str, Any] = {"format": SWEEP.format, "format_version": SWEEP.versions[0]}
+            plan = {"plan_sha256": self.plan_sha256, "plan": self._description}
+            self.meta = SweepMeta(**form, **plan, generic_rank=rank())
+            self._writer.commit(self.meta)
+        self._writer.keep(files)
+        self.commit()
+        self._writer.remove_unnamed((*SWEEP.data, "*.part"))
+        return self.meta
+
+    def holds(self, k: int) -> bool:
+        """Return whether the file of chunk k is there, undamaged, and of this plan; reads it once."""
+        name = SWEEP.chunk.format(k)
+        try:
+            stored(self.folder, name, self._writer.files, most=sys.maxsize)
+        except Damage:
             return False
-        return meta.num_rows == rows and (meta.metadata or {}).get(b"plan") == self.digest.encode()
+        return _plan_in(self.folder / name) == self.plan_sha256.encode()
 
     def keep(self, computed: Computed) -> None:
         """Write the file of a chunk, then a line of the log.
@@ -108,18 +149,31 @@ class Store:
         Raises:
             ResultError: a file cannot be written.
         """
-        write_atomically(chunk_path(self.folder, computed.number), computed.data)
-        line = {"chunk": computed.number, "seconds": computed.seconds, "process": computed.process, "at": time.time()}
+        name = SWEEP.chunk.format(computed.number)
+        self._writer.write(name, computed.data)
+        line = {"chunk": computed.number, "sha256": self._writer.files[name], "seconds": computed.seconds}
+        line |= {"process": computed.process, "at": time.time()}
         try:
             with (self.folder / LOG).open("a", encoding="utf-8") as log:
                 log.write(json.dumps(line) + "\n")
         except OSError as cause:
             raise ResultError(f"{self.folder / LOG}: cannot be written: {reason_of(cause)}") from cause
+        if time.monotonic() - self._committed_at >= PATIENCE:
+            self.commit()
+
+    def commit(self) -> Mapping[str, str | None]:
+        """Name all chunks that are there in the manifest, and return the digests of its files."""
+        if self.meta is not None and self._writer.files != self.meta.files:
+            self._writer.commit(self.meta)
+            self.meta = replace(self.meta, files=dict(self._writer.files))
+        self._committed_at = time.monotonic()
+        return self._writer.files
 
     def withdraw(self) -> None:
         """Remove a new folder and its files if the call was refused before any run was computed."""
-        if LOCK not in self._written or any(self.folder.glob("runs_*")):
+        if LOCK not in self._written or SWEEP.strays(self.folder, 0):
             return
+        self.meta = None
         with suppress(OSError):
             for name in self._written:
                 (self.folder / name).unlink(missing_ok=True)
@@ -127,26 +181,15 @@ class Store:
                 self.folder.rmdir()
 
     def close(self) -> None:
-        """Release the lock."""
-        self._lock.close()
+        """Commit, and release the lock.
 
-
-def stored_rank(folder: Path, plan: Plan) -> int:
-    """Return the generic rank that a folder stores for a plan, without writing anything.
-
-    Raises:
-        ResultError: the folder contains no sweep, or one of another plan.
-    """
-    found = _manifest(folder)
-    if found is None:
-        raise ResultError(f"{folder}: has no {MANIFEST}; expected the folder of a sweep")
-    _require_same(folder, found["plan"], json.loads(json.dumps(plan.description())))
-    return found["generic_rank"]
-
-
-def chunk_path(folder: Path, k: int) -> Path:
-    """Return the file of chunk k."""
-    return folder / f"runs_{k:06d}.parquet"
+        Raises:
+            ResultError: the manifest cannot be written.
+        """
+        try:
+            self.commit()
+        finally:
+            self._lock.close()
 
 
 def _locked(folder: Path) -> IO[bytes]:
@@ -176,38 +219,38 @@ def _locked(folder: Path) -> IO[bytes]:
     return lock
 
 
-def _manifest(folder: Path) -> dict[str, Any] | None:
-    """Return the manifest; None if there is none.
-
-    Raises:
-        ResultError: the file is not a manifest.
-    """
-    path = folder / MANIFEST
-    if not path.exists():
-        return None
-    try:
-        found = json.loads(read_bounded(path, LARGEST_MANIFEST))
-        sound = isinstance(found["plan"], dict) and isinstance(found["generic_rank"], int)
-        if (found["format"], found["format_version"], sound) != (FORMAT, FORMAT_VERSION, True):
-            raise KeyError("format")
-    except OSError as cause:
-        raise ResultError(f"{path}: cannot be read: {reason_of(cause)}") from cause
-    except (ValueError, KeyError, TypeError, RecursionError) as cause:
-        raise ResultError(
-            f"{path}: expected a manifest of a sweep, format {FORMAT_VERSION}; try another folder"
-        ) from cause
+def _logged(folder: Path) -> dict[str, str | None]:
+    """Return the digests of chunks in the log, where those are that a crash kept out of the manifest."""
+    found: dict[str, str | None] = {}
+    with suppress(OSError):
+        for line in (folder / LOG).read_bytes().splitlines():
+            with suppress(ValueError, RecursionError, TypeError, KeyError, AttributeError):  # damage: computed again
+                one = json.loads(line)
+                found[SWEEP.chunk.format(one["chunk"])] = str(one["sha256"])
     return found
 
 
-def _require_same(folder: Path, there: Mapping[str, Any], requested: Mapping[str, Any]) -> None:
-    """Refuse a folder that belongs to another plan.
+def _plan_in(path: Path) -> bytes | None:
+    """Return the digest of the plan in the file of a chunk; None if it has none."""
+    arrow, parquet = parquet_modules()
+    try:
+        return (parquet.read_metadata(path).metadata or {}).get(b"plan")
+    except (*UNREADABLE, arrow.ArrowException):
+        return None
+
+
+def differences(
+    folder: Path, meta: SweepMeta, description: Mapping[str, Any], tolerated: Collection[str] = ()
+) -> list[str]:
+    """Return the names of what differs between the plan of a folder and another one.
 
     Raises:
-        ResultError: the plans differ; the message names the differences.
+        ResultError: something else differs than what is tolerated.
     """
-    differing = sorted(name for name in {*there, *requested} if there.get(name) != requested.get(name))
-    if differing:
+    found = sorted(name for name in {*meta.plan, *description} if meta.plan.get(name) != description.get(name))
+    if others := [name for name in found if name not in tolerated]:
         raise ResultError(
-            f"{folder}: holds a sweep of another plan: {', '.join(differing)} differ; try another folder, or the"
-            " original arguments"
+            f"{folder}: holds a sweep of another plan: {', '.join(others)} differ; try another folder, or the original"
+            " arguments"
         )
+    return found

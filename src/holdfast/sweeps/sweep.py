@@ -138,18 +138,14 @@ def carry_out(
     whole_number("ahead", ahead, MOST_WORKERS)
     place = Store(file_path(store, "store"), plan)
     try:
-        if place.generic_rank is None:
-            place.settle(find_generic_rank(plan))
-        assert place.generic_rank is not None
-        place.keep_beside(kept or {})
-        settled = plan.settled(place.generic_rank)
+        settled = plan.settled(place.prepare(lambda: find_generic_rank(plan), kept or {}).generic_rank)
         _compute_missing(settled, place, workers, cluster, ahead, progress)
+        return Sweep(settled, place.folder, place.commit())
     except HoldfastError:
         place.withdraw()
         raise
     finally:
         place.close()
-    return Sweep(settled, place.folder)
 
 
 def _require_workers(workers: Any, cluster: Any) -> None:
@@ -185,12 +181,12 @@ def _compute_missing(
     progress: bool | Callable[[Progress], object] | None,
 ) -> None:
     sizes = {k: end - begin for k in range(plan.chunk_count) for begin, end in [plan.bounds(k)]}
-    missing = [k for k, rows in sizes.items() if not place.holds(k, rows)]
+    missing = [k for k in sizes if not place.holds(k)]
     start, counts = time.perf_counter(), Counter[str]()
     there = plan.count - sum(sizes[k] for k in missing)
     size = f"{plan.count - there} runs"
     with reporting(progress, "sweeping", size, lambda at: (at.done / at.count, str(at)), time_left=False) as tell:
-        for computed in _computed(_tasks(plan, place.digest, missing), workers, cluster, ahead, len(missing)):
+        for computed in _computed(_tasks(plan, place.plan_sha256, missing), workers, cluster, ahead, len(missing)):
             place.keep(computed)
             counts += computed.status_counts
             rate = counts.total() / (time.perf_counter() - start)

@@ -1,0 +1,38 @@
+"""Write what is made of the declarations of questions: the stub of compiled chains, and the page of all questions.
+
+python benchmarks/write_stubs.py [--check]
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import holdfast.compiled.chain as chain
+from holdfast.questions.documentation import page, stub
+
+ROOT = Path(__file__).parents[1]
+
+
+def written() -> dict[Path, str]:
+    """Return the text of every file that is made; importing `compiled.chain` has loaded all declarations."""
+    return {
+        Path(chain.__file__).with_name("answers.pyi"): stub(),
+        ROOT / "docs" / "api" / "questions.md": page(),
+    }
+
+
+def main() -> None:
+    """Write the files, or say which are stale."""
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--check", action="store_true", help="only say which are stale")
+    check = arguments.parse_args().check
+    for path, text in written().items():
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            print(f"{'stale' if check else 'written'}: {path.relative_to(ROOT)}")
+            if not check:
+                path.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

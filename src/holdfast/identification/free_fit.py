@@ -1,0 +1,115 @@
+"""The unconstrained weighted estimate, with weights from its own residuals.
+
+The weights are the inverse covariance of the rows, from the noise of the measurements and of the motion. The former is
+found from the residuals (`noise.estimated`), the residuals from the estimate, the estimate with the weights, and this
+is repeated until the noise no longer changes. The guess takes no part in it: nothing is kept, and the body need not be
+possible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from holdfast.identification.equations import Equations
+from holdfast.identification.motion_noise import JointNoise
+from holdfast.identification.noise import channel_sizes, estimated, least_noise, noise_of_columns, whitener
+from holdfast.identification.unknowns import Unknowns
+from holdfast.spatial.scalar import Array
+
+HARDLY = 0.01  # initial guess of the noise, relative to the measurements
+MOST_ROUNDS = 60  # alternations of weights and estimate
+DAMPED = 20  # rounds after which the noise changes by half as much only
+SETTLED = 1e-4  # relative change of the noise at which they end
+UNTOLD = 1e-11  # singular values below this, relative to the largest one, are rounding
+MOST_STEPS, LINEAR_STEPS, NO_STEP = 30, 2, 1e-12  # of Gauss-Newton; without unknown gravity; the step at which it ends
+
+
+@dataclass(frozen=True, eq=False)
+class FreeFit:
+    """An unconstrained estimate.
+
+    Attributes:
+        x: (p,) the estimate; combinations on which nothing depends have the model's values.
+        rows: (samples, r, features) the whitened rows.
+        weights: (samples, r, r) the matrices that whiten the rows.
+        triangle: R of their QR decomposition.
+        noise: (channels,) standard deviations of the measurements.
+        of_motion: (samples, r, r) share of the noise of the motion in the whitened rows; None if the motion is exact.
+        settled: whether the noise no longer changed.
+    """
+
+    x: Array
+    rows: Array
+    weights: Array
+    triangle: Array
+    noise: Array
+    of_motion: Array | None
+    settled: bool = False
+
+    @property
+    def motion_share(self) -> float:
+        """The part of the variance of the whitened residuals that is due to the noise of the motion."""
+        if self.of_motion is None:
+            return 0.0
+        return float(np.einsum("srr->", self.of_motion)) / self.rows[..., 0].size
+
+
+def free_fit(
+    system: Equations, unknowns: Unknowns, kinds: Array, given: Array | None, motion: list[JointNoise]
+) -> FreeFit:
+    """Return the unconstrained estimate; see `estimate`."""
+    sizes = channel_sizes(system.measured, kinds)
+    least = least_noise(system.measured, sizes)
+    few = 1.0 / np.sqrt(max(1.0 - len(unknowns.names) / system.rows[..., 0].size, 0.1))  # residuals are below the noise
+    fit = _weighted(system, unknowns, unknowns.model, np.maximum(HARDLY * sizes, least) if given is None else given, [])
+    if motion:
+        least = np.maximum(least, white_noise(system.measured, kinds, motion))
+    for count in range(MOST_ROUNDS):
+        noise = fit.noise
+        if given is None:
+            residuals = fit.rows @ unknowns.features(fit.x)[0]
+            found = estimated(fit.weights @ system.maps, residuals, kinds, sizes, fit.of_motion)
+            noise = np.maximum(few * found, least)
+            noise = noise if count < DAMPED else np.sqrt(noise * fit.noise)
+        if float(np.abs(noise / fit.noise - 1.0).max()) < SETTLED and (count or not motion):
+            return replace(fit, settled=True)
+        fit = _weighted(system, unknowns, fit.x, noise, motion)
+    return fit
+
+
+def white_noise(measured: Array, kinds: Array, motion: list[JointNoise]) -> Array:
+    """Return the white noise of the channels, (channels,), from their own differences, if positions are noisy.
+
+    In single samples, the errors of smoothed accelerations hide it; in sums over many samples, it is often the larger.
+    """
+    parts = {one.samples.start: one.samples for one in motion}.values()
+    found = np.sum([noise_of_columns(measured[samples]) ** 2 for samples in parts], axis=0) / len(parts)
+    return np.sqrt([found[kinds == kind].mean() for kind in kinds])
+
+
+def _weighted(system: Equations, unknowns: Unknowns, x: Array, noise: Array, motion: list[JointNoise]) -> FreeFit:
+    """Return the estimate with weights for given noise, and for that of the motion, at the previous estimate x."""
+    known = None
+    if motion:
+        known = np.zeros((*system.rows.shape[:2], system.rows.shape[1]))
+        for one in motion:
+            known[one.samples] += one.spread(system.maps, unknowns.features(x)[0])
+    W = whitener(system.maps, noise, known)
+    rows = W @ system.rows
+    _, R = np.linalg.qr(rows.reshape(-1, rows.shape[2]))
+    share = None if known is None else W @ known @ W.transpose(0, 2, 1)
+    return FreeFit(least_squares(R, unknowns, x), rows, W, R, noise, share)
+
+
+def least_squares(R: Array, unknowns: Unknowns, x: Array) -> Array:
+    """Return the unknowns with the least sum of squares |R features(x)|^2 that are nearest to given ones."""
+    sizes = unknowns.linear_sizes
+    for _ in range(MOST_STEPS if unknowns.tilted else LINEAR_STEPS):
+        values, slopes = unknowns.features(x)
+        step = np.linalg.lstsq(R @ slopes * sizes, -(R @ values), rcond=UNTOLD)[0]
+        x = x + step * sizes
+        if float(np.abs(step).max()) < NO_STEP:
+            break
+    return x

@@ -1,0 +1,162 @@
+"""What the noise of recorded positions does to the equations, of which it changes the coefficients.
+
+The errors of smoothing splines, of known covariance, change the residuals rows @ features by G = maps @ H, with
+sensitivities H found by differences in some of the samples, and between them by interpolation, since motions are
+smooth. As errors of the measurements (H instead of G), they do not depend on the basis of a sample's rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import cho_solve_banded
+from scipy.sparse import csr_array
+
+from holdfast.identification.completed import Smoothed, completed
+from holdfast.identification.equations import Equations, Settings, rows_of_samples
+from holdfast.identification.recording import Recording
+from holdfast.identification.smoothing import Spline
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.joint_friction import friction_slope, friction_torque, joint_friction
+from holdfast.spatial.scalar import Array
+
+NODES, A_PERIOD, AT_ENDS = (40, 400), 8, 4  # samples with sensitivities: of all, per period, at each end
+STEP = 1e-6  # of the differences [rad, m, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class JointNoise:
+    """The errors of one joint's smoothed positions, rates and accelerations in one recording.
+
+    Attributes:
+        spline: the joint's spline.
+        samples: the samples of the equations that belong to the recording.
+        evaluations: of the spline, only for the samples that the equations have.
+        covariance: (samples, k, k) covariance of the k errors in each of these samples.
+        sensitivities: (nodes, k, channels, features) H for each of the features.
+            Without dry friction, which changes too fast where a joint turns back.
+        nodes: (nodes,) times at which these are known.
+        t: (samples,) times.
+        rubbing: (samples, k, channels) derivatives of the dry friction by the k errors.
+    """
+
+    spline: Spline
+    samples: slice
+    evaluations: list[csr_array]
+    covariance: Array
+    sensitivities: Array
+    nodes: Array
+    t: Array
+    rubbing: Array
+
+    def spread(self, maps: Array, features: Array) -> Array:
+        """Return (samples, r, r), the covariance of the residuals."""
+        G = self._of_rows(maps, features)
+        return np.einsum("sra,sab,stb->srt", G, self.covariance, G)
+
+    def score(self, maps: Array, features: Array, slopes: Array) -> Array:
+        """Return the covariance (k, k) of the sum of slopes^T residuals, for slopes (samples, r, k)."""
+        G = self._of_rows(maps, features)
+        parts = np.einsum("srk,sra->ask", slopes[self.samples], G)
+        weights = [E.T @ part for E, part in zip(self.evaluations, parts, strict=True)]
+        return self.spline.covariance(np.sum(weights, axis=0))
+
+    def _of_rows(self, maps: Array, features: Array) -> Array:
+        H = _at_all(self.nodes, self.sensitivities @ features, self.t) + self.rubbing
+        return np.einsum("src,sac->sra", maps[self.samples], H)
+
+
+def motion_noise(
+    chain: ClosedChain, recordings: list[tuple[Recording, list[Smoothed]]], settings: Settings, system: Equations
+) -> list[JointNoise]:
+    """Return the errors of all joints whose positions (or rates) are not exact.
+
+    The cost is that of the equations of at most 400 samples, three times for each joint.
+
+    Args:
+        chain: the recorded chain.
+        recordings: recordings with joint rates and accelerations, and what was smoothed to find these.
+        settings: what is to be found.
+        system: the equations of these recordings.
+    """
+    found, first = [], 0
+    for (recording, smoothed), kept in zip(recordings, system.kept, strict=True):
+        samples = slice(first, first + int(kept.sum()))
+        first = samples.stop
+        nodes = _nodes(recording, kept)
+        at_nodes = _as_channels(chain, _part(recording, nodes), settings)
+        for one in smoothed:
+            for joint, spline in enumerate(one.splines):
+                if not spline.noise:
+                    continue
+                H = np.stack(
+                    [
+                        (_as_channels(chain, _moved(_part(recording, nodes), name, joint), settings) - at_nodes) / STEP
+                        for name in one.names
+                    ],
+                    axis=1,
+                )
+                t = recording.t[kept]
+                evaluations = [E[np.flatnonzero(kept)] for E in spline.evaluations[: len(one.names)]]
+                C = _at_all(recording.t[nodes], _covariances(spline, len(one.names), nodes), t, smooth=False)
+                rubbing = np.zeros((len(t), len(one.names), system.maps.shape[2]))
+                if settings.source == "tau" and "qd" in one.names and recording.qd is not None:
+                    slopes = friction_slope(joint_friction(chain)[joint : joint + 1], recording.qd[kept, joint][None])
+                    rubbing[:, one.names.index("qd"), joint] = slopes[0]
+                found.append(JointNoise(spline, samples, evaluations, C, H, recording.t[nodes], t, rubbing))
+    return found
+
+
+def _nodes(recording: Recording, kept: Array) -> Array:
+    """Return the samples at which sensitivities are found: some in each period of the fastest joint."""
+    assert recording.qd is not None and recording.qdd is not None
+    count, t = len(recording), recording.t
+    rates, accelerations = (np.sqrt((x * x).mean(axis=0)) for x in (recording.qd, recording.qdd))
+    fastest = float((accelerations / np.maximum(rates, 1e-6)).max())  # rad/s
+    wanted = np.clip(A_PERIOD * fastest * (t[-1] - t[0]) / (2.0 * np.pi), *NODES)
+    ends = np.r_[np.arange(min(AT_ENDS, count)), np.arange(max(count - AT_ENDS, 0), count)]
+    nodes = np.unique(np.r_[ends, np.linspace(0, count - 1, min(int(wanted), count)).round().astype(int)])
+    return nodes[kept[nodes]] if kept[nodes].any() else np.flatnonzero(kept)[:1]
+
+
+def _part(recording: Recording, nodes: Array) -> Recording:
+    """Return a recording of some samples."""
+    arrays = {name: getattr(recording, name) for name in Recording.__dataclass_fields__ if name != "inputs"}
+    return replace(recording, **{name: x[nodes] for name, x in arrays.items() if x is not None})
+
+
+def _moved(recording: Recording, name: str, joint: int) -> Recording:
+    """Return a recording in which one joint's position, rate or acceleration is larger by a step."""
+    x = getattr(recording, name).copy()
+    x[:, joint] += STEP
+    return replace(recording, **{name: x})
+
+
+def _as_channels(chain: ClosedChain, recording: Recording, settings: Settings) -> Array:
+    """Return (samples, channels, features), rows without dry friction as errors of the measurements in their place."""
+    found = []
+    for k, (rows, maps, _) in enumerate(rows_of_samples(chain, completed(chain, recording), settings)):
+        smooth = rows.copy()
+        if settings.source == "tau" and recording.qd is not None:
+            smooth[:, -4 if settings.gravity else -1] -= maps @ friction_torque(joint_friction(chain), recording.qd[k])
+        found.append(np.linalg.pinv(maps) @ smooth)
+    return np.array(found)
+
+
+def _covariances(spline: Spline, count: int, nodes: Array) -> Array:
+    """Return (nodes, count, count), the covariance of a spline's value and derivatives."""
+    rows = np.stack([E[nodes].toarray() for E in spline.evaluations[:count]])  # (count, nodes, K)
+    solved = cho_solve_banded((spline.triangle, True), rows.reshape(-1, rows.shape[2]).T).T.reshape(rows.shape)
+    return spline.noise**2 * np.einsum("ank,bnk->nab", rows, solved)
+
+
+def _at_all(nodes: Array, values: Array, t: Array, smooth: bool = True) -> Array:
+    """Return values, which are known at some times, at all times."""
+    if len(nodes) < 4:
+        return np.repeat(values[:1], len(t), axis=0)
+    if smooth:
+        return CubicSpline(nodes, values)(t)
+    flat = values.reshape(len(nodes), -1)
+    return np.column_stack([np.interp(t, nodes, column) for column in flat.T]).reshape(len(t), *values.shape[1:])

@@ -1,0 +1,161 @@
+"""Smoothing splines for recorded positions, with as much smoothing as their noise calls for.
+
+A column of samples y = Phi c + noise is fitted by a spline of degree 7 whose fourth derivative is penalised,
+
+    min |y - Phi c|^2 + lambda int (x'''')^2 dt
+
+which is the posterior mean if the noise is white and the fourth derivative is white, too (Wahba 1978). lambda and the
+standard deviation of the noise have the greatest restricted likelihood. The errors of the fit and of its derivatives
+have the covariance sigma^2 L A^-1 L^T, where A = Phi^T Phi + lambda P and L evaluates them. They are not correlated
+with the fitted values, so that equations made of these are not biased towards zero, as those of noisy values are. Exact
+positions are interpolated, since their lambda is negligible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array, diags_array
+
+from holdfast.spatial.scalar import Array
+
+DEGREE, ORDER = 7, 4  # of the spline; of the penalised derivative
+FEWEST_KNOTS = 24  # spans of a spline below which its knots are not thinned
+SMOOTHEST = 1e4  # lambda, in spans, above which every second knot is dropped: float64 would not resolve it
+LAMBDAS = np.arange(-10.0, 8.1)  # decimal logarithms that are tried first
+PERIODS = 2  # of the frequency at which the spline filters, after which its errors are independent
+STEPS = 1e-3  # largest deviation of positions from multiples of an encoder's step, in steps
+ROUNDING = 1e-9  # steps below this fraction of the range are rounding of the file
+EXACT = 1e-13  # noise below this fraction of the range is rounding of the numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """A smoothing spline through a column of samples.
+
+    Attributes:
+        values: (3, samples) the fit, its first and its second derivative.
+        noise: standard deviation of the samples; 0 if they are exact.
+        evaluations: sparse matrices (samples, K), from coefficients to the values and each derivative.
+        triangle: banded Cholesky factor of A.
+        memory: samples over which the errors of the fit depend on each other.
+    """
+
+    values: Array
+    noise: float
+    evaluations: list[csr_array]
+    triangle: Array
+    memory: int
+
+    def covariance(self, weights: Array) -> Array:
+        """Return B^T sigma^2 A^-1 B for combinations B, (K, k), of the coefficients."""
+        return self.noise**2 * weights.T @ cho_solve_banded((self.triangle, True), weights)
+
+
+def smoothing_spline(t: Array, y: Array) -> Spline:
+    """Return the smoothing spline through samples y at times t, (samples,) each. O(samples)."""
+    unit = float(t[-1] - t[0]) / (len(t) - 1)
+    times, size = (t - t[0]) / unit, float(np.ptp(y))
+    step = encoder_step(y)
+    stride = 1
+    while True:
+        fit = _Fit(times, (y - y.mean()) / (size or 1.0), stride, step / np.sqrt(12.0) / (size or 1.0))
+        if fit.smoothing < SMOOTHEST or len(t) / (2 * stride) < FEWEST_KNOTS:
+            break
+        stride *= 2
+    values = np.array([E @ fit.coefficients for E in fit.evaluations]) * size
+    values[0] += y.mean()
+    scales = [1.0, unit, unit**2]
+    evaluations = [csr_array(E / s) for E, s in zip(fit.evaluations, scales, strict=True)]
+    memory = int(np.ceil(PERIODS * 2.0 * np.pi * fit.smoothing ** (0.5 / ORDER) * stride))
+    noise = fit.noise if fit.noise > EXACT else 0.0
+    return Spline(values / np.array(scales)[:, None], noise * size, evaluations, fit.triangle, memory)
+
+
+class _Fit:
+    """The spline with the most likely smoothing, for samples of unit range and mean distance.
+
+    Attributes:
+        smoothing: lambda with lengths in spans of the spline.
+        noise: standard deviation of the samples.
+        coefficients: (K,) c.
+        evaluations: as those of `Spline`.
+        triangle: as that of `Spline`.
+    """
+
+    def __init__(self, t: Array, y: Array, stride: int, least_noise: float) -> None:
+        spans = max(len(t) - DEGREE, 1) if stride == 1 else max(len(t) // stride, 1)
+        inner = np.interp(np.linspace(0.0, len(t) - 1.0, spans + 1), np.arange(len(t)), t)
+        knots = np.concatenate([[t[0]] * DEGREE, inner, [t[-1]] * DEGREE])
+        width = (t[-1] - t[0]) / spans
+        self.evaluations = [evaluation(knots, t, k) for k in range(3)]
+        self._y, self._least = y, least_noise
+        Phi, self._bent = self.evaluations[0], csr_array(bending(knots) * width ** (ORDER - 0.5))
+        self._gram = banded(csr_array(Phi.T @ Phi), len(knots) - DEGREE - 1)
+        self._penalty = banded(csr_array(self._bent.T @ self._bent), len(knots) - DEGREE - 1)
+        self._right = Phi.T @ y
+        costs = [self._solved(x)[0] for x in LAMBDAS]
+        best = float(LAMBDAS[int(np.argmin(costs))])
+        bounds = (best - 1.0, best + 1.0)
+        found: Any = minimize_scalar(lambda x: self._solved(x)[0], bounds=bounds, method="bounded")
+        best = float(found.x) if found.fun < min(costs) else best
+        self.smoothing = 10.0**best
+        _, self.noise, self.coefficients, self.triangle = self._solved(best)
+
+    def _solved(self, exponent: float) -> tuple[float, float, Array, Array]:
+        """Return minus twice the restricted log likelihood, the noise, c and the factor of A, for a lambda."""
+        weight = 10.0**exponent
+        L = cholesky_banded(self._gram + weight * self._penalty, lower=True)
+        c = cho_solve_banded((L, True), self._right)
+        rest = self._y - self.evaluations[0] @ c
+        bent = self._bent @ c
+        total, count = float(rest @ rest) + weight * float(bent @ bent), len(rest) - ORDER
+        variance = max(total / count, self._least**2, 1e-32)
+        cost = count * np.log(variance) + total / variance + 2.0 * np.log(L[0]).sum()
+        return float(cost - (len(c) - ORDER) * np.log(weight)), float(np.sqrt(variance)), c, L
+
+
+def evaluation(knots: Array, t: Array, derivative: int) -> csr_array:
+    """Return the sparse matrix (len(t), K) from the coefficients of a spline to a derivative at times t."""
+    degree, change = DEGREE, None
+    for _ in range(derivative):
+        spans = knots[degree + 1 : -1] - knots[1 : -degree - 1]
+        shape: Any = (len(spans), len(spans) + 1)
+        one = diags_array(-degree / spans, offsets=0, shape=shape) + diags_array(degree / spans, offsets=1, shape=shape)
+        change = one if change is None else one @ change
+        knots, degree = knots[1:-1], degree - 1
+    values = BSpline.design_matrix(t, knots, degree)
+    return csr_array(values if change is None else values @ change)
+
+
+def bending(knots: Array) -> csr_array:
+    """Return a sparse root (.., K) of the integral of the squared fourth derivative, exact by Gauss points."""
+    points, weights = np.polynomial.legendre.leggauss(ORDER)
+    inner = knots[DEGREE:-DEGREE]
+    half = 0.5 * np.diff(inner)
+    t = (inner[:-1] + half)[:, None] + half[:, None] * points
+    return csr_array(diags_array(np.sqrt(half[:, None] * weights).ravel()) @ evaluation(knots, t.ravel(), ORDER))
+
+
+def banded(matrix: csr_array, size: int) -> Array:
+    """Return the lower bands (DEGREE + 1, size) of a symmetric banded matrix."""
+    found = np.zeros((DEGREE + 1, size))
+    for k in range(min(DEGREE + 1, size)):
+        found[k, : size - k] = matrix.diagonal(-k)
+    return found
+
+
+def encoder_step(y: Array) -> float:
+    """Return the step of which all samples are multiples, or 0.0 if there is none."""
+    levels = np.unique(y)
+    if len(levels) < 3:
+        return 0.0
+    step = float(np.diff(levels).min())
+    multiples = (levels - levels[0]) / step
+    whole = np.abs(multiples - multiples.round()).max() < STEPS
+    return step if whole and step > ROUNDING * (levels[-1] - levels[0]) else 0.0
