@@ -174,6 +174,8 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
         of.called("vjp", by=3, tau=np.ones(n))
     with pytest.raises(hf.StateError, match="tau: expected finite numbers, got an overflow"):
         of.called("jvp", along={"q": 1e308 * np.ones(n)})
+    with pytest.raises(hf.HoldfastError, match=r"inverse_dynamics\.jvp: expected along too"):
+        of.called("jvp")
     with pytest.raises(hf.StateError, match="tau"):
         of.called("vjp", tau=np.ones(n + 1))
     with pytest.raises(hf.StateError, match="expected shape"):

@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.compiled import CompiledChain
+from holdfast.compiled.structure import Options
 from holdfast.interop import jax_function, to_jax
+from holdfast.questions.question import QUESTIONS
 from tests.derivatives.chains import random_chain
+from tests.longer import mostly_slow
+from tests.questions.every import direct, inputs_of
 
 jax = pytest.importorskip("jax", reason="needs JAX: pip install 'holdfast[jax]'")
 jnp = pytest.importorskip("jax.numpy")
@@ -286,3 +291,24 @@ def test_refusals(problem, monkeypatch):
     monkeypatch.setitem(sys.modules, "jax", None)
     with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[jax\]'"):
         to_jax(fast)
+
+
+@pytest.mark.parametrize("name", mostly_slow(direct(), ["kinetic_energy", "link_poses"]))
+def test_every_question(name):
+    """The machine code's numbers under jit, of one system and of several; gradients are those of `vjp`."""
+    chain, question = random_chain(1).chain, QUESTIONS[name]
+    fast = getattr(CompiledChain(chain, Options(), None), name)
+    many = [inputs_of(chain, 3)[x] for x in question.inputs]
+    given, found = [x[0] for x in many], to_jax(fast)
+    one, several = jax.jit(found)(*given), jax.vmap(found)(*many)
+    assert set(one) == set(question.names_at(chain))
+    result = fast.results(None)
+    fast.calls(dict(zip(question.inputs, given, strict=True)), result)
+    for of, x in one.items():
+        assert np.array_equal(x, result.array(of)) and np.array_equal(several[of][0], x)
+    if question.arguments:
+        k = next(k for k, x in enumerate(question.inputs) if not x.endswith("_pose"))
+        slope = jax.grad(lambda *x: sum(jnp.sum(y) for y in found(*x).values()), argnums=k)(*given)
+        ones = {of: np.ones(x.shape) for of, x in one.items()}
+        expected = fast.vjp(*given, by=[question.inputs[k]], **ones)[question.inputs[k]]
+        assert np.allclose(slope, expected, rtol=1e-13, atol=1e-13 * np.abs(expected).max())

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.write_stubs import written
 
 import holdfast as hf
 from holdfast.codegen.functions import exported_names
@@ -141,7 +142,7 @@ def test_jax():
 
 
 def test_tables():
-    """The fuzz asks it, and so does the page of what is covered."""
+    """The fuzz asks it, and so does the page of what is covered; it is in the stub, the page of questions and help."""
     before = {*CALLS}
     chain_calls.of_question(NAME)
     added = {name: CALLS.pop(name) for name in {*CALLS} - before}
@@ -150,4 +151,6 @@ def test_tables():
     for name, call in added.items():
         assert ended(lambda call=call: call.make(**call.given())) == "answered", name
     assert {*every.FUNCTIONS} == {*every.differentiable()}
+    assert all(NAME in text for text in written().values())
+    assert "power of the drives" in getattr(compiled_derivatives.alone(chain_with("rigid grasps").chain), NAME).__doc__
     assert len(of_questions(chain_with("rigid grasps"))) == len(every.FUNCTIONS)

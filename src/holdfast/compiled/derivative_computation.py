@@ -61,7 +61,7 @@ class FunctionRequest(Request):
 
     def shapes(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shapes of results, and of gradients by arguments."""
-        of_results = {name: self.question.shape(chain, name) for name in self.question.names}
+        of_results = {name: self.question.shape(chain, name) for name in self.question.names_at(chain)}
         own = {name: ARRAYS[name].shape(chain) for name in self.question.own(chain)}
         return derivative_shapes(chain) | own | of_results
 
@@ -95,7 +95,7 @@ class FunctionRequest(Request):
             parts = [part.entries for of in self.results for part in question.parts_of(chain, of)]
             fixed[UNITS] = np.eye(max(map(size_of, parts), default=0))
         given = {f"{WITH}{name}": known[name] for name in self.given}
-        own = {name: known[name] for name in question.names}
+        own = {name: known[name] for name in question.names_at(chain)}
         found = own | {f"{FOUND}{name}": shape for name, shape in self.found(chain).items()}
         found |= question.feasibility(chain)
         arrays = arrays_of(question, structure, given, fixed, found)

@@ -88,7 +88,7 @@ class Differentiated:
     def jvp(
         self,
         *given: Any,
-        along: Mapping[str, Any],
+        along: Mapping[str, Any] | None = None,
         of: Sequence[str] | None = None,
         out: Any = None,
         threads: int = 1,
@@ -114,6 +114,7 @@ class Differentiated:
             SingularChainError: The configuration of a single system is singular.
         """
         checks.instance(along, Mapping, f"{self.name}.jvp: along", StateError)
+        assert along is not None
         return self.derived("jvp", self._names if of is None else of, tuple(along))._with(
             given, along, parameters, out, threads
         )

@@ -106,10 +106,8 @@ def to_jax(
     if step is not None or steps is not None or schedule:
         raise StateError("to_jax: expected neither step, steps nor schedule of forward dynamics")
     function = dynamics.forward_dynamics if isinstance(dynamics, CompiledChain) else dynamics
-    question = function.question
-    results = require_names(
-        "of", question.of or question.names if of is None else of, question.names_at(function.chain)
-    )
+    question, known = function.question, function.question.names_at(function.chain)
+    results = require_names("of", (question.of or known) if of is None else of, known)
     return JaxFunction(function, results, require_names("parameters", parameters, _known(function)), forward_mode)
 
 

@@ -115,23 +115,30 @@ def declare(
 def _attach(question: Question, function: Asked[..., Any], own: Callable[..., Mapping[str, ArrayLike]] | None) -> None:
     signature = inspect.signature(function)
 
-    def case(kind: str, given: tuple[Any, ...], by_name: Mapping[str, Any]) -> tuple[VariedCase, Any]:
-        called = bound_arguments(f"{question.name}.{kind}", signature, given, by_name)
+    along = inspect.Parameter("along", inspect.Parameter.KEYWORD_ONLY)
+    with_along = signature.replace(parameters=[*signature.parameters.values(), along])
+
+    def case(called: dict[str, Any]) -> tuple[VariedCase, Any]:
         with np.errstate(all="ignore"):
             result = function(**called)
         return _case(question, called, own), result
 
     def vjp(*given: Any, by: Sequence[str] = question.by, **more: Any) -> Derivatives:
         cotangents = {name: more.pop(name) for name in question.names if name in more}
-        return function_vjp(question, *case("vjp", given, more), by, cotangents)
+        called = bound_arguments(f"{question.name}.vjp", signature, given, more)
+        return function_vjp(question, *case(called), by, cotangents)
 
-    def jvp(*given: Any, along: Mapping[str, ArrayLike], **more: Any) -> Derivatives:
-        return function_jvp(question, *case("jvp", given, more), along)
+    def jvp(*given: Any, along: Mapping[str, ArrayLike] | None = None, **more: Any) -> Derivatives:
+        more |= {} if along is None else {"along": along}
+        called = bound_arguments(f"{question.name}.jvp", with_along, given, more)
+        directions = called.pop("along")
+        return function_jvp(question, *case(called), directions)
 
     def jacobian(
         *given: Any, of: Sequence[str] = question.names, by: Sequence[str] = question.by, **more: Any
     ) -> Derivatives:
-        return function_jacobian(question, *case("jacobian", given, more), of, by)
+        called = bound_arguments(f"{question.name}.jacobian", signature, given, more)
+        return function_jacobian(question, *case(called), of, by)
 
     for kind, derivative in {"vjp": vjp, "jvp": jvp, "jacobian": jacobian}.items():
         derivative.__module__, derivative.__name__ = function.__module__, kind
