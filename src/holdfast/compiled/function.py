@@ -122,9 +122,7 @@ class Function(Differentiated):
             [name in POSES for name in first],
             0 if self.has_status else 2 if question.unlimited else 1,
         )
-        holds = question.require is None or len(self.chain.grasps) == len(self.chain.arms)
-        self._plain = self.has_status or (holds and not question.feasibility(self.chain))
-        if not self._plain or (self.request is not None and question.unlimited):
+        if not self._plain:
             return builtin
         table = np.array(self.calls.row({}, own), dtype=np.int64)
         names = list(self.calls.layout.shapes)
@@ -134,6 +132,16 @@ class Function(Differentiated):
         else:
             builtin.answer(table, own.memory, own.memory.copy, self._of_copy)
         return builtin
+
+    @cached_property
+    def _plain(self) -> bool:
+        """Whether machine code can tell which calls it may answer: from inputs and results, number by number."""
+        question, chain = self.question, self.chain
+        admits_all = question.require is None or len(chain.grasps) == len(chain.arms)
+        mixed = (
+            self.request is not None and question.unlimited
+        )  # results that may be infinite, derivatives that may not
+        return self.has_status or (admits_all and not question.feasibility(chain) and not mixed)
 
     def _of_copy(self, memory: Array) -> Any:
         return self.shown(type(self._own)(self.chain, self.calls.layout, None, memory))
@@ -187,12 +195,8 @@ class Function(Differentiated):
         if batch is None and not self.has_status and (wrong := fault(inputs, self._largest)) is not None:
             raise wrong
         result = self._results_of(out, batch)
-        if (
-            out is not None
-            and batch is None
-            and len(found) == len(inputs)
-            and isinstance(out, Results | CompiledDerivatives)
-        ):
+        kept = self._plain and isinstance(out, Results | CompiledDerivatives)
+        if kept and batch is None and len(found) == len(inputs):
             self._builtin.expect(out, result.memory, self.calls.row(found, result)[len(found) :])
         if batch is not None:
             compile_batch(self.calls.kernel, self.chain, self.name, self.compiled.progress)
