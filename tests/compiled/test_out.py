@@ -194,3 +194,36 @@ def test_subclasses_without_a_mask(fast, given, tmp_path):
     for _ in range(2):
         fast.forward_dynamics(on_disk, *list(single.values())[1:], out=result)
         assert all_same_bits(outputs(result), outputs(expected))
+
+
+def test_what_a_question_does_not_admit_is_refused_every_time():
+    """Arms that hold nothing bear nothing, also where a call repeats its `out` and could run in machine code."""
+    fast = compiled("rows first")
+    chain = fast.chain
+    f = np.zeros((len(chain.arms), 6))
+    q, bar = np.zeros(chain.joint_count), np.ones(f.shape)
+    out = fast.wrist_wrenches.vjp(q, f, wrist_wrenches=bar)
+    assert fast.wrist_wrenches.vjp(q, f, wrist_wrenches=bar, out=out) is out
+    f[[name not in chain.grasps for name in chain.names]] = 1.0
+    for _ in range(2):
+        with pytest.raises(StateError, match="holds nothing"):
+            fast.wrist_wrenches.vjp(q, f, wrist_wrenches=bar, out=out)
+        with pytest.raises(StateError, match="holds nothing"):
+            fast.wrist_wrenches(q, f)
+
+
+@pytest.mark.parametrize("wrong", ["nan", "far", "quaternion"])
+def test_inputs_that_do_not_matter_are_checked_by_the_builtin(wrong):
+    """Numbers on which a result does not depend are refused in plain calls, as in all others."""
+    fast, (q, qd, tau, pose, twist) = compiled("two"), (numbers(chain_named("two"), 1)[name][0] for name in STATE)
+    assert np.isfinite(fast.kinetic_energy(q, qd, pose, twist)) and fast.joint_margins(q, qd, tau).effort.size
+    if wrong == "nan":
+        q = q * np.nan
+    elif wrong == "far":
+        q = np.full_like(q, 2e5)
+    else:
+        pose = 1.5 * pose
+    with pytest.raises(StateError):
+        fast.kinetic_energy(q, qd, pose, twist)
+    with pytest.raises(StateError):
+        fast.closure(q, qd, pose, twist)
