@@ -59,3 +59,24 @@ def test_a_body_without_extent():
     found = best_possible(x, 1e-6 * np.eye(11), 11, guess, np.ones(1))
     assert is_possible(found[:10])
     assert np.abs(found - x).max() < 1e-9
+
+
+@pytest.mark.parametrize("accuracy", [1e-2, 1e-4])
+def test_a_guess_that_is_far_off(accuracy):
+    """The fit of a body that is possible vanishes, from guesses ten times as heavy or light, wide or narrow."""
+    rng = np.random.default_rng(7)
+    for _ in range(60):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        a, b, c = rng.uniform(0.002, 0.02, 3)
+        com, mass = 0.2 * rng.normal(size=3), 10 ** rng.uniform(-0.5, 1.0)
+        truth = about_origin(mass, com, turn @ np.diag([b + c, a + c, a + b]) @ turn.T * mass).parameters
+        r, m = 10 ** rng.uniform(-1, 1, 3) * 0.01, mass * 10 ** rng.uniform(-1, 1)
+        guess = about_origin(m, np.zeros(3), m * np.diag([r[1] + r[2], r[0] + r[2], r[0] + r[1]])).parameters
+        told = int(rng.integers(4, 10))
+        axes = np.linalg.qr(rng.normal(size=(10, 10)))[0]
+        steps = np.r_[mass, [0.1 * mass] * 3, [0.01 * mass] * 6][:, None] * axes
+        steps[:, :told] *= accuracy
+        x = truth + steps[:, told:] @ rng.normal(size=10 - told)  # what is not told is anything
+        found = best_possible(x, steps, told, guess, np.zeros(0))
+        fit = np.linalg.solve(steps, found - x)[:told]
+        assert is_possible(found) and (fit**2).sum() < 1e-6

@@ -24,8 +24,8 @@ from holdfast.spatial.inertia import of_parameters
 from holdfast.spatial.scalar import Array
 
 LEAST_EPSILON = 1e-9  # of the distance from the guess, relative to squared standard deviations
-FALL = 0.1  # of epsilon from one problem to the next
-MOST_STEPS, MOST_HALVINGS = 60, 60
+FALL = 0.3  # of epsilon from one problem to the next; a tenth took ten times the steps for guesses that are far off
+MOST_STEPS, MOST_HALVINGS = 1000, 60
 RESOLVED = 1e-14  # least eigenvalue of a scaled Hessian; what is below is rounding
 CENTRED = 1e-10  # squared Newton decrement, in units of epsilon, at which the next problem follows
 
