@@ -26,8 +26,8 @@ CHAIN, STATE = two_pandas()
 N = CHAIN.joint_count
 PATH = RestToRest(STATE.object_frame, displacement=[0, 0, 0.2], turn=[0, 0.1, 0.3], begin=0.0, duration=1.5)
 LAWS = {
-    "gravity": GravityCompensation(CHAIN, squeeze=20.0, joint_damping=0.3),
-    "tracking": ObjectTracking(CHAIN, PATH.at, squeeze=15.0),
+    "gravity": GravityCompensation(CHAIN, internal_force=20.0, joint_damping=0.3),
+    "tracking": ObjectTracking(CHAIN, PATH.at, internal_force=15.0),
     "clipped": clipped(ObjectTracking(CHAIN, PATH.at), CHAIN),
 }
 REMEMBERING = ControlLaw(

@@ -125,7 +125,7 @@ def test_slips_events_and_limits():
     box = hf.HeldObject.box(3.0, 0.3, 0.2, 0.2)
     chain, state = hf.assemble(arms, box, grasps, object_pose=hf.Pose.translation(0, 0, 0.72))
     spring = hf.Spring(("world", (0, 0, -0.2)), ("object", (0, 0, -0.1)), 300.0, 0.62, 5.0)
-    hold = hf.holding_torques(chain, state, internal=30.0)
+    hold = hf.holding_torques(chain, state, internal_force=30.0)
 
     def pulled(t: float, now: hf.State, memory: Any) -> tuple[np.ndarray, Any]:
         return hold - np.r_[np.zeros(5), 40.0 * t, np.zeros(8)] - 10.0 * now.qd, memory

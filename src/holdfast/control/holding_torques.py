@@ -99,7 +99,12 @@ def _require_balance(chain: ClosedChain, left: float, size: float, idle: Array) 
 
 @np.errstate(all="ignore")  # what overflows is refused below
 def holding_torques(
-    chain: ClosedChain, state: State, acceleration: Any = None, internal: Any = 0.0, *, undriven: Iterable[str] = ()
+    chain: ClosedChain,
+    state: State,
+    acceleration: Any = None,
+    internal_force: Any = 0.0,
+    *,
+    undriven: Iterable[str] = (),
 ) -> Array:
     """Return the torques for an acceleration of the object and a chosen internal wrench, (n,) [N m or N].
 
@@ -114,8 +119,8 @@ def holding_torques(
         state: positions and velocities, which must satisfy the grasps.
         acceleration: (6,) [omega_dot; v_dot] of C, the true acceleration, world axes; None for zero, which keeps a
             chain at rest.
-        internal: a push of every arm along its contact normal into the object [N], or wrenches (arms, 6) of each arm on
-            the object about its contact, world axes. Only the transmissible internal part of either counts.
+        internal_force: a push of every arm along its contact normal into the object [N], or wrenches (arms, 6) of each
+            arm on the object about its contact, world axes. Only the transmissible internal part of either counts.
         undriven: joints "arm/joint" (without a name: "arm/joint1", counted from 1) whose torque
             shall be 0; the internal wrench then deviates from the chosen one as far as necessary.
 
@@ -126,7 +131,7 @@ def holding_torques(
     require_fit(chain, state)
     alpha = np.zeros(6) if acceleration is None else checks.numbers(acceleration, (6,), "acceleration", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
-    idle, wished = joint_places(chain, undriven), _wished(motion, internal)
+    idle, wished = joint_places(chain, undriven), _wished(motion, internal_force)
     if not len(idle) and not chain.floats:
         found = balanced(motion, state.qd, alpha, wished)
         checks.finite(np.array([*found.tau, found.left, found.size]), "holding torques")
@@ -160,15 +165,15 @@ def joint_places(chain: ClosedChain, names: Iterable[str]) -> Array:
     return np.array([places[name] for name in names], dtype=int)
 
 
-def _wished(motion: ChainMotion, internal: Any) -> Array:
+def _wished(motion: ChainMotion, internal_force: Any) -> Array:
     """Return the chosen wrenches as an array (arms, 6)."""
     chain = motion.chain
-    if not np.ndim(internal):
-        return pushes(motion, float(checks.numbers(internal, (), "internal", StateError)))
-    wished = checks.numbers(internal, (len(chain.arms), 6), "internal", StateError)
+    if not np.ndim(internal_force):
+        return pushes(motion, float(checks.numbers(internal_force, (), "internal_force", StateError)))
+    wished = checks.numbers(internal_force, (len(chain.arms), 6), "internal_force", StateError)
     for name, f in zip(chain.names, wished, strict=True):
         if name not in chain.grasps and f.any():
-            raise StateError(f"internal: arm '{name}' holds nothing, expected zeros, got {checks.place(f)}")
+            raise StateError(f"internal_force: arm '{name}' holds nothing, expected zeros, got {checks.place(f)}")
     return wished
 
 
