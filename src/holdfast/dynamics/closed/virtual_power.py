@@ -157,7 +157,7 @@ class ArmCase(NamedTuple):
         external = varied.get("link_wrench", external)
         V, U = link_twists(arm, at, qd, base_twist), link_twists(arm, at, y.qdd, y.base)
         found = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, z.qdd))
-        drives = varied.get("armature", arm.armature) * z.qdd + self.passive(q, qd, varied)
+        drives = varied.get("armature", arm.armature) * z.qdd + self.passive_torque(q, qd, varied)
         power = y.qdd @ (drives - tau)
         for k, (link, v, u, (a, K)) in enumerate(zip(arm.links, V, U, found, strict=True)):
             wrench = varied_inertia(link, k, varied).wrench(a, v[:3], K)
@@ -189,7 +189,7 @@ class ArmCase(NamedTuple):
             together = together + c.HT @ y.contact_acceleration
         return power + y.wrench @ apart + together @ z.wrench
 
-    def passive(self, q: Array, qd: Array, varied: Numbers) -> Array:
+    def passive_torque(self, q: Array, qd: Array, varied: Numbers) -> Array:
         """Return the torques of dampers and springs, which are subtracted from the joint torques, (N,)."""
         arm = self.given.arm
         return varied.get("damping", arm.damping) * qd + arm.stiffness * (q - arm.rest)

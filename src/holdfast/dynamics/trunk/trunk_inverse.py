@@ -73,7 +73,7 @@ def trunk_torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None 
 def drive_torques_and_base(arm: ArmMotion, qdd: Array, f: Array, base: Array | None) -> tuple[Array, Array]:
     """Return an arm's drive torques, (N,), and the wrench of its base on it, (6,); arguments as in `newton_euler`."""
     T, wrench = newton_euler(arm, qdd, f, base)
-    return T + arm.passive, wrench
+    return T + arm.passive_torque, wrench
 
 
 def needs_drive(base: Array, largest: Array) -> Array:
