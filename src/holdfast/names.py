@@ -14,7 +14,12 @@ import lazy_loader
 from holdfast.errors import CallError, UnknownName
 
 MOST_NAMED = 40  # names in a message that lists what is known
-RENAMED = {"squeeze": "internal_force", "squeeze_span": "internal_force_span", "internal": "internal_force"}
+RENAMED = {
+    "squeeze": "internal_force",
+    "squeeze_span": "internal_force_span",
+    "internal": "internal_force",
+    "undriven": "passive",
+}
 Kind = TypeVar("Kind", bound=type)
 Called = TypeVar("Called", bound=Callable[..., Any])
 

@@ -95,21 +95,21 @@ def test_short_legs_and_fingers():
     assert isinstance(chain.grasps["finger1"].contact, Friction)
 
 
-def test_undriven_joints():
+def test_passive_joints():
     """A platform moves by its six drives alone; then there is nothing left to choose inside it."""
     chain = ClosedChain(*stewart_platform())
     state = moving(chain, LEVEL)
     for internal_force in (0.0, 100.0):
-        tau = holding_torques(chain, state, ACCELERATION, internal_force, undriven=TILTS)
+        tau = holding_torques(chain, state, ACCELERATION, internal_force, passive=TILTS)
         assert not tau.reshape(6, 3)[:, :2].any()
         assert forward_dynamics(chain, state, tau).object_acceleration == pytest.approx(ACCELERATION, abs=LAW)
-    assert tau == pytest.approx(holding_torques(chain, state, ACCELERATION, undriven=TILTS), abs=1e-8)
+    assert tau == pytest.approx(holding_torques(chain, state, ACCELERATION, passive=TILTS), abs=1e-8)
 
 
 def test_platform_weighs_what_it_weighs():
     """At rest and level, six equal drives push up the platform and their share of the legs."""
     chain = ClosedChain(*stewart_platform(payload=20.0))
-    drives = holding_torques(chain, LEVEL, undriven=TILTS).reshape(6, 3)[:, 2]
+    drives = holding_torques(chain, LEVEL, passive=TILTS).reshape(6, 3)[:, 2]
     assert drives == pytest.approx(np.full(6, drives[0]), abs=1e-9)
     assert drives[0] > 20.0 * 9.81 / 6
 
@@ -120,11 +120,11 @@ def test_platform_weighs_what_it_weighs():
         ({"acceleration": np.zeros(5)}, "acceleration: expected shape"),
         ({"internal_force": np.zeros((3, 6))}, "internal_force: expected shape"),
         ({"internal_force": "firm"}, "internal_force: expected a number"),
-        ({"undriven": ["left/joint9"]}, "undriven: no joint 'left/joint9'. Did you mean"),
-        ({"undriven": [f"left/joint{k}" for k in range(1, 7)]}, None),
+        ({"passive": ["left/joint9"]}, "passive: no joint 'left/joint9'. Did you mean"),
+        ({"passive": [f"left/joint{k}" for k in range(1, 7)]}, None),
         (
-            {"undriven": [f"{arm}/joint{k}" for arm in ("left", "right") for k in range(1, 8)]},
-            "cannot bear this load with 14 joints undriven",
+            {"passive": [f"{arm}/joint{k}" for arm in ("left", "right") for k in range(1, 8)]},
+            "cannot bear this load with 14 passive joints",
         ),
     ],
 )

@@ -44,12 +44,12 @@ def test_a_floating_base_falls():
         GravityCompensation(p.chain)
 
 
-def test_undriven_trunk_joints():
+def test_passive_trunk_joints():
     """A trunk's joint may be left without a drive, if arms in the world can bear it."""
     p = at_rest(3, False)
     name = p.chain.joint_names()[1]
     assert name.startswith("trunk/")
-    tau = hf.holding_torques(p.chain, p.state, undriven=[name])
+    tau = hf.holding_torques(p.chain, p.state, passive=[name])
     assert tau[1] == 0.0
     assert np.abs(hf.forward_dynamics(p.chain, p.state, tau).qdd).max() < 1e-9
 

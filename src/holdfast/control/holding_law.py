@@ -25,7 +25,7 @@ def holding_law(chain: ClosedChain, *, each_arm: bool = False) -> ControlLaw:
 
     `compile_law(holding_law(chain), chain)` compiles it, for one system, with bound arrays, or for a batch. If
     `holding_torques` would raise an error, so does a call for one system; in batches, bound calls and rollouts, the
-    torques are NaN. All joints must be driven; for `undriven` joints use `holding_torques` itself.
+    torques are NaN. All joints must be driven; for passive joints use `holding_torques` itself.
 
     Args:
         chain: arms, object and grasps.

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from holdfast.dynamics.trunk.trunk_inverse import needs_drive, require_undriven
+from holdfast.dynamics.trunk.trunk_inverse import needs_drive, require_no_base_wrench
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -60,7 +60,7 @@ def require_possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -
                 " try zeros, which stand for that"
             )
     if chain.floats:
-        require_undriven(found["trunk_base_wrench"], found["largest_wrench"])
+        require_no_base_wrench(found["trunk_base_wrench"], found["largest_wrench"])
 
 
 def possible(chain: ClosedChain, given: Mapping[str, Array], found: Mapping[str, Array]) -> dict[str, Array]:
