@@ -18,7 +18,7 @@ from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.minimum_norm_forces import MinimumNormForces, minimum_norm_forces
 from holdfast.dynamics.result import ForwardResult, Status
-from holdfast.dynamics.spring_rates import pushed, pushed_along, spring_rates, with_pulled
+from holdfast.dynamics.spring_rates import pushforward, pushforward_along, spring_rates, with_pullback
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -87,7 +87,7 @@ def forward_dynamics_vjp(
     also: tuple[VirtualPower, ...] = ()
     if least is not None:
         checked, also = least.backward(at, checked)
-    found = with_pulled(springs, by, lambda names: backward(at, checked, names, also))
+    found = with_pullback(springs, by, lambda names: backward(at, checked, names, also))
     shapes = gradient_shapes(chain)
     return _finite(result, {name: found[name].reshape(shapes[name]) for name in by})
 
@@ -206,10 +206,10 @@ def _along(
     least: MinimumNormForces | None,
 ) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
     """Return the rates of change of all results as a function of those of the arguments."""
-    along = pushed_along(at, springs, shapes)
+    along = pushforward_along(at, springs, shapes)
     if least is None:
         return along
-    return lambda tangents: least.forward(at, along(tangents), pushed(springs, tangents))
+    return lambda tangents: least.forward(at, along(tangents), pushforward(springs, tangents))
 
 
 def _point(
