@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
-from holdfast.dynamics.closed.bushing_wrenches import Stretched, bushing_energy, bushings
-from holdfast.dynamics.closed.spring_wrenches import Stretch, stretches
+from holdfast.dynamics.closed.bushing_wrenches import Deflection, bushing_energy, bushings
+from holdfast.dynamics.closed.spring_wrenches import Elongation, elongations
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.trunk.trunk_motion import Standing, standing
 from holdfast.errors import StateError
@@ -183,7 +183,7 @@ def rotor_energy(chain: ClosedChain, state: State) -> Scalar:
 
 def spring_energy(chain: ClosedChain, state: State) -> Scalar:
     """Return the elastic energy of the springs between bodies [J]."""
-    return sum(map(Stretch.energy, stretches(chain, state, Inputs().shaped(chain)), chain.springs))
+    return sum(map(Elongation.energy, elongations(chain, state, Inputs().shaped(chain)), chain.springs))
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -308,8 +308,8 @@ def power_of(
     damping = concatenate(arm.damping for arm in chain.arms.values())
     if chain.trunk is not None:
         damping = concatenate([[joint.damping for joint in chain.trunk.joints], damping])
-    lost = sum(map(Stretch.loss, stretches(chain, state, inputs), chain.springs))
-    lost = lost + sum(map(Stretched.loss, bushings(chain, state, inputs)))
+    lost = sum(map(Elongation.loss, elongations(chain, state, inputs), chain.springs))
+    lost = lost + sum(map(Deflection.loss, bushings(chain, state, inputs)))
     external, base = inputs.object_wrench @ state.object_twist, base_wrench.ravel() @ inputs.base_twists.ravel()
     moving = [] if inputs.link_wrenches is None else [*inputs.link_wrenches]
     if inputs.trunk_link_wrenches is not None:

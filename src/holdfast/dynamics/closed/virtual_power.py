@@ -26,7 +26,7 @@ from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
-from holdfast.dynamics.closed.bushing_wrenches import stretched
+from holdfast.dynamics.closed.bushing_wrenches import deflection
 from holdfast.dynamics.closed.contact import contact
 from holdfast.dynamics.trunk.trunk_power import Numbers, varied_inertia
 from holdfast.model.arm import Arm
@@ -183,7 +183,7 @@ class ArmCase(NamedTuple):
         together = tip.virtual - shift_twist(c.offset, y.object_acceleration)
         power = 0.0
         if grasp.of_kind.bushing is not None:
-            power = (together + y.known) @ stretched(c).wrench()
+            power = (together + y.known) @ deflection(c).wrench()
         if grasp.free:
             apart = apart + c.HT @ z.contact_acceleration
             together = together + c.HT @ y.contact_acceleration
