@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.control.balanced_torques import POSSIBLE, balanced, pushes
+from holdfast.control.balanced_torques import FEASIBLE, balanced, pushes
 from holdfast.control.controller import ControlLaw
 from holdfast.control.holding_torques import holding_torques
 from holdfast.dynamics.closed.chain_motion import chain_motion
@@ -65,7 +65,7 @@ class HoldingTorques(Frozen):
         motion = chain_motion(self.chain, state, np.zeros(self.chain.joint_count), Inputs().shaped(self.chain))
         wished = internal_force if np.ndim(internal_force) else pushes(motion, internal_force[()])
         found = balanced(motion, state.qd, acceleration, wished)
-        good = where(less(POSSIBLE * found.size, found.left), 0.0, 1.0)
+        good = where(less(FEASIBLE * found.size, found.left), 0.0, 1.0)
         for gap, size in found.missed:
-            good = where(less(POSSIBLE * size, gap), 0.0, good)
+            good = where(less(FEASIBLE * size, gap), 0.0, good)
         return found.tau / good * good, memory  # 0 / 0 gives NaN if the torques are invalid

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.control.balanced_torques import POSSIBLE, Missed, balanced, missed_accelerations, pushes
+from holdfast.control.balanced_torques import FEASIBLE, Missed, balanced, missed_accelerations, pushes
 from holdfast.control.computed_torque import joint_accelerations
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
@@ -84,7 +84,7 @@ def balancing_wrenches(
 
 def _require_balance(chain: ClosedChain, left: float, size: float, idle: Array) -> None:
     """Refuse a load that no transmissible wrenches can balance; the message gives the residual [N]."""
-    if left <= POSSIBLE * size:
+    if left <= FEASIBLE * size:
         return
     if not chain.grasps:
         raise StateError("holding_torques: no arm holds the object, so nothing carries it; try a chain with grasps")
@@ -182,7 +182,7 @@ def _require_followed(motion: ChainMotion, missed: list[Missed], alpha: Array) -
     short = [
         f"arm '{name}' misses {gap:.3g} (m/s^2 or rad/s^2)"
         for name, (gap, size) in zip(motion.chain.grasps, missed, strict=True)
-        if gap > POSSIBLE * size
+        if gap > FEASIBLE * size
     ]
     if short:
         raise StateError(
