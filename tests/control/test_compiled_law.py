@@ -132,7 +132,7 @@ def test_batches_and_bound_calls_have_the_bits_of_single_ones():
 
 
 def test_where_it_does_not_apply():
-    """Refused by name; in a batch a faulty system alone has no torques; large angles are the law's own text's."""
+    """Refused by name; in a batch an invalid system alone has no torques; large angles are the law's own text's."""
     with pytest.raises(MethodNotApplicable, match="expected a ControlLaw or a built-in controller, got function"):
         compile_law(lambda t, x, m: (np.zeros(N), m), CHAIN)
     with pytest.raises(ModelError, match="chain: expected the ClosedChain whose joints the law drives, got none"):
