@@ -18,7 +18,7 @@ import numpy as np
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.contact import Contact, contact
-from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -111,7 +111,7 @@ def bushings(chain: ClosedChain, state: State, inputs: Inputs) -> list[Deflectio
     """
     if not chain.bushings:
         return []
-    at, frame, twist = standing(chain, state, inputs), state.object_frame, state.object_twist
+    at, frame, twist = base_kinematics(chain, state, inputs), state.object_frame, state.object_twist
 
     def of_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, grasp: Grasp) -> Deflection:
         at = forward_kinematics(arm, q)

@@ -13,7 +13,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
-from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
@@ -118,7 +118,7 @@ def elongations(chain: ClosedChain, state: State, inputs: Inputs) -> list[Elonga
     """
     if not chain.springs:
         return []
-    at, ends = standing(chain, state, inputs), [end for spring in chain.springs for end in spring.ends]
+    at, ends = base_kinematics(chain, state, inputs), [end for spring in chain.springs for end in spring.ends]
     on_arm = {name: tuple([end for end in ends if end.on_arm and end.body == name]) for name in chain.arms}
     names = [name for name, attached in on_arm.items() if attached]
     found = each_of(names, ends_on_arm, at.arms, at.q, at.qd, at.base_twists, on_arm)
