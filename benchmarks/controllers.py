@@ -56,10 +56,13 @@ def main() -> None:
     grasps = {name: hf.Grasp("rigid", hf.contact_frame(at, into=into)) for name, (at, into) in places.items()}
     box = hf.HeldObject.box(mass=3.0, x=0.3, y=0.2, z=0.2)
     chain, state = hf.assemble(arms, box, grasps, object_pose=hf.Pose.translation(0, 0, 0.72))
-    hold, limits = hf.holding_torques(chain, state, internal=20.0), [joint.effort_limit for joint in chain.all_joints]
+    hold, limits = (
+        hf.holding_torques(chain, state, internal_force=20.0),
+        [joint.effort_limit for joint in chain.all_joints],
+    )
     gains = np.minimum(200.0, 2.0 * np.array(limits))
     path = RestToRest(state.object_frame, displacement=[0, 0, 0.2], turn=[0, 0, 0.3], begin=0.0, duration=1.5)
-    track = ObjectTracking(chain, path.at, squeeze=20.0)
+    track = ObjectTracking(chain, path.at, internal_force=20.0)
 
     def saturated(t: float, now: hf.State, memory: Any) -> Any:
         return np.clip(hold - gains * (now.q - state.q) - 0.02 * gains * now.qd, limits_low, limits), memory
@@ -101,7 +104,7 @@ def laws_of_arrays(chain: hf.ClosedChain, state: hf.State, track: ObjectTracking
         (
             "holding_torques",
             holding_law(chain),
-            {"acceleration": upward, "internal": 20.0},
+            {"acceleration": upward, "internal_force": 20.0},
             lambda: hf.holding_torques(chain, state, upward, 20.0),
         ),
     ):

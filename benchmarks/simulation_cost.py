@@ -47,7 +47,7 @@ def microseconds(run: Callable[[], Any], steps: int) -> float:
 def costs() -> Iterator[tuple[str, float]]:
     """Yield what is run, and the processor time of a step [us]."""
     rigid, state = held("rigid")
-    hold = hf.holding_torques(rigid, state, internal=40.0)
+    hold = hf.holding_torques(rigid, state, internal_force=40.0)
 
     def springs(t: Any, now: Any, memory: Any) -> tuple[Any, Any]:
         return hold + 200.0 * (state.q - now.q) - 0.5 * now.qd, memory

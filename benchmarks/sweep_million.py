@@ -40,7 +40,7 @@ def problem() -> tuple[hf.ClosedChain, hf.ControlLaw, hf.State, dict[str, Any]]:
     grasps = {"left": hf.Grasp("rigid", left), "right": hf.Grasp("rigid", right)}
     box = hf.HeldObject.box(3.0, 0.3, 0.2, 0.2)
     chain, state = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.72])
-    hold = hf.holding_torques(chain, state, internal=40.0)
+    hold = hf.holding_torques(chain, state, internal_force=40.0)
 
     def stay(t: Any, now: hf.State, memory: Any, given: Any) -> tuple[Any, Any]:
         return hold - 200.0 * (now.q - state.q) - 20.0 * now.qd, memory

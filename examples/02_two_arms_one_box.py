@@ -34,7 +34,7 @@ def main(out: Path = OUT) -> dict[str, float]:
 
     # Up by 0.25 m, to the right by 0.1 m, and tilted by 0.3 rad, within 1 s.
     path = RestToRest(state.object_frame, displacement=[0.1, 0, 0.25], turn=[0, 0.3, 0], duration=1.0)
-    run = hf.simulate(chain, state, ObjectTracking(chain, path, squeeze=20.0), duration=1.0, step=0.02)
+    run = hf.simulate(chain, state, ObjectTracking(chain, path, internal_force=20.0), duration=1.0, step=0.02)
 
     goal = path.at(1.0).pose
     miss = float(np.linalg.norm(run.object_pose[-1, 4:] - goal.p))

@@ -14,7 +14,7 @@ from holdfast.view.figure_style import DPI
 from holdfast.view.plots import grasp_wrench_figure
 
 OUT = Path(__file__).parent / "out"
-SQUEEZE = 30.0  # N
+INTERNAL_FORCE = 30.0  # N
 
 
 def main(out: Path = OUT) -> dict[str, float]:
@@ -27,7 +27,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     }
     chain, state = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.6])
     path = RestToRest(state.object_frame, displacement=[0, 0, 0.2], turn=[0.5, 0, 0], begin=0.1, duration=0.8)
-    run = hf.simulate(chain, state, ObjectTracking(chain, path, squeeze=SQUEEZE), duration=1.0, step=0.01)
+    run = hf.simulate(chain, state, ObjectTracking(chain, path, internal_force=INTERNAL_FORCE), duration=1.0, step=0.01)
 
     # A wrench is [moment; force] of the arm on the box about its contact, world axes.
     force = run.grasp_wrench[..., 3:]  # (samples, arms, 3)
@@ -48,7 +48,7 @@ def main(out: Path = OUT) -> dict[str, float]:
         "weight": float(-box.mass * chain.gravity[2]),
         "left_up": float(force[0, 0, 2]),
         "right_up": float(force[0, 1, 2]),
-        "squeeze": float(internal[0, 0, 0]),
+        "internal_force": float(internal[0, 0, 0]),
         "internal_sum": float(np.abs(internal.sum(axis=1)).max()),
         "largest": float(np.linalg.norm(force, axis=2).max()),
         "newton_error": error,

@@ -26,8 +26,8 @@ def main(out: Path = OUT) -> dict[str, float]:
     hand = three_finger_hand(mass=0.15, radius=0.035)
     chain, state = hf.assemble(*hand)
 
-    # Torques for a firm and a weak squeeze, joined by a straight line in time.
-    firm, weak = (hf.holding_torques(chain, state, internal=squeeze) for squeeze in (FIRM, WEAK))
+    # Torques for a large and a small internal force, joined by a straight line in time.
+    firm, weak = (hf.holding_torques(chain, state, internal_force=force) for force in (FIRM, WEAK))
     loosening = TorqueSchedule.linear([0.0, DURATION], [firm, weak])
     margin = hf.forces.grasp_margins(chain, state, hf.forward_dynamics(chain, state, firm).grasp_wrench)
 

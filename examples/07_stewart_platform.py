@@ -30,7 +30,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     for angle in [0.5 * angles[0], *angles]:  # half way first
         pose = [np.cos(angle / 2), 0, np.sin(angle / 2), 0, *level.object_pose[4:]]
         state = hf.close(chain, hf.State(state.q, state.qd, pose), hold_object=True)
-        tau = hf.holding_torques(chain, state, undriven=passive)
+        tau = hf.holding_torques(chain, state, passive=passive)
         result = hf.forward_dynamics(chain, state, tau)
         forces.append(tau[drives])
         loads.append(result.grasp_wrench[:, 3:].sum(axis=0))

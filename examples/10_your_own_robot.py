@@ -59,7 +59,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     }
     assembly = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.5])
     chain, state = assembly
-    tau = hf.holding_torques(chain, state, internal=15.0)
+    tau = hf.holding_torques(chain, state, internal_force=15.0)
     result = hf.forward_dynamics(chain, state, tau)
     use = tau / [joint.effort_limit for arm in chain.arms.values() for joint in arm.joints]
     draw(out, chain, use)
@@ -71,7 +71,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     return {
         "mass": sum(link.mass for link in arms["left"].links),
         "left_up": float(result["left"].grasp_wrench[5]),
-        "squeeze": float(result["left"].grasp_wrench[3]),
+        "internal_force": float(result["left"].grasp_wrench[3]),
         "acceleration": float(np.abs(np.r_[result.qdd, result.object_acceleration]).max()),
         "force_error": float(np.abs(result.grasp_wrench[:, 3:].sum(axis=0) + box.mass * chain.gravity).max()),
         "base_load": float(result.base_wrench[:, 5].sum()),

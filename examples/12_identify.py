@@ -47,7 +47,7 @@ def swing(chain: hf.ClosedChain, state: hf.State, turn: float, shift: float) -> 
         pose = hf.Pose.unchecked(rotation.exp(off[:3]) @ start.R, start.p + off[3:])
         return Target(pose, grown * size * v, grown * size * a)
 
-    run = hf.simulate(chain, state, ObjectTracking(chain, path, squeeze=20.0), DURATION, STEP)
+    run = hf.simulate(chain, state, ObjectTracking(chain, path, internal_force=20.0), DURATION, STEP)
     return Recording.of_run(run)
 
 

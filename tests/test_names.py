@@ -19,6 +19,8 @@ def test_nearest_name():
     """In any case of letters, or all names where none is near."""
     assert did_you_mean("Gian", ["gain", "mass"]) == " Did you mean 'gain'?"
     assert did_you_mean("xyz", ["gain", "mass"]) == " Known: gain, mass."
+    assert did_you_mean("squeeze", ["size", "internal_force"]) == " Did you mean 'internal_force'?"  # renamed
+    assert did_you_mean("squeeze", ["gain"]) == " Known: gain."
 
 
 @pytest.mark.parametrize("room", [*(theme for theme in THEMES if theme != "plot"), "view", ""])
@@ -73,6 +75,14 @@ WRONG = {
     "of a state": (lambda: hf.State(fixed().state.q), "State: expected qd, object_pose too"),
     "of a law": (lambda: hf.ControlLaw(lambda *x: x, parameter={}), "Did you mean 'parameters'?"),
     "of a law's call": (lambda: hf.ControlLaw(lambda *x: x)(0.0), "ControlLaw: expected state, memory too"),
+    "of a law's renamed gain": (
+        lambda: hf.control.GravityCompensation(fixed().chain, squeeze=1.0),
+        "GravityCompensation: no argument 'squeeze'. Did you mean 'internal_force'?",
+    ),
+    "renamed": (
+        lambda: hf.holding_torques(fixed().chain, fixed().state, internal=1.0),
+        "holding_torques: no argument 'internal'. Did you mean 'internal_force'?",
+    ),
     "of a regulator": (lambda: hf.linearise(fixed().chain, fixed().state), "linearise: expected tau too"),
     "of a built-in arm": (lambda: hf.robots.panda(bas=1), "panda: no argument 'bas'. Did you mean 'base'?"),
     "of a task": (lambda: hf.gym.CarryTask(fixed().chain, pth=1), "CarryTask: no argument 'pth'. Did you mean 'path'?"),

@@ -68,13 +68,13 @@ chain, state = hf.assemble({"left": left, "right": right}, box, grasps, object_p
 PROGRAMS = {
     "two URDFs to CSV, Parquet, MCAP, a folder and a page with meshes": ASSEMBLED
     + """
-run = hf.simulate(chain, state, hf.control.GravityCompensation(chain, squeeze=20.0), duration=0.02, step=0.01)
+run = hf.simulate(chain, state, hf.control.GravityCompensation(chain, internal_force=20.0), duration=0.02, step=0.01)
 files = run.to_csv("run.csv"), run.to_parquet("run.parquet"), run.to_mcap("run.mcap")
 run.save("run")
 run.page("run.html")
 """,
     "a sampled controller that saturates": """
-gravity = hf.control.GravityCompensation(chain, squeeze=20.0)
+gravity = hf.control.GravityCompensation(chain, internal_force=20.0)
 most = np.array([0.2 * joint.effort_limit for joint in chain.all_joints])
 def saturated(t, state, memory):
     tau, memory = gravity(t, state, memory)
@@ -82,7 +82,7 @@ def saturated(t, state, memory):
 run = hf.simulate(chain, state, saturated, duration=0.04, step=0.002, sample_time=0.01, delay=0.003)
 """,
     "a thousand randomised rollouts to a histogram": """
-tau = hf.holding_torques(chain, state, internal=20.0)
+tau = hf.holding_torques(chain, state, internal_force=20.0)
 masses = np.random.default_rng(0).uniform(2.0, 4.0, 1000)
 rollout = hf.compile_rollout(chain)
 each = {"tau": tau, "object_mass": masses, "object_inertia": "scale"}
@@ -190,7 +190,7 @@ def test_two_robots_go_everywhere(place, names):
 
 @pytest.mark.slow
 def test_forces_at_each_hand(names):
-    """Each hand has half the weight and all of the squeeze; each base has its own arm and half the box."""
+    """Each hand has half the weight and all of the internal force; each base has its own arm and half the box."""
     result = hf.forward_dynamics(names["chain"], names["state"], names["tau"])
     for name, side, heavier in (("left", 1, 1.0), ("right", -1, 1.2)):
         assert result[name].grasp_wrench[3:] == pytest.approx([20.0 * side, 0, 3.0 * 9.81 / 2], abs=1e-9)

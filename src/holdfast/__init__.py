@@ -1,4 +1,4 @@
-"""holdfast: exact dynamics for robot arms that hold one object together.
+"""holdfast: exact dynamics of several robot arms that jointly grasp one object.
 
 The names at the top are the model, its state, what acts on it, and the verbs of the README; the rest is found by theme:
 `dynamics`, `forces`, `control`, `simulation`, `compiled`, `assembly`, `robots`, `identification`, `io`, `interop`,

@@ -1,4 +1,4 @@
-"""holdfast: exact dynamics for robot arms that hold one object together."""
+"""holdfast: exact dynamics of several robot arms that jointly grasp one object."""
 
 from . import assembly as assembly
 from . import codegen as codegen

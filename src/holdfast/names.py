@@ -14,6 +14,12 @@ import lazy_loader
 from holdfast.errors import CallError, UnknownName
 
 MOST_NAMED = 40  # names in a message that lists what is known
+RENAMED = {
+    "squeeze": "internal_force",
+    "squeeze_span": "internal_force_span",
+    "internal": "internal_force",
+    "undriven": "passive",
+}
 Kind = TypeVar("Kind", bound=type)
 Called = TypeVar("Called", bound=Callable[..., Any])
 
@@ -21,6 +27,8 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ' Did you mean ...?' with the closest known name in any case, or a list of the known names."""
     known = list(known)
+    if (renamed := RENAMED.get(str(name))) in known:
+        return f" Did you mean '{renamed}'?"
     cases = {each.lower(): each for each in reversed(known)}
     near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
     near = near or [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.8)]

@@ -14,7 +14,7 @@ from holdfast.simulation.stepper import SubdividingStepper
 from tests.oracles import sundials
 from tests.oracles.planar_linkage import Motion
 from tests.simulation.problems import PROBLEMS
-from tests.simulation.runs import adaptive, differences, fixed, kept, numbers, stepper_of
+from tests.simulation.runs import adaptive, balances_of, differences, fixed, numbers, stepper_of
 from tests.systems.as_case import as_case
 from tests.systems.five_bar import FiveBar, five_bar_chain, five_bar_state
 
@@ -47,20 +47,20 @@ def test_two_pandas_fall(scheme_name, step, drift, parts):
     """
     stepper, now = stepper_of(*PROBLEMS["pandas"](), scheme(scheme_name), make=MAKE)
     stepper = SubdividingStepper(stepper, 1e-10) if parts else stepper
-    books = kept(fixed(stepper, now, times(2.0, step)))
-    print(f"\n{scheme_name} at {step:g} s{', parted' if parts else ''}, for 2 s: {books}", end="")
-    assert books.peak_rate > 40
-    assert books.position <= 1e-12
-    assert books.velocity <= 1e-11
-    assert books.drift <= drift * books.peak_kinetic
+    balances = balances_of(fixed(stepper, now, times(2.0, step)))
+    print(f"\n{scheme_name} at {step:g} s{', parted' if parts else ''}, for 2 s: {balances}", end="")
+    assert balances.peak_rate > 40
+    assert balances.position <= 1e-12
+    assert balances.velocity <= 1e-11
+    assert balances.drift <= drift * balances.peak_kinetic
 
 
 def test_order_of_the_fall():
     """Halving RK4's step divides the error of the whole state after 0.4 s by 2^3.8 or more."""
     chain, state = PROBLEMS["pandas"]()
-    exact = kept(adaptive(*stepper_of(chain, state, scheme("dop853"), 1e-12, MAKE), 0.4)).end
+    exact = balances_of(adaptive(*stepper_of(chain, state, scheme("dop853"), 1e-12, MAKE), 0.4)).end
     steps = (4e-3, 2e-3, 1e-3)
-    ends = [kept(fixed(*stepper_of(chain, state, make=MAKE), times(0.4, h))).end for h in steps]
+    ends = [balances_of(fixed(*stepper_of(chain, state, make=MAKE), times(0.4, h))).end for h in steps]
     errors = np.array([np.abs(end - exact).max() for end in ends])
     orders = np.log2(errors[:-1] / errors[1:])
     print(f"\nerrors {errors} at {steps} s, orders {orders}", end="")
@@ -70,22 +70,22 @@ def test_order_of_the_fall():
 def test_adaptive_fall():
     """At rtol 1e-12 the same fall keeps its energy to 1e-10 of the peak kinetic energy, closed all the while."""
     stepper, now = stepper_of(*PROBLEMS["pandas"](), scheme("dop853"), 1e-12, MAKE)
-    books = kept(adaptive(stepper, now, 2.0))
-    print(f"\nrtol 1e-12 for 2 s: {books}", end="")
-    assert books.peak_rate > 40
-    assert books.position <= 1e-12
-    assert books.velocity <= 1e-11
-    assert books.drift <= 1e-10 * books.peak_kinetic
+    balances = balances_of(adaptive(stepper, now, 2.0))
+    print(f"\nrtol 1e-12 for 2 s: {balances}", end="")
+    assert balances.peak_rate > 40
+    assert balances.position <= 1e-12
+    assert balances.velocity <= 1e-11
+    assert balances.drift <= 1e-10 * balances.peak_kinetic
 
 
 @pytest.mark.parametrize("problem", [problem for problem in PROBLEMS if problem != "pandas"])
 def test_every_grasp(problem):
     """Hinges, balls, soft fingers, mixtures, a Stewart platform, a parallelogram: closed to 1e-12 and 1e-11."""
-    books = kept(fixed(*stepper_of(*PROBLEMS[problem](), make=MAKE), times(0.5, 1e-3)))
-    print(f"\n{problem}, 1 ms for 0.5 s: {books}", end="")
-    assert books.position <= 1e-12
-    assert books.velocity <= 1e-11
-    assert books.drift <= 1e-7 * books.peak_kinetic
+    balances = balances_of(fixed(*stepper_of(*PROBLEMS[problem](), make=MAKE), times(0.5, 1e-3)))
+    print(f"\n{problem}, 1 ms for 0.5 s: {balances}", end="")
+    assert balances.position <= 1e-12
+    assert balances.velocity <= 1e-11
+    assert balances.drift <= 1e-7 * balances.peak_kinetic
 
 
 def test_thirty_digits():
@@ -95,10 +95,10 @@ def test_thirty_digits():
     exact, coarse = motion.after(1.0, 64), motion.after(1.0, 48)
     own = float(max(abs(x - y) for x, y in zip(exact, coarse, strict=True)))
     state = five_bar_state(bar, *motion.links(motion.start))
-    books = kept(adaptive(*stepper_of(five_bar_chain(bar), state, scheme("dop853"), 1e-12, MAKE), 1.0))
-    assert books.last is not None
-    off = differences(books.last.state, five_bar_state(bar, *motion.links(exact)))
-    print(f"\noff by {off[0]:.1e} rad or m, {off[1]:.1e} rad/s or m/s; the oracle by {own:.0e}; {books}", end="")
+    balances = balances_of(adaptive(*stepper_of(five_bar_chain(bar), state, scheme("dop853"), 1e-12, MAKE), 1.0))
+    assert balances.last is not None
+    off = differences(balances.last.state, five_bar_state(bar, *motion.links(exact)))
+    print(f"\noff by {off[0]:.1e} rad or m, {off[1]:.1e} rad/s or m/s; the oracle by {own:.0e}; {balances}", end="")
     assert own < 1e-18
     assert off.max() <= 1e-9
 
@@ -107,9 +107,9 @@ def test_sundials():
     """Two Pandas falling for 0.5 s agree to 1e-7 with IDA on the dense equations of motion."""
     chain, state = PROBLEMS["pandas"]()
     theirs = sundials.integrated(as_case(chain, state), state.object_pose, 0.5, 1e-11)
-    books = kept(adaptive(*stepper_of(chain, state, scheme("dop853"), 1e-12, MAKE), 0.5))
-    assert books.last is not None
-    off = {key: float(np.abs(x - getattr(books.last.state, key)).max()) for key, x in theirs.items()}
-    print("\noff by " + ", ".join(f"{key} {x:.1e}" for key, x in off.items()) + f"; {books}", end="")
+    balances = balances_of(adaptive(*stepper_of(chain, state, scheme("dop853"), 1e-12, MAKE), 0.5))
+    assert balances.last is not None
+    off = {key: float(np.abs(x - getattr(balances.last.state, key)).max()) for key, x in theirs.items()}
+    print("\noff by " + ", ".join(f"{key} {x:.1e}" for key, x in off.items()) + f"; {balances}", end="")
     assert max(off.values()) <= 1e-7
-    assert np.abs(numbers(state) - books.end).max() > 1.0  # they did fall
+    assert np.abs(numbers(state) - balances.end).max() > 1.0  # they did fall

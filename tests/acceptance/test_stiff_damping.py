@@ -68,7 +68,7 @@ def test_a_thousandth_of_the_step(name):
     if "hand" in name and not any(FOLDER.rglob("allegro_right_hand.urdf")):
         pytest.skip("no robots fetched: make robots")
     chain, state = HANDS[name]()
-    hold = hf.holding_torques(chain, state, internal=5.0)
+    hold = hf.holding_torques(chain, state, internal_force=5.0)
     push = 0.5 * np.random.default_rng(0).normal(size=len(hold))
     law = hf.ControlLaw(lambda t, s, memory, given: (hold + push * (1 + 20 * t), memory))
     duration = 0.048

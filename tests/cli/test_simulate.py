@@ -83,7 +83,7 @@ def test_sampled(scene, capsys):
 @pytest.mark.slow
 def test_step_too_long(scene, capsys):
     """Feedback that the step cannot follow: 3, and one line with the joint and a step that can."""
-    text = TEXT.replace("squeeze = 20.0", "squeeze = 20.0\njoint_damping = 5000.0")
+    text = TEXT.replace("internal_force = 20.0", "internal_force = 20.0\njoint_damping = 5000.0")
     scene.write_text(text.replace("begin = 0.2", "begin = 0.0").replace("duration = 2.0", "duration = 1.6"))
     assert main(["simulate", str(scene), "--no-plots"]) == 3
     (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("simulating")]
@@ -176,12 +176,12 @@ def test_plots_that_fail_leave_the_result(scene, capsys, monkeypatch):
 
 
 BALLS = TEXT.replace('kind = "rigid"', 'kind = "ball"\ncontact = { mu = 0.5 }')
-WEAK = BALLS.replace("squeeze = 20.0", "squeeze = 5.0").replace("duration = 2.0", "duration = 0.01")
+WEAK = BALLS.replace("internal_force = 20.0", "internal_force = 5.0").replace("duration = 2.0", "duration = 0.01")
 
 
 @pytest.mark.slow
 def test_slip_stops_the_run(scene, capsys):
-    """A squeeze that cannot carry the box: 3, the grasp and the time on stderr, the result kept."""
+    """An internal force that cannot carry the box: 3, the grasp and the time on stderr, the result kept."""
     scene.write_text(WEAK)
     assert main(["simulate", str(scene), "--no-plots"]) == 3
     said = capsys.readouterr()
@@ -249,7 +249,7 @@ def test_resume_refused(scene, capsys, monkeypatch):
     """Another text of the scene is another run; what is there stays there."""
     interrupted_in_the_middle(scene, monkeypatch)
     capsys.readouterr()
-    scene.write_text(scene.read_text().replace("squeeze = 20.0", "squeeze = 21.0"))
+    scene.write_text(scene.read_text().replace("internal_force = 20.0", "internal_force = 21.0"))
     assert main(["simulate", str(scene), "--out", "left", "--resume"]) == 2
     said = capsys.readouterr()
     assert said.out == ""

@@ -66,7 +66,7 @@ def carried_by_python() -> np.ndarray:
 
 @pytest.mark.slow
 def test_ros2_controller(code, tmp_path):
-    """Torques of the ros2_control example, from joint states alone, are the controller's; a faulty state is refused."""
+    """The ros2_control example's torques, from joint states alone, are the controller's; invalid states are refused."""
     require("g++")
     stand_in = Path(__file__).parent / "ros"
     program = tmp_path / "manager"

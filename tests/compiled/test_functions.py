@@ -410,8 +410,8 @@ def test_refusals(function):
 
 
 @functions
-def test_faulty_inputs(function):
-    """One system with a faulty number is refused; in a batch its results alone are not-a-number."""
+def test_invalid_inputs(function):
+    """One system with an invalid number is refused; in a batch its results alone are not-a-number."""
     fast = named("all kinds")
     given = inputs_of(fast.chain, 5)
     sound = called(fast, function, given)

@@ -57,7 +57,7 @@ def test_laws_and_rollouts():
 def test_controllers_that_follow_the_grasps():
     """What a controller says of itself goes through: traceable, breakpoints, another chain."""
     chain, _ = squeezed(("ball", "ball"), effort_limit=33.0)
-    kept = clipped(GravityCompensation(chain, squeeze=5.0), chain)
+    kept = clipped(GravityCompensation(chain, internal_force=5.0), chain)
     other = replace(chain, grasps={"left": chain.grasps["left"]})
     assert kept.traceable and kept.breakpoints == ()
     assert kept.for_chain(other).controller.chain is other

@@ -26,8 +26,8 @@ CHAIN, STATE = two_pandas()
 N = CHAIN.joint_count
 PATH = RestToRest(STATE.object_frame, displacement=[0, 0, 0.2], turn=[0, 0.1, 0.3], begin=0.0, duration=1.5)
 LAWS = {
-    "gravity": GravityCompensation(CHAIN, squeeze=20.0, joint_damping=0.3),
-    "tracking": ObjectTracking(CHAIN, PATH.at, squeeze=15.0),
+    "gravity": GravityCompensation(CHAIN, internal_force=20.0, joint_damping=0.3),
+    "tracking": ObjectTracking(CHAIN, PATH.at, internal_force=15.0),
     "clipped": clipped(ObjectTracking(CHAIN, PATH.at), CHAIN),
 }
 REMEMBERING = ControlLaw(
@@ -132,7 +132,7 @@ def test_batches_and_bound_calls_have_the_bits_of_single_ones():
 
 
 def test_where_it_does_not_apply():
-    """Refused by name; in a batch a faulty system alone has no torques; large angles are the law's own text's."""
+    """Refused by name; in a batch an invalid system alone has no torques; large angles are the law's own text's."""
     with pytest.raises(MethodNotApplicable, match="expected a ControlLaw or a built-in controller, got function"):
         compile_law(lambda t, x, m: (np.zeros(N), m), CHAIN)
     with pytest.raises(ModelError, match="chain: expected the ClosedChain whose joints the law drives, got none"):

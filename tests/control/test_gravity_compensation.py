@@ -1,4 +1,4 @@
-"""Gravity compensation holds every closed chain still, and squeezes as asked."""
+"""Gravity compensation holds every closed chain still, with the internal force asked for."""
 
 from dataclasses import replace
 
@@ -16,9 +16,9 @@ from tests.systems.as_chain import as_chain
 
 @pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("rigid", "ball"), ("hinge", "softfinger")])
 def test_nothing_moves(kinds):
-    """Forward dynamics under its torques gives no acceleration, whatever the squeeze."""
+    """Forward dynamics under its torques gives no acceleration, whatever the internal force."""
     chain, state = two_pandas(*kinds)
-    tau, memory = GravityCompensation(chain, squeeze=30.0)(0.0, state, "kept")
+    tau, memory = GravityCompensation(chain, internal_force=30.0)(0.0, state, "kept")
     found = forward_dynamics(chain, state, tau)
     assert memory == "kept"
     assert np.abs(found.qdd).max() < 1e-10
@@ -36,11 +36,11 @@ def test_random_chains_stay_still():
 
 
 def test_squeeze_is_internal_and_of_its_size():
-    """What 20 N more squeeze adds moves nothing, and is 20 N along each normal."""
+    """What 20 N more internal force adds moves nothing, and is 20 N along each normal."""
     chain, state = two_pandas()
     loose, tight = (
-        forward_dynamics(chain, state, GravityCompensation(chain, squeeze)(0.0, state, None)[0]).grasp_wrench
-        for squeeze in (0.0, 20.0)
+        forward_dynamics(chain, state, GravityCompensation(chain, force)(0.0, state, None)[0]).grasp_wrench
+        for force in (0.0, 20.0)
     )
     added = tight - loose
     assert split(chain, state, added).motion == pytest.approx(np.zeros((2, 6)), abs=1e-9)

@@ -40,7 +40,7 @@ def test_the_reference_as_machine_code():
     for chain, state in chains():
         fast = compile_law(holding_law(chain), chain)
         expected = holding_torques(chain, state, ACCELERATION, 12.0)
-        given = {"acceleration": ACCELERATION, "internal": 12.0}
+        given = {"acceleration": ACCELERATION, "internal_force": 12.0}
         found = fast.torques(0.0, *arrays(state), **given).tau
         assert found == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
         bound = fast.bind(**given)
@@ -51,7 +51,7 @@ def test_the_reference_as_machine_code():
         wrenches[[name not in chain.grasps for name in chain.names]] = 0.0
         expected = holding_torques(chain, state, ACCELERATION, wrenches)
         found = compile_law(holding_law(chain, each_arm=True), chain).torques(
-            0.0, *arrays(state), acceleration=ACCELERATION, internal=wrenches
+            0.0, *arrays(state), acceleration=ACCELERATION, internal_force=wrenches
         )
         assert found.tau == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
 
@@ -65,9 +65,9 @@ def test_batches_and_refusals():
     fast = compile_law(holding_law(chain), chain)
     sideways = np.array([np.zeros(6), [0, 0, 0, 0, 0, 1.0]])
     with pytest.raises(StateError, match=r"expected one that the arms can follow.*arm 'leg1' misses"):
-        fast.torques(0.0, *arrays(state), acceleration=sideways[1], internal=0.0)
-    many = fast.torques(0.0, *arrays(state), acceleration=sideways, internal=0.0).tau
-    assert np.array_equal(many[0], fast.torques(0.0, *arrays(state), acceleration=sideways[0], internal=0.0).tau)
+        fast.torques(0.0, *arrays(state), acceleration=sideways[1], internal_force=0.0)
+    many = fast.torques(0.0, *arrays(state), acceleration=sideways, internal_force=0.0).tau
+    assert np.array_equal(many[0], fast.torques(0.0, *arrays(state), acceleration=sideways[0], internal_force=0.0).tau)
     assert np.isnan(many[1]).all()
 
 
@@ -78,14 +78,16 @@ def test_a_load_that_nothing_bears():
     with pytest.raises(StateError, match="cannot bear this load"):
         holding_torques(alone, state)
     with pytest.raises(StateError, match="cannot bear this load"):
-        compile_law(holding_law(alone), alone).torques(0.0, *arrays(state), acceleration=np.zeros(6), internal=0.0)
+        compile_law(holding_law(alone), alone).torques(
+            0.0, *arrays(state), acceleration=np.zeros(6), internal_force=0.0
+        )
 
 
 def test_in_a_run():
     """A law like any other: under its torques an object at rest stays."""
     chain, state = two_pandas()
     law = holding_law(chain)
-    run = hf.simulate(chain, state, law, 0.02, 0.01, parameters={"acceleration": np.zeros(6), "internal": 20.0})
+    run = hf.simulate(chain, state, law, 0.02, 0.01, parameters={"acceleration": np.zeros(6), "internal_force": 20.0})
     assert np.abs(run.object_twist).max() < 1e-9
 
 

@@ -61,10 +61,10 @@ def test_random_chains():
 
 
 def test_holding_is_gravity_compensation():
-    """At rest, without an acceleration, it is what the controller does, squeeze included."""
+    """At rest, without an acceleration, it is what the controller does, internal force included."""
     chain, state = two_pandas("rigid", "ball")
-    assert holding_torques(chain, state, internal=20.0) == pytest.approx(
-        GravityCompensation(chain, squeeze=20.0)(0.0, state, None)[0], abs=1e-12
+    assert holding_torques(chain, state, internal_force=20.0) == pytest.approx(
+        GravityCompensation(chain, internal_force=20.0)(0.0, state, None)[0], abs=1e-12
     )
 
 
@@ -74,12 +74,12 @@ def test_only_the_internal_part_counts():
     chosen = internal_wrenches(chain, state)
     extra = np.zeros((2, 6))
     extra[1, :3] = 5.0  # a moment at a ball
-    assert holding_torques(chain, state, internal=chosen + extra) == pytest.approx(
-        holding_torques(chain, state, internal=chosen), abs=1e-10
+    assert holding_torques(chain, state, internal_force=chosen + extra) == pytest.approx(
+        holding_torques(chain, state, internal_force=chosen), abs=1e-10
     )
     lifted = chosen + split(chain, state, np.tile([0, 0, 0, 0, 0, 9.0], (2, 1))).motion
-    assert holding_torques(chain, state, internal=lifted) == pytest.approx(
-        holding_torques(chain, state, internal=chosen), abs=1e-10
+    assert holding_torques(chain, state, internal_force=lifted) == pytest.approx(
+        holding_torques(chain, state, internal_force=chosen), abs=1e-10
     )
 
 
@@ -95,21 +95,21 @@ def test_short_legs_and_fingers():
     assert isinstance(chain.grasps["finger1"].contact, Friction)
 
 
-def test_undriven_joints():
+def test_passive_joints():
     """A platform moves by its six drives alone; then there is nothing left to choose inside it."""
     chain = ClosedChain(*stewart_platform())
     state = moving(chain, LEVEL)
-    for squeeze in (0.0, 100.0):
-        tau = holding_torques(chain, state, ACCELERATION, squeeze, undriven=TILTS)
+    for internal_force in (0.0, 100.0):
+        tau = holding_torques(chain, state, ACCELERATION, internal_force, passive=TILTS)
         assert not tau.reshape(6, 3)[:, :2].any()
         assert forward_dynamics(chain, state, tau).object_acceleration == pytest.approx(ACCELERATION, abs=LAW)
-    assert tau == pytest.approx(holding_torques(chain, state, ACCELERATION, undriven=TILTS), abs=1e-8)
+    assert tau == pytest.approx(holding_torques(chain, state, ACCELERATION, passive=TILTS), abs=1e-8)
 
 
 def test_platform_weighs_what_it_weighs():
     """At rest and level, six equal drives push up the platform and their share of the legs."""
     chain = ClosedChain(*stewart_platform(payload=20.0))
-    drives = holding_torques(chain, LEVEL, undriven=TILTS).reshape(6, 3)[:, 2]
+    drives = holding_torques(chain, LEVEL, passive=TILTS).reshape(6, 3)[:, 2]
     assert drives == pytest.approx(np.full(6, drives[0]), abs=1e-9)
     assert drives[0] > 20.0 * 9.81 / 6
 
@@ -118,13 +118,13 @@ def test_platform_weighs_what_it_weighs():
     ("options", "message"),
     [
         ({"acceleration": np.zeros(5)}, "acceleration: expected shape"),
-        ({"internal": np.zeros((3, 6))}, "internal: expected shape"),
-        ({"internal": "firm"}, "internal: expected a number"),
-        ({"undriven": ["left/joint9"]}, "undriven: no joint 'left/joint9'. Did you mean"),
-        ({"undriven": [f"left/joint{k}" for k in range(1, 7)]}, None),
+        ({"internal_force": np.zeros((3, 6))}, "internal_force: expected shape"),
+        ({"internal_force": "firm"}, "internal_force: expected a number"),
+        ({"passive": ["left/joint9"]}, "passive: no joint 'left/joint9'. Did you mean"),
+        ({"passive": [f"left/joint{k}" for k in range(1, 7)]}, None),
         (
-            {"undriven": [f"{arm}/joint{k}" for arm in ("left", "right") for k in range(1, 8)]},
-            "cannot bear this load with 14 joints undriven",
+            {"passive": [f"{arm}/joint{k}" for arm in ("left", "right") for k in range(1, 8)]},
+            "cannot bear this load with 14 passive joints",
         ),
     ],
 )
@@ -144,7 +144,7 @@ def test_refused_without_a_hold():
     chain, state = two_pandas()
     alone = chain.without_grasp("right")
     with pytest.raises(StateError, match="arm 'right' holds nothing"):
-        holding_torques(alone, state, internal=np.ones((2, 6)))
+        holding_torques(alone, state, internal_force=np.ones((2, 6)))
     with pytest.raises(StateError, match="no arm holds the object"):
         holding_torques(alone.without_grasp("left"), state)
 

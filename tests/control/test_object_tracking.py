@@ -1,4 +1,4 @@
-"""Computed torque gives the object the commanded acceleration and the arms the commanded squeeze."""
+"""Computed torque gives the object the commanded acceleration and the arms the commanded internal force."""
 
 import pickle
 
@@ -28,7 +28,7 @@ def test_object_accelerates_as_commanded(kinds):
     """Forward dynamics under its torques returns the commanded acceleration, in full motion."""
     chain, state = moving_state(kinds)
     path = RestToRest(Pose.translation(0.02, 0.0, 0.7), np.array([0.0, 0.1, 0.2]), np.array([0.0, 0.0, 0.3]))
-    controller = ObjectTracking(chain, path.at, squeeze=20.0)
+    controller = ObjectTracking(chain, path.at, internal_force=20.0)
     tau, _ = controller(0.4, state, None)
     found = forward_dynamics(chain, state, tau)
     assert found.object_acceleration == pytest.approx(controller.commanded_acceleration(0.4, state), abs=1e-9)
@@ -41,8 +41,8 @@ def test_a_path_as_it_is():
     """A path object is as good as its `at`, also pickled and for another chain; what has none is refused."""
     chain, state = moving_state(("rigid", "ball"))
     path = RestToRest(Pose.translation(0.02, 0.0, 0.7), np.array([0.0, 0.1, 0.2]))
-    expected, _ = ObjectTracking(chain, path.at, squeeze=20.0)(0.4, state, None)
-    given = ObjectTracking(chain, path, squeeze=20.0)
+    expected, _ = ObjectTracking(chain, path.at, internal_force=20.0)(0.4, state, None)
+    given = ObjectTracking(chain, path, internal_force=20.0)
     for controller in (given, given.for_chain(chain), pickle.loads(pickle.dumps(given))):
         assert np.array_equal(controller(0.4, state, None)[0], expected)
     for wrong in (None, 3.0, "path", Pose.identity()):
@@ -67,10 +67,10 @@ def test_tracking_converges_critically_damped():
 
 @pytest.mark.slow
 def test_path_is_followed_from_its_start():
-    """A path that starts at the object is followed to the integrator's accuracy, squeeze held."""
+    """A path that starts at the object is followed to the integrator's accuracy, internal force held."""
     chain, state = two_pandas("rigid", "hinge")
     path = RestToRest(state.object_frame, np.array([0.0, 0.02, 0.03]), np.array([0.0, 0.0, 0.1]), 0.0, 0.2)
-    run = simulate(chain, state, ObjectTracking(chain, path.at, squeeze=15.0), 0.2, 0.01)
+    run = simulate(chain, state, ObjectTracking(chain, path.at, internal_force=15.0), 0.2, 0.01)
     for k in (5, 10, 20):
         target = path.at(run.t[k])
         assert run.object_pose[k, 4:] == pytest.approx(target.pose.p, abs=1e-6)

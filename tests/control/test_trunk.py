@@ -26,7 +26,7 @@ def test_held(seed, floating):
     p = at_rest(seed, floating)
     if floating:  # two arms in the world bear the base
         assert len(p.chain.mounts) < len(p.chain.arms)
-    tau = hf.holding_torques(p.chain, p.state, internal=20.0)
+    tau = hf.holding_torques(p.chain, p.state, internal_force=20.0)
     found = hf.forward_dynamics(p.chain, p.state, tau)
     assert max(np.abs(found.qdd).max(), np.abs(found.object_acceleration).max()) < 1e-9
     if floating:
@@ -44,12 +44,12 @@ def test_a_floating_base_falls():
         GravityCompensation(p.chain)
 
 
-def test_undriven_trunk_joints():
+def test_passive_trunk_joints():
     """A trunk's joint may be left without a drive, if arms in the world can bear it."""
     p = at_rest(3, False)
     name = p.chain.joint_names()[1]
     assert name.startswith("trunk/")
-    tau = hf.holding_torques(p.chain, p.state, undriven=[name])
+    tau = hf.holding_torques(p.chain, p.state, passive=[name])
     assert tau[1] == 0.0
     assert np.abs(hf.forward_dynamics(p.chain, p.state, tau).qdd).max() < 1e-9
 
@@ -62,7 +62,7 @@ def test_tracking(floating):
     p = at_rest(5, floating, **gravity)
     frame = p.state.object_frame
     path = RestToRest(frame, [0.0025, 0.005, 0.0], [0.0, 0.0, 0.0125], duration=0.1).at
-    law = ObjectTracking(p.chain, path, squeeze=5.0)
+    law = ObjectTracking(p.chain, path, internal_force=5.0)
     run = hf.simulate(p.chain, p.state, law, 0.1, 4e-3)
     assert run.stopped is None
     goal = np.array([path(t).pose.p for t in run.t])
@@ -76,7 +76,7 @@ def test_tracking(floating):
 def test_gravity_compensation():
     """A chain on a trunk stays where it is, and any slow motion dies out."""
     p = at_rest(0, False)
-    law = GravityCompensation(p.chain, squeeze=10.0, joint_damping=5.0)
+    law = GravityCompensation(p.chain, internal_force=10.0, joint_damping=5.0)
     found = hf.forward_dynamics(p.chain, p.state, law(0.0, p.state, None)[0])
     assert np.abs(found.qdd).max() < 1e-9
 

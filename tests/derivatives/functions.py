@@ -87,7 +87,7 @@ class FunctionCase(NamedTuple):
         """Return the same with some arguments displaced."""
         own = {name: x + far * along[name] if name in along else x for name, x in self.own.items()}
         flat = {name: flat_direction(self.p, name, far * x) for name, x in along.items() if name not in OWN}
-        return undriven(self._replace(own=own, p=displaced(self.p, flat) if flat else self.p))
+        return with_base_wrench(self._replace(own=own, p=displaced(self.p, flat) if flat else self.p))
 
     def differences(self, along: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return how fast the results change along some arguments, by five points; what is infinite does not."""
@@ -100,7 +100,7 @@ class FunctionCase(NamedTuple):
         }
 
 
-def undriven(of: FunctionCase) -> FunctionCase:
+def with_base_wrench(of: FunctionCase) -> FunctionCase:
     """Return inverse dynamics with the external wrench on a floating base that lets it accelerate so.
 
     The drives do not feel that wrench.
@@ -184,7 +184,7 @@ def function_at(name: str, p: Problem, random: np.random.Generator) -> FunctionC
     elif "grasp_wrench" in own:
         result = hf.forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
         own["grasp_wrench"] = result.grasp_wrench
-    return undriven(FunctionCase(name, p, own, result))
+    return with_base_wrench(FunctionCase(name, p, own, result))
 
 
 def open_grasp(kind: str) -> FunctionCase:

@@ -15,7 +15,7 @@ from tests.derivatives.stored import OF, columns, gaps, names, stored
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS, chain_derivatives
 from tests.oracles.dual_dynamics import dynamics_derivatives
-from tests.oracles.least_forces import least_force_derivatives
+from tests.oracles.minimum_norm_forces import minimum_norm_derivatives
 from tests.systems.as_chain import Problem
 from tests.systems.problems import relative_gap
 
@@ -66,10 +66,10 @@ def test_along_the_manifold(name):
 
 
 @pytest.mark.parametrize("name", NOT_UNIQUE)
-def test_least_forces(name):
+def test_minimum_norm_forces(name):
     """Where forces are not unique: accelerations and the least forces, along the manifold."""
     case = stored(name)
-    found = least_force_derivatives(case.problem, case.tangent)
+    found = minimum_norm_derivatives(case.problem, case.tangent)
     for of in OF:
         assert relative_gap(found.values[of], case.values[of]) < TOLERANCE, of
     off = dict(gaps({of: found.matrices[of] for of in OF}, case.along))

@@ -199,7 +199,7 @@ def driven(p: Problem) -> Problem:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("floating", [False, True])
-def test_least_forces_by_what_moves_no_grasp(floating):
+def test_minimum_norm_forces_by_what_moves_no_grasp(floating):
     p, random = planar(floating), np.random.default_rng(7)
     assert p.solved().status is Status.INDETERMINATE_FORCES
     by = [name for name in OF_MODEL if name in names_for(p)]
@@ -211,7 +211,7 @@ def test_least_forces_by_what_moves_no_grasp(floating):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("floating", [False, True])
-def test_least_forces_along_motions(floating):
+def test_minimum_norm_forces_along_motions(floating):
     """Along a curve of closed states that begins with a motion of the chain."""
     p, random = planar(floating), np.random.default_rng(8)
     T = basis_at(p.chain, p.state, p.inputs.shaped(p.chain))
@@ -231,5 +231,5 @@ def test_least_forces_along_motions(floating):
 
 
 @pytest.mark.parametrize("floating", mostly_slow([False, True], [True]))
-def test_duality_of_least_forces(floating):
+def test_duality_of_minimum_norm_forces(floating):
     require_duality(planar(floating), np.random.default_rng(9))

@@ -26,7 +26,7 @@ SEARCHED = {
     "null space": "how_to/force_distribution.html",
     "posture": "how_to/force_distribution.html",
     "friction": "how_to/force_distribution.html",
-    "squeeze": "how_to/force_distribution.html",
+    "internal_force": "how_to/force_distribution.html",
     "inverse kinematics": "functions.html",
     "gripper": "glossary.html",
 }

@@ -70,7 +70,7 @@ def test_forces_at_each_hand(run):
     assert found["internal_sum"] < 1e-11
     assert found["left_up"] == pytest.approx(found["weight"] / 2, rel=1e-10)
     assert found["right_up"] == pytest.approx(found["weight"] / 2, rel=1e-10)
-    assert found["squeeze"] == pytest.approx(30.0, rel=1e-10)
+    assert found["internal_force"] == pytest.approx(30.0, rel=1e-10)
     assert found["largest"] > np.hypot(30.0, found["weight"] / 2)
 
 
@@ -138,7 +138,7 @@ def test_your_own_robot(run):
     found, _ = run("10")
     assert found["mass"] == pytest.approx(3.0 + 4.0 + 2.5 + 1.0 + 0.8 + 0.3)
     assert found["left_up"] == pytest.approx(4.0 * 9.81 / 2, rel=1e-10)
-    assert found["squeeze"] == pytest.approx(15.0, rel=1e-10)
+    assert found["internal_force"] == pytest.approx(15.0, rel=1e-10)
     assert found["acceleration"] < 1e-10
     assert found["force_error"] < 1e-11
     assert found["base_load"] == pytest.approx((2 * found["mass"] + 4.0) * 9.81, rel=1e-10)

@@ -24,25 +24,25 @@ CARRIED = BLOCK * G / 2  # N, along each contact's tangent
 
 
 def gripper(
-    squeeze: float, limits: WrenchLimits | None = None, effort: float = np.inf
+    internal_force: float, limits: WrenchLimits | None = None, effort: float = np.inf
 ) -> tuple[Problem, ForwardResult]:
-    """Return two fingers that hold a block against gravity between ball contacts, and forward dynamics of a squeeze."""
+    """Return two fingers that hold a block between ball contacts, and forward dynamics with an internal force."""
     chain, state = squeezed(("ball", "ball"), Friction(MU), gravity=G, effort_limit=effort)
     grasps = {name: replace(grasp, wrench_limits=limits) for name, grasp in chain.grasps.items()}
     chain = ClosedChain(chain.arms, chain.held_object, grasps, chain.gravity)
     lift = (BLOCK / 2 + 1.0) * G
-    tau = np.array([squeeze, 0.0, lift, -squeeze, 0.0, lift])
+    tau = np.array([internal_force, 0.0, lift, -internal_force, 0.0, lift])
     result = forward_dynamics(chain, state, tau)
     np.testing.assert_allclose(result.qdd, 0.0, atol=1e-12)
     return Problem(chain, state, tau, Inputs()), result
 
 
-@pytest.mark.parametrize("squeeze", [0.0, 3.0, 70.0])
-def test_parallel_gripper(squeeze):
-    """`together` knows only the squeeze at hand; the best of all is where friction and strength give way at once."""
+@pytest.mark.parametrize("internal_force", [0.0, 3.0, 70.0])
+def test_parallel_gripper(internal_force):
+    """`together` knows only the force at hand; the best of all is where friction and strength give way at once."""
     strength = 60.0
-    p, result = gripper(squeeze, WrenchLimits(force=strength))
-    at_hand = min(MU * squeeze - CARRIED, strength - np.hypot(squeeze, CARRIED))
+    p, result = gripper(internal_force, WrenchLimits(force=strength))
+    at_hand = min(MU * internal_force - CARRIED, strength - np.hypot(internal_force, CARRIED))
     assert margin_range(p.chain, p.state, result).together == pytest.approx(at_hand, abs=1e-9)
     assert at_hand < 0.0
     best: Any = brentq(lambda n: MU * n - CARRIED - strength + np.hypot(n, CARRIED), 0.0, 100.0, xtol=1e-12)
@@ -55,15 +55,15 @@ def test_parallel_gripper(squeeze):
     np.testing.assert_allclose(after.grasp_wrench, found.grasp_wrench, atol=1e-7)
 
 
-@pytest.mark.parametrize("squeeze", [0.0, 50.0])
-def test_gripper_with_drives_of_limited_force(squeeze):
+@pytest.mark.parametrize("internal_force", [0.0, 50.0])
+def test_gripper_with_drives_of_limited_force(internal_force):
     """Without another limit harder is always better, up to the drives' own; from beyond it as well as from within."""
-    p, result = gripper(squeeze, effort=30.0)
+    p, result = gripper(internal_force, effort=30.0)
     assert largest_margin(p.chain, p.state, result).margin == np.inf
     found = largest_margin(p.chain, p.state, result, effort_limits=True)
     assert found.margin == pytest.approx(MU * 30.0 - CARRIED, abs=1e-6)
     assert np.abs(found.tau).max() <= 30.0 * (1 + 1e-9)
-    weak, result = gripper(squeeze, effort=19.0)  # lifting alone takes 20 N of each
+    weak, result = gripper(internal_force, effort=19.0)  # lifting alone takes 20 N of each
     found = largest_margin(weak.chain, weak.state, result, effort_limits=True)
     assert found.margin == -np.inf
     np.testing.assert_allclose(found.tau, weak.tau, atol=1e-12)

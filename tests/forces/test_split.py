@@ -52,10 +52,10 @@ def test_two_parts(kind, seed):
 def test_no_net_force_no_share():
     """Two hands that only squeeze carry nothing: no share, all internal."""
     p, _, f = solved("rigid", 1)
-    squeeze = split(p.chain, p.state, f).internal
-    parts = split(p.chain, p.state, squeeze)
+    internal_force = split(p.chain, p.state, f).internal
+    parts = split(p.chain, p.state, internal_force)
     assert parts.load_share is None
-    np.testing.assert_allclose(parts.internal, squeeze, atol=1e-12 * np.abs(squeeze).max())
+    np.testing.assert_allclose(parts.internal, internal_force, atol=1e-12 * np.abs(internal_force).max())
     assert split(p.chain, p.state, 0 * f).load_share is None
 
 

@@ -194,7 +194,7 @@ def _linear(times: Any, torques: Any, t: Any) -> Any:
 
 @call(
     "ObjectTracking",
-    squeeze=1.0,
+    internal_force=1.0,
     stiffness=100.0,
     damping=20.0,
     joint_damping=1.0,
@@ -207,7 +207,7 @@ def _tracking(t: Any, state: Any, **given: Any) -> Any:
     return law(t, state_of(state), None)
 
 
-@call("GravityCompensation", squeeze=1.0, joint_damping=1.0, state=Later(lambda: numbers_of(fixed().state)))
+@call("GravityCompensation", internal_force=1.0, joint_damping=1.0, state=Later(lambda: numbers_of(fixed().state)))
 def _compensation(state: Any, **given: Any) -> Any:
     return control.GravityCompensation(fixed().chain, **given)(0.0, state_of(state), None)
 
@@ -217,7 +217,7 @@ def _compensation(state: Any, **given: Any) -> Any:
     chain=Later(lambda: fixed().chain),
     each_arm=False,
     acceleration=np.zeros(6),
-    internal=3.0,
+    internal_force=3.0,
     state=Later(lambda: numbers_of(fixed().state)),
 )
 def _holding(chain: Any, each_arm: Any, state: Any, **given: Any) -> Any:

@@ -54,7 +54,7 @@ FOUND = {
         hf.StateError,
         "expected each name once",
     ),
-    "a name": (lambda: hf.holding_torques(CHAIN, STATE, undriven=[{}]), hf.StateError, "undriven: no joint"),
+    "a name": (lambda: hf.holding_torques(CHAIN, STATE, passive=[{}]), hf.StateError, "passive: no joint"),
     "names of columns": (lambda: base_parameters(np.eye(2), ["a", np.nan]), hf.ModelError, r"names\[1\]: expected str"),
     "tips": (lambda: load_urdf_trunk(HEAVY_BASE, np.array("x")), hf.SceneError, "tips: expected links by arm"),
     "a joint twice": (

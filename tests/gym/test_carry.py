@@ -27,7 +27,9 @@ def test_actions_squeeze():
     for a in (-1.0, 0.5):
         env.reset(seed=0, options=EXACT)
         *_, info = env.step(np.r_[np.zeros(6), a])
-        assert info["internal_force"] == pytest.approx(env.task.squeeze + a * env.task.squeeze_span, rel=1e-6)
+        assert info["internal_force"] == pytest.approx(
+            env.task.internal_force + a * env.task.internal_force_span, rel=1e-6
+        )
 
 
 def test_clipped():
@@ -140,7 +142,7 @@ def test_torques():
     before = env.state
     env.step(action)
     tau = env.episodes.systems[0].tau[0]
-    own, _ = hf.control.GravityCompensation(task.chain, task.squeeze, task.joint_damping)(0.0, env.state, None)
+    own, _ = hf.control.GravityCompensation(task.chain, task.internal_force, task.joint_damping)(0.0, env.state, None)
     assert tau - own == pytest.approx(task.joint_torque * action, abs=1e-9)
     assert not np.allclose(before.qd, env.state.qd)
     assert task.joint_torque[:7] == pytest.approx([8.7] * 4 + [1.2] * 3)

@@ -30,7 +30,7 @@ def deviations_off(case: Case, found: hf.identification.Identification) -> np.nd
 
 
 def is_bounded(found: hf.identification.Identification) -> bool:
-    return any("possible body" in note for note in found.notes)
+    return any("feasible body" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("by", BY)

@@ -226,14 +226,14 @@ def test_correlated_noise(model, swung):
     assert lasts.deviations["mass"] > 2 * independent.deviations["mass"]
 
 
-def test_always_a_possible_body(model, short):
+def test_always_a_feasible_body(model, short):
     """Noise as large as the moments: the rows ask for an impossible inertia, and a possible one is given, and said."""
     rng = np.random.default_rng(3)
     w = short.wrist_wrench + rng.normal(size=short.wrist_wrench.shape) * [0.3, 0.3, 0.3, 1.5, 1.5, 1.5]
     found = hf.identify(model, replace(short, wrist_wrench=w), largest_deviation=1e9)
     moments = np.linalg.eigvalsh(found.held_object.inertia)
     assert moments[0] > 0.0 and moments[0] + moments[1] >= moments[2] * (1 - 1e-9)
-    assert "not a possible body" in found.notes[0]
+    assert "not a feasible body" in found.notes[0]
 
 
 REFUSED = {

@@ -304,10 +304,10 @@ def test_held_still():
     """Torques that hold the chain still bear what the bushing does; shares count it as carrying."""
     p = still_bushed(4, damped=True)
     p = replace(p, state=p.state.at_rest())
-    tau = hf.holding_torques(p.chain, p.state, internal=5.0)
+    tau = hf.holding_torques(p.chain, p.state, internal_force=5.0)
     found = hf.forward_dynamics(p.chain, p.state, tau)
     assert np.abs(found.object_acceleration).max() <= 1e-9 * np.abs(tau).max()
-    command, _ = hf.control.GravityCompensation(p.chain, squeeze=5.0)(0.0, p.state, None)
+    command, _ = hf.control.GravityCompensation(p.chain, internal_force=5.0)(0.0, p.state, None)
     held = hf.forward_dynamics(p.chain, p.state, command)
     assert np.abs(held.object_acceleration).max() <= 1e-9 * np.abs(tau).max()
     parts = hf.forces.split(p.chain, p.state, found.grasp_wrench)

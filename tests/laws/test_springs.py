@@ -7,7 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.dynamics import link_poses, momentum_rate, potential_energy, power
-from holdfast.dynamics.closed.spring_wrenches import stretches
+from holdfast.dynamics.closed.spring_wrenches import elongations
 from holdfast.simulation.balance import WORK_TERMS
 from tests.dynamics.problems import later
 from tests.simulation.rollout.problems import arrays, assert_rollout_is_run
@@ -215,7 +215,7 @@ def test_mujoco():
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
-    n, springs = chain.joint_count, stretches(chain, state, hf.Inputs().shaped(chain))
+    n, springs = chain.joint_count, elongations(chain, state, hf.Inputs().shaped(chain))
     assert data.ten_length == pytest.approx([s.length for s in springs], rel=1e-12)
     assert data.ten_velocity == pytest.approx([s.rate for s in springs], abs=1e-12)
     # a spring's share of the joints' torques: what inverse dynamics asks for less without it

@@ -80,12 +80,12 @@ class Also(NamedTuple):
 def test_what_decides_a_call():
     """Numbers, types and methods, at any depth; None where code of the user's takes part."""
     chain, path = two_pandas()[0], RestToRest(Pose.identity(), [0.0, 0.0, 0.1])
-    tracking = ObjectTracking(chain, path.at, squeeze=20.0)
-    again = ObjectTracking(two_pandas()[0], RestToRest(Pose.identity(), [0.0, 0.0, 0.1]).at, squeeze=20.0)
+    tracking = ObjectTracking(chain, path.at, internal_force=20.0)
+    again = ObjectTracking(two_pandas()[0], RestToRest(Pose.identity(), [0.0, 0.0, 0.1]).at, internal_force=20.0)
     assert exact_fingerprint(tracking) == exact_fingerprint(again) is not None
     heavy = replace(chain, held_object=HeldObject.box(3.5, 0.3, 0.2, 0.2))
     others = [
-        replace(tracking, squeeze=np.nextafter(20.0, 21.0)),
+        replace(tracking, internal_force=np.nextafter(20.0, 21.0)),
         replace(tracking, path=replace(path, duration=2.0).at),
         replace(tracking, path=path.start.inverse),
         replace(tracking, chain=heavy),

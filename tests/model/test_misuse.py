@@ -87,7 +87,7 @@ PLACES = {
     "State.object_pose": (lambda x: hf.State([0.0], [0.0], x), NEVER | {"far from unit": [1e200] * 7}),
     "Inputs": (lambda x: hf.Inputs(x).shaped(CHAIN), NEVER),
     "GravityCompensation.chain": (hf.control.GravityCompensation, NOT_A_NUMBER),
-    "GravityCompensation.squeeze": (
+    "GravityCompensation.internal_force": (
         lambda x: hf.control.GravityCompensation(CHAIN, x),
         NEVER | {"text": "1", "truth": True},
     ),

@@ -35,7 +35,7 @@ def test_two_pandas():
     assert short(chain.arms["left"]) == "<Arm 'left': 7 joints, base at (-0.55, 0, 0) m>"
     assert short(state) == "<State: 14 joints, object at (0, 0, 0.72) m, at rest>"
     assert short(replace(state, qd=np.ones(14))).endswith("in motion>")
-    tau = hf.holding_torques(chain, state, internal=20.0)
+    tau = hf.holding_torques(chain, state, internal_force=20.0)
     found = hf.forward_dynamics(chain, state, tau)
     assert "  left: force (20, 0, 14.71) N, moment (0, 0, 0) N m" in short(found, 2)
     assert "rank 12 of 12" in short(hf.diagnose(chain, state))
@@ -51,7 +51,7 @@ def test_two_pandas():
 def test_results_of_functions():
     """Matrices are given by their sizes, runs and reports by what matters most."""
     chain, state = two_pandas()
-    tau = hf.holding_torques(chain, state, internal=20.0)
+    tau = hf.holding_torques(chain, state, internal_force=20.0)
     found = hf.forward_dynamics(chain, state, tau)
     assert short(found["left"]) == "<ArmResult: 7 joints, force (20, 0, 14.71) N, moment (0, 0, 0) N m on the object>"
     jacobian = hf.forward_dynamics_jacobian(chain, state, tau, of=["qdd"], by=["q", "tau"])

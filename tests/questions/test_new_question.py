@@ -101,7 +101,7 @@ def test_machine_code():
         compiled.test_shared_arguments,
         compiled.test_interpreter,
         compiled.test_refusals,
-        compiled.test_faulty_inputs,
+        compiled.test_invalid_inputs,
     ):
         law(NAME)
 

@@ -76,7 +76,7 @@ def test_example_is_what_it_says():
     assert not scenario.state.qd.any()
     assert largest_gaps(closure(scenario.chain, scenario.state))[0] < 1e-10
     assert isinstance(scenario.controller, ObjectTracking)
-    assert scenario.controller.squeeze == 20.0
+    assert scenario.controller.internal_force == 20.0
     # the two arms mirror each other through the box
     assert scenario.state.q[:7] == pytest.approx(scenario.state.q[7:], abs=1e-9)
 
@@ -171,7 +171,7 @@ def test_everything_that_can_be_said(tmp_path):
 SCHEDULE = """
 [controller]
 type = "torque_schedule"
-beside = { type = "gravity_compensation", squeeze = 20.0 }
+beside = { type = "gravity_compensation", internal_force = 20.0 }
 
 [[controller.pieces]]
 begin = 0.5
@@ -200,7 +200,7 @@ def test_schedule(tmp_path):
             "$.controller.pieces[0].torques: expected one list for each of 14 joints",
         ),
         ("[1.0, 2.0]", "[]", "$.controller.pieces[0].torques[0]: expected at least one coefficient"),
-        ("squeeze = 20.0", "squeeze = -1.0", "$.controller.beside.squeeze: expected >= 0"),
+        ("internal_force = 20.0", "internal_force = -1.0", "$.controller.beside.internal_force: expected >= 0"),
         ("begin", "begins", "$.controller.pieces[0]: Object contains unknown field `begins`. Did you mean 'begin'?"),
     ],
 )
@@ -241,11 +241,14 @@ BAD_SCENES = {
     "name that clears the screen": ('name = "two pandas', 'name = "\\u001b[2J',
                                     r"$.name: expected up to 200 printable characters on one line, got '\x1b[2J"),
     "name without end": ('name = "left"', f'name = "{"x" * 300_000}"', "'-' and '.', got 'xxxxx"),
-    "key without end": ("squeeze = 20.0", f"{'squeeze' * 50_000} = 20.0", "unknown field `squeezesqueeze"),
-    "key of another program": ("squeeze", '"\\u0000\\u2028"', r"unknown field `\x00\u2028`"),
+    "key without end": ("internal_force = 20.0", f"{'internal_force' * 50_000} = 20.0",
+                        "unknown field `internal_forceinternal"),
+    "key of another program": ("internal_force", '"\\u0000\\u2028"', r"unknown field `\x00\u2028`"),
     "not TOML": ("mass = 3.0", "mass = = 3.0", "not valid TOML: Invalid value"),
-    "unknown key": ("squeeze = 20.0", "squeze = 20.0", "$.controller: Object contains unknown field `squeze`. Did you"
-                    " mean 'squeeze'?"),
+    "unknown key": ("internal_force = 20.0", "internal_forse = 20.0", "$.controller: Object contains unknown field"
+                    " `internal_forse`. Did you mean 'internal_force'?"),
+    "key of before": ("internal_force = 20.0", "squeeze = 20.0", "$.controller: Object contains unknown field"
+                      " `squeeze`. Did you mean 'internal_force'?"),
     "unknown controller": ('"object_tracking"', '"object_trackin"', "Did you mean 'object_tracking'?"),
     "unknown grasp kind": ('kind = "rigid"', 'kind = "rigit"', "$.grasps[0].kind: Invalid enum value 'rigit'. Did you"
                            " mean 'rigid'?"),
@@ -287,7 +290,8 @@ BAD_SCENES = {
     "zero step": ("step = 0.002", "step = 0", "$.simulation.step: expected > 0, got 0.0"),
     "step beyond duration": ("step = 0.002", "step = 20.0", "$.simulation.step: expected <= the duration 2 s, got 20"),
     "too many steps": ("step = 0.002", "step = 2e-9", "$.simulation.step: expected at most 1000000 steps"),
-    "negative squeeze": ("squeeze = 20.0", "squeeze = -20.0", "$.controller.squeeze: expected >= 0, got -20"),
+    "negative internal force": ("internal_force = 20.0", "internal_force = -20.0",
+                                "$.controller.internal_force: expected >= 0, got -20"),
     "path backwards": ("duration = 1.6", "duration = -1.6", "$.controller.path.duration: expected > 0, got -1.6"),
     "path before the start": ("begin = 0.2", "begin = -0.2", "$.controller.path.begin: expected >= 0, got -0.2"),
     "date": ("mass = 3.0", "mass = 2020-01-01", "$.object.mass: Expected `float`"),

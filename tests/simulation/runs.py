@@ -78,8 +78,8 @@ def adaptive(stepper: Stepper, now: Instant, until: float) -> Iterator[Instant]:
 
 
 @dataclass
-class Books:
-    """What a run kept: the worst it did.
+class Balances:
+    """The worst values of a run.
 
     Attributes:
         position, velocity: worst gap of any grasp [m or rad, m/s or rad/s].
@@ -113,20 +113,20 @@ class Books:
         )
 
 
-def kept(instants: Iterator[Instant]) -> Books:
-    """Return the books of a run."""
-    books, energy = Books(), None
+def balances_of(instants: Iterator[Instant]) -> Balances:
+    """Return the balances of a run."""
+    balances, energy = Balances(), None
     for at in instants:
         position, velocity = largest_gaps(closure(at.chain, at.state, at.inputs)).tolist()
-        books.position, books.velocity = max(books.position, position), max(books.velocity, velocity)
+        balances.position, balances.velocity = max(balances.position, position), max(balances.velocity, velocity)
         T = kinetic_energy(at.chain, at.state, at.inputs)
         total = T + potential_energy(at.chain, at.state)
         energy = total if energy is None else energy
-        books.drift = max(books.drift, abs(total - energy))
-        books.peak_kinetic = max(books.peak_kinetic, T)
-        books.peak_rate = max(books.peak_rate, float(np.abs(at.state.qd).max()))
-        books.steps, books.last = books.steps + 1, at
-    return books
+        balances.drift = max(balances.drift, abs(total - energy))
+        balances.peak_kinetic = max(balances.peak_kinetic, T)
+        balances.peak_rate = max(balances.peak_rate, float(np.abs(at.state.qd).max()))
+        balances.steps, balances.last = balances.steps + 1, at
+    return balances
 
 
 def differences(a: State, b: State) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What machine code says in a run's books is what the reference says; the split of a chain is that of any state."""
+"""What machine code says in a run's balances is what the reference says; the split of a chain is that of any state."""
 
 from __future__ import annotations
 

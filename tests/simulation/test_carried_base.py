@@ -52,7 +52,7 @@ def test_a_table_tilts_two_arms(machine_code):
     table = TABLE if machine_code else type("Table", (), {"at": lambda self, t: TABLE.at(t)})()
     moving = {name: CarriedBase(table, arm.base) for name, arm in chain.arms.items()}
     assert all(base.traceable == machine_code for base in moving.values())
-    hold = hf.holding_torques(chain, state, internal=20.0)
+    hold = hf.holding_torques(chain, state, internal_force=20.0)
 
     damping = np.tile([40.0, 40.0, 40.0, 40.0, 4.0, 4.0, 1.0], 2)
 

@@ -123,7 +123,7 @@ def damped_pandas(damping: float) -> tuple[ClosedChain, State, TorqueSchedule]:
     rubber = Friction(0.8, torsion_radius=0.02)
     grasps = {name: replace(grasp, contact=rubber) for name, grasp in chain.grasps.items()}
     chain = ClosedChain(arms, chain.held_object, grasps)
-    hold = holding_torques(chain, state, internal=40.0)
+    hold = holding_torques(chain, state, internal_force=40.0)
     push = hold + np.array([0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 7)
     return chain, state, TorqueSchedule.linear([0.0, 0.1], [hold, push])
 

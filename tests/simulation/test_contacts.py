@@ -23,7 +23,7 @@ def linear(*torques):
 
 
 def ramped_squeeze(first=30.0, last=10.0):
-    """Two balls carry the block by friction while their squeeze fades; when they slip."""
+    """Two balls carry the block by friction while their internal force fades; when they slip."""
     chain, state = squeezed(("ball", "ball"), Friction(MU), gravity=G)
     lift = LINK * G + BLOCK * G / 2
     controller = linear(*([N, 0, lift, -N, 0, lift] for N in (first, last)))
@@ -31,7 +31,7 @@ def ramped_squeeze(first=30.0, last=10.0):
 
 
 def lifted_faster_and_faster():
-    """A constant squeeze while the lift grows; friction a finger is half the block's share of it."""
+    """A constant internal force while the lift grows; friction a finger is half the block's share of it."""
     chain, state = squeezed(("ball", "ball"), Friction(MU), gravity=G)
     N, first, last = 20.0, 20.0, 60.0
     controller = linear(*([N, 0, F, -N, 0, F] for F in (first, last)))
@@ -59,7 +59,7 @@ def tipped():
 
 
 def let_go():
-    """The squeeze passes through zero without any load: both fingers lift off."""
+    """The internal force passes through zero without any load: both fingers lift off."""
     chain, state = squeezed(("ball", "ball"), Friction(MU))
     return chain, state, linear(*([N, 0, 0, -N, 0, 0] for N in (10.0, -7.0))), 10 / 17 * DURATION
 

@@ -62,7 +62,7 @@ def compared(found: hf.Trajectory, expected: hf.Trajectory) -> float:
     [*mostly_slow(ONCE, ONCE[::2][:2]), *mostly_long(AGAIN, ())],
 )
 def test_a_spring_by_hand(options: dict[str, Any], damping: float, controller: Any):
-    """Is the library's spring: the same motion, forces and books, but that what it stores counts as work done on it."""
+    """Is the library's spring: same motion, forces and balances, but that what it stores counts as work done on it."""
     chain, state = sprung(damping)
     expected = hf.simulate(chain, state, controller, 0.06, 1e-3, **options)
     found = hf.simulate(replace(chain, springs=()), state, controller, 0.06, 1e-3, inputs=by_hand(chain), **options)
@@ -79,7 +79,7 @@ def at_hundredths(run: hf.Trajectory, term: int = DAMPING) -> tuple[np.ndarray, 
     return run.t[rows], run.potential[rows] - run.potential[0], run.work[rows, term]
 
 
-def test_books():
+def test_balances():
     """The work of the wrenches is what the springs would have taken out of store, less what their dampers lost."""
     chain, state = sprung()
     options = {"scheme": "dop853", "rtol": 1e-13}
@@ -125,7 +125,7 @@ def test_slips_events_and_limits():
     box = hf.HeldObject.box(3.0, 0.3, 0.2, 0.2)
     chain, state = hf.assemble(arms, box, grasps, object_pose=hf.Pose.translation(0, 0, 0.72))
     spring = hf.Spring(("world", (0, 0, -0.2)), ("object", (0, 0, -0.1)), 300.0, 0.62, 5.0)
-    hold = hf.holding_torques(chain, state, internal=30.0)
+    hold = hf.holding_torques(chain, state, internal_force=30.0)
 
     def pulled(t: float, now: hf.State, memory: Any) -> tuple[np.ndarray, Any]:
         return hold - np.r_[np.zeros(5), 40.0 * t, np.zeros(8)] - 10.0 * now.qd, memory

@@ -58,7 +58,9 @@ def run(folder):
     grasps = {name: hf.Grasp("rigid", hf.contact_frame(p, into=into)) for name, (p, into) in sides.items()}
     box = hf.HeldObject.box(3.0, 0.3, 0.2, 0.2)
     chain, state = hf.assemble(arms, box, grasps, object_pose=hf.Pose.translation(0, 0, 0.72))
-    return hf.simulate(chain, state, hf.control.GravityCompensation(chain, squeeze=20.0), 0.006, 0.002, name="lift")
+    return hf.simulate(
+        chain, state, hf.control.GravityCompensation(chain, internal_force=20.0), 0.006, 0.002, name="lift"
+    )
 
 
 def moving(run):

@@ -145,7 +145,7 @@ def test_ordinary_steps_far_from_singular_configurations_need_no_adaptive_parts(
     monkeypatch.setattr(AdaptivePartsStepper, "advance", lambda *_: pytest.fail("a step was taken adaptively"))
     chain, state = two_pandas()
     path = hf.control.RestToRest(state.object_frame, [0.0, 0.0, 0.2])
-    run = hf.simulate(chain, state, hf.control.ObjectTracking(chain, path, squeeze=20.0), 1.0, 0.02)
+    run = hf.simulate(chain, state, hf.control.ObjectTracking(chain, path, internal_force=20.0), 1.0, 0.02)
     assert run.stopped is None and len(run.t) == 51
 
 

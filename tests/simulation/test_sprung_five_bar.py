@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import holdfast as hf
 from holdfast.simulation.runge_kutta import dop853
 from tests.oracles.planar_linkage import Motion, rate
-from tests.simulation.runs import adaptive, differences, kept, limp, stepper_of
+from tests.simulation.runs import adaptive, balances_of, differences, limp, stepper_of
 from tests.systems.five_bar import FiveBar, five_bar_chain, five_bar_state
 
 BAR = FiveBar()
@@ -64,15 +64,15 @@ def test_thirty_digits():
     """After 0.05 s all positions and velocities agree to 1e-10."""
     motion = Motion(BAR, (0.2, -0.5), (1.0, -2.0), pulls)
     state = five_bar_state(BAR, *motion.links(motion.start))
-    books = kept(adaptive(*stepper_of(chain(), state, dop853(), 1e-12), 0.05))
+    balances = balances_of(adaptive(*stepper_of(chain(), state, dop853(), 1e-12), 0.05))
     exact = five_bar_state(BAR, *motion.links(motion.after(0.05, 2)))
-    assert books.last is not None
-    gap = differences(books.last.state, exact).max()
+    assert balances.last is not None
+    gap = differences(balances.last.state, exact).max()
     print(f"largest difference {gap:.1e}")
     assert gap <= 1e-10
     plain = Motion(BAR, (0.2, -0.5), (1.0, -2.0))
     unsprung = five_bar_state(BAR, *plain.links(plain.after(0.05, 2)))
-    assert differences(books.last.state, unsprung).max() > 1e-3  # the springs do count
+    assert differences(balances.last.state, unsprung).max() > 1e-3  # the springs do count
 
 
 @pytest.mark.slow

@@ -87,7 +87,7 @@ def test_free_flight_keeps_momentum():
 
 @pytest.mark.slow
 def test_gripping_on_a_trunk_in_the_world():
-    """The impulse at the trunk's base is in the books of momentum."""
+    """The impulse at the trunk's base is in the balance of momentum."""
     p = still_base(9, 2, floating=False, arms={"arms": 2, "grasps": "rigid", "joints": 7})
     name = next(iter(p.chain.mounts))
     grasp = p.chain.grasps[name]

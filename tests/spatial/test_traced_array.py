@@ -102,7 +102,7 @@ def test_wrenches_of_a_rollout():
     def drag(word):
         return lambda t, now: hf.Inputs(object_wrench=word(-30.0 * now.object_twist - 0.1, -1.0, 1.0))
 
-    tau = hf.holding_torques(CHAIN, STATE, internal=20.0)
+    tau = hf.holding_torques(CHAIN, STATE, internal_force=20.0)
     at = (STATE.q, STATE.qd, STATE.object_pose, STATE.object_twist)
     ends = []
     for word in (np.clip, scalar.clip):

@@ -17,7 +17,7 @@ from tests.control.two_pandas import two_pandas
 def law() -> hf.ControlLaw:
     """Return the torques that hold the box, and springs in the joints."""
     chain, state = two_pandas()
-    hold = hf.holding_torques(chain, state, internal=40.0)
+    hold = hf.holding_torques(chain, state, internal_force=40.0)
 
     def stay(t: Any, now: hf.State, memory: Any, given: Any) -> tuple[Any, Any]:
         return hold - given["stiffness"] * (now.q - state.q) - 20.0 * now.qd, memory

@@ -78,14 +78,14 @@ def _contact(rng, kind: str, angle: float, size) -> str:
 
 
 def _controller(rng, holding: list[str]) -> str:
-    squeeze = f"squeeze = {rng.choice([0.0, 5.0, 20.0, 60.0])}"
+    internal_force = f"internal_force = {rng.choice([0.0, 5.0, 20.0, 60.0])}"
     if not holding or rng.random() < 0.4:
-        return f'[controller]\ntype = "gravity_compensation"\n{squeeze}\njoint_damping = {rng.uniform(0, 2):.3g}'
+        return f'[controller]\ntype = "gravity_compensation"\n{internal_force}\njoint_damping = {rng.uniform(0, 2):.3g}'
     shift, turn = rng.normal(0, 0.3, 3), rng.normal(0, 0.3, 3)
     path = (
         f"begin = 0.0\nduration = {10 ** rng.uniform(-2, 0):.4g}\ndisplacement = {_list(shift)}\nturn = {_list(turn)}"
     )
-    return f'[controller]\ntype = "object_tracking"\n{squeeze}\n[controller.path]\n{path}'
+    return f'[controller]\ntype = "object_tracking"\n{internal_force}\n[controller.path]\n{path}'
 
 
 def _simulation(rng, step: float, steps: int) -> str:

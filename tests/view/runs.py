@@ -25,7 +25,7 @@ FRICTION = {
 
 @functools.cache
 def lifted(left: str = "softfinger", right: str = "ball", samples: int = 6) -> tuple[ClosedChain, Trajectory]:
-    """Return a chain with one-sided grasps and a run of 1 s: the box rises 0.1 m while the squeeze drops."""
+    """Return a chain with one-sided grasps and a run of 1 s: the box rises 0.1 m while the internal force drops."""
     two_sided, state = two_pandas(left, right)
     grasps = {
         name: Grasp(grasp.kind, grasp.frame, FRICTION.get(grasp.kind)) for name, grasp in two_sided.grasps.items()

@@ -92,7 +92,7 @@ def test_links_and_object(shown, k):
 
 
 def test_arrows(shown):
-    """Forces and moments go out from the tips, to scale; the squeeze beside them; a moment has two heads."""
+    """Forces and moments go out from the tips, to scale; the internal force beside them; a moment has two heads."""
     playback, notebook, scene = shown
     scene.show(2)
     for i, name in enumerate(playback.chain.names):
@@ -102,11 +102,11 @@ def test_arrows(shown):
         )
         heads = notebook.pointed[f"/moments/{name}"][:, 1]
         assert heads[0] == pytest.approx(tip + scene.scale.moment * wrench[:3])
-        (squeeze,) = notebook.pointed[f"/squeeze/{name}"]
+        (internal_force,) = notebook.pointed[f"/internal_force/{name}"]
         internal = playback.internal[2, i, 3:]
-        assert squeeze[1] - squeeze[0] == pytest.approx(scene.scale.force * internal)
-        assert (squeeze[0] - tip) @ internal == pytest.approx(0.0, abs=1e-9)
-        assert 0.01 < np.linalg.norm(squeeze[0] - tip) < 0.1
+        assert internal_force[1] - internal_force[0] == pytest.approx(scene.scale.force * internal)
+        assert (internal_force[0] - tip) @ internal == pytest.approx(0.0, abs=1e-9)
+        assert 0.01 < np.linalg.norm(internal_force[0] - tip) < 0.1
 
 
 def test_arrow_length_can_change(shown):
@@ -134,11 +134,11 @@ def test_cones_turn_red(shown):
 
 
 def test_one_colour_an_arm(shown):
-    """Force and moment of an arm share its colour, arms differ, the squeeze has its own."""
+    """Force and moment of an arm share its colour, arms differ, the internal force has its own."""
     _, notebook, _ = shown
     colours = notebook.colours
     assert colours["/forces/left"] == colours["/moments/left"] != colours["/forces/right"]
-    assert colours["/squeeze/left"] == colours["/squeeze/right"] not in (
+    assert colours["/internal_force/left"] == colours["/internal_force/right"] not in (
         colours["/forces/left"], colours["/forces/right"],
     )  # fmt: skip
     assert notebook.drawn["/arms/left/(name)"] == "left"

@@ -50,7 +50,7 @@ def test_arrow_length(controls):
 
 
 def test_readout(playback, controls):
-    """A row for each arm with its force, squeeze, moment, margin and torque; the needle within the meter."""
+    """A row for each arm with its force, internal force, moment, margin and torque; the needle within the meter."""
     text = readout(playback, 0)
     force = np.linalg.norm(playback.wrench[0, 1, 3:])
     for number in (f"{force:.3g}", f"{playback.margin[0, 1]:.3g}", f"{100 * playback.torque_use('right')[0]:.3g}"):

@@ -42,9 +42,9 @@ def test_playback_of_run():
             assert tip == pytest.approx((Pose.from_wxyz_xyz(pose) @ grasp.frame).p, abs=1e-9)
     limits = np.array([joint.effort_limit for joint in chain.arms["left"].joints])
     assert playback.torque_use("left") == pytest.approx(np.abs(run.tau[k][:, :7] / limits).max(axis=1))
-    # mu f_n - |f_t| over mu f_n, in contact axes: the squeeze is along x, half of the weight is across
-    squeeze = 40.0 - 30.0 * playback.t
-    expected = np.clip(1.0 - 0.5 * 3.0 * 9.81 / (0.8 * squeeze), 0.0, 1.0)
+    # mu f_n - |f_t| over mu f_n, in contact axes: the internal force is along x, half of the weight is across
+    internal_force = 40.0 - 30.0 * playback.t
+    expected = np.clip(1.0 - 0.5 * 3.0 * 9.81 / (0.8 * internal_force), 0.0, 1.0)
     assert playback.reserve("right") == pytest.approx(expected, abs=1e-6)
 
 

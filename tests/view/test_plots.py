@@ -81,7 +81,7 @@ def test_figures(which, samples, recwarn):
 
 
 def test_arms_look_different():
-    """Twenty arms differ; the first five even without their lines; danger and squeeze are nobody's colours."""
+    """Twenty arms differ; the first five even without their lines; danger and internal forces are nobody's colours."""
     styles = [figure_style.arm_style(i) for i in range(20)]
     assert len(set(styles)) == 20
     assert len({colour for colour, _ in styles[:5]}) == 5

@@ -23,7 +23,7 @@ def tracked(displacement, step: float, duration: float) -> tuple[ClosedChain, Tr
     """Return two Pandas whose box follows a path from rest to rest in a second."""
     chain, state = two_pandas()
     path = RestToRest(state.object_frame, np.array(displacement), np.zeros(3), begin=0.0, duration=1.0)
-    return chain, simulate(chain, state, ObjectTracking(chain, path.at, squeeze=20.0), duration, step)
+    return chain, simulate(chain, state, ObjectTracking(chain, path.at, internal_force=20.0), duration, step)
 
 
 def values_before_the_end(chain, run: Trajectory) -> tuple[np.ndarray, np.ndarray]:

@@ -106,7 +106,7 @@ return_type CarryController::update(const rclcpp::Time &, const rclcpp::Duration
     control_();
     const auto tau = control_.tau();
     if (!std::all_of(tau.begin(), tau.end(), [](double x) { return std::isfinite(x); })) {
-        return return_type::ERROR;  // a faulty state: the controller manager stops us before a torque is sent
+        return return_type::ERROR;  // an invalid state: the controller manager stops us before a torque is sent
     }
     for (std::size_t k = 0; k < joint_count; k++) {
         static_cast<void>(command_interfaces_[k].set_value(tau[k]));

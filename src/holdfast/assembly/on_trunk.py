@@ -15,7 +15,7 @@ from holdfast.assembly.starts import (
     starting_configurations,
 )
 from holdfast.dynamics.closing import close
-from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ClosureError, ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -34,7 +34,7 @@ def on_own_bases(chain: ClosedChain, state: State) -> tuple[ClosedChain, State]:
     """Return the chain without its trunk, with the arms' bases at their poses, and the state without the trunk."""
     if chain.trunk is None:
         return chain, state
-    arms = standing(chain, state, Inputs().shaped(chain)).arms
+    arms = base_kinematics(chain, state, Inputs().shaped(chain)).arms
     alone = ClosedChain(arms, chain.held_object, chain.grasps, chain.gravity)
     first = chain.joint_count - alone.joint_count
     return alone, State(state.q[first:], state.qd[first:], state.object_pose, state.object_twist)

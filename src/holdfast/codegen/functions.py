@@ -39,7 +39,7 @@ _ANSWERS = {
     "indeterminate": (INDETERMINATE, "the forces are one solution of many, all else is unique"),
     "undecided": (UNDECIDED, "the rank is low, and the generic rank is not known"),
     "singular": (SINGULAR, "a singular configuration: no answer, results are not-a-number"),
-    "invalid": (INVALID, "faulty inputs: no answer, results are not-a-number"),
+    "invalid": (INVALID, "invalid inputs: no answer, results are not-a-number"),
 }
 _STEPS = {
     "running": (RUNNING, "the step was taken"),

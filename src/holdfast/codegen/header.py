@@ -68,7 +68,7 @@ class CFunction:
 
     def _statuses(self) -> list[str]:
         if not self.of.statuses:
-            return ["/* It returns 0; faulty inputs make not-a-number. */"]
+            return ["/* It returns 0; invalid inputs make not-a-number. */"]
         rows = [
             f"    {self.name.upper()}_{name.upper()} = {number}, /* {says} */"
             for name, (number, says) in self.of.statuses.items()

@@ -37,7 +37,7 @@ class Calls:
         self._parameters = frozenset(name for name, e in kernel.externals.items() if e.role == "parameter")
         self._arena = int(self._bound.table[-1])
         self._run = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(kernel.single_address)
-        self._changed: list[str] = []  # what the spare arrays hold that is not the chain's own
+        self._changed: list[str] = []  # what the scratch arrays hold that is not the chain's own
 
     def __call__(self, found: Mapping[str, Array], result: Results, threads: int = 1) -> bool:
         """Write the results of one system or a batch; return whether every status is OK.
@@ -78,13 +78,13 @@ class Calls:
     def _apart(self, found: Mapping[str, Array], result: Results) -> bool:
         """Run one system with other parameters, in arrays that no other call uses."""
         with self._lock:
-            spare, own = self._spare, self.own
-            spare.use({name: result.array(name) for name in self.layout.shapes})
+            scratch, own = self._scratch, self.own
+            scratch.use({name: result.array(name) for name in self.layout.shapes})
             before = {name: own[name] for name in (*self._changed, *self._rank)}
             self._changed = [name for name in found if name in own]
-            spare.set(before | dict(found))
-            return spare.run() == 0
+            scratch.set(before | dict(found))
+            return scratch.run() == 0
 
     @cached_property
-    def _spare(self) -> Bound:
+    def _scratch(self) -> Bound:
         return self.bind()

@@ -18,7 +18,7 @@ from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.closed.forward_derivatives import backward, forward
 from holdfast.dynamics.closed.forward_jacobian import in_each_column, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import point
-from holdfast.dynamics.spring_rates import pushed, spring_rates, with_pulled
+from holdfast.dynamics.spring_rates import pushforward, spring_rates, with_pullback
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import (
     FLOATING,
@@ -142,13 +142,13 @@ class ForwardRequest(Request):
             springs = spring_rates(VariedCase(chain, state, inputs, {}), self.arguments)
         if self.kind == "jacobian":
             changed = () if springs is None else springs.names
-            rates = dict.fromkeys(changed, lambda at, _: lambda tangents: forward(at, pushed(springs, tangents)))
+            rates = dict.fromkeys(changed, lambda at, _: lambda tangents: forward(at, pushforward(springs, tangents)))
             columns = jacobian(at, self.results, self.arguments, given[UNITS], rates, in_each_column)
             found = {f"{of}.{by}": x for (of, by), x in columns.items()}
         elif self.kind == "vjp":
-            found = with_pulled(springs, self.arguments, lambda names: backward(at, own, names, together=True))
+            found = with_pullback(springs, self.arguments, lambda names: backward(at, own, names, together=True))
         else:
-            found = forward(at, pushed(springs, own))
+            found = forward(at, pushforward(springs, own))
         return outputs_of(chain, solved) | {f"{FOUND}{name}": found[name] for name in self.found(structure.chain)}
 
 

@@ -19,7 +19,7 @@ from holdfast.compiled.derivative_computation import computation_of
 from holdfast.compiled.derivative_schedule import WITH, Kind, Request
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.differentiated import Differentiated
-from holdfast.compiled.faults import fault, faulty, largest_positions
+from holdfast.compiled.input_checks import input_error, invalid_mask, largest_positions
 from holdfast.compiled.kernels import compile_batch, compiling, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.result import CompiledResult, Results
@@ -192,7 +192,7 @@ class Function(Differentiated):
         found = self._arrays(given, parameters)
         batch = arrays.batch_of(found, self.externals)
         inputs = {name: found[name] for name in self._inputs}
-        if batch is None and not self.has_status and (wrong := fault(inputs, self._largest)) is not None:
+        if batch is None and not self.has_status and (wrong := input_error(inputs, self._largest)) is not None:
             raise wrong
         result = self._results_of(out, batch)
         kept = self._plain and isinstance(out, Results | CompiledDerivatives)
@@ -249,7 +249,7 @@ class Function(Differentiated):
         """Refuse one system without a finite answer; make the answers of such systems in a batch NaN."""
         found = {name: result.array(name) for name in result.layout.shapes}
         if result.batch is not None:
-            bad = faulty(inputs, self._ranks, self._largest, result.batch)
+            bad = invalid_mask(inputs, self._ranks, self._largest, result.batch)
             for x in found.values() if bad is not None else ():
                 x[bad] = np.nan
         else:

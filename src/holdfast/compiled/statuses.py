@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from holdfast.compiled.derivative_schedule import FOUND
-from holdfast.compiled.faults import fault, largest_positions
+from holdfast.compiled.input_checks import input_error, largest_positions
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, Results
 from holdfast.dynamics import rank
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
@@ -115,7 +115,7 @@ def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: 
         if compiled.generic_rank is not None and result.array("rank") > compiled.generic_rank:
             chain, state = system(compiled.chain, found, 0)
             rank.require_trusted(chain_at_rest(chain, state), state, rank.Pivots(int(result.array("rank")), np.inf))
-        raise fault(found, largest_positions(compiled.chain)) or ModelError(
+        raise input_error(found, largest_positions(compiled.chain)) or ModelError(
             "the accelerations are not finite: an arm's mass matrix is singular here, or sizes overflow; holdfast."
             "forward_dynamics on the same state names the arm and the joint"
         )

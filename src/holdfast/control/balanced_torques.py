@@ -16,7 +16,7 @@ from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench
 from holdfast.spatial.vector import largest
 
-POSSIBLE = 1e-8  # largest accepted residual of a balance, relative to its terms
+FEASIBLE = 1e-8  # largest accepted residual of a balance, relative to its terms
 Missed = tuple[Scalar, Scalar]  # largest component of a tip's acceleration error, and the size for comparison
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.faults import fault, faulty, largest_positions
+from holdfast.compiled.input_checks import input_error, invalid_mask, largest_positions
 from holdfast.compiled.kernels import compile_batch, compiling, key_of
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, externals, traced
@@ -182,14 +182,14 @@ class CompiledLaw:
         _require_names(given, inputs)
         found = {name: arrays.floats(name, given[name], shape) for name, shape in inputs.items()}
         batch = arrays.batch_of(found, self._externals)
-        wrong = fault(found, self._largest) if batch is None else None
+        wrong = input_error(found, self._largest) if batch is None else None
         if wrong is not None:
             raise wrong
         lead = () if batch is None else (batch,)
         out = {name: np.empty((*lead, *e.shape)) for name, e in self._externals.items() if e.role == "output"}
         compile_batch(self._kernel, self.chain, WHAT, self.progress)
         self._kernel.run_arrays(found | out, 1 if batch is None else batch, threads)
-        bad = None if batch is None else faulty(found, self._ranks, self._largest, batch)
+        bad = None if batch is None else invalid_mask(found, self._ranks, self._largest, batch)
         for x in out.values() if bad is not None else ():
             x[bad] = np.nan
         if batch is None and not np.isfinite(out["tau"]).all():

@@ -1,4 +1,4 @@
-"""The grasp forces that controllers command: the smallest forces for the motion, and a squeeze."""
+"""The grasp forces that controllers command: the smallest forces for the motion, and an internal force."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from holdfast.spatial.spatial_vector import rotate, shift_wrench
 from holdfast.state import Inputs, State
 
 
-def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, squeeze: float = 0.0) -> Array:
-    """Return grasp wrenches that accelerate the object and squeeze it, (arms, 6).
+def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, internal_force: float = 0.0) -> Array:
+    """Return grasp wrenches that accelerate the object with a chosen internal force, (arms, 6).
 
     Every arm pushes along its contact's normal z. The smallest transmissible wrenches (in the metric of the force
     split) are added so that the sum agrees with the motion,
         A^T f = M(C) (alpha - [0; g]) + b(C) - w,  with the wrench w of springs and bushings on the object.
-    The squeeze is therefore the internal part of the pushes; for contacts that face each other, it is all of them.
+    Of the pushes, only the internal part therefore remains; for contacts that face each other, that is all of them.
 
     Args:
         chain: the chain.
         state: pose and twist of the object.
         acceleration: (6,) [omega_dot; v_dot] of C, the true acceleration, world axes.
-        squeeze: push of every arm into the object [N].
+        internal_force: push of every arm into the object [N].
 
     Returns:
         [moment; force] of each arm on the object about its contact, world axes; zero for an arm without a grasp, and
@@ -38,7 +38,7 @@ def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, sq
     if not chain.grasps:
         return np.zeros((len(chain.arms), 6))
     places = contact_places(chain, state)
-    push, none = np.array([0.0, 0.0, 0.0, 0.0, 0.0, squeeze]), np.zeros(6)
+    push, none = np.array([0.0, 0.0, 0.0, 0.0, 0.0, internal_force]), np.zeros(6)
     soft = [place.grasp.of_kind.compliant for place in places]  # the wrenches of bushings cannot be chosen
     pushes = array([none if of_state else rotate(at.R, push) for at, of_state in zip(places, soft, strict=True)])
     pushed = sum((shift_wrench(at.offset, f) for at, f in zip(places, pushes, strict=True)), start=np.zeros(6))

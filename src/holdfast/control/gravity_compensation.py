@@ -25,17 +25,17 @@ from holdfast.state import Inputs, State, require_fit
 class GravityCompensation(Frozen):
     """The static balance of the closed chain, tau = C_gravity + J^T f + stiffness (q - rest) - d qd.
 
-    f are the smallest wrenches that the grasps can transmit to carry the object's weight, plus a squeeze. Bases are
-    assumed to stand still, and external wrenches are ignored.
+    f are the smallest wrenches that the grasps can transmit to carry the object's weight, plus an internal force. Bases
+    are assumed to stand still, and external wrenches are ignored.
 
     Attributes:
         chain: the controller's model of the chain.
-        squeeze: internal force of every arm along its contact normal, into the object [N].
+        internal_force: push of every arm along its contact normal into the object [N].
         joint_damping: damping d of every joint [N m s/rad or N s/m].
     """
 
     chain: ClosedChain
-    squeeze: float = 0.0
+    internal_force: float = 0.0
     joint_damping: float = 0.0
     traceable: ClassVar[bool] = True  # can be compiled to machine code
 
@@ -46,7 +46,7 @@ class GravityCompensation(Frozen):
                 "GravityCompensation: expected a fixed base, got a trunk whose base floats under gravity, which"
                 " no actuator holds; try a chain without gravity, or ObjectTracking"
             )
-        for name in ("squeeze", "joint_damping"):
+        for name in ("internal_force", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"gravity compensation: {name}"))
 
     def for_chain(self, chain: ClosedChain) -> Self:
@@ -65,7 +65,7 @@ class GravityCompensation(Frozen):
         if found is not None:
             return found
         none, configuration = np.zeros(self.chain.joint_count), state.at_rest()
-        wrenches = commanded_wrenches(self.chain, configuration, np.zeros(6), self.squeeze)
+        wrenches = commanded_wrenches(self.chain, configuration, np.zeros(6), self.internal_force)
         motion = chain_motion(self.chain, configuration, none, Inputs().shaped(self.chain))
         tau = torques(motion, none, wrenches) - self.joint_damping * state.qd
         return checks.finite(tau, "gravity compensation"), memory

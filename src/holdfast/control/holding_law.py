@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.control.balanced_torques import POSSIBLE, balanced, pushes
+from holdfast.control.balanced_torques import FEASIBLE, balanced, pushes
 from holdfast.control.controller import ControlLaw
 from holdfast.control.holding_torques import holding_torques
 from holdfast.dynamics.closed.chain_motion import chain_motion
@@ -21,15 +21,15 @@ from holdfast.state import Inputs, State
 
 
 def holding_law(chain: ClosedChain, *, each_arm: bool = False) -> ControlLaw:
-    """Return the law whose torques are `holding_torques`, with `acceleration` (6,) and `internal` as its parameters.
+    """Return the law of `holding_torques`, with `acceleration` (6,) and `internal_force` as its parameters.
 
     `compile_law(holding_law(chain), chain)` compiles it, for one system, with bound arrays, or for a batch. If
     `holding_torques` would raise an error, so does a call for one system; in batches, bound calls and rollouts, the
-    torques are NaN. All joints must be driven; for `undriven` joints use `holding_torques` itself.
+    torques are NaN. All joints must be driven; for passive joints use `holding_torques` itself.
 
     Args:
         chain: arms, object and grasps.
-        each_arm: whether `internal` are wrenches (arms, 6); by default it is one push of every arm [N].
+        each_arm: whether `internal_force` are wrenches (arms, 6); by default it is one push of every arm [N].
 
     Raises:
         ModelError: `chain` is not a ClosedChain.
@@ -43,7 +43,7 @@ def holding_law(chain: ClosedChain, *, each_arm: bool = False) -> ControlLaw:
                 " holdfast.holding_torques, which decides state by state"
             )
     torque = HoldingTorques(chain)
-    parameters = {"acceleration": (6,), "internal": (len(chain.arms), 6) if each_arm else ()}
+    parameters = {"acceleration": (6,), "internal_force": (len(chain.arms), 6) if each_arm else ()}
     return ControlLaw(torque, parameters=parameters, key=exact_fingerprint(torque) or "")
 
 
@@ -59,13 +59,13 @@ class HoldingTorques(Frozen):
 
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory; on floats, the errors are those of `holding_torques`."""
-        acceleration, internal = given["acceleration"], given["internal"]
+        acceleration, internal_force = given["acceleration"], given["internal_force"]
         if state.q.dtype != object:
-            return holding_torques(self.chain, state, acceleration, internal), memory
+            return holding_torques(self.chain, state, acceleration, internal_force), memory
         motion = chain_motion(self.chain, state, np.zeros(self.chain.joint_count), Inputs().shaped(self.chain))
-        wished = internal if np.ndim(internal) else pushes(motion, internal[()])
+        wished = internal_force if np.ndim(internal_force) else pushes(motion, internal_force[()])
         found = balanced(motion, state.qd, acceleration, wished)
-        good = where(less(POSSIBLE * found.size, found.left), 0.0, 1.0)
+        good = where(less(FEASIBLE * found.size, found.left), 0.0, 1.0)
         for gap, size in found.missed:
-            good = where(less(POSSIBLE * size, gap), 0.0, good)
+            good = where(less(FEASIBLE * size, gap), 0.0, good)
         return found.tau / good * good, memory  # 0 / 0 gives NaN if the torques are invalid

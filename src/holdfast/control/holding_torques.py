@@ -1,6 +1,6 @@
 """Inverse dynamics of the whole closed chain: torques for an object acceleration and an internal wrench.
 
-The grasp wrenches accelerate the object, need no torque at undriven joints, and are as close as possible to wished
+The grasp wrenches accelerate the object, need no torque at passive joints, and are as close as possible to wished
 ones.
 """
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.control.balanced_torques import POSSIBLE, Missed, balanced, missed_accelerations, pushes
+from holdfast.control.balanced_torques import FEASIBLE, Missed, balanced, missed_accelerations, pushes
 from holdfast.control.computed_torque import joint_accelerations
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
@@ -35,13 +35,13 @@ def balancing_wrenches(
 
     min |lambda - K f_wished| in the metric of the force split (moments divided by its length), subject to
     A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w, with w of springs and bushings, and to
-    (J^T K^T lambda)_j = -(M qdd + C)_j at undriven joints j and at the six rows of a floating base, which has no drive.
+    (J^T K^T lambda)_j = -(M qdd + C)_j at passive joints j and at the six rows of a floating base, which has no drive.
 
     Args:
         motion: the chain's motion.
         alpha: (6,) true acceleration of C, world axes.
         wished: (arms, 6) wished wrenches about the contacts, world axes; only the rows of arms with a grasp count.
-        idle: indices of the undriven joints in the flat arrays.
+        idle: indices of the passive joints in the flat arrays.
         free: (idle,) their torques M qdd + C + damping qd + stiffness (q - rest) [N m or N].
         base: (6,) wrench that a floating base would need without grasp wrenches, about its origin; None without one.
 
@@ -54,8 +54,8 @@ def balancing_wrenches(
     needed = motion.body.inertia.apply(alpha - pseudo_gravity(chain)) + motion.body.bias - motion.body.wrench
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
     torque_unit = np.array([1 / length if joint.turns else 1.0 for joint in chain.all_joints])
-    undriven = np.zeros(0) if base is None else unit * base
-    columns, start, root = [np.zeros((6 + len(idle) + len(undriven), 0))], [np.zeros(0)], [np.zeros(0)]
+    base_load = np.zeros(0) if base is None else unit * base
+    columns, start, root = [np.zeros((6 + len(idle) + len(base_load), 0))], [np.zeros(0)], [np.zeros(0)]
     for i, (name, c) in zip(holding, zip(chain.grasps, motion.contacts, strict=True), strict=True):
         K, arm = c.K, motion.arms[name]
         torques, on_base = np.zeros((chain.joint_count, len(K))), np.zeros((6, len(K)))
@@ -63,14 +63,14 @@ def balancing_wrenches(
         if motion.trunk is not None:
             by_joints, by_base = motion.trunk.jacobian(name, arm.base_to_tip)
             torques[chain.joints[TRUNK]] = (K @ by_joints).T
-            on_base = (K @ by_base).T if len(undriven) else on_base
+            on_base = (K @ by_base).T if len(base_load) else on_base
         to_C = np.array([shift_wrench(c.offset, row) for row in K]).T
-        of_base = (unit[:, None] * on_base)[: len(undriven)]
+        of_base = (unit[:, None] * on_base)[: len(base_load)]
         columns.append(np.concatenate([unit[:, None] * to_C, (torque_unit[:, None] * torques)[idle], of_base]))
         start.append(K @ wished[i])
         root.append(np.array(c.grasp.of_kind.row_scales(length)))
     E, lam, root = np.concatenate(columns, axis=1), np.concatenate(start), np.concatenate(root)
-    e = np.concatenate([unit * needed, -torque_unit[idle] * free, -undriven])
+    e = np.concatenate([unit * needed, -torque_unit[idle] * free, -base_load])
     if lam.size:
         lam = lam + root * np.linalg.lstsq(E * root, e - E @ lam, rcond=DEPENDENT)[0]
     size = max(1.0, float(np.abs(e).max()), float(np.abs(lam).max(initial=0.0)))
@@ -84,11 +84,11 @@ def balancing_wrenches(
 
 def _require_balance(chain: ClosedChain, left: float, size: float, idle: Array) -> None:
     """Refuse a load that no transmissible wrenches can balance; the message gives the residual [N]."""
-    if left <= POSSIBLE * size:
+    if left <= FEASIBLE * size:
         return
     if not chain.grasps:
         raise StateError("holding_torques: no arm holds the object, so nothing carries it; try a chain with grasps")
-    given = [f"{len(idle)} joints undriven"] if len(idle) else []
+    given = [f"{len(idle)} passive joints"] if len(idle) else []
     given += ["the floating base at rest"] if chain.floats else []
     drives = f" with {' and '.join(given)}" if given else ""
     raise StateError(
@@ -99,7 +99,12 @@ def _require_balance(chain: ClosedChain, left: float, size: float, idle: Array) 
 
 @np.errstate(all="ignore")  # what overflows is refused below
 def holding_torques(
-    chain: ClosedChain, state: State, acceleration: Any = None, internal: Any = 0.0, *, undriven: Iterable[str] = ()
+    chain: ClosedChain,
+    state: State,
+    acceleration: Any = None,
+    internal_force: Any = 0.0,
+    *,
+    passive: Iterable[str] = (),
 ) -> Array:
     """Return the torques for an acceleration of the object and a chosen internal wrench, (n,) [N m or N].
 
@@ -114,9 +119,9 @@ def holding_torques(
         state: positions and velocities, which must satisfy the grasps.
         acceleration: (6,) [omega_dot; v_dot] of C, the true acceleration, world axes; None for zero, which keeps a
             chain at rest.
-        internal: a push of every arm along its contact normal into the object [N], or wrenches (arms, 6) of each arm on
-            the object about its contact, world axes. Only the transmissible internal part of either counts.
-        undriven: joints "arm/joint" (without a name: "arm/joint1", counted from 1) whose torque
+        internal_force: a push of every arm along its contact normal into the object [N], or wrenches (arms, 6) of each
+            arm on the object about its contact, world axes. Only the transmissible internal part of either counts.
+        passive: joints "arm/joint" (without a name: "arm/joint1", counted from 1) whose torque
             shall be 0; the internal wrench then deviates from the chosen one as far as necessary.
 
     Raises:
@@ -126,7 +131,7 @@ def holding_torques(
     require_fit(chain, state)
     alpha = np.zeros(6) if acceleration is None else checks.numbers(acceleration, (6,), "acceleration", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
-    idle, wished = joint_places(chain, undriven), _wished(motion, internal)
+    idle, wished = joint_places(chain, passive), _wished(motion, internal_force)
     if not len(idle) and not chain.floats:
         found = balanced(motion, state.qd, alpha, wished)
         checks.finite(np.array([*found.tau, found.left, found.size]), "holding torques")
@@ -152,23 +157,23 @@ def joint_places(chain: ClosedChain, names: Iterable[str]) -> Array:
     """
     places = {name: k for k, name in enumerate(chain.joint_names())}
     if not checks.is_listed(names):
-        raise StateError(f"undriven: expected names of joints, got {checks.short(names)}")
+        raise StateError(f"passive: expected names of joints, got {checks.short(names)}")
     names = list(names)
     for name in names:
         if not isinstance(name, str) or name not in places:
-            raise StateError(f"undriven: no joint {checks.short(name)}.{checks.did_you_mean(str(name), places)}")
+            raise StateError(f"passive: no joint {checks.short(name)}.{checks.did_you_mean(str(name), places)}")
     return np.array([places[name] for name in names], dtype=int)
 
 
-def _wished(motion: ChainMotion, internal: Any) -> Array:
+def _wished(motion: ChainMotion, internal_force: Any) -> Array:
     """Return the chosen wrenches as an array (arms, 6)."""
     chain = motion.chain
-    if not np.ndim(internal):
-        return pushes(motion, float(checks.numbers(internal, (), "internal", StateError)))
-    wished = checks.numbers(internal, (len(chain.arms), 6), "internal", StateError)
+    if not np.ndim(internal_force):
+        return pushes(motion, float(checks.numbers(internal_force, (), "internal_force", StateError)))
+    wished = checks.numbers(internal_force, (len(chain.arms), 6), "internal_force", StateError)
     for name, f in zip(chain.names, wished, strict=True):
         if name not in chain.grasps and f.any():
-            raise StateError(f"internal: arm '{name}' holds nothing, expected zeros, got {checks.place(f)}")
+            raise StateError(f"internal_force: arm '{name}' holds nothing, expected zeros, got {checks.place(f)}")
     return wished
 
 
@@ -177,7 +182,7 @@ def _require_followed(motion: ChainMotion, missed: list[Missed], alpha: Array) -
     short = [
         f"arm '{name}' misses {gap:.3g} (m/s^2 or rad/s^2)"
         for name, (gap, size) in zip(motion.chain.grasps, missed, strict=True)
-        if gap > POSSIBLE * size
+        if gap > FEASIBLE * size
     ]
     if short:
         raise StateError(

@@ -1,4 +1,4 @@
-"""Computed-torque control of the object along a path, with a squeeze."""
+"""Computed-torque control of the object along a path, with an internal force."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ObjectTracking(Frozen):
     Attributes:
         chain: the controller's model of the chain.
         path: function of t [s] that returns the target, or a path object, whose method `at` is used.
-        squeeze: internal force of every arm along its contact normal, into the object [N].
+        internal_force: push of every arm along its contact normal into the object [N].
         stiffness: gain of the pose error [1/s^2].
         damping: gain of the twist error [1/s]; 2 sqrt(stiffness) is critical.
         joint_damping: damping of joint motions that do not move the object, and of the joints of a trunk [1/s].
@@ -42,7 +42,7 @@ class ObjectTracking(Frozen):
 
     chain: ClosedChain
     path: Callable[[float], Target] | ObjectPath
-    squeeze: float = 0.0
+    internal_force: float = 0.0
     stiffness: float = 100.0
     damping: float = 20.0
     joint_damping: float = 10.0
@@ -51,7 +51,7 @@ class ObjectTracking(Frozen):
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "object tracking: chain")
         object.__setattr__(self, "path", path_function(self.path, "object tracking: path"))
-        for name in ("squeeze", "stiffness", "damping", "joint_damping"):
+        for name in ("internal_force", "stiffness", "damping", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"object tracking: {name}"))
 
     def for_chain(self, chain: ClosedChain) -> Self:
@@ -71,7 +71,7 @@ class ObjectTracking(Frozen):
             return found
         chain = self.chain
         acceleration = self.commanded_acceleration(t, state)
-        wrenches = commanded_wrenches(chain, state, acceleration, self.squeeze)
+        wrenches = commanded_wrenches(chain, state, acceleration, self.internal_force)
         tau = computed_torque(chain, state, acceleration, wrenches, self.joint_damping)
         return checks.finite(tau, "object tracking"), memory
 

@@ -31,7 +31,7 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
     if not getattr(controller, "traceable", False):
         return None
     key = exact_fingerprint(controller)
-    law = ControlLaw(OwnTorque(controller), key=key or "")
+    law = ControlLaw(ControllerTorque(controller), key=key or "")
     if key is None:  # a part of it, such as a path, is a user function
         try:
             law_program(law, chain)
@@ -41,7 +41,7 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
 
 
 @dataclass(frozen=True, eq=False)
-class OwnTorque(Frozen):
+class ControllerTorque(Frozen):
     """The torques of a controller without memory, as those of a law.
 
     Attributes:
@@ -72,7 +72,7 @@ def law_outputs(
         CompileError: the law does not return torques and memory of the right shapes.
     """
     values = LawParameters({name: as_traced(given[f"control.{name}"]) for name in law.parameters})
-    if not isinstance(law.torque, OwnTorque):
+    if not isinstance(law.torque, ControllerTorque):
         state, memory = comparable(state), as_traced(memory)
     found = law.torque(t, state, memory, values)
     if not isinstance(found, tuple) or len(found) != 2:

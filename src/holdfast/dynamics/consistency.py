@@ -17,7 +17,7 @@ from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact, contact
-from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -126,7 +126,7 @@ def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> d
 
 def residuals_at(chain: ClosedChain, state: State, inputs: Inputs) -> dict[str, GraspResidual]:
     """Return the residuals of every grasp for shaped inputs; the numbers may carry derivatives. See `closure`."""
-    stand, frame = standing(chain, state, inputs), state.object_frame
+    bases, frame = base_kinematics(chain, state, inputs), state.object_frame
 
     def of_grasp(grasp: Grasp, arm: Arm, base_twist: Array, q: Array, qd: Array) -> GraspResidual:
         at = forward_kinematics(arm, q)
@@ -134,7 +134,7 @@ def residuals_at(chain: ClosedChain, state: State, inputs: Inputs) -> dict[str, 
         c = contact(grasp, frame, state.object_twist, at.tip, moving)
         return GraspResidual(position_residual(c, frame.p + c.origin, at.tip), c.velocity_gap)
 
-    return each_of(chain.grasps, of_grasp, chain.grasps, stand.arms, stand.base_twists, stand.q, stand.qd)
+    return each_of(chain.grasps, of_grasp, chain.grasps, bases.arms, bases.base_twists, bases.q, bases.qd)
 
 
 def require_closed(motion: ChainMotion, state: State) -> None:

@@ -16,9 +16,9 @@ from holdfast.dynamics.closed.forward_jacobian import jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.forward import forward_dynamics
-from holdfast.dynamics.least_forces import LeastForces, least_forces
+from holdfast.dynamics.minimum_norm_forces import MinimumNormForces, minimum_norm_forces
 from holdfast.dynamics.result import ForwardResult, Status
-from holdfast.dynamics.spring_rates import pushed, pushed_along, spring_rates, with_pulled
+from holdfast.dynamics.spring_rates import pushforward, pushforward_along, spring_rates, with_pullback
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -87,7 +87,7 @@ def forward_dynamics_vjp(
     also: tuple[VirtualPower, ...] = ()
     if least is not None:
         checked, also = least.backward(at, checked)
-    found = with_pulled(springs, by, lambda names: backward(at, checked, names, also))
+    found = with_pullback(springs, by, lambda names: backward(at, checked, names, also))
     shapes = gradient_shapes(chain)
     return _finite(result, {name: found[name].reshape(shapes[name]) for name in by})
 
@@ -193,20 +193,23 @@ def _finite(result: ForwardResult, parts: Mapping[Any, Array]) -> Derivatives:
 
 
 def _forward(
-    at: Point, tangents: Mapping[str, Array], springs: LinearisedFunction | None, least: LeastForces | None
+    at: Point, tangents: Mapping[str, Array], springs: LinearisedFunction | None, least: MinimumNormForces | None
 ) -> dict[str, Array]:
     """Return the rates of change of all results."""
     return _along(at, {name: np.shape(x) for name, x in tangents.items()}, springs, least)(tangents)
 
 
 def _along(
-    at: Point, shapes: Mapping[str, tuple[int, ...]], springs: LinearisedFunction | None, least: LeastForces | None
+    at: Point,
+    shapes: Mapping[str, tuple[int, ...]],
+    springs: LinearisedFunction | None,
+    least: MinimumNormForces | None,
 ) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
     """Return the rates of change of all results as a function of those of the arguments."""
-    along = pushed_along(at, springs, shapes)
+    along = pushforward_along(at, springs, shapes)
     if least is None:
         return along
-    return lambda tangents: least.forward(at, along(tangents), pushed(springs, tangents))
+    return lambda tangents: least.forward(at, along(tangents), pushforward(springs, tangents))
 
 
 def _point(
@@ -217,7 +220,7 @@ def _point(
     check: bool,
     generic_rank: int | None,
     names: Sequence[str],
-) -> tuple[Point, ForwardResult, LeastForces | None, LinearisedFunction | None]:
+) -> tuple[Point, ForwardResult, MinimumNormForces | None, LinearisedFunction | None]:
     """Return the point, the result of forward dynamics, the smallest forces, and the springs' wrenches.
 
     The smallest forces are None if the forces are unique, the springs' wrenches if no named argument changes them.
@@ -230,7 +233,7 @@ def _point(
     rows = dict(zip(chain.arms, result.grasp_wrench, strict=True))
     held = {n: z if n in chain.bushings else z._replace(wrench=rows[n]) for n, z in at.unknowns.items()}
     at = replace(at, unknowns=held)
-    least = least_forces(at) if result.status is Status.INDETERMINATE_FORCES else None
+    least = minimum_norm_forces(at) if result.status is Status.INDETERMINATE_FORCES else None
     return at, result, least, spring_rates(VariedCase(chain, state, given, {}), names)
 
 

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
-from holdfast.dynamics.closed.bushing_wrenches import Stretched, bushing_energy, bushings
-from holdfast.dynamics.closed.spring_wrenches import Stretch, stretches
+from holdfast.dynamics.closed.bushing_wrenches import Deflection, bushing_energy, bushings
+from holdfast.dynamics.closed.spring_wrenches import Elongation, elongations
 from holdfast.dynamics.result import ForwardResult, require_result_of
-from holdfast.dynamics.trunk.trunk_motion import Standing, standing
+from holdfast.dynamics.trunk.trunk_motion import BaseKinematics, base_kinematics
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -65,14 +65,14 @@ class Body(NamedTuple):
 
 def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> Iterator[Body]:
     """Yield the trunk's bodies from the base outward, then the links arm by arm, base to tip, then the object."""
-    at = standing(chain, state, shaped_inputs(chain, inputs))
+    at = base_kinematics(chain, state, shaped_inputs(chain, inputs))
     yield from trunk_bodies(chain, at)
     for name, arm in at.arms.items():
         yield from links(arm, at.q[name], at.qd[name], at.base_twists[name])
     yield held_body(chain.held_object, state.object_frame, state.object_twist)
 
 
-def trunk_bodies(chain: ClosedChain, at: Standing) -> list[Body]:
+def trunk_bodies(chain: ClosedChain, at: BaseKinematics) -> list[Body]:
     """Return the bodies of the trunk from its base outward; the list is empty without a trunk."""
     of_trunk = () if chain.trunk is None else chain.trunk.bodies
     return [
@@ -114,7 +114,7 @@ def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = Non
 
 def total_kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs) -> Scalar:
     """Return T of trunk, arms and object [J] for inputs that are already shaped; see `kinetic_energy`."""
-    at = standing(chain, state, inputs)
+    at = base_kinematics(chain, state, inputs)
     parts = [*each_of(at.arms, arm_kinetic_energy, at.arms, at.q, at.qd, at.base_twists).values()]
     parts += [body.kinetic_energy for body in trunk_bodies(chain, at)]
     if chain.trunk is not None:
@@ -148,7 +148,7 @@ def potential_energy(chain: ClosedChain, state: State) -> float:
 
 def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
     """Return U of trunk, arms and object [J]; see `potential_energy`."""
-    at, gravity = standing(chain, state, Inputs().shaped(chain)), chain.gravity
+    at, gravity = base_kinematics(chain, state, Inputs().shaped(chain)), chain.gravity
     parts = [*each_of(at.arms, lambda arm, q: arm_potential_energy(arm, q, gravity), at.arms, at.q).values()]
     parts += [body.potential_energy(gravity) for body in trunk_bodies(chain, at)]
     if chain.trunk is not None:
@@ -183,7 +183,7 @@ def rotor_energy(chain: ClosedChain, state: State) -> Scalar:
 
 def spring_energy(chain: ClosedChain, state: State) -> Scalar:
     """Return the elastic energy of the springs between bodies [J]."""
-    return sum(map(Stretch.energy, stretches(chain, state, Inputs().shaped(chain)), chain.springs))
+    return sum(map(Elongation.energy, elongations(chain, state, Inputs().shaped(chain)), chain.springs))
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -204,7 +204,7 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
 
 def total_mass_moment(chain: ClosedChain, state: State) -> Array:
     """Return mass [kg] and first moment about the world's origin [kg m] of trunk, links and object, (4,)."""
-    at = standing(chain, state, Inputs().shaped(chain))
+    at = base_kinematics(chain, state, Inputs().shaped(chain))
     held = held_body(chain.held_object, state.object_frame, np.zeros(6))
     sums = sum(each_of(at.arms, arm_mass_moment, at.arms, at.q).values()) + held.mass_moment
     return sum((body.mass_moment for body in trunk_bodies(chain, at)), start=sums)
@@ -238,7 +238,7 @@ def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, i
 
 def total_momentum(chain: ClosedChain, state: State, inputs: Inputs, about: Array) -> Array:
     """Return the momentum of trunk, links and object, (6,), for inputs already shaped; see `momentum`."""
-    at = standing(chain, state, inputs)
+    at = base_kinematics(chain, state, inputs)
 
     def of_arm(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Array:
         return sum((body.momentum(about) for body in links(arm, q, qd, base_twist)), start=np.zeros(6))
@@ -308,8 +308,8 @@ def power_of(
     damping = concatenate(arm.damping for arm in chain.arms.values())
     if chain.trunk is not None:
         damping = concatenate([[joint.damping for joint in chain.trunk.joints], damping])
-    lost = sum(map(Stretch.loss, stretches(chain, state, inputs), chain.springs))
-    lost = lost + sum(map(Stretched.loss, bushings(chain, state, inputs)))
+    lost = sum(map(Elongation.loss, elongations(chain, state, inputs), chain.springs))
+    lost = lost + sum(map(Deflection.loss, bushings(chain, state, inputs)))
     external, base = inputs.object_wrench @ state.object_twist, base_wrench.ravel() @ inputs.base_twists.ravel()
     moving = [] if inputs.link_wrenches is None else [*inputs.link_wrenches]
     if inputs.trunk_link_wrenches is not None:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.possible_motion import feasibility, possible, require_holding, require_possible
+from holdfast.dynamics.feasible_motion import feasibility, feasible, require_feasible, require_holding
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -57,7 +57,7 @@ def inverse_dynamics(
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), shaped_inputs(chain, inputs))
     require_holding(chain, {"grasp_wrench": f})
     tau, *others = torques_and_deciding(motion, qdd, f, acceleration_of_base(chain, base_acceleration))
-    require_possible(chain, f, dict(zip(feasibility(chain), others, strict=True)))
+    require_feasible(chain, f, dict(zip(feasibility(chain), others, strict=True)))
     return checks.finite(tau, "inverse dynamics")
 
 
@@ -131,7 +131,7 @@ INVERSE_DYNAMICS = declare(
         feasibility=feasibility,
         restricted=_with_held,
         require=require_holding,
-        settle=possible,
+        settle=feasible,
     ),
     inverse_dynamics,
 )

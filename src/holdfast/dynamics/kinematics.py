@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -104,7 +104,7 @@ def _configuration(arm: Arm, q: ArrayLike) -> Kinematics:
 
 def _each_arm(f: Callable[[Arm, Array], Array], case: VariedCase, arms: Iterable[Arm] | None = None) -> tuple[Array]:
     """Return what a function makes of every arm and its joint positions, one after the other."""
-    at = standing(case.chain, case.state, case.inputs).arms.values() if arms is None else arms
+    at = base_kinematics(case.chain, case.state, case.inputs).arms.values() if arms is None else arms
     return (concatenate(each(f, at, [case.state.q[part] for part in case.chain.arm_joints])),)
 
 

@@ -32,7 +32,7 @@ class RestCase(ArmCase):
 
     __slots__ = ()
 
-    def passive(self, q: Array, qd: Array, varied: Numbers) -> Array:
+    def passive_torque(self, q: Array, qd: Array, varied: Numbers) -> Array:
         """Return the torques of dampers and springs, which are zero, (N,)."""
         return np.zeros(len(q))
 
@@ -103,6 +103,6 @@ class RestTrunk(TrunkCase):
         _, moving = super().outward(z, y, varied)
         return power, [a._replace(base_twist=b.base_twist) for a, b in zip(carried, moving, strict=True)]
 
-    def passive(self, arm: Arm, q: Array, qd: Array, varied: Numbers) -> Array:
+    def passive_torque(self, arm: Arm, q: Array, qd: Array, varied: Numbers) -> Array:
         """Return the torques of dampers and springs, which are zero, (n_t,)."""
         return np.zeros(len(q))

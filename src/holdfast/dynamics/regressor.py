@@ -227,7 +227,7 @@ def moving_parts(motion: ChainMotion, qdd: Array, base: Array | None) -> dict[st
         n = len(own)
         by = [(np.zeros(n), unit) for unit in below] + [(unit, np.zeros(6)) for unit in np.eye(n)]
         moving = of_joints(given.arm, (given.q, given.qd, own), given.base_twist, given.base_acceleration, by)
-        found[name] = MovingPart(*moving, ends, given.link_wrenches, arm.passive + arm.arm.armature * own)
+        found[name] = MovingPart(*moving, ends, given.link_wrenches, arm.passive_torque + arm.arm.armature * own)
     return found
 
 
@@ -250,7 +250,7 @@ def moving_trunk(case: TrunkCase, qdd: Array, base: Array | None) -> MovingPart:
         V=[*part.V, *moving[1]],
         accelerations=[*part.accelerations, *moving[2]],
         U=np.concatenate([part.U, moving[3]], axis=1),
-        drives=serial.armature * qdd + case.passive(serial, case.q, case.qd, {}),
+        drives=serial.armature * qdd + case.passive_torque(serial, case.q, case.qd, {}),
     )
 
 

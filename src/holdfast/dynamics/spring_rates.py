@@ -33,7 +33,7 @@ def spring_rates(case: VariedCase, names: Sequence[str]) -> LinearisedFunction |
     return linearised_function(_springs(case.chain), case, names) if case.chain.springs and names else None
 
 
-def pushed(springs: LinearisedFunction | None, tangents: Mapping[str, Array]) -> Mapping[str, Array]:
+def pushforward(springs: LinearisedFunction | None, tangents: Mapping[str, Array]) -> Mapping[str, Array]:
     """Return tangents of forward dynamics with the rates of the springs' wrenches added."""
     if springs is None:
         return tangents
@@ -41,18 +41,18 @@ def pushed(springs: LinearisedFunction | None, tangents: Mapping[str, Array]) ->
     return {**tangents, **{name: tangents.get(name, 0.0) + x for name, x in added.items()}}
 
 
-def pushed_along(
+def pushforward_along(
     at: Point, springs: LinearisedFunction | None, shapes: Mapping[str, Shape]
 ) -> Callable[[Mapping[str, Array]], dict[str, Array]]:
     """Return `forward_along` with the rates of the springs' wrenches."""
     if springs is None:
         return forward_along(at, shapes)
-    still = pushed(springs, {name: np.zeros(shape) for name, shape in shapes.items()})
+    still = pushforward(springs, {name: np.zeros(shape) for name, shape in shapes.items()})
     along = forward_along(at, {name: np.shape(x) for name, x in still.items()})
-    return lambda tangents: along(pushed(springs, tangents))
+    return lambda tangents: along(pushforward(springs, tangents))
 
 
-def with_pulled(
+def with_pullback(
     springs: LinearisedFunction | None, by: Sequence[str], gradients: Callable[[Sequence[str]], Mapping[str, Array]]
 ) -> dict[str, Array]:
     """Return gradients of forward dynamics by some arguments, with those through the springs' wrenches added.

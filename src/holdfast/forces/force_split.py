@@ -57,7 +57,7 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
     """
     require_fit(chain, state)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
-    places = [_firm(place) for place in contact_places(chain, state)]
+    places = [_as_rigid(place) for place in contact_places(chain, state)]
     offsets = [place.offset for place in places]
     L = length_scale(offsets) if length is None else checks.number(length, "length", above=0.0)
     rows = [chain.names.index(name) for name in chain.grasps]
@@ -83,7 +83,7 @@ class Splitter:
         self._chain, self._motion, self._length = chain, None, 1.0
         grasps = chain.grasps.values()
         if chain.grasps and not any(grasp.of_kind.follows_tip for grasp in grasps):
-            places = [_firm(ContactPlace(grasp, grasp.frame.R, grasp.frame.p)) for grasp in grasps]
+            places = [_as_rigid(ContactPlace(grasp, grasp.frame.R, grasp.frame.p)) for grasp in grasps]
             self._length = length_scale([place.offset for place in places])
             by_net = [motion_wrenches(places, unit, self._length).ravel() for unit in np.eye(6)]
             to_C = [twist_shift(place.offset) for place in places]
@@ -101,7 +101,7 @@ class Splitter:
         return Split(motion, internal, _load_share(motion[:, 3:]), self._length)
 
 
-def _firm(place: ContactPlace) -> ContactPlace:
+def _as_rigid(place: ContactPlace) -> ContactPlace:
     """Return the contact place with a bushing replaced by a rigid grasp."""
     compliant = place.grasp.of_kind.compliant
     return place._replace(grasp=Grasp("rigid", place.grasp.frame)) if compliant else place

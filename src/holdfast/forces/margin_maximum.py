@@ -77,7 +77,7 @@ def largest_margin(
     given = shaped_inputs(chain, inputs)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
     tau = inverse_dynamics(chain, state, result.qdd, result.grasp_wrench, given, result.base_acceleration)
-    N = undriven(motion, internal_wrenches(motion))
+    N = without_base_load(motion, internal_wrenches(motion))
     every = [margin for of_one in affine_margins(motion, result.grasp_wrench, N) for margin in of_one]
     by_joints = joint_loads(motion, N)
     bounds = _effort_bounds(chain, tau, by_joints) if effort_limits else []
@@ -99,7 +99,7 @@ def internal_wrenches(motion: ChainMotion) -> Array:
     return directions.columns[:, directions.rank :]
 
 
-def undriven(motion: ChainMotion, wrenches: Array) -> Array:
+def without_base_load(motion: ChainMotion, wrenches: Array) -> Array:
     """Return a basis of the stacked wrenches (6l, k) that do not load a floating base, which has no drive."""
     if motion.trunk is None or not motion.trunk.floats or not wrenches.shape[1]:
         return wrenches

@@ -39,16 +39,16 @@ ACCELERATION = 20.0  # rad/s^2, m/s^2: bound of observed accelerations
 @called
 @dataclass(frozen=True, eq=False)
 class CarryTask(Frozen, Task):
-    """Carry the object along a path with no more squeeze than is needed to hold it.
+    """Carry the object along a path with no more internal force than is needed to hold it.
 
     The action is constant during a control step, and its entries are clipped to [-1, 1].
     With `commands="object"` it is (7,):
 
     | 0 to 2 | angular acceleration of the object, world axes, as a fraction of `acceleration[:3]` [rad/s^2]
     | 3 to 5 | acceleration of C, world axes, as a fraction of `acceleration[3:]` [m/s^2]
-    | 6      | squeeze of every arm along its contact normal: `squeeze + squeeze_span * a` [N]
+    | 6      | push of every arm along its contact normal: `internal_force + internal_force_span * a` [N]
 
-    With `commands="joint"` it is (n,): torques that are added to gravity compensation (with `squeeze`) and joint
+    With `commands="joint"` it is (n,): torques that are added to gravity compensation (with `internal_force`) and joint
     damping, arms in order, base to tip, as a fraction of `joint_torque` [N m or N].
 
     The observation is in SI units, and each of its parts is clipped to the bounds of `observation_space`:
@@ -66,10 +66,10 @@ class CarryTask(Frozen, Task):
     The reward of a control step of length dt is
 
         dt path_reward / (1 + (turn / tolerance_angle)^2 + (distance / tolerance)^2)
-        - dt internal_cost max(0, internal_force / largest_internal - 1) - dt effort_cost mean(a^2)
+        - dt internal_cost max(0, F / largest_internal - 1) - dt effort_cost mean(a^2)
 
     with the angle and the distance between object and path; when the episode terminates, `failure_cost` is subtracted
-    once. The internal force is the largest sqrt(|moment / L|^2 + |force|^2) of any grasp's internal wrench, see
+    once. The internal force F is the largest sqrt(|moment / L|^2 + |force|^2) of any grasp's internal wrench, see
     `forces.split`.
 
     An episode terminates when a grasp slips, a joint exceeds a limit, the configuration is singular or a step fails,
@@ -96,8 +96,8 @@ class CarryTask(Frozen, Task):
         push: (6,) largest constant wrench [moment; force] on the object about C, world axes [N m, N].
         stop_at_limits: whether a joint beyond a limit of position, rate or effort terminates the episode.
         acceleration: (6,) acceleration of the object at an action of 1 [rad/s^2, m/s^2].
-        squeeze: force of every arm along its contact normal [N].
-        squeeze_span: force that an action of 1 adds to it [N].
+        internal_force: push of every arm along its contact normal [N].
+        internal_force_span: force that an action of 1 adds to it [N].
         joint_torque: (n,) torques at an action of 1; by default a tenth of the effort limits, or 10 without a limit.
         joint_damping: damping of the joint motion that does not move any contact [1/s]; with `commands="joint"`, of
             all joint motion [N m s/rad or N s/m].
@@ -127,8 +127,8 @@ class CarryTask(Frozen, Task):
     push: ArrayField = field(default_factory=making(np.repeat, [0.0, 3.0], 3))
     stop_at_limits: bool = True
     acceleration: ArrayField = field(default_factory=making(np.repeat, [5.0, 2.0], 3))
-    squeeze: float = 50.0
-    squeeze_span: float = 25.0
+    internal_force: float = 50.0
+    internal_force_span: float = 25.0
     joint_torque: OptionalArrayField = NOT_GIVEN
     joint_damping: float = 10.0
     largest_internal: float = 60.0
@@ -160,8 +160,8 @@ class CarryTask(Frozen, Task):
             what, ("duration", "largest_internal", "crushing_internal", "lost", "lost_angle"), above=0.0
         )
         costs = "path_reward", "internal_cost"
-        self._check_numbers(what, ("settle", "squeeze_span", "joint_damping", *costs), at_least=0.0)
-        self._check_numbers(what, ("squeeze",))
+        self._check_numbers(what, ("settle", "internal_force_span", "joint_damping", *costs), at_least=0.0)
+        self._check_numbers(what, ("internal_force",))
         if self.lost_angle >= np.pi:
             raise ModelError(f"{what}: lost_angle: expected less than pi, got {self.lost_angle:g}")
 
@@ -233,10 +233,10 @@ class CarryTask(Frozen, Task):
     def law(self) -> ControlLaw:
         """The control law, with the action as a parameter."""
         if self.commands == "object":
-            given = self.acceleration, self.squeeze, self.squeeze_span, self.joint_damping
+            given = self.acceleration, self.internal_force, self.internal_force_span, self.joint_damping
             return object_law(self.chain, *given)
         assert self.joint_torque is not None
-        return joint_law(self.chain, self.joint_torque, self.squeeze, self.joint_damping)
+        return joint_law(self.chain, self.joint_torque, self.internal_force, self.joint_damping)
 
     def target(self, t: Scalar, given: Given) -> Target:
         """Return pose, twist and acceleration of the path at a time [s]."""

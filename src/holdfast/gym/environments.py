@@ -99,7 +99,7 @@ class TaskEnv(gymnasium.Env[Array, Array]):
 
 @called
 class Carry(TaskEnv):
-    """Carry an object along a path with no more squeeze than is needed to hold it; see `CarryTask`.
+    """Carry an object along a path with no more internal force than is needed to hold it; see `CarryTask`.
 
         env = hf.gym.Carry(chain=chain, state=state, largest_internal=60.0)
         env = gymnasium.make("holdfast/Carry-v0")  # after `import holdfast.gym`

@@ -102,7 +102,7 @@ class HandOverTask(Frozen, Task):
         stop_at_limits: whether a joint beyond a limit of position, rate or effort terminates the episode.
         joint_torque: (n,) torques at an action of 1; by default a tenth of the effort limits, or 10 without a limit.
         joint_damping: damping of all joints [N m s/rad or N s/m].
-        squeeze: force of every holding arm along its contact normal, while two or more arms hold the object [N].
+        internal_force: push of every holding arm along its contact normal, while two or more arms hold the object [N].
         capture: largest distance of the tip from its place at which it can grasp [m].
         capture_angle: largest angle between them [rad].
         capture_speed: largest speed of the tip relative to its place [m/s].
@@ -137,7 +137,7 @@ class HandOverTask(Frozen, Task):
     stop_at_limits: bool = True
     joint_torque: OptionalArrayField = NOT_GIVEN
     joint_damping: float = 5.0
-    squeeze: float = 0.0
+    internal_force: float = 0.0
     capture: float = 0.02
     capture_angle: float = 0.2
     capture_speed: float = 0.1
@@ -175,7 +175,7 @@ class HandOverTask(Frozen, Task):
         self._check_numbers(what, (*captures, *sizes), above=0.0)
         rewards = "reach_reward", "goal_reward", "success_reward"
         self._check_numbers(what, (*rewards, "joint_damping", "internal_cost", "impact_cost"), at_least=0.0)
-        self._check_numbers(what, ("squeeze",))
+        self._check_numbers(what, ("internal_force",))
 
     @property
     def action_size(self) -> int:
@@ -258,8 +258,8 @@ class HandOverTask(Frozen, Task):
 
     def _rollout(self, chain: ClosedChain) -> Rollout:
         assert self.joint_torque is not None
-        squeeze = self.squeeze if len(chain.grasps) > 1 else 0.0
-        return compile_rollout(chain, joint_law(chain, self.joint_torque, squeeze, self.joint_damping))
+        internal_force = self.internal_force if len(chain.grasps) > 1 else 0.0
+        return compile_rollout(chain, joint_law(chain, self.joint_torque, internal_force, self.joint_damping))
 
     def _evaluation(self, phase: int) -> BatchFunction:
         inputs = self.argument_shapes(self.chains[phase]) | {name: x.shape for name, x in self.frames.items()}

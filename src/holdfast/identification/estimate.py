@@ -1,10 +1,10 @@
-"""Weighted least squares over physically possible bodies; what the rows do not determine keeps the guess's values.
+"""Weighted least squares over physically feasible bodies; what the rows do not determine keeps the guess's values.
 
     1. the unconstrained estimate, with weights from its own residuals          free_fit
     2. which combinations of unknowns it determines                             kept.split_at
     3. the others are the guess's                                               kept.with_the_guess
-    4. if that is not a possible body: the possible body that fits the determined combinations best and,
-       next to that, is nearest to the guess                                    possible_bodies
+    4. if that is not a feasible body: the feasible body that fits the determined combinations best and,
+       next to that, is nearest to the guess                                    feasible_bodies
 
 The covariance is that of step 1 without the combinations Q that the guess gives,
 
@@ -24,10 +24,10 @@ import numpy as np
 from holdfast.errors import StateError
 from holdfast.identification.colour import Colour, colour_of
 from holdfast.identification.equations import Equations
+from holdfast.identification.feasible_bodies import best_feasible, is_feasible
 from holdfast.identification.free_fit import FreeFit, free_fit
 from holdfast.identification.kept import Split, free_roots, sized, split_at, with_the_guess
 from holdfast.identification.motion_noise import JointNoise
-from holdfast.identification.possible_bodies import best_possible, is_possible
 from holdfast.identification.unknowns import Unknowns
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
@@ -54,7 +54,7 @@ class Estimate:
         colour: how residuals depend on those before them.
         motion_share: part of the whitened residuals' variance that the noise of the motion explains.
         settled: whether the weights converged.
-        held: whether the guess's values are a possible body together with the determined combinations.
+        held: whether the guess's values are a feasible body together with the determined combinations.
     """
 
     plain: Array
@@ -160,15 +160,15 @@ def _require_mass(fit: FreeFit, unknowns: Unknowns, largest: float) -> None:
 
 
 def _estimate_of(fit: FreeFit, split: Split) -> tuple[Array, bool]:
-    """Return the possible body, and whether what is not determined has the guess's values."""
+    """Return the feasible body, and whether what is not determined has the guess's values."""
     x = with_the_guess(fit.x, split)
-    if x is not None and is_possible(x[:10]):
+    if x is not None and is_feasible(x[:10]):
         return x, True
     unknowns, count = split.unknowns, split.steps.shape[1]
     guess = unknowns.model.copy()
     guess[:10] *= unknowns.sizes[0] / guess[0]
     steps = split.change @ np.hstack([split.steps, split.fixed])
-    return best_possible(fit.x, steps, count, guess, unknowns.sizes[10:]), False
+    return best_feasible(fit.x, steps, count, guess, unknowns.sizes[10:]), False
 
 
 def variance(J: Array, e: Array, inverse: Array, share: Array | None, known: bool) -> Array:

@@ -35,7 +35,7 @@ class Identification(Frozen):
             torques the power along an orthonormal basis of motions.
         noise: (channels,) standard deviations of the measurements, by which the rows are weighted [N m, N].
         misfit: mean square of the residuals in units of that noise and of the noise of the motion; far above 1 if no
-            possible body explains the recordings.
+            feasible body explains the recordings.
     """
 
     chain: ClosedChain
@@ -55,7 +55,7 @@ class Identification(Frozen):
 
     @property
     def held_object(self) -> HeldObject:
-        """The payload, which is a physically possible body."""
+        """The payload, which is a physically feasible body."""
         return self.chain.held_object
 
     @property

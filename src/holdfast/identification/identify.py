@@ -13,12 +13,12 @@ from holdfast.errors import ModelError, StateError
 from holdfast.identification.completed import completed, differentiated
 from holdfast.identification.equations import Equations, Settings, equations
 from holdfast.identification.estimate import Estimate, estimate
+from holdfast.identification.feasible_bodies import is_feasible
 from holdfast.identification.grasp_frames import measured_grasps
 from holdfast.identification.identification import Identification
 from holdfast.identification.load_recording import recording_of
 from holdfast.identification.motion_noise import motion_noise
 from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
-from holdfast.identification.possible_bodies import is_possible
 from holdfast.identification.recording import Recording
 from holdfast.identification.undetermined import parts_kept, sentences
 from holdfast.identification.unknowns import Unknowns, unknowns_of
@@ -46,11 +46,11 @@ def identify(
     noise: ArrayLike | None = None,
     largest_deviation: float = 0.3,
 ) -> Identification:
-    """Estimate mass, mass centre and inertia of the payload by weighted least squares over possible bodies.
+    """Estimate mass, mass centre and inertia of the payload by weighted least squares over feasible bodies.
 
     The sum of squared residuals is minimised, weighted by the inverse covariance of their noise, over all bodies that
     some distribution of mass has. Combinations of parameters that the motion does not identify keep the guess's values,
-    those of the chain, and are listed in the result; if no possible body has these, they become those of the nearest
+    those of the chain, and are listed in the result; if no feasible body has these, they become those of the nearest
     one that fits as well. Positions without rates or accelerations are smoothed, and their noise enters the weights and
     the covariance. O(samples n), with torques O(samples n^3).
 
@@ -75,7 +75,7 @@ def identify(
         An `Identification`.
 
     Raises:
-        ModelError: it is not a chain, the payload is flat or not a possible body, or options contradict each other.
+        ModelError: it is not a chain, the payload is flat or not a feasible body, or options contradict each other.
         StateError: a recording does not match the chain, lacks measurements, is too short, or identifies nothing; a
             mass below zero explains the recordings best.
         ResultError: a file cannot be read.
@@ -127,7 +127,7 @@ def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
         raise ModelError("identify: chain: expected an arm that holds the object, got none")
     if flags["gravity"] and not chain.gravity.any():
         raise ModelError("identify: gravity: expected a chain with gravity, whose size is known; got none")
-    if not is_possible(about_origin(chain.held_object.mass, np.zeros(3), chain.held_object.inertia).parameters):
+    if not is_feasible(about_origin(chain.held_object.mass, np.zeros(3), chain.held_object.inertia).parameters):
         raise ModelError(
             "identify: object: expected principal moments of which any two sum to more than the third; got a flat or an"
             " impossible body; try HeldObject.box with three edges as a first guess"

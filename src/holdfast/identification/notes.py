@@ -17,7 +17,7 @@ FAR = 0.01  # tip errors above this are reported [m or rad]
 CHECKED_SAMPLES = 10  # samples in which they are checked
 ROUNDING = 1e-3  # mean square of whitened residuals below which these are rounding rather than noise
 POORLY = 2.0  # mean square of residuals, in units of the noise, above which a note is added
-MOVED = 0.01  # squared standard deviations below which a move by the bound of possible bodies is rounding
+MOVED = 0.01  # squared standard deviations below which a move by the bound of feasible bodies is rounding
 SEEN = 0.01  # share of the residuals' variance above which the noise of positions is named
 ROUGH = 0.03  # noise of given accelerations, relative to their size, above which a note is added
 DENSELY = 0.3  # relative error of the trapezoidal rule, and size of a step, below which samples are close together
@@ -29,13 +29,13 @@ def notes_on_estimate(found: Estimate, motion: list[JointNoise], system: Equatio
     notes = []
     if found.moved > MOVED:
         notes.append(
-            "the unconstrained estimate is not a possible body; the possible body that fits best is returned,"
+            "the unconstrained estimate is not a feasible body; the feasible body that fits best is returned,"
             f" {np.sqrt(found.moved):.2g} standard deviations away"
         )
     elif not found.held:
         notes.append(
-            "the guess's values of what is not identified belong to no possible body with the identified values; they"
-            " are those of the possible body nearest to the guess"
+            "the guess's values of what is not identified belong to no feasible body with the identified values; they"
+            " are those of the feasible body nearest to the guess"
         )
     if found.misfit > POORLY:
         whose = "given noise" if noise_given else "noise that the unconstrained estimate leaves"

@@ -143,7 +143,7 @@ def link_of(model: Any, group: BodyGroup) -> Link:
     return Link(mass, com, 0.5 * (inertia + inertia.T), name=name)
 
 
-def standing(robot: MjcfRobot, body: int) -> Pose:
+def pose_in_world(robot: MjcfRobot, body: int) -> Pose:
     """Return the pose of a body in the world, with joints that are not locked at their positions in the model."""
     model, pose = robot.model, Pose.identity()
     while body:

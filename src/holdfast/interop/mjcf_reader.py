@@ -15,7 +15,7 @@ from holdfast.interop.mjcf_bodies import (
     along,
     held_joints,
     link_of,
-    standing,
+    pose_in_world,
 )
 from holdfast.interop.mjcf_couplings import Moving, checked_couplings
 from holdfast.interop.mjcf_model import compiled_mjcf
@@ -75,7 +75,7 @@ def load_mjcf(
     robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others, unknown)
     end, tip_frame = find_tip(source, model, start, tip)
     path = bodies_between(source, model, start, end)
-    at = standing(robot, start) if mount is None else checks.pose(mount, "mount")
+    at = pose_in_world(robot, start) if mount is None else checks.pose(mount, "mount")
     arm = _alone(robot, start, path, tip_frame, at, base or body_name(model, path[0]))
     show_notes(arm.notes)
     return arm
@@ -124,7 +124,7 @@ def load_mjcf_arms(
         paths[name] = bodies_between(source, model, bases[name], end)
     _require_apart(robot, bases, paths)
     found = {
-        name: _alone(robot, bases[name], paths[name], tips[name], at @ standing(robot, bases[name]), name)
+        name: _alone(robot, bases[name], paths[name], tips[name], at @ pose_in_world(robot, bases[name]), name)
         for name in arms
     }
     show_notes(note for arm in found.values() for note in arm.notes)

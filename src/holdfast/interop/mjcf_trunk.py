@@ -16,7 +16,7 @@ from holdfast.interop.mjcf_bodies import (
     along,
     held_joints,
     link_of,
-    standing,
+    pose_in_world,
 )
 from holdfast.interop.mjcf_couplings import Moving, checked_couplings
 from holdfast.interop.mjcf_model import compiled_mjcf
@@ -99,7 +99,7 @@ def load_mjcf_trunk(
     for group in bodies:
         add_branches(robot, group, elsewhere)
     inside = {body for group in bodies for body, _ in group.bodies}
-    stand = standing(robot, root) if mount is None else checks.pose(mount, "mount")
+    stand = pose_in_world(robot, root) if mount is None else checks.pose(mount, "mount")
     trunk = _trunk(model, bodies, stand)
     arms, mounts = {}, {}
     together = [group for group in bodies if group.bodies]

@@ -17,7 +17,7 @@ from holdfast.control.controller import Controller
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.consistency import require_closed
-from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ClosureError, SceneError, StateError
 from holdfast.io import typed
 from holdfast.io.files import LONGEST_NAME, file_path, one_line
@@ -226,7 +226,7 @@ def closed(chain: ClosedChain, guess: State, search: bool) -> State:
     except ClosureError:
         if not search:
             raise
-    arms = standing(chain, guess, Inputs().shaped(chain)).arms
+    arms = base_kinematics(chain, guess, Inputs().shaped(chain)).arms
     q = {name: guess.q[chain.joints[name]] for name in chain.names}
     found = assemble(arms, chain.held_object, chain.grasps, object_pose=guess.object_pose, q=q, gravity=chain.gravity)
     first = chain.joint_count - len(found.state.q)

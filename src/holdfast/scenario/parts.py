@@ -26,7 +26,7 @@ from holdfast.scenario.poses import pose
 from holdfast.spatial import rotation
 from holdfast.state import State
 
-GAINS = ("squeeze", "joint_damping", "stiffness", "damping")
+GAINS = ("internal_force", "joint_damping", "stiffness", "damping")
 MOST_COEFFICIENTS = 20  # of a polynomial; terms of higher order are lost in rounding
 
 
@@ -82,12 +82,12 @@ def controller(
             raise (at / key).refuse(f"expected >= 0, got {getattr(data, key):g}")
     if isinstance(data, scene.GravityCompensationData):
         with at.refusals():
-            return GravityCompensation(chain, data.squeeze, data.joint_damping)
+            return GravityCompensation(chain, data.internal_force, data.joint_damping)
     if not chain.grasps:
         raise (at / "type").refuse("object_tracking needs a grasp, but no arm has one; try gravity_compensation")
     path = object_path(data.path, state, at / "path")
     with at.refusals():
-        return ObjectTracking(chain, path.at, data.squeeze, data.stiffness, data.damping, data.joint_damping)
+        return ObjectTracking(chain, path.at, data.internal_force, data.stiffness, data.damping, data.joint_damping)
 
 
 def object_path(data: scene.PathData, state: State, at: Location) -> RestToRest | PoseSpline:

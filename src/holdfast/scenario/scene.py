@@ -258,7 +258,7 @@ class PathData(_Strict):
 class GravityCompensationData(_Strict, tag_field="type", tag="gravity_compensation"):
     """Balance gravity."""
 
-    squeeze: float = 0.0
+    internal_force: float = 0.0
     joint_damping: float = 0.0
 
 
@@ -266,7 +266,7 @@ class ObjectTrackingData(_Strict, tag_field="type", tag="object_tracking"):
     """Move the object along a path by computed torque."""
 
     path: PathData
-    squeeze: float = 0.0
+    internal_force: float = 0.0
     stiffness: float = 100.0
     damping: float = 20.0
     joint_damping: float = 10.0

@@ -49,7 +49,7 @@ class Passive(NamedTuple):
         return self.damping + friction_slope(self.friction, qd) if self.friction.any() else self.damping
 
 
-def passive_joints(chain: ClosedChain) -> Passive:
+def passive_terms(chain: ClosedChain) -> Passive:
     """Return the damping, stiffness and dry friction of the joints."""
     damping, stiffness = np.array([(joint.damping, joint.stiffness) for joint in chain.all_joints]).reshape(-1, 2).T
     return Passive(damping, stiffness, joint_friction(chain))

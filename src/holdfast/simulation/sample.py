@@ -56,7 +56,7 @@ class Recorder:
             margins: (k, signals) margins at these times, see `margins.Signals`.
             occurrences: what has happened since the previous sample.
         """
-        chain, state, found, books = at.chain, at.state, at.result, self._accounts(at)
+        chain, state, found, accounts = at.chain, at.state, at.result, self._accounts(at)
         same = self._same(chain)
         parts, (now, best, worst) = same.split(state, found.grasp_wrench), same.margins(at)
         lowest, when = _lowest(times, margins)
@@ -74,7 +74,7 @@ class Recorder:
             grasp_wrench=found.grasp_wrench,
             internal_wrench=parts.internal,
             load_share=np.zeros(l) if parts.load_share is None else parts.load_share,
-            wrist_wrench=books.wrist,
+            wrist_wrench=accounts.wrist,
             base_wrench=found.base_wrench,
             holding=same.holding,
             spin=spins(chain, state) if same.soft else np.zeros(l),
@@ -88,12 +88,12 @@ class Recorder:
             lowest_joint=joint,
             position_gap=gaps.position,
             velocity_gap=gaps.velocity,
-            kinetic=np.array(books.kinetic),
-            potential=np.array(books.potential),
+            kinetic=np.array(accounts.kinetic),
+            potential=np.array(accounts.potential),
             work=sums.work,
             impact=np.array(sums.impact),
-            momentum=books.momentum,
-            momentum_rate=books.rate,
+            momentum=accounts.momentum,
+            momentum_rate=accounts.rate,
             base_impulse=sums.base_impulse,
             condition=np.array(found.condition),
             base_pose=_or_none(state.base_pose),

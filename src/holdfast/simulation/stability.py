@@ -25,7 +25,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.linearly_implicit import passive_joints
+from holdfast.simulation.linearly_implicit import passive_terms
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -106,7 +106,7 @@ def _mass_matrix(motion: ChainMotion) -> Array:
 
 def passive_resistance(chain: ClosedChain, qd: Array) -> Array:
     """Return the torques of damping and friction per unit of the velocities, (n, n + 6) or (n, n + 12)."""
-    n, taken = chain.joint_count, np.diag(passive_joints(chain).resistance(qd))
+    n, taken = chain.joint_count, np.diag(passive_terms(chain).resistance(qd))
     return np.hstack([taken, np.zeros((n, chain.velocity_count - n))])
 
 
@@ -173,7 +173,7 @@ def fastest_passive(chain: ClosedChain, state: State) -> tuple[Decay, bool]:
     """
     try:
         decay = fastest_decay(chain, state, passive_resistance(chain, state.qd))
-        swing = fastest_swing(chain, state, passive_joints(chain).stiffness)
+        swing = fastest_swing(chain, state, passive_terms(chain).stiffness)
     except np.linalg.LinAlgError:  # masses differ by too much for an answer; each step is still checked
         return Decay(0.0, chain.joint_names()[0]), False
     return max((decay, False), (swing, True), key=lambda found: found[0].rate)
@@ -184,7 +184,7 @@ def surely_stable_step(chain: ClosedChain, qd: Array, scheme: Tableau) -> float:
 
     Links and grasps only add inertia, so no rate exceeds the largest ratio of resistance to armature.
     """
-    passive, most = passive_joints(chain), USED * scheme.stability_interval
+    passive, most = passive_terms(chain), USED * scheme.stability_interval
     armature = np.array([joint.armature for joint in chain.all_joints])
     with np.errstate(all="ignore"):  # infinite without resistance, which is 0 / 0 without armature, too
         damped, sprung = armature / passive.resistance(qd), np.sqrt(armature / passive.stiffness)

@@ -16,7 +16,7 @@ from holdfast.errors import ClosureError, StateError
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import displaced, no_turns, turns_of, work_of
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.linearly_implicit import Implicit, Passive, imex_step, passive_joints
+from holdfast.simulation.linearly_implicit import Implicit, Passive, imex_step, passive_terms
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
@@ -137,7 +137,7 @@ def step_generator(now: Instant, until: float, scheme: Tableau) -> StepGenerator
     """Return the generator of a step from an instant to a time [s]."""
     h = until - now.t
     times = [*(now.t + c * h for c in scheme.c.tolist()), until]
-    passive = passive_joints(now.chain) if scheme.implicit else None
+    passive = passive_terms(now.chain) if scheme.implicit else None
     return take_step(now.state, now.rates(no_turns(now.state)), h, times, scheme, passive)
 
 

@@ -61,7 +61,7 @@ class ChainScene:
             colour, node, shaft = arm_colour(chain.names.index(name)), _node(name), SHAFT * self._size
             writer.arrows(f"/forces/{node}", 1, colour, shaft)
             writer.arrows(f"/moments/{node}", 2, colour, 0.7 * shaft)
-            writer.arrows(f"/squeeze/{node}", 1, figure_style.rgb(figure_style.INTERNAL), 0.8 * shaft)
+            writer.arrows(f"/internal_force/{node}", 1, figure_style.rgb(figure_style.INTERNAL), 0.8 * shaft)
         for i, segments in enumerate(self._coils(0)):
             writer.lines(f"/springs/{i}", segments, LINE_GREY, LINE * self._size)
         writer.set_camera(cameras(playback)[0], upward(chain))
@@ -103,7 +103,7 @@ class ChainScene:
         # a moment's arrow has two heads
         writer.point(f"/moments/{node}", np.array([[tip, tip + share * moment] for share in (1.0, 0.8)]))
         beside = tip + BESIDE * self._size * _across(internal, -upward(playback.chain))
-        writer.point(f"/squeeze/{node}", np.array([[beside, beside + self.scale.force * internal]]))
+        writer.point(f"/internal_force/{node}", np.array([[beside, beside + self.scale.force * internal]]))
 
     def _draw_arm(self, index: int, name: str, arm: Arm) -> list[str]:
         """Draw an arm and return the names of its joints' nodes, base to tip."""

@@ -124,7 +124,7 @@ def legend(playback: Playback, scale: ArrowScale) -> str:
 def plots(playback: Playback) -> list[dict[str, Any]]:
     """Return the panel's curves: forces, moments, margins, torques, condition; no plot that would be all zero."""
     names = playback.chain.names
-    force, moment, squeeze = (
+    force, moment, internal_force = (
         np.linalg.norm(part, axis=2)
         for part in (playback.wrench[..., 3:], playback.wrench[..., :3], playback.internal[..., 3:])
     )
@@ -132,7 +132,7 @@ def plots(playback: Playback) -> list[dict[str, Any]]:
     colours = {name: part_colour(playback.chain, name) for name in playback.chain.joints_of}
     held = [(name, names.index(name)) for name in playback.holding]
     forces = [_curve(name, colours[name], force[:, i]) for name, i in held]
-    forces += [_curve(f"{name}, internal", colours[name], squeeze[:, i], dashed=True) for name, i in held]
+    forces += [_curve(f"{name}, internal", colours[name], internal_force[:, i], dashed=True) for name, i in held]
     moments = [_curve(name, colours[name], moment[:, i]) for name, i in held]
     limited = [(name, i) for name, i in held if np.isfinite(playback.margin[:, i]).any()]
     margins = [_curve(name, colours[name], playback.margin[:, i]) for name, i in limited]

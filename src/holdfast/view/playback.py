@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.near_singular import arm_strength
-from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ModelError
 from holdfast.forces.force_split import split
 from holdfast.forces.margins import grasp_margins
@@ -189,7 +189,7 @@ class _Place(NamedTuple):
 
 def _placed(chain: ClosedChain, inputs: Inputs, state: State) -> _Place:
     """Return the poses of a chain in a state, with its bases at their poses at that time."""
-    arms = standing(chain, state, inputs.shaped(chain)).arms.values()
+    arms = base_kinematics(chain, state, inputs.shaped(chain)).arms.values()
     configurations = [
         forward_kinematics(arm, state.q[chain.joints[name]]) for name, arm in zip(chain.names, arms, strict=True)
     ]

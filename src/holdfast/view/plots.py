@@ -119,19 +119,19 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
 
 @contextmanager
 def columns_of_panels(
-    count: int, height: float, spare: float, labels: Sequence[str]
+    count: int, height: float, extra_height: float, labels: Sequence[str]
 ) -> Iterator[tuple[Any, list[Any]]]:
     """Yield a figure and, for each of several arms, a column of panels over time; columns stand four abreast.
 
     Args:
         count: of arms.
         height: of a column [inches].
-        spare: what the figure is higher than its columns [inches].
+        extra_height: height added for legends [inches].
         labels: of the panels of a column, from above.
     """
     abreast, rows = min(max(count, 1), ARMS_ABREAST), len(labels)
     bands = -(-max(count, 1) // abreast)
-    with new_figure(COLUMN * max(1.0, abreast / 2), height * bands + spare) as figure:
+    with new_figure(COLUMN * max(1.0, abreast / 2), height * bands + extra_height) as figure:
         panels = figure.subplots(rows * bands, abreast, sharex=True, sharey="row", squeeze=False)
         columns = [panels[rows * (k // abreast) :, k % abreast][:rows] for k in range(count)]
         yield figure, columns

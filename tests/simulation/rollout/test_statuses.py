@@ -190,7 +190,7 @@ def test_bad_numbers():
 
 
 def test_quaternion_of_no_length():
-    """All zeros: faulty, without a warning."""
+    """All zeros: invalid, without a warning."""
     rollout, (_, state) = swinging("legs"), problem("legs")
     given = elsewhere(rollout.chain, state, 2)
     given["object_pose"][0, :4] = 0.0

@@ -49,8 +49,8 @@ class ArmMotion:
         at: its configuration.
         tip_twist: (6,) V(0) of the tip point, world axes.
         bias: wrenches and tip acceleration at qdd = 0.
-        passive: (N,) torques of dampers and springs, damping qd + stiffness (q - rest).
-        torque: (N,) T = tau - passive.
+        passive_torque: (N,) torques of dampers and springs, damping qd + stiffness (q - rest).
+        torque: (N,) T = tau - passive_torque.
         base_columns: (6, c) acceleration of its base per acceleration of a trunk's columns; None without a trunk.
         known: (6,) wrench of the tip on the object that follows from the state (of a bushing), world axes, which is
             included in the bias; None for none.
@@ -60,7 +60,7 @@ class ArmMotion:
     at: Kinematics
     tip_twist: Array
     bias: Bias
-    passive: Array
+    passive_torque: Array
     torque: Array
     base_columns: Array | None = None
     known: Array | None = None
@@ -94,9 +94,9 @@ def arm_motion(given: ArmInputs) -> ArmMotion:
     at = forward_kinematics(arm, given.q)
     twists = link_twists(arm, at, given.qd, given.base_twist)
     b = bias_sweep.bias(arm, at, twists, given.qd, given.base_twist, given.base_acceleration, given.link_wrenches)
-    passive = arm.damping * given.qd + arm.stiffness * (given.q - arm.rest)
+    passive_torque = arm.damping * given.qd + arm.stiffness * (given.q - arm.rest)
     at_tip = tip_twist(arm, at, twists, given.base_twist)
-    return ArmMotion(arm, at, at_tip, b, passive, given.tau - passive, given.base_columns)
+    return ArmMotion(arm, at, at_tip, b, passive_torque, given.tau - passive_torque, given.base_columns)
 
 
 def resting(arm: Arm, at: Kinematics, base_columns: Array | None = None) -> ArmMotion:

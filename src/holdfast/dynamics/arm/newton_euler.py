@@ -18,7 +18,7 @@ def drive_torques(motion: ArmMotion, qdd: Array, tip_wrench: Array) -> Array:
         qdd: (N,) joint accelerations.
         tip_wrench: (6,) f of the arm on the object about the tip point, world axes.
     """
-    return newton_euler(motion, qdd, tip_wrench)[0] + motion.passive
+    return newton_euler(motion, qdd, tip_wrench)[0] + motion.passive_torque
 
 
 def newton_euler(motion: ArmMotion, qdd: Array, tip_wrench: Array, base: Array | None = None) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ import numpy as np
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.contact import Contact, contact
-from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -28,7 +28,7 @@ from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
 
 
-class Stretched(NamedTuple):
+class Deflection(NamedTuple):
     """The deformation of a bushing at one instant, in tip axes.
 
     Attributes:
@@ -62,14 +62,14 @@ class Stretched(NamedTuple):
         return rotate(self.R, shift_wrench(self.x[3:], at_contact))
 
 
-def stretched(c: Contact) -> Stretched:
+def deflection(c: Contact) -> Deflection:
     """Return the deformation of a contact that is a bushing."""
     made = c.grasp.of_kind.bushing
     assert made is not None
     Q, p = c.R.T @ c.frame, (c.origin - c.offset) @ c.R
     n, e = unit_quaternion(Q)
     w, v = c.W[:3], c.W[3:]  # relative twist at the tip's point
-    return Stretched(
+    return Deflection(
         np.array(made.stiffness),
         np.array(made.damping),
         n,
@@ -101,7 +101,7 @@ def unit_quaternion(Q: Array) -> tuple[Scalar, Array]:
     return q[0], q[1:]
 
 
-def bushings(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretched]:
+def bushings(chain: ClosedChain, state: State, inputs: Inputs) -> list[Deflection]:
     """Return the deformations of all bushings at one instant, in the order of the chain's grasps. O(n).
 
     Args:
@@ -111,12 +111,12 @@ def bushings(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretched
     """
     if not chain.bushings:
         return []
-    at, frame, twist = standing(chain, state, inputs), state.object_frame, state.object_twist
+    at, frame, twist = base_kinematics(chain, state, inputs), state.object_frame, state.object_twist
 
-    def of_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, grasp: Grasp) -> Stretched:
+    def of_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, grasp: Grasp) -> Deflection:
         at = forward_kinematics(arm, q)
         of_tip = tip_twist(arm, at, link_twists(arm, at, qd, base_twist), base_twist)
-        return stretched(contact(grasp, frame, twist, at.tip, of_tip))
+        return deflection(contact(grasp, frame, twist, at.tip, of_tip))
 
     return list(each_of(chain.bushings, of_arm, at.arms, at.q, at.qd, at.base_twists, chain.grasps).values())
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resting
-from holdfast.dynamics.closed.bushing_wrenches import stretched
+from holdfast.dynamics.closed.bushing_wrenches import deflection
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.object_filter import FactoredSolve
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
@@ -181,7 +181,7 @@ def arm_and_grasp(case: ArmCase) -> tuple[ArmMotion, Contact | None, ArmCase]:
         return motion, None, case
     held = contact(case.grasp, case.frame, case.twist, motion.at.tip, motion.tip_twist)
     bushing = case.grasp.of_kind.bushing is not None
-    return motion.exerting(stretched(held).wrench()) if bushing else motion, held, case
+    return motion.exerting(deflection(held).wrench()) if bushing else motion, held, case
 
 
 def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:

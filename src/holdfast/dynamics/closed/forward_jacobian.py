@@ -22,8 +22,8 @@ from holdfast.dynamics.closed.forward_derivatives import (
     forward_along,
     numbers_of,
 )
-from holdfast.dynamics.closed.own_response import OF_MOTION, OwnResponse, joint_responses, own_response
 from holdfast.dynamics.closed.second_solve import Point
+from holdfast.dynamics.closed.self_response import OF_MOTION, SelfResponse, joint_responses, self_response
 from holdfast.dynamics.closed.tip_response import RECURSION_PAYS_FROM, TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
 from holdfast.model.closed_chain import ClosedChain
@@ -111,8 +111,8 @@ def reaches_object(chain: ClosedChain, name: str) -> bool:
     return name == "grasp_pose" or any(len(grasp.transmitted) < 6 for grasp in chain.grasps.values())
 
 
-def responses_by_joints(at: Point, names: tuple[str, ...]) -> dict[str, dict[str, list[OwnResponse]]]:
-    """Return, by arm and argument, the own responses of short arms to changes of their joints."""
+def responses_by_joints(at: Point, names: tuple[str, ...]) -> dict[str, dict[str, list[SelfResponse]]]:
+    """Return, by arm and argument, the responses of short arms themselves to changes of their joints."""
     chain, motion = at.motion.chain, at.motion
     short = [name for name, arm in chain.arms.items() if arm.joint_count < RECURSION_PAYS_FROM]
     arms = [name for name in short if names and motion.cases[name].in_motion]
@@ -217,7 +217,7 @@ def arm_columns(
     units: Array,
     unit_responses: Sequence[tuple[list[Array], Array]],
     everyone: Everyone,
-    responses: Mapping[str, Mapping[str, list[OwnResponse]]],
+    responses: Mapping[str, Mapping[str, list[SelfResponse]]],
 ) -> list[list[list[Array]]]:
     """Return the columns of an argument that belongs to single arms, arm by arm.
 
@@ -228,7 +228,7 @@ def arm_columns(
         units: as in `jacobian`.
         unit_responses: responses of the chain at rest to all unit gaps and, if needed, to unit wrenches on the object.
         everyone: the data that all columns use.
-        responses: own responses that were computed for all joints of an arm at once, by arm and argument.
+        responses: self-responses that were computed for all joints of an arm at once, by arm and argument.
     """
     chain, motion, order = at.motion.chain, at.motion, list(at.motion.chain.arms)
     grasps = list(chain.grasps)
@@ -280,20 +280,20 @@ def column_of(
     def column(unit: Array) -> list[Array]:
         given = arm_rates(one.case, {name: direction(unit, name, shape)})
         r = Unknowns(*one.residual.rates(*given.values()))
-        return results(own, everyone, own_response(one.tip, one.motion, one.contact, r), of)
+        return results(own, everyone, self_response(one.tip, one.motion, one.contact, r), of)
 
     return column
 
 
-def results(own: Own, everyone: Everyone, moved: OwnResponse, of: Sequence[str]) -> list[Array]:
+def results(own: Own, everyone: Everyone, moved: SelfResponse, of: Sequence[str]) -> list[Array]:
     """Return the rates of the results when dL/dy of one arm changes.
 
-    Every arm responds to the change at this arm's tip; the arm itself also has its own response.
+    Every arm responds to the change at this arm's tip; the arm itself also responds directly, see `self_response`.
 
     Args:
         own: data of the arm.
         everyone: data of all arms.
-        moved: the arm's own response.
+        moved: the response of the arm itself.
         of: names of the results.
     """
     alpha = none = np.zeros(6)

@@ -39,8 +39,8 @@ def joint_residuals(case: ArmCase, z: Unknowns) -> dict[str, list[Unknowns]]:
     by_q, by_qd = joint_slopes(given, at, z.qdd, f)
     J, units = array([slope.twist for slope in by_qd]).reshape(-1, 6), np.eye(len(by_q))
 
-    def found(passive: Array, slope: JointSlope) -> Unknowns:
-        torque, none = slope.torque + passive, Unknowns(*(np.zeros(len(part)) for part in z))
+    def found(passive_torque: Array, slope: JointSlope) -> Unknowns:
+        torque, none = slope.torque + passive_torque, Unknowns(*(np.zeros(len(part)) for part in z))
         if linear is None:
             return none._replace(qdd=torque, base=slope.base)
         rates = skew(slope.turn) @ tip.pose.R, slope.shift, slope.twist, slope.acceleration

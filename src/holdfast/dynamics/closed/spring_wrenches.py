@@ -13,7 +13,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
-from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
@@ -39,8 +39,8 @@ class End(NamedTuple):
     velocity: Array
 
 
-class Stretch(NamedTuple):
-    """The stretch of a spring at one instant.
+class Elongation(NamedTuple):
+    """The elongation of a spring at one instant.
 
     Attributes:
         a, b: its ends.
@@ -87,7 +87,7 @@ def with_springs(chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
     rows = [np.zeros(6)] * (chain.joint_count - first) if of_links is None else list(of_links)
     bodies = [np.zeros(6)] * (0 if chain.trunk is None else len(chain.trunk.bodies))
     bodies = bodies if of_trunk is None else list(of_trunk)
-    for k, (spring, found) in enumerate(zip(chain.springs, stretches(chain, state, inputs), strict=True)):
+    for k, (spring, found) in enumerate(zip(chain.springs, elongations(chain, state, inputs), strict=True)):
         pull, name = found.pull(spring), f"wrench of spring {k}, from '{spring.a.body}' to '{spring.b.body}'"
         for at, end, force in ((spring.a, found.a, pull), (spring.b, found.b, -pull)):
             wrench = checks.finite(concatenate([cross(end.lever, force), force]), name)
@@ -108,8 +108,8 @@ def without_springs(chain: ClosedChain) -> ClosedChain:
     return changed(chain, springs=())
 
 
-def stretches(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretch]:
-    """Return the stretch of every spring at one instant. O(springs) + O(n).
+def elongations(chain: ClosedChain, state: State, inputs: Inputs) -> list[Elongation]:
+    """Return the elongation of every spring at one instant. O(springs) + O(n).
 
     Args:
         chain: the chain.
@@ -118,7 +118,7 @@ def stretches(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretch]
     """
     if not chain.springs:
         return []
-    at, ends = standing(chain, state, inputs), [end for spring in chain.springs for end in spring.ends]
+    at, ends = base_kinematics(chain, state, inputs), [end for spring in chain.springs for end in spring.ends]
     on_arm = {name: tuple([end for end in ends if end.on_arm and end.body == name]) for name in chain.arms}
     names = [name for name, attached in on_arm.items() if attached]
     found = each_of(names, ends_on_arm, at.arms, at.q, at.qd, at.base_twists, on_arm)
@@ -135,7 +135,7 @@ def stretches(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretch]
         return End(end.point, end.point, np.zeros(3))
 
     every = iter([of(end) for end in ends])
-    return [stretch(a, b) for a, b in zip(every, every, strict=True)]
+    return [elongation(a, b) for a, b in zip(every, every, strict=True)]
 
 
 def ends_on_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, attached: Sequence[SpringEnd]) -> list[End]:
@@ -163,10 +163,10 @@ def _on_body(point: Array, frame: Pose, twist: Array) -> End:
     return End(lever, frame.p + lever, twist[3:] + cross(twist[:3], lever))
 
 
-def stretch(a: End, b: End) -> Stretch:
-    """Return the stretch of a spring between two ends."""
+def elongation(a: End, b: End) -> Elongation:
+    """Return the elongation of a spring between two ends."""
     d = b.position - a.position
     square = d @ d
     length = sqrt(square)
     direction = d / where(square > 0.0, length, 1.0)
-    return Stretch(a, b, length, direction @ (b.velocity - a.velocity), direction)
+    return Elongation(a, b, length, direction @ (b.velocity - a.velocity), direction)

@@ -26,7 +26,7 @@ from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
-from holdfast.dynamics.closed.bushing_wrenches import stretched
+from holdfast.dynamics.closed.bushing_wrenches import deflection
 from holdfast.dynamics.closed.contact import contact
 from holdfast.dynamics.trunk.trunk_power import Numbers, varied_inertia
 from holdfast.model.arm import Arm
@@ -157,7 +157,7 @@ class ArmCase(NamedTuple):
         external = varied.get("link_wrench", external)
         V, U = link_twists(arm, at, qd, base_twist), link_twists(arm, at, y.qdd, y.base)
         found = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, z.qdd))
-        drives = varied.get("armature", arm.armature) * z.qdd + self.passive(q, qd, varied)
+        drives = varied.get("armature", arm.armature) * z.qdd + self.passive_torque(q, qd, varied)
         power = y.qdd @ (drives - tau)
         for k, (link, v, u, (a, K)) in enumerate(zip(arm.links, V, U, found, strict=True)):
             wrench = varied_inertia(link, k, varied).wrench(a, v[:3], K)
@@ -183,13 +183,13 @@ class ArmCase(NamedTuple):
         together = tip.virtual - shift_twist(c.offset, y.object_acceleration)
         power = 0.0
         if grasp.of_kind.bushing is not None:
-            power = (together + y.known) @ stretched(c).wrench()
+            power = (together + y.known) @ deflection(c).wrench()
         if grasp.free:
             apart = apart + c.HT @ z.contact_acceleration
             together = together + c.HT @ y.contact_acceleration
         return power + y.wrench @ apart + together @ z.wrench
 
-    def passive(self, q: Array, qd: Array, varied: Numbers) -> Array:
+    def passive_torque(self, q: Array, qd: Array, varied: Numbers) -> Array:
         """Return the torques of dampers and springs, which are subtracted from the joint torques, (N,)."""
         arm = self.given.arm
         return varied.get("damping", arm.damping) * qd + arm.stiffness * (q - arm.rest)

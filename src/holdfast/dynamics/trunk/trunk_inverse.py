@@ -17,7 +17,7 @@ from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum
 from holdfast.spatial.spatial_vector import shift_wrench
 
-UNDRIVEN = 1e-8  # a wrench on the floating base below this, relative to the largest one, is rounding
+NO_BASE_WRENCH = 1e-8  # a wrench on the floating base below this, relative to the largest one, is rounding
 
 
 class TrunkTorques(NamedTuple):
@@ -73,15 +73,15 @@ def trunk_torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None 
 def drive_torques_and_base(arm: ArmMotion, qdd: Array, f: Array, base: Array | None) -> tuple[Array, Array]:
     """Return an arm's drive torques, (N,), and the wrench of its base on it, (6,); arguments as in `newton_euler`."""
     T, wrench = newton_euler(arm, qdd, f, base)
-    return T + arm.passive, wrench
+    return T + arm.passive_torque, wrench
 
 
 def needs_drive(base: Array, largest: Array) -> Array:
     """Return whether wrenches on a base, (..., 6), exceed rounding; the largest wrenches on the trunk are (...)."""
-    return ~(np.abs(base).max(-1) <= UNDRIVEN * largest)
+    return ~(np.abs(base).max(-1) <= NO_BASE_WRENCH * largest)
 
 
-def require_undriven(base: Array, largest: Array) -> None:
+def require_no_base_wrench(base: Array, largest: Array) -> None:
     """Refuse accelerations of a floating base for which it would need a drive; arguments as in `needs_drive`.
 
     Raises:

@@ -202,7 +202,7 @@ def base_motion(chain: ClosedChain, state: State, inputs: Inputs) -> tuple[Array
     return inputs.trunk_base_twist, inputs.trunk_base_acceleration - gravity
 
 
-class Standing(NamedTuple):
+class BaseKinematics(NamedTuple):
     """The kinematics of trunk and bases, for computations without dynamics.
 
     Attributes:
@@ -220,7 +220,7 @@ class Standing(NamedTuple):
     base_twists: Mapping[str, Array]
 
 
-def standing(chain: ClosedChain, state: State, inputs: Inputs) -> Standing:
+def base_kinematics(chain: ClosedChain, state: State, inputs: Inputs) -> BaseKinematics:
     """Return the kinematics of the bodies of the trunk and of the bases of all arms. O(n_t).
 
     Args:
@@ -234,7 +234,7 @@ def standing(chain: ClosedChain, state: State, inputs: Inputs) -> Standing:
     for name, mount in ({} if trunk is None else trunk.mounts).items():
         arms[name], twists[name] = arms[name].standing_at(mount.frame), mount.twist
     q, qd = ({name: x[chain.joints[name]] for name in arms} for x in (state.q, state.qd))
-    return Standing([] if trunk is None else trunk.bodies, arms, q, qd, twists)
+    return BaseKinematics([] if trunk is None else trunk.bodies, arms, q, qd, twists)
 
 
 def trunk_at_rest(chain: ClosedChain, state: State) -> TrunkMotion | None:

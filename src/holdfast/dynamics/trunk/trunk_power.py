@@ -133,7 +133,7 @@ class TrunkCase(NamedTuple):
             found = bias_accelerations(arm, at, V, qd, twist, acceleration, z.qdd)
             frames = [Pose.unchecked(turn, at.tip.p - reach) for turn, reach in zip(at.R, at.reach, strict=True)]
             bodies += [(f, v, u, a, K) for f, v, u, (a, K) in zip(frames, V, U, found, strict=True)]
-            drives = varied.get("armature", arm.armature) * z.qdd + self.passive(arm, q, qd, varied)
+            drives = varied.get("armature", arm.armature) * z.qdd + self.passive_torque(arm, q, qd, varied)
             power = power + y.qdd @ (drives - tau)
         for k, (link, (frame, v, u, a, K), w) in enumerate(zip(self.trunk.bodies, bodies, external, strict=True)):
             inertia = varied_inertia(link, k, varied)
@@ -149,7 +149,7 @@ class TrunkCase(NamedTuple):
             )
         return power, carried
 
-    def passive(self, arm: Arm, q: Array, qd: Array, varied: Numbers) -> Array:
+    def passive_torque(self, arm: Arm, q: Array, qd: Array, varied: Numbers) -> Array:
         """Return the torques of dampers and springs, which are subtracted from the joint torques, (n_t,)."""
         return varied.get("damping", arm.damping) * qd + arm.stiffness * (q - arm.rest)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.faults import faulty, largest_positions
+from holdfast.compiled.input_checks import invalid_mask, largest_positions
 from holdfast.compiled.statuses import MOST_TRIED, system
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.rank import closed_near, held_near
@@ -37,7 +37,7 @@ def systems_at(rollout: Rollout, given: Mapping[str, Any], memory: Any, t: float
     if count == 0:
         raise StateError("rollout: expected at least one system, got arrays without rows")
     count = count or 1
-    bad = faulty(state, {name: len(s) for name, s in shapes.items()}, largest_positions(rollout.chain), count)
+    bad = invalid_mask(state, {name: len(s) for name, s in shapes.items()}, largest_positions(rollout.chain), count)
     remembered = None if memory is None else fitting("memory", memory, (len(rollout.law.memory),), count)
     found = rollout.kernel.systems(state, remembered, count)
     bad = np.zeros(count, dtype=bool) if bad is None else bad

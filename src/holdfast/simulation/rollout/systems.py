@@ -30,7 +30,7 @@ class RolloutStatus(Enum):
     SLIPPED = "a grasp's margin falls below the least allowed within the next step"
     SINGULAR = "the grasp constraint is singular, or its condition passes 1e12, here or within the next step"
     OPEN = "a grasp that closes is not there; or the next step, too long, leaves one open by more than 1e-2 (m or rad)"
-    BROKEN = "its inputs are faulty, or the next step is not finite"
+    BROKEN = "its inputs are invalid, or the next step is not finite"
     TOO_LONG = "the next step ends in a slip, limit or singularity that shorter steps do not show: it is too long"
     LIMITED = "a joint passes a limit of its position, rate or effort within the next step"
 

@@ -31,7 +31,7 @@ from holdfast.simulation.environment import Environment, GivenInputs
 from holdfast.simulation.increment import increment_rate, no_turns
 from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
-from holdfast.simulation.linearly_implicit import Implicit, passive_joints, with_armature
+from holdfast.simulation.linearly_implicit import Implicit, passive_terms, with_armature
 from holdfast.simulation.rollout.singular_passing import passes_singular
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
@@ -211,7 +211,7 @@ def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return the carried arrays of a system after `take_step`; a system that stops keeps its last state."""
     system = TracedSystem(model, given)
     times = [system.time(c) for c in (*tableau.c.tolist(), 1.0)]
-    passive = passive_joints(system.real) if tableau.implicit else None
+    passive = passive_terms(system.real) if tableau.implicit else None
     generator = take_step(system.state, system.last("slope"), given["step"][()], times, tableau, passive)
     now, (drift, gaps), work, _ = run_step(generator, system.handle)
     end, found = now.state, now.found

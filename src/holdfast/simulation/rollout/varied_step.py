@@ -29,7 +29,7 @@ from holdfast.questions.arrays import CONTACTS, gradient_shapes, results_of, sta
 from holdfast.questions.case import VariedCase
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import OF_WORK, no_turns
-from holdfast.simulation.linearly_implicit import Implicit, passive_joints
+from holdfast.simulation.linearly_implicit import Implicit, passive_terms
 from holdfast.simulation.rollout.traced_step import Evaluation, StepModel, TracedSystem
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, run_step, take_step
@@ -257,7 +257,7 @@ class VariedStep(NamedTuple):
         now = system.evaluate(system.time(0.0), start, system.last("before"), choose=False)
         system.memory = now.memory
         times = [system.time(c) for c in (*self.tableau.c.tolist(), 1.0)]
-        passive = passive_joints(system.real) if self.tableau.implicit else None
+        passive = passive_terms(system.real) if self.tableau.implicit else None
         generator = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
         end, _, work, _ = run_step(generator, system.handle)
         found = state_arrays(system.real, end) | {"before": now.memory} | ({WORK: work} if WORK in of else {})

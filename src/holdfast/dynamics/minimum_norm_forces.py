@@ -31,7 +31,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
 
 
-class LeastForces(NamedTuple):
+class MinimumNormForces(NamedTuple):
     """The smallest of the forces that are not unique, f = W^-1 B^T mu.
 
     Attributes:
@@ -93,7 +93,7 @@ class LeastForces(NamedTuple):
         return {**cotangents, "grasp_wrench": of_f}, also
 
 
-def least_forces(at: Point) -> LeastForces:
+def minimum_norm_forces(at: Point) -> MinimumNormForces:
     """Return the smallest forces at a point whose wrenches are the smallest."""
     motion, chain = at.motion, at.motion.chain
     length = length_scale([c.offset for c in motion.contacts])
@@ -117,11 +117,11 @@ def least_forces(at: Point) -> LeastForces:
     of_trunk = None
     if motion.trunk is not None:
         of_trunk = TrunkUnknowns(*np.split(below, [len(below) - 6])) if chain.floats else TrunkUnknowns(below, none)
-    return LeastForces(N, W, mu, of_trunk, wrench_jacobians(at))
+    return MinimumNormForces(N, W, mu, of_trunk, wrench_jacobians(at))
 
 
 def wrench_jacobians(at: Point) -> dict[str, Array]:
-    """Return the derivatives of the results with respect to the grasp wrenches, by name; see `LeastForces`."""
+    """Return the derivatives of the results with respect to the grasp wrenches, by name; see `MinimumNormForces`."""
     motion, width = at.motion, 6 * len(at.motion.contacts)
     of_bases = np.zeros((width, width))
     under = np.zeros((6, width))

@@ -1,4 +1,4 @@
-"""Whether the wrenches and accelerations that inverse dynamics is given are possible."""
+"""Whether the wrenches and accelerations that inverse dynamics is given are feasible."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from holdfast.dynamics.trunk.trunk_inverse import needs_drive, require_undriven
+from holdfast.dynamics.trunk.trunk_inverse import needs_drive, require_no_base_wrench
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -16,7 +16,7 @@ SAME = 1e-9  # largest relative difference between a given wrench and the one th
 
 
 def feasibility(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
-    """Return names and shapes of the numbers that show whether wrenches and accelerations are possible.
+    """Return names and shapes of the numbers that show whether wrenches and accelerations are feasible.
 
     They are the wrench that a floating base would need, and beside it the largest wrench on the trunk; and the wrench
     that every bushing exerts on the object, with zeros for other grasps.
@@ -39,7 +39,7 @@ def differ(chain: ClosedChain, f: Array, exerted: Array) -> dict[str, Array]:
     return {name: different[..., chain.names.index(name)] for name in chain.bushings}
 
 
-def require_possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -> None:
+def require_feasible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -> None:
     """Refuse wrenches that bushings do not exert, and accelerations for which a floating base would need a drive.
 
     Args:
@@ -48,7 +48,7 @@ def require_possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -
         found: the arrays of `feasibility`.
 
     Raises:
-        StateError: they are not possible; the message gives the wrench that is missing.
+        StateError: they are not feasible; the message gives the wrench that is missing.
     """
     if chain.bushings:
         exerted = found["bushing_wrench"]
@@ -60,11 +60,11 @@ def require_possible(chain: ClosedChain, f: Array, found: Mapping[str, Array]) -
                 " try zeros, which stand for that"
             )
     if chain.floats:
-        require_undriven(found["trunk_base_wrench"], found["largest_wrench"])
+        require_no_base_wrench(found["trunk_base_wrench"], found["largest_wrench"])
 
 
-def possible(chain: ClosedChain, given: Mapping[str, Array], found: Mapping[str, Array]) -> dict[str, Array]:
-    """Return results without the arrays of `feasibility`; in a batch, those of impossible systems become NaN.
+def feasible(chain: ClosedChain, given: Mapping[str, Array], found: Mapping[str, Array]) -> dict[str, Array]:
+    """Return results without the arrays of `feasibility`; in a batch, those of infeasible systems become NaN.
 
     Args:
         chain: the chain.
@@ -72,7 +72,7 @@ def possible(chain: ClosedChain, given: Mapping[str, Array], found: Mapping[str,
         found: results by name, one system's or a batch's, which are overwritten.
 
     Raises:
-        StateError: One system is not possible: a bushing exerts another wrench, or a floating base would need a drive.
+        StateError: One system is not feasible: a bushing exerts another wrench, or a floating base would need a drive.
     """
     decided, f = feasibility(chain), given["grasp_wrench"]
     if not decided:
@@ -80,7 +80,7 @@ def possible(chain: ClosedChain, given: Mapping[str, Array], found: Mapping[str,
     results = {name: x for name, x in found.items() if name not in decided}
     of = {name: found[name] for name in decided}
     if all(of[name].ndim == len(shape) for name, shape in decided.items()):
-        require_possible(chain, f, of)
+        require_feasible(chain, f, of)
         return results
     wrong = list(differ(chain, f, of["bushing_wrench"]).values()) if chain.bushings else []
     wrong += [needs_drive(of["trunk_base_wrench"], of["largest_wrench"])] if chain.floats else []

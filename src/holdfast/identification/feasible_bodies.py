@@ -1,11 +1,11 @@
-"""The possible body that fits best and, among those that fit equally well, is nearest to the guess.
+"""The feasible body that fits best and, among those that fit equally well, is nearest to the guess.
 
 A mass distribution has ten inertial parameters pi if and only if the pseudo-inertia
 
     J(pi) = [Sigma, h; h^T, m],   Sigma = tr(I) / 2 1 - I,   I about the origin
 
 is positive semidefinite (Wensing, Kim and Slotine 2018). The fit is a sum of squares u^T u of the determined
-combinations, in standard deviations, so the best possible body solves a cone problem. It is solved by Newton's method
+combinations, in standard deviations, so the best feasible body solves a cone problem. It is solved by Newton's method
 on
 
     u^T u + epsilon (tr(J_0^-1 J) - log det J)
@@ -40,7 +40,7 @@ def pseudo_inertia(pi: Array) -> Array:
 UNITS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
 
 
-def is_possible(pi: Array) -> bool:
+def is_feasible(pi: Array) -> bool:
     """Return whether the mass is positive and the mass has three extents about its centre."""
     J = pseudo_inertia(pi)
     if not J[3, 3] > 0.0:
@@ -49,15 +49,15 @@ def is_possible(pi: Array) -> bool:
     return float(np.linalg.eigvalsh(central)[0]) > 0.0
 
 
-def best_possible(x: Array, steps: Array, determined: int, guess: Array, sizes: Array) -> Array:
-    """Return the unknowns of the possible body that fits best, and next to that is nearest to the guess.
+def best_feasible(x: Array, steps: Array, determined: int, guess: Array, sizes: Array) -> Array:
+    """Return the unknowns of the feasible body that fits best, and next to that is nearest to the guess.
 
     Args:
         x: (p,) the unconstrained estimate, of which the first ten entries are pi.
         steps: (p, p) changes of x along independent combinations: the first ones by a standard deviation, the others,
             which are not determined, by their sizes.
         determined: number of the former.
-        guess: (p,) a possible body, and other unknowns.
+        guess: (p,) a feasible body, and other unknowns.
         sizes: (p - 10,) sizes of the other unknowns.
     """
     root = np.linalg.cholesky(pseudo_inertia(guess[:10]))

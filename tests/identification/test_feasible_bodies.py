@@ -1,11 +1,11 @@
-"""The best possible body: the optimality conditions of the cone problem, which need no solver, and ties."""
+"""The best feasible body: the optimality conditions of the cone problem, which need no solver, and ties."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from holdfast.identification.possible_bodies import best_possible, is_possible, pseudo_inertia
+from holdfast.identification.feasible_bodies import best_feasible, is_feasible, pseudo_inertia
 from holdfast.spatial.inertia import about_origin
 
 GUESS = about_origin(2.0, np.zeros(3), np.diag([0.02, 0.03, 0.04])).parameters
@@ -21,12 +21,12 @@ def far_off(rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_the_conditions_of_the_least_residual(seed):
-    """A multiplier Z >= 0 balances the slope of the residual, and Z J = 0: no possible body fits better."""
+    """A multiplier Z >= 0 balances the slope of the residual, and Z J = 0: no feasible body fits better."""
     rng = np.random.default_rng(seed)
     x, steps = far_off(rng), rng.normal(size=(10, 10)) * 0.02
-    assert not is_possible(x)
-    found = best_possible(x, steps, 10, GUESS, np.zeros(0))
-    assert is_possible(found)
+    assert not is_feasible(x)
+    found = best_feasible(x, steps, 10, GUESS, np.zeros(0))
+    assert is_feasible(found)
     slope = 2.0 * np.linalg.solve(steps @ steps.T, found - x)
     entries = [(i, j) for i in range(4) for j in range(i, 4)]
     basis = [np.eye(4)[[i]].T @ np.eye(4)[[j]] for i, j in entries]
@@ -42,10 +42,10 @@ def test_what_is_not_told_gives_way():
     """A mass that is told stays, however far the guess is, if some inertia that is not told makes it possible."""
     x = about_origin(5.0, np.array([0.3, 0.0, 0.0]), np.diag([0.02, 0.03, 0.04])).parameters
     x[4:] = [0.02, 0, 0, 0.03, 0, 0.04]  # about the origin: the mass centre is too far out for it
-    assert not is_possible(x)
+    assert not is_feasible(x)
     steps = np.diag([1e-3] * 4 + [0.03] * 6)
-    found = best_possible(x, steps, 4, GUESS, np.zeros(0))
-    assert is_possible(found)
+    found = best_feasible(x, steps, 4, GUESS, np.zeros(0))
+    assert is_feasible(found)
     assert np.abs(found[:4] - x[:4]).max() < 1e-9
     c = np.array([0.3, 0.0, 0.0])  # the nearest: the guess's spread of mass about the new mass centre
     nearest = about_origin(5.0, c, np.diag([0.02, 0.03, 0.04])).parameters
@@ -56,8 +56,8 @@ def test_a_body_without_extent():
     """On the bound itself: points in a plane come back, with other unknowns beside them."""
     x = np.r_[about_origin(1.0, np.array([0.1, 0, 0]), np.diag([0.01, 0.02, 0.03])).parameters, 0.4]
     guess = np.r_[GUESS, 0.0]
-    found = best_possible(x, 1e-6 * np.eye(11), 11, guess, np.ones(1))
-    assert is_possible(found[:10])
+    found = best_feasible(x, 1e-6 * np.eye(11), 11, guess, np.ones(1))
+    assert is_feasible(found[:10])
     assert np.abs(found - x).max() < 1e-9
 
 

@@ -20,7 +20,7 @@ STATE = ("q", "object_pose", "qd", "object_twist")
 CUTOFF = 1e-10  # singular values below this share of the largest count as 0
 
 
-def least_force_derivatives(p: Problem, tangent: np.ndarray) -> Derivatives:
+def minimum_norm_derivatives(p: Problem, tangent: np.ndarray) -> Derivatives:
     """Return forward dynamics with the least sum of |m/L|^2 + |f|^2, and its derivatives along motions.
 
     Args:

@@ -22,7 +22,7 @@ def largest_positions(chain: ClosedChain) -> Array:
     return np.array([LARGEST_ARGUMENT if joint.turns else _LARGEST for joint in chain.all_joints])
 
 
-def faulty(found: Mapping[str, Array], ranks: Mapping[str, int], largest: Array, batch: int) -> Array | None:
+def invalid_mask(found: Mapping[str, Array], ranks: Mapping[str, int], largest: Array, batch: int) -> Array | None:
     """Return which systems of a batch have an invalid input, (batch,), or None if there are none.
 
     Args:
@@ -41,7 +41,7 @@ def faulty(found: Mapping[str, Array], ranks: Mapping[str, int], largest: Array,
     return bad
 
 
-def fault(found: Mapping[str, Array], largest: Array) -> StateError | None:
+def input_error(found: Mapping[str, Array], largest: Array) -> StateError | None:
     """Return the error for the first invalid input of one system, or None if all are valid."""
     for name, x in found.items():
         if _surely_sound(name, x) or _sound(name, x, largest).all():

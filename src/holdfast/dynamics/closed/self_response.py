@@ -1,4 +1,4 @@
-"""The own response of an arm to a change of its equations, which is its part of a column of the Jacobian.
+"""The response of an arm itself to a change of its equations, which is its part of a column of the Jacobian.
 
 The other arms and the object are affected by six numbers only, the rate at which its grasp would close, and by the
 wrench on the object. For short arms, the responses to all joints are computed together (`joint_responses`): M^-1 is
@@ -24,7 +24,7 @@ from holdfast.spatial.spatial_vector import shift_wrench
 OF_MOTION = ("q", "qd", "tau")  # arguments for which the responses to all joints can be computed together
 
 
-class OwnResponse(NamedTuple):
+class SelfResponse(NamedTuple):
     """The response of an arm to a change of its dL/dy, if its grasp transmits nothing.
 
     Attributes:
@@ -44,8 +44,8 @@ class OwnResponse(NamedTuple):
     on_object: Array
 
 
-def own_response(tip: TipResponse, motion: ArmMotion, c: Contact | None, r: Unknowns) -> OwnResponse:
-    """Return the own response of an arm to the rate r of its dL/dy.
+def self_response(tip: TipResponse, motion: ArmMotion, c: Contact | None, r: Unknowns) -> SelfResponse:
+    """Return the response of an arm itself to the rate r of its dL/dy.
 
     Args:
         tip: the arm's tip response.
@@ -61,13 +61,13 @@ def own_response(tip: TipResponse, motion: ArmMotion, c: Contact | None, r: Unkn
         closing = loaded.free_acceleration - load.gap - loaded.mobility.apply(known)
         on_object = shift_wrench(c.offset, known) - r.object_acceleration
     qdd, base = loaded.back_substitute(known)
-    return OwnResponse(qdd, base + r.base, closing, known, r.known, on_object)
+    return SelfResponse(qdd, base + r.base, closing, known, r.known, on_object)
 
 
 def joint_responses(
     names: Sequence[str], case: ArmCase, z: Unknowns, tip: TipResponse, motion: ArmMotion, c: Contact | None
-) -> dict[str, list[OwnResponse]]:
-    """Return the own responses of an arm to changes of each of its joints, by argument.
+) -> dict[str, list[SelfResponse]]:
+    """Return the responses of an arm itself to changes of each of its joints, by argument.
 
     Args:
         names: some of `OF_MOTION`.
@@ -78,14 +78,14 @@ def joint_responses(
         c: its contact, or None.
     """
     still = Unknowns(*(np.zeros(len(part)) for part in z))
-    torques = [own_response(tip, motion, c, still._replace(qdd=-unit)) for unit in np.eye(len(z.qdd))]
+    torques = [self_response(tip, motion, c, still._replace(qdd=-unit)) for unit in np.eye(len(z.qdd))]
     found = {"tau": torques}
     if torques and ("q" in names or "qd" in names):
         mobility = array([one.qdd for one in torques]).T
         at_base, at_tip = array([one.base for one in torques]).T, array([one.closing for one in torques]).T
 
-        def of_residual(r: Unknowns) -> OwnResponse:
-            other = own_response(tip, motion, c, r._replace(qdd=still.qdd))
+        def of_residual(r: Unknowns) -> SelfResponse:
+            other = self_response(tip, motion, c, r._replace(qdd=still.qdd))
             return other._replace(
                 qdd=other.qdd - mobility @ r.qdd,
                 base=other.base - at_base @ r.qdd,
