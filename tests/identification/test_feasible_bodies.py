@@ -77,6 +77,6 @@ def test_a_guess_that_is_far_off(accuracy):
         steps = np.r_[mass, [0.1 * mass] * 3, [0.01 * mass] * 6][:, None] * axes
         steps[:, :told] *= accuracy
         x = truth + steps[:, told:] @ rng.normal(size=10 - told)  # what is not told is anything
-        found = best_possible(x, steps, told, guess, np.zeros(0))
+        found = best_feasible(x, steps, told, guess, np.zeros(0))
         fit = np.linalg.solve(steps, found - x)[:told]
-        assert is_possible(found) and (fit**2).sum() < 1e-6
+        assert is_feasible(found) and (fit**2).sum() < 1e-6
