@@ -300,7 +300,7 @@ def test_a_floating_base_is_an_input():
     """Its pose and twist are asked for by name; a bound call has them among its arrays; bits are a batch's."""
     p = random_chain(200, "floating")
     fast, own, by = hf.compile(p.chain), given(p), ("q", "floating_pose", "floating_twist")
-    acting = {name: own[name] for name in ("base_twist", "base_acceleration", "object_wrench")}
+    acting = {name: np.array(own[name]) for name in ("base_twist", "base_acceleration", "object_wrench")}
     own = {name: own[name] for name in (*STATE_AND_TORQUES, "floating_pose", "floating_twist")}
     cotangent = np.linspace(-1.0, 1.0, 6)
     lacking = {name: x for name, x in own.items() if name != "floating_twist"}

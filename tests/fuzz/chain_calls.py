@@ -59,8 +59,8 @@ def _project(*given: Any, **more: Any) -> Any:
     return hf.project(*given, **more)[0]
 
 
-def _after_release(chain: Any, state: Any, **given: Any) -> Any:
-    return dynamics.momentum(dynamics.release(chain, **given), state)
+def _after_release(chain: Any, state: Any, arm: Any) -> Any:
+    return dynamics.momentum(dynamics.release(chain, arm), state)
 
 
 SOLVED: dict[str, Any] = {"result": lambda p: p.solved()}

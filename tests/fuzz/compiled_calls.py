@@ -69,7 +69,7 @@ def _batch(**given: Any) -> Any:
 
 @call("bind", **given_compiled(object_wrench=np.ones(6)))
 def _bind(**given: Any) -> Any:
-    compiled().bind(**given)  # a call checks nothing: see `BoundDynamics`
+    compiled().bind(**given)  # a call checks nothing: see `BoundFunction`
 
 
 @cache

@@ -73,9 +73,9 @@ def test_intervals_hold_the_truth(noise, by, seeds):
             within, count = within + int((off < 1.645).sum()), count + len(off)
     if count:
         print(f"{noise}, {by}: {within} of {count} values within their 90 % intervals")
-        cases = count / 10  # errors of one case are correlated: it counts as one or two
-        assert binom.ppf(0.001, int(cases), 0.85) / cases <= within / count
-        assert within / count <= max(0.95, binom.ppf(0.999, int(cases), 0.95) / cases)
+        cases = max(count // 10, 1)  # errors of one case are correlated: it counts as one or two
+        assert binom.ppf(0.001, cases, 0.85) / cases <= within / count
+        assert within / count <= max(0.95, binom.ppf(0.999, cases, 0.95) / cases)
 
 
 @pytest.mark.slow

@@ -64,7 +64,7 @@ def test_results_of_functions():
     assert short(hf.assembly.assembly_report(chain, state)) == "<AssemblyReport: 2 arms, mobility 8, rank 12 of 12>"
     assert short(hf.assembly.Assembly(chain, state), 3).startswith("<Assembly of <ClosedChain: 2 arms, 14 joints")
     bound = hf.compile(chain).bind(q=np.array(state.q), object_pose=np.array(state.object_pose))
-    assert short(bound) == "<BoundDynamics of left, right>"
+    assert short(bound) == "<bound forward_dynamics of left, right>"
     law = hf.control.compile_law(hf.control.GravityCompensation(chain)).bind()
     assert short(law).startswith("<BoundLaw of 14 joints: t, q, qd, ")
     at = (state.q, state.qd, tau, state.object_pose, state.object_twist)

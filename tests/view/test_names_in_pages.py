@@ -145,7 +145,8 @@ def test_figures_of_any_name(name, lifting, tmp_path):
         write_figures(drawn, tmp_path)
     shown = drawn["joint_torques"].axes[0].title.get_text()
     assert shown.count("$") == shown.count(r"\$") == name.count("$")
-    legends = {one: [text.get_text() for text in figure.legends[0].get_texts()] for one, figure in drawn.items()}
+    of = {one: [*figure.legends, *(axes.get_legend() for axes in figure.axes)] for one, figure in drawn.items()}
+    legends = {one: [text.get_text() for x in found if x for text in x.get_texts()] for one, found in of.items()}
     assert legends["load_share"] == [shown, "right"]
     assert (shown if name else "joint1") in legends["joint_torques"]
 
