@@ -60,12 +60,16 @@ class BoundFunction:
         if "object_pose" in arrays and "object_pose" not in named and not arrays["object_pose"].any():
             arrays["object_pose"][0] = 1.0
         self.found = None if function.request is None else function.shown(self._written)
+        one = self.found is None and not self._has_status and function.question.shows_one
+        self._one = self._written.array(next(iter(function.calls.layout.shapes))) if one else None
         self.set(**{name: x for name, x in given.items() if name not in named})
         self._made = True
 
     @property
     def result(self) -> Any:
         """The answer of the last call."""
+        if (one := self._one) is not None:
+            return one if one.ndim else one.item()
         return self._function.shown(self._written) if self.found is None else self.found.result
 
     def __setattr__(self, name: str, value: Any) -> None:

@@ -127,7 +127,7 @@ class Function(Differentiated):
         table = np.array(self.calls.row({}, own), dtype=np.int64)
         names = list(self.calls.layout.shapes)
         whole = own.array(names[0])
-        if len(names) == 1 and question.shows_one and whole.size == own.memory.size:
+        if len(names) == 1 and question.shows_one and self.request is None:
             builtin.answer(table, own.memory, whole.copy if whole.ndim else whole.item)
         else:
             builtin.answer(table, own.memory, own.memory.copy, self._of_copy)
@@ -144,7 +144,10 @@ class Function(Differentiated):
         return self.has_status or (admits_all and not question.feasibility(chain) and not mixed)
 
     def _of_copy(self, memory: Array) -> Any:
-        return self.shown(type(self._own)(self.chain, self.calls.layout, None, memory))
+        layout = self.calls.layout
+        if self.has_status or self.request is not None:
+            return self.shown(type(self._own)(self.chain, layout, None, memory))
+        return self._show({name: layout.view(name, memory, None) for name in self._names})
 
     def __repr__(self) -> str:
         """Return the question and the chain."""

@@ -77,7 +77,8 @@ class Results:
         self, chain: ClosedChain, layout: ResultLayout, batch: int | None, memory: Array | None = None
     ) -> None:
         if memory is None:
-            memory = np.empty(layout.total) if batch is None else aligned(layout.total * batch, np.empty)
+            # Zeros, because the builtin looks for infinite numbers in the whole block of one system, gaps included.
+            memory = np.zeros(layout.total) if batch is None else aligned(layout.total * batch, np.empty)
         self.__dict__.update(chain=chain, layout=layout, batch=batch, memory=memory, address=address_of(memory))
 
     def array(self, name: str) -> Array:
