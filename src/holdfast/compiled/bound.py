@@ -60,16 +60,15 @@ class BoundFunction:
         if "object_pose" in arrays and "object_pose" not in named and not arrays["object_pose"].any():
             arrays["object_pose"][0] = 1.0
         self.found = None if function.request is None else function.shown(self._written)
-        one = self.found is None and not self._has_status and function.question.shows_one
-        self._one = self._written.array(next(iter(function.calls.layout.shapes))) if one else None
+        self._only = function.only_array(self._written)
         self.set(**{name: x for name, x in given.items() if name not in named})
         self._made = True
 
     @property
     def result(self) -> Any:
         """The answer of the last call."""
-        if (one := self._one) is not None:
-            return one if one.ndim else one.item()
+        if (only := self._only) is not None:
+            return only if only.ndim else only.item()
         return self._function.shown(self._written) if self.found is None else self.found.result
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -107,10 +106,8 @@ class BoundFunction:
         given, further = {}, dict(inputs_or_parameters)
         for name in tuple(further):
             if name in self.arrays and self._externals[name].role == "input":
-                x, shape = (
-                    checks.numbers(further.pop(name), None, f"set: {name}", StateError),
-                    self._externals[name].shape,
-                )
+                shape = self._externals[name].shape
+                x = checks.numbers(further.pop(name), None, f"set: {name}", StateError)
                 _require_one_system(name, x, shape)
                 given[name] = checks.numbers(x, shape, f"set: {name}", StateError)
         if any(name in further and name not in self._externals for name in MOVING):

@@ -63,14 +63,12 @@ class Results:
         chain: the chain.
         layout: the positions of its arrays in memory.
         memory: the block of memory that holds all arrays.
-        address: the address of that block.
         batch: the number of systems, or None for one system without a leading axis.
     """
 
     chain: ClosedChain
     layout: ResultLayout
     memory: Array
-    address: int
     batch: int | None
 
     def __init__(
@@ -79,7 +77,12 @@ class Results:
         if memory is None:
             # Zeros, because the builtin looks for infinite numbers in the whole block of one system, gaps included.
             memory = np.zeros(layout.total) if batch is None else aligned(layout.total * batch, np.empty)
-        self.__dict__.update(chain=chain, layout=layout, batch=batch, memory=memory, address=address_of(memory))
+        self.__dict__.update(chain=chain, layout=layout, batch=batch, memory=memory)
+
+    @property
+    def address(self) -> int:
+        """The address of the memory."""
+        return address_of(self.memory)
 
     def array(self, name: str) -> Array:
         """Return an array as the machine code writes it: floats, even for rank and status."""

@@ -17,6 +17,7 @@ distribution of the noise, even if the weights are wrong (White 1980); that of t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,7 +77,7 @@ def estimate(
     kinds: Array,
     given: Array | None,
     largest: float,
-    motion: list[JointNoise] | None = None,
+    motion: Sequence[JointNoise] = (),
 ) -> Estimate:
     """Return the estimate.
 
@@ -86,14 +87,13 @@ def estimate(
         kinds: (channels,) labels; channels with the same label have the same noise.
         given: (channels,) standard deviations of the noise; None to estimate them.
         largest: standard deviation of a combination, relative to its size, above which it is not estimated.
-        motion: the noise of the motion; none by default.
+        motion: the noise of the motion.
 
     Raises:
         StateError: the recordings determine nothing, or a mass below zero.
     """
     for x in (system.rows, system.measured, system.maps):
         checks.finite(x, "identify: recordings")
-    motion = motion or []
     fit = free_fit(system, unknowns, kinds, given, motion)
     _require_mass(fit, unknowns, largest)
     unknowns = sized(unknowns, fit, largest)
@@ -130,7 +130,7 @@ def _covariance(
     fit: FreeFit,
     split: Split,
     x: Array,
-    motion: list[JointNoise],
+    motion: Sequence[JointNoise],
     known: bool,
     widening: float,
 ) -> Array:

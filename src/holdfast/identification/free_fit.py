@@ -8,6 +8,7 @@ possible.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,7 +58,7 @@ class FreeFit:
 
 
 def free_fit(
-    system: Equations, unknowns: Unknowns, kinds: Array, given: Array | None, motion: list[JointNoise]
+    system: Equations, unknowns: Unknowns, kinds: Array, given: Array | None, motion: Sequence[JointNoise]
 ) -> FreeFit:
     """Return the unconstrained estimate; see `estimate`."""
     sizes = channel_sizes(system.measured, kinds)
@@ -79,7 +80,7 @@ def free_fit(
     return fit
 
 
-def white_noise(measured: Array, kinds: Array, motion: list[JointNoise]) -> Array:
+def white_noise(measured: Array, kinds: Array, motion: Sequence[JointNoise]) -> Array:
     """Return the white noise of the channels, (channels,), from their own differences, if positions are noisy.
 
     In single samples, the errors of smoothed accelerations hide it; in sums over many samples, it is often the larger.
@@ -89,7 +90,7 @@ def white_noise(measured: Array, kinds: Array, motion: list[JointNoise]) -> Arra
     return np.sqrt([found[kinds == kind].mean() for kind in kinds])
 
 
-def _weighted(system: Equations, unknowns: Unknowns, x: Array, noise: Array, motion: list[JointNoise]) -> FreeFit:
+def _weighted(system: Equations, unknowns: Unknowns, x: Array, noise: Array, motion: Sequence[JointNoise]) -> FreeFit:
     """Return the estimate with weights for given noise, and for that of the motion, at the previous estimate x."""
     known = None
     if motion:

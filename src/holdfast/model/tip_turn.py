@@ -11,8 +11,6 @@ from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, maximum, sqrt
 from holdfast.spatial.vector import axial, cross
 
-X, _, Z = np.eye(3)
-
 
 class TipTurn(NamedTuple):
     """Three functions of the tip's attitude in contact axes, (3, 3).
@@ -48,34 +46,14 @@ def full_opening(tip: Array) -> Array:
     return 0.5 * axial(tip)
 
 
-def axis_turn(tip: Array) -> Array:
-    """Return the shortest rotation vector from the tip's x axis to the contact frame's, (3,) [rad]."""
-    return rotation.align(tip[:, 0], X)
-
-
-def axis_opening(tip: Array) -> Array:
-    """Return the shortest rotation vector from the contact frame's x axis to the tip's, with length sine, (3,)."""
-    return cross(X, tip[:, 0])
-
-
-def axis_cosine(tip: Array) -> Scalar:
-    """Return the cosine of the angle between the two x axes."""
-    return tip[0, 0]
-
-
-def normal_turn(tip: Array) -> Array:
-    """Return the shortest rotation vector from the tip's z axis to the contact frame's, (3,) [rad]."""
-    return rotation.align(tip[:, 2], Z)
-
-
-def normal_opening(tip: Array) -> Array:
-    """Return the shortest rotation vector from the contact frame's z axis to the tip's, with length sine, (3,)."""
-    return cross(Z, tip[:, 2])
-
-
-def normal_cosine(tip: Array) -> Scalar:
-    """Return the cosine of the angle between the two z axes."""
-    return tip[2, 2]
+def turn_of_axis(k: int) -> TipTurn:
+    """Return the functions of the shortest turn between axis k of the tip and that of the contact frame."""
+    axis = np.eye(3)[k]
+    return TipTurn(
+        closing=lambda tip: rotation.align(tip[:, k], axis),
+        opening=lambda tip: cross(axis, tip[:, k]),
+        cosine=lambda tip: tip[k, k],
+    )
 
 
 def cross_turn(tip: Array) -> Array:
@@ -90,6 +68,6 @@ def cross_opening(tip: Array) -> Array:
 
 
 FULL = TipTurn(full_turn, full_opening, rotation.cosine)
-ABOUT_X = TipTurn(axis_turn, axis_opening, axis_cosine)
-ABOUT_Z = TipTurn(normal_turn, normal_opening, normal_cosine)
+ABOUT_X = turn_of_axis(0)
+ABOUT_Z = turn_of_axis(2)
 CROSS = TipTurn(cross_turn, cross_opening, no_cosine)  # its angle never exceeds a quarter turn
