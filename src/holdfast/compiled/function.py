@@ -19,13 +19,12 @@ from holdfast.compiled.derivative_computation import computation_of
 from holdfast.compiled.derivative_schedule import WITH, Kind, Request
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.differentiated import Differentiated
-from holdfast.compiled.input_checks import input_error, invalid_mask, largest_positions
+from holdfast.compiled.input_checks import input_error, invalid_mask, largest_number, largest_positions
 from holdfast.compiled.kernels import compile_batch, compiling, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.result import CompiledResult, Results
 from holdfast.compiled.structure import Options
 from holdfast.compiler.targets import Builtin
-from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.names import called, wrong_call
@@ -33,8 +32,6 @@ from holdfast.questions.arrays import MOVING, POSES
 from holdfast.questions.documentation import docstring
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
-
-_LARGEST = float(np.finfo(np.float64).max)
 
 if TYPE_CHECKING:
     from holdfast.codegen.export import ExportedCode
@@ -118,7 +115,7 @@ class Function(Differentiated):
             question.summary,
             [name.removeprefix(WITH) for name in first],
             len(first) - len(made.inputs),
-            [] if self.has_status else [LARGEST_ARGUMENT if name == "q" else _LARGEST for name in first],
+            [] if self.has_status else [largest_number(name) for name in first],
             [name in POSES for name in first],
             0 if self.has_status else 2 if question.unlimited else 1,
         )

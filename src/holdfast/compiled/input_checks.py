@@ -11,10 +11,15 @@ from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.errors import StateError
 from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import POSES
 from holdfast.spatial.scalar import Array
 
-_POSES = ("object_pose", "floating_pose")
 _LARGEST = float(np.finfo(np.float64).max)
+
+
+def largest_number(name: str) -> float:
+    """Return a bound of the numbers of an input; of positions of joints, `largest_positions` are exact ones."""
+    return LARGEST_ARGUMENT if name == "q" else _LARGEST
 
 
 def largest_positions(chain: ClosedChain) -> Array:
@@ -48,7 +53,7 @@ def input_error(found: Mapping[str, Array], largest: Array) -> StateError | None
             continue
         if not np.isfinite(x).all():
             return StateError(f"{name.rpartition('.')[2]}: expected finite numbers, got {x[~np.isfinite(x)][0]}")
-        if name in _POSES:
+        if name in POSES:
             length = math.hypot(*x[:4])
             return StateError(f"{name}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}")
         worst = float(np.abs(x[~_sound(name, x, largest)]).max())
@@ -60,16 +65,16 @@ def _surely_sound(name: str, x: Array) -> bool:
     """Return whether a fast sufficient test shows that all numbers are valid."""
     if not x.size:
         return True
-    most = LARGEST_ARGUMENT if name == "q" else _LARGEST
+    most = largest_number(name)
     within = bool(-most <= x.min() and x.max() <= most)  # false if x contains NaN
-    return within and (name not in _POSES or bool(_of_unit_length(x).all()))
+    return within and (name not in POSES or bool(_of_unit_length(x).all()))
 
 
 def _sound(name: str, x: Array, largest: Array) -> Array:
     """Return which numbers are valid; no number of a pose is if its quaternion is not of unit length."""
     if name == "q":
         return np.abs(x) <= largest
-    if name in _POSES:
+    if name in POSES:
         return np.isfinite(x) & _of_unit_length(x)[..., None]
     return np.isfinite(x)
 

@@ -12,16 +12,23 @@ from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.questions.arrays import ARRAYS, BASE_MOTION, CONTACTS, FLOATING, LIMITS, MOVING, Shape, shapes, value_of
+from holdfast.questions.arrays import (
+    ARRAYS,
+    BASE_MOTION,
+    FLOATING,
+    INTERNAL,
+    MOVING,
+    POSE_ARRAYS,
+    Shape,
+    shapes,
+    value_of,
+)
 from holdfast.spatial import rotation
 from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
 
-# Users pass poses as wxyz_xyz; machine code reads rotation matrices, and origins if they matter.
-POSE_ARRAYS = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
 WRENCHES = ("link_wrench", "trunk_link_wrench")
 _INPUTS = ("object_wrench", *WRENCHES, *FLOATING)  # inputs that users pass like parameters
-_INTERNAL = {"generic_rank", LIMITS, CONTACTS, *(name for pair in POSE_ARRAYS.values() for name in pair)}
 
 
 def rank_number(generic_rank: int | None) -> Array:
@@ -96,7 +103,7 @@ def _shape(name: str, externals: Mapping[str, External]) -> Shape | None:
         rotations = externals.get(POSE_ARRAYS[name][0])
         return None if rotations is None else (rotations.shape[0], 7)
     e = externals.get(name)
-    passed = e is not None and name not in _INTERNAL and (e.role == "parameter" or name in _INPUTS)
+    passed = e is not None and name not in INTERNAL and (e.role == "parameter" or name in _INPUTS)
     return e.shape if e is not None and passed else None
 
 

@@ -86,18 +86,14 @@ def motion_noise(
         samples = slice(first, first + int(kept.sum()))
         first = samples.stop
         nodes = _nodes(recording, kept)
-        at_nodes = _as_channels(chain, _part(recording, nodes), settings)
+        part = _part(recording, nodes)
+        at_nodes = _as_channels(chain, part, settings)
         for one in smoothed:
             for joint, spline in enumerate(one.splines):
                 if not spline.noise:
                     continue
-                H = np.stack(
-                    [
-                        (_as_channels(chain, _moved(_part(recording, nodes), name, joint), settings) - at_nodes) / STEP
-                        for name in one.names
-                    ],
-                    axis=1,
-                )
+                moved = [_as_channels(chain, _moved(part, name, joint), settings) for name in one.names]
+                H = np.stack([(x - at_nodes) / STEP for x in moved], axis=1)
                 t = recording.t[kept]
                 evaluations = [E[np.flatnonzero(kept)] for E in spline.evaluations[: len(one.names)]]
                 C = _at_all(recording.t[nodes], _covariances(spline, len(one.names), nodes), t, smooth=False)

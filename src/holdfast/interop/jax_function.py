@@ -9,13 +9,12 @@ from typing import Any, Literal
 from holdfast.compiled.derivative_schedule import WITH
 from holdfast.compiled.foreign_code import answer_code, derivative_code
 from holdfast.compiled.function import Function
-from holdfast.compiled.parameters import POSE_ARRAYS
 from holdfast.errors import StateError
 from holdfast.interop.jax_arguments import checked
 from holdfast.interop.jax_call import Route, available_route, operation
 from holdfast.interop.jax_import import require_jax
 from holdfast.interop.jax_pose import pose_gradient, pose_tangent, rotation_and_origin
-from holdfast.questions.arrays import ARRAYS, POSES, results_of
+from holdfast.questions.arrays import ARRAYS, POSE_ARRAYS, POSES, results_of
 
 _FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")
 

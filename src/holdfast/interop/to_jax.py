@@ -7,14 +7,13 @@ from typing import overload
 
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.function import Function
-from holdfast.compiled.parameters import POSE_ARRAYS
 from holdfast.errors import StateError
 from holdfast.interop.jax_arguments import require_names
 from holdfast.interop.jax_function import JaxFunction
 from holdfast.interop.jax_import import require_jax
 from holdfast.interop.jax_rollout import JaxRollout
 from holdfast.model import checks
-from holdfast.questions.arrays import FLOATING, MOVING
+from holdfast.questions.arrays import FLOATING, MOVING, POSE_ARRAYS
 from holdfast.simulation.rollout.rollout import Rollout
 
 

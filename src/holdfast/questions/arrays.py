@@ -247,6 +247,9 @@ LINKS = ("link_mass", "link_com", "link_inertia")
 TRUNK_LINKS = tuple(f"trunk_{name}" for name in LINKS)
 OBJECT = ("object_mass", "object_com", "object_inertia")
 LIMITS, CONTACTS = "joint_limits", "contact"  # `forces.margins.joint_limits`, `contacts_of`
+# Users pass poses as wxyz_xyz; machine code reads rotation matrices, and origins if they matter.
+POSE_ARRAYS = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
+INTERNAL = {"generic_rank", LIMITS, CONTACTS, *(name for pair in POSE_ARRAYS.values() for name in pair)}
 STATE_AND_TORQUES = ("q", "qd", "tau", "object_pose", "object_twist")
 
 # The arguments of forward dynamics, in order.

@@ -5,12 +5,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable
 
-from holdfast.questions.arrays import ARRAYS, BASE_MOTION, CONTACTS, LIMITS, TRUNK_BASE_MOTION, Row
+from holdfast.questions.arrays import ARRAYS, BASE_MOTION, INTERNAL, POSE_ARRAYS, TRUNK_BASE_MOTION, Row
 from holdfast.questions.question import QUESTIONS, Question
 
 WIDTH = 118
-_POSES = {"base_R": "base_pose", "grasp_R": "grasp_pose"}  # what users pass for the arrays of machine code
-_INTERNAL = {LIMITS, CONTACTS, "base_p", "grasp_p"}
+_POSES = {rotations: pose for pose, (rotations, _) in POSE_ARRAYS.items()}  # what users pass for them
 
 
 def docstring(question: Question) -> str:
@@ -29,8 +28,8 @@ def docstring(question: Question) -> str:
 
 def parameters_of(question: Question) -> list[str]:
     """Return the names by which users pass a question's run-time parameters."""
-    named = [_POSES.get(name, name) for name in question.parameters if name not in _INTERNAL]
-    return list(dict.fromkeys(named))
+    named = dict.fromkeys(_POSES.get(name, name) for name in question.parameters)
+    return [name for name in named if name not in INTERNAL]
 
 
 def _given(row: Row) -> str:
