@@ -156,7 +156,7 @@ def test_code_for_batches(monkeypatch, capsys, tmp_path):
             law.torques(0.0, q, still, *at)
         said = [line.partition(" of ")[0] for line in capsys.readouterr().err.splitlines()]
         expected = ["forward_dynamics for batches", "mass_matrix", "mass_matrix for batches"]
-        expected.append("the control law for batches")
+        expected.append("control law for batches")
         assert said == ([f"compiling {what}" for what in expected] if asked else [])
 
 

@@ -150,7 +150,7 @@ def test_where_it_does_not_apply():
         law.torques(0.0, STATE.q[1:], STATE.qd, pose, twist)
     with pytest.raises(StateError, match="bind: q: expected shape"):
         law.bind(q=STATE.q[1:])
-    with pytest.raises(hf.FrozenError, match=r"bound law: q: cannot be replaced, .* try bound.q\[...\] = values"):
+    with pytest.raises(hf.FrozenError, match=r"bound: q: expected the array .* to stay; try bound.q\[...\] = values"):
         law.bind().q = STATE.q
     some = law.torques(0.0, np.array([STATE.q, np.full(N, np.inf)]), STATE.qd, pose, twist).tau
     assert np.isfinite(some[0]).all() and np.isnan(some[1]).all()

@@ -14,7 +14,7 @@ from holdfast.compiled.derivative_schedule import Kind
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED
 from holdfast.compiler.schedule import External, Schedule
-from holdfast.control.compiled_law import law_and_values, law_externals, law_schedule
+from holdfast.control.compiled_law import law_and_values, law_computation
 from holdfast.control.controller import ControlLaw, Controller, held_torques
 from holdfast.dynamics.rank import closed_near, constraint_rank, generic_rank_near
 from holdfast.errors import ModelError, StateError
@@ -134,8 +134,8 @@ def exported_law(name: str, law: Controller | ControlLaw, compiled: CompiledChai
     chain = compiled.chain
     traced, given = law_and_values(law, chain)
     values = {"object_pose": np.eye(7)[0], "memory": traced.memory, **given}
-    externals = law_externals(traced, chain)
-    return _function(name, "torques of a control law", externals, lambda: law_schedule(traced, chain), values)
+    made = law_computation(traced, chain)
+    return _function(name, "torques of a control law", made.externals, made.schedule, values)
 
 
 def generic_rank_of(compiled: CompiledChain, state: State | None) -> int | None:

@@ -23,22 +23,24 @@ class Computation:
     """A computation of machine code for chains of one structure.
 
     Attributes:
-        name: its name in the key of the cache.
+        name: its name in the key of the cache; without a name, the traced code serves as the key.
         structure: the structure of the chains.
         externals: the arrays that it reads and writes, by name; those of `inputs` come first.
         schedule: returns its schedule.
         inputs: names of the arrays that a call gives in order.
         by_name: names of those that a call must give by name.
         fixed: the numbers of parameters that no call changes, by name.
+        packages: packages whose functions it traces besides those of forward dynamics.
     """
 
     name: str
     structure: Structure
     externals: Mapping[str, External]
     schedule: Callable[[], Schedule]
-    inputs: tuple[str, ...]
+    inputs: tuple[str, ...] = ()
     by_name: tuple[str, ...] = ()
     fixed: Mapping[str, Array] = field(default_factory=dict)
+    packages: tuple[str, ...] = ()
 
     @property
     def has_status(self) -> bool:

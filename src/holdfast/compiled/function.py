@@ -15,6 +15,7 @@ import numpy as np
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.calls import Calls
+from holdfast.compiled.computation import Computation
 from holdfast.compiled.derivative_computation import computation_of
 from holdfast.compiled.derivative_schedule import WITH, Kind, Request
 from holdfast.compiled.derivatives import CompiledDerivatives
@@ -56,7 +57,7 @@ class Function(Differentiated):
         has_status: whether every system has a status, because its equations may have no solution.
     """
 
-    def __new__(cls, compiled: CompiledChain, question: Question, *_: Any) -> Function:
+    def __new__(cls, compiled: CompiledChain, question: Question, *_: Any, **__: Any) -> Function:
         """Return a function with a class of its own, because Python looks `__call__` up in the class."""
         own: Any = type(cls.__name__, (cls,), {"__module__": cls.__module__, "__doc__": docstring(question)})
         return object.__new__(own)
@@ -72,6 +73,7 @@ class Function(Differentiated):
         question: Question,
         request: Request | None = None,
         options: Options | None = None,
+        computation: Computation | None = None,
     ) -> None:
         """Store what is computed; the machine code is made when it is first needed.
 
@@ -80,10 +82,11 @@ class Function(Differentiated):
             question: the question.
             request: the derivatives of it to be computed; None for the answer alone.
             options: the options of the machine code; by default those of the chain.
+            computation: what machine code computes; by default it follows from the question.
         """
         self.compiled, self.chain, self.question, self.request = compiled, compiled.chain, question, request
         self._options = options or compiled.options
-        self.computation = made = computation_of(question, request, self.chain, self._options)
+        self.computation = made = computation or computation_of(question, request, self.chain, self._options)
         self.externals, self.has_status = dict(made.externals), made.has_status
         self._inputs = (*made.inputs, *made.by_name)
         self._show = question.shown(self.chain)
@@ -95,7 +98,7 @@ class Function(Differentiated):
         """The calls of the machine code, which is made or loaded when they are first needed."""
         made = self.computation
         with compiling(self.chain, self.name, self.compiled.progress):
-            code = kernel(made.name, made.structure, self.externals, made.schedule)
+            code = kernel(made)
         own = parameters_of(self.chain, self._rank) | dict(made.fixed)
         return Calls(code, {name: x for name, x in own.items() if name not in self._inputs})
 
@@ -250,10 +253,9 @@ class Function(Differentiated):
             bad = invalid_mask(inputs, self._ranks, self._largest, result.batch)
             for x in found.values() if bad is not None else ():
                 x[bad] = np.nan
-        else:
-            for name, x in found.items():
-                checks.finite(np.where(np.isposinf(x), 0.0, x) if self.question.unlimited else x, name)
         self.question.settle(self.chain, inputs, found)
+        for name, x in found.items() if result.batch is None else ():
+            checks.finite(np.where(np.isposinf(x), 0.0, x) if self.question.unlimited else x, name)
 
     def only_array(self, results: Results) -> Array | None:
         """Return the only array of the results if a user gets that, or its number, as it is; otherwise None."""

@@ -6,14 +6,12 @@ import functools
 import hashlib
 import threading
 import weakref
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
 import holdfast.compiler
-from holdfast.compiled.structure import Structure
+from holdfast.compiled.computation import Computation
 from holdfast.compiler.kernel import Kernel
-from holdfast.compiler.schedule import External, Schedule
 from holdfast.compiler.targets import cpu
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import busy
@@ -25,31 +23,20 @@ _made: weakref.WeakValueDictionary[str, Kernel] = weakref.WeakValueDictionary()
 _lock = threading.Lock()
 
 
-def key_of(what: str, structure: Structure, *further: str) -> str:
-    """Return the cache key of a computation for chains of one structure.
-
-    Args:
-        what: the name of the computation, with anything else on which its code depends.
-        structure: the structure of the chains, whose constants are part of the code.
-        further: the packages whose functions are traced besides those of forward dynamics.
-    """
-    return f"{what}/{structure.key}/{_sources(*further)}"
+def key_of(made: Computation) -> str:
+    """Return the cache key of a computation for chains of one structure; "" if it has no name."""
+    return made.name and f"{made.name}/{made.structure.key}/{_sources(*made.packages)}"
 
 
-def kernel(what: str, structure: Structure, externals: dict[str, External], make: Callable[[], Schedule]) -> Kernel:
-    """Return the kernel of one computation for chains of one structure.
-
-    Args:
-        what: the name of the computation.
-        structure: the structure of the chains, whose constants are part of the code.
-        externals: the arrays that the computation reads and writes, by name.
-        make: returns its schedule; it is called only if the machine code is not in the cache.
-    """
-    key = f"{key_of(what, structure)}/{cpu.target().name}"
+def kernel(made: Computation) -> Kernel:
+    """Return the kernel of one computation; its schedule is made only if the machine code is not in the cache."""
+    if not (key := key_of(made)):
+        return Kernel(made.externals, made.schedule)
+    key = f"{key}/{cpu.target().name}"
     with _lock:
         found = _made.get(key)
         if found is None:
-            found = _made[key] = Kernel(externals, make, key)
+            found = _made[key] = Kernel(made.externals, made.schedule, key)
         return found
 
 

@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
-from functools import cached_property
+from collections.abc import Collection, Mapping
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.compiled import arrays
-from holdfast.compiled.input_checks import input_error, invalid_mask, largest_positions
-from holdfast.compiled.kernels import compile_batch, compiling, key_of
+from holdfast.compiled.bound import BoundFunction
+from holdfast.compiled.chain import CompiledChain
+from holdfast.compiled.computation import Computation
+from holdfast.compiled.function import Function
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, externals, traced
-from holdfast.compiler.kernel import Bound, Kernel
+from holdfast.compiler.kernel import Bound
 from holdfast.compiler.program import Shape
-from holdfast.compiler.schedule import External, Schedule
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw
 from holdfast.control.traced_law import law_of, law_outputs
-from holdfast.errors import FrozenError, HoldfastError, MethodNotApplicable, ModelError, StateError
+from holdfast.errors import HoldfastError, MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.names import called, named, no_arguments
-from holdfast.questions.arrays import shapes, state_fields
+from holdfast.names import called, no_arguments
+from holdfast.questions.arrays import Row, shapes, state_fields
+from holdfast.questions.question import Found, Question, Show
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
 
-# modules with functions that laws use, in addition to forward dynamics
-ROOMS = ("forces", "simulation", "control", "scenario")
-WHAT = "the control law"  # is compiled
+# packages with functions that laws use, in addition to forward dynamics
+PACKAGES = ("forces", "simulation", "control", "scenario")
 LARGEST = 1e5  # rad: largest positions that machine code accepts
 
 
@@ -43,6 +43,15 @@ class LawTorques(NamedTuple):
 
     tau: Array
     memory: Array
+
+
+def _shown(chain: ClosedChain) -> Show:
+    """Return what shows torques and memory."""
+
+    def shown(found: Found) -> LawTorques:
+        return LawTorques(found["tau"], found.get("kept", np.zeros((*found["tau"].shape[:-1], 0))))
+
+    return shown
 
 
 def compile_law(
@@ -65,8 +74,7 @@ def compile_law(
         got = "none" if known is None else type(known).__name__
         raise ModelError(f"compile_law: chain: expected the ClosedChain whose joints the law drives, got {got}")
     law, values = law_and_values(controller, known)
-    with compiling(known, WHAT, progress):
-        return CompiledLaw(law, known, values, progress)
+    return CompiledLaw(law, known, values, progress)
 
 
 def law_and_values(controller: Controller | ControlLaw, chain: ClosedChain) -> tuple[ControlLaw, Mapping[str, Array]]:
@@ -84,6 +92,31 @@ def law_and_values(controller: Controller | ControlLaw, chain: ClosedChain) -> t
     return law, controller.values if isinstance(controller, GivenLaw) else {}
 
 
+def law_computation(law: ControlLaw, chain: ClosedChain) -> Computation:
+    """Return the computation of a law, from time, state, memory and parameters to torques and memory.
+
+    Raises:
+        StateError: a parameter has the name of another array.
+    """
+    own: dict[str, Shape] = {"t": (), "memory": (len(law.memory),), "kept": (len(law.memory),)}
+    size = shapes(chain) | own | {name: tuple(shape) for name, shape in law.parameters.items()}
+    if taken := {"t", "tau", "memory", "kept", *state_fields(chain)} & set(law.parameters):
+        raise StateError(f"compile_law: parameter '{min(taken)}': expected another name, since this one is reserved")
+    remembers = ["memory"] if len(law.memory) else []
+    inputs = ["t", *state_fields(chain), *remembers, *law.parameters]
+    arrays = externals(inputs, (), ["tau", *(["kept"] if remembers else [])], size)
+
+    def outputs(x: Given) -> dict[str, Array]:
+        state = State(**{field: x[name] for name, field in state_fields(chain).items()})
+        given = {f"control.{name}": x[name] for name in law.parameters}
+        tau, kept = law_outputs(law, chain, x["t"][()], state, x.get("memory", np.zeros(0)), given)
+        return {"tau": tau, "kept": kept} if remembers else {"tau": tau}
+
+    key = f"law/{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{chain.joint_count}" if law.key else ""
+    schedule = partial(traced, arrays, outputs)
+    return Computation(key, Structure(chain, Options()), arrays, schedule, tuple(inputs), packages=PACKAGES)
+
+
 @called
 class CompiledLaw:
     """A control law in machine code, created by `compile_law`. It is itself a controller if its parameters are given.
@@ -92,21 +125,19 @@ class CompiledLaw:
         law: the law.
         chain: the chain that it controls.
         values: the given values of its parameters.
-        progress: whether to show that machine code is made.
+        function: the machine code, a function of time, state, memory and parameters.
     """
 
     def __init__(
         self, law: ControlLaw, chain: ClosedChain, values: Mapping[str, Array], progress: bool = False
     ) -> None:
-        self.law, self.chain, self.values, self.progress = law, chain, dict(values), progress
+        self.law, self.chain, self.values = law, chain, dict(values)
         self._fields, self._lock = state_fields(chain), threading.Lock()
-        self._externals = law_externals(law, chain)
-        key = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}" if law.key else ""
-        structure = Structure(chain, Options())
-        key = key and f"{key_of(f'law/{key}', structure, *ROOMS)}/{chain.joint_count}"
-        self._kernel = Kernel(self._externals, lambda: law_schedule(law, chain), key)
-        self._largest = largest_positions(chain)
-        self._ranks = {name: len(e.shape) for name, e in self._externals.items()}
+        kept = [Row("kept", (len(law.memory),), "", "memory")] if len(law.memory) else []
+        question = Question("control law", lambda case: (), ("tau", *kept), shown=_shown, settle=self._settle)
+        compiled = CompiledChain(chain, Options(), 0, progress)
+        self.function = Function(compiled, question, computation=law_computation(law, chain))
+        _ = self.function.calls
 
     def __repr__(self) -> str:
         """Return the number of joints and the names of the parameters without values."""
@@ -115,7 +146,7 @@ class CompiledLaw:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the arguments that create the law again; its machine code is then compiled or loaded from disk."""
-        return CompiledLaw, (self.law, self.chain, self.values, self.progress)
+        return CompiledLaw, (self.law, self.chain, self.values, self.function.compiled.progress)
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) and the memory, as for any controller.
@@ -171,32 +202,24 @@ class CompiledLaw:
                 finite, an angle is beyond 1e5 rad, a quaternion is not of unit length, or the torques are not finite.
                 In a batch the torques of such a system are NaN.
         """
-        arrays.require_threads(threads)
         given = {"t": t, "q": q, "qd": qd, "object_pose": object_pose, "object_twist": object_twist}
         if len(self.law.memory):
             given["memory"] = self.law.memory if memory is None else memory
         elif memory is not None and np.size(memory):
             raise StateError("memory: expected none, as the law has no memory")
         given |= self.values | parameters
-        inputs = {name: e.shape for name, e in self._externals.items() if e.role == "input"}
-        _require_names(given, inputs)
-        found = {name: arrays.floats(name, given[name], shape) for name, shape in inputs.items()}
-        batch = arrays.batch_of(found, self._externals)
-        wrong = input_error(found, self._largest) if batch is None else None
-        if wrong is not None:
-            raise wrong
-        lead = () if batch is None else (batch,)
-        out = {name: np.empty((*lead, *e.shape)) for name, e in self._externals.items() if e.role == "output"}
-        compile_batch(self._kernel, self.chain, WHAT, self.progress)
-        self._kernel.run_arrays(found | out, 1 if batch is None else batch, threads)
-        bad = None if batch is None else invalid_mask(found, self._ranks, self._largest, batch)
-        for x in out.values() if bad is not None else ():
-            x[bad] = np.nan
-        if batch is None and not np.isfinite(out["tau"]).all():
-            raise self._refusal(found)
-        return LawTorques(out["tau"], out.get("kept", np.zeros((*lead, 0))))
+        _require_names(given, self.function.computation.inputs)
+        return self.function(threads=threads, **given)
 
-    def _refusal(self, found: Mapping[str, Array]) -> StateError:
+    def _settle(
+        self, chain: ClosedChain, given: Mapping[str, Array], found: Mapping[str, Array]
+    ) -> Mapping[str, Array]:
+        """Refuse torques of one system that are not finite; see `Question`."""
+        if found["tau"].ndim == 1 and not np.isfinite(found["tau"]).all():
+            raise self._refusal(given)
+        return found
+
+    def _refusal(self, found: Found) -> StateError:
         """Return the error for torques that are not finite; it is that of the law's own function if it raises one."""
         state = State(**{field: found[name] for name, field in self._fields.items()})
         given = {name: found[name] for name in self.law.parameters}
@@ -218,14 +241,14 @@ class CompiledLaw:
         Raises:
             StateError: a shape or name is wrong.
         """
-        return BoundLaw(self._kernel, self._externals, self.law, self.values | values)
+        return BoundLaw(self, self.values | values)
 
     @cached_property
     def _own(self) -> Bound | None:
         """The bound kernel for calls as a controller; None if parameters have no values."""
         if set(self.values) != set(self.law.parameters):
             return None
-        bound = self._kernel.bind()
+        bound = self.function.calls.bind()
         for name, x in self.values.items():
             bound.arrays[name][...] = x
         return bound
@@ -253,88 +276,47 @@ class CompiledLaws:
         return known[1]
 
 
-@named
-class BoundLaw:
+class BoundLaw(BoundFunction):
     """A law bound to fixed arrays: write into the inputs, call it, and read `tau`. Created by `CompiledLaw.bind`.
 
     Only one thread at a time may use it. Nothing is checked, and no errors are raised. The memory is updated when
     `keep` is called, so a step can be evaluated twice.
 
     Attributes:
-        arrays: all arrays by name. Each is also an attribute; write with `bound.q[...] = q`.
+        arrays: the inputs by name. Each is also an attribute; write with `bound.q[...] = q`.
+        tau: (n,) torques of the last call.
+        kept: (m,) memory that the last call returned, if the law has one.
         run: the function without arguments that computes the outputs.
     """
 
-    def __init__(
-        self, kernel: Kernel, externals: Mapping[str, External], law: ControlLaw, values: Mapping[str, Any]
-    ) -> None:
-        self._bound = kernel.bind()
-        self.arrays = dict(self._bound.arrays)
-        inputs = {name: e.shape for name, e in externals.items() if e.role == "input"}
-        _require_names(values, inputs, every=False)
-        if "memory" in inputs:
-            self.arrays["memory"][...] = law.memory
-        if "object_pose" in inputs:
-            self.arrays["object_pose"][0] = 1.0
-        for name, x in values.items():
-            self.arrays[name][...] = checks.numbers(x, inputs[name], f"bind: {name}", StateError)
-        vars(self).update(self.arrays)
-        self.run = self._bound.run
-        self._made = True
+    tau: Array
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse to replace the arrays that the machine code reads; `bound.q += dq` writes into them."""
-        if "_made" in vars(self) and value is not vars(self).get(name, self):
-            known = [n for n in vars(self) if not n.startswith("_")]
-            if name in known:
-                raise FrozenError(
-                    f"bound law: {name}: cannot be replaced, because the machine code reads this array; try"
-                    f" bound.{name}[...] = values"
-                )
-            raise FrozenError(f"bound law: no attribute '{name}'.{checks.did_you_mean(name, known)}")
-        object.__setattr__(self, name, value)
+    def __init__(self, of: CompiledLaw, values: Mapping[str, Any]) -> None:
+        super().__init__(of.function, {})
+        _require_names(values, self.arrays, every=False)
+        initial = {"memory": of.law.memory} if "memory" in self.arrays else {}
+        for name, x in {**initial, **values}.items():
+            self.arrays[name][...] = checks.numbers(x, self.arrays[name].shape, f"bind: {name}", StateError)
+        vars(self).update({name: self._written.array(name) for name in self._written.layout.shapes})
 
     def __repr__(self) -> str:
         """Return the number of joints and the names of the arrays."""
-        return f"<BoundLaw of {len(self.arrays['tau'])} joints: {', '.join(self.arrays)}>"
+        return f"<BoundLaw of {len(self.tau)} joints: {', '.join(self.arrays)}>"
 
     def __call__(self, *none: Any) -> Array:
         """Compute and return `tau`, which is always the same array."""
         if none:
             no_arguments("bound law", none)
         self.run()
-        return self.arrays["tau"]
+        return self.tau
 
     def keep(self) -> None:
         """Update the memory to that of the last call."""
         if "memory" in self.arrays:
-            self.arrays["memory"][...] = self.arrays["kept"]
+            self.arrays["memory"][...] = self._written.array("kept")
 
 
-def law_externals(law: ControlLaw, chain: ClosedChain) -> dict[str, External]:
-    """Return the arrays of a law: its inputs are time, state, memory and parameters, its outputs torques and memory."""
-    own: dict[str, Shape] = {"t": (), "memory": (len(law.memory),), "kept": (len(law.memory),)}
-    size = shapes(chain) | own | {name: tuple(shape) for name, shape in law.parameters.items()}
-    if taken := {"t", "tau", "memory", "kept", *state_fields(chain)} & set(law.parameters):
-        raise StateError(f"compile_law: parameter '{min(taken)}': expected another name, since this one is reserved")
-    remembers = ["memory"] if len(law.memory) else []
-    inputs = ["t", *state_fields(chain), *remembers, *law.parameters]
-    return externals(inputs, (), ["tau", *(["kept"] if remembers else [])], size)
-
-
-def law_schedule(law: ControlLaw, chain: ClosedChain) -> Schedule:
-    """Return the schedule of the operations of a law."""
-
-    def outputs(x: Given) -> dict[str, Array]:
-        state = State(**{field: x[name] for name, field in state_fields(chain).items()})
-        given = {f"control.{name}": x[name] for name in law.parameters}
-        tau, kept = law_outputs(law, chain, x["t"][()], state, x.get("memory", np.zeros(0)), given)
-        return {"tau": tau, "kept": kept} if len(law.memory) else {"tau": tau}
-
-    return traced(law_externals(law, chain), outputs)
-
-
-def _require_names(given: Mapping[str, Any], inputs: Mapping[str, Shape], every: bool = True) -> None:
+def _require_names(given: Mapping[str, Any], inputs: Collection[str], every: bool = True) -> None:
     """Refuse unknown names and, with `every`, missing ones."""
     for name in given:
         if name not in inputs:
