@@ -189,7 +189,9 @@ def _step(
     values = kernel.parameters | kernel.defaults | {f"last.{name}": x[0] for name, x in systems.arrays.items()}
     values |= {"step": np.array(1e-3)}
 
+    made = kernel.with_new_inputs(tableau)
+
     def schedule() -> Schedule:
-        return replace(kernel.schedule(tableau), status="last.code")  # returned, and not only carried to the next step
+        return replace(made.schedule(), status="last.code")  # returned, and not only carried to the next step
 
     return _function(STEP, _STEP_SUMMARY, kernel.externals, schedule, values, _STEPS)

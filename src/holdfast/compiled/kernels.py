@@ -11,7 +11,7 @@ from pathlib import Path
 
 import holdfast.compiler
 from holdfast.compiled.computation import Computation
-from holdfast.compiler.kernel import Kernel
+from holdfast.compiler.kernel import BatchKernel, Kernel
 from holdfast.compiler.targets import cpu
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import busy
@@ -38,6 +38,11 @@ def kernel(made: Computation) -> Kernel:
         if found is None:
             found = _made[key] = Kernel(made.externals, made.schedule, key)
         return found
+
+
+def batch_kernel(made: Computation, quick: bool = False) -> BatchKernel:
+    """Return a kernel of one computation for batches only; `quick` shortens compilation at the cost of run time."""
+    return BatchKernel(made.externals, made.schedule, key_of(made), quick=quick)
 
 
 def compiling(chain: ClosedChain, what: str, progress: bool) -> AbstractContextManager[None]:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.traced_chain import Given, traced
+from holdfast.compiled.kernels import batch_kernel
+from holdfast.compiled.traced_chain import Given
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.questions.arrays import CONTACTS, gradient_shapes, shapes, state_fields
@@ -60,9 +61,7 @@ class AdjointKernel:
         scheme = "closing" if tableau is None else tableau.name
         model = VariedStep(step.model, tableau or EULER)
         what = f"adjoint/{scheme}/{','.join(self.by)};{','.join(self.of)}"
-        self._code = step.compiled(
-            self.externals, what, lambda: traced(self.externals, self._gradients(model, tableau))
-        )
+        self._code = batch_kernel(step.computation(what, self.externals, self._gradients(model, tableau)))
 
     @classmethod
     def of_step(cls, step: StepKernel, tableau: Tableau | None, by: Sequence[str], of: Sequence[str]) -> AdjointKernel:

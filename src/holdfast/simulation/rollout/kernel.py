@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.kernels import key_of
+from holdfast.compiled.computation import Computation
+from holdfast.compiled.kernels import batch_kernel
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, externals, traced
-from holdfast.compiler.kernel import BatchKernel, address_of
+from holdfast.compiler.kernel import address_of
 from holdfast.compiler.program import Shape
-from holdfast.compiler.schedule import External, Schedule
+from holdfast.compiler.schedule import External
+from holdfast.control.compiled_law import PACKAGES
 from holdfast.control.controller import ControlLaw
 from holdfast.errors import StateError
 from holdfast.forces.margins import joint_limits
@@ -117,9 +119,8 @@ class StepKernel:
         externals = step_externals(structure, law)
         self.model = model = traced_step.StepModel(structure, law, self.motions, acting)
         step, slopes = partial(traced_step.step, model, tableau), partial(traced_step.evaluation, model)
-        code = partial(self.compiled, externals, quick=quick)
-        self._step = code(f"step/{tableau.name}", lambda: traced(externals, step))
-        self._slopes = code("evaluation", lambda: traced(externals, slopes))
+        self._step = batch_kernel(self.computation(f"step/{tableau.name}", externals, step), quick)
+        self._slopes = batch_kernel(self.computation("evaluation", externals, slopes), quick)
         self.adjoints: dict[Any, Any] = {}  # values are `adjoint.AdjointKernel`, created on demand
         self.carried = carried_shapes(chain, law, structure.options.held)
         self.externals = externals
@@ -131,31 +132,29 @@ class StepKernel:
         self._required = self._layout.keys() - self.parameters.keys() - self.defaults.keys()
         self._own, self._table = self._tabled(self.parameters | self.defaults, np.zeros((len(externals), 2), np.int64))
 
-    def schedule(self, tableau: Tableau) -> Schedule:
-        """Return the schedule of a step that also evaluates the slope at its start, because its inputs have changed."""
+    def with_new_inputs(self, tableau: Tableau) -> Computation:
+        """Return the computation of a step that also evaluates the slope at its start, as its inputs have changed."""
 
         def step(given: Given) -> dict[str, Any]:
             return traced_step.step(self.model, tableau, {**given, **traced_step.evaluation(self.model, given)})
 
-        return traced(self.externals, step)
+        return self.computation("", self.externals, step)
 
-    def compiled(
-        self, externals: Mapping[str, External], of: str, schedule: Callable[[], Schedule], quick: bool = False
-    ) -> BatchKernel:
-        """Return machine code for this chain and law, which is cached on disk under a key of what it computes.
+    def computation(
+        self, what: str, externals: Mapping[str, External], function: Callable[[Given], Mapping[str, Any]]
+    ) -> Computation:
+        """Return a computation for this chain and law.
 
         Args:
+            what: name of what is computed, part of the key in the cache.
             externals: input and output arrays.
-            of: name of what it computes, part of the key.
-            schedule: returns the schedule to compile.
-            quick: shorten the compilation at the cost of run time.
+            function: takes the traced arrays and returns the outputs by name.
         """
         law, moving = self.law, exact_fingerprint([self.motions, self.acting])
         friction = hashlib.sha256(joint_friction(self.chain).tobytes()).hexdigest()
-        what = f"{of}/{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}/{moving}"
-        known = law.key and moving is not None
-        key = key_of(what, self.structure, "forces", "simulation", "control", "scenario") if known else ""
-        return BatchKernel(externals, schedule, key, quick=quick)
+        key = f"{what}/{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}/{moving}"
+        name = key if what and law.key and moving is not None else ""
+        return Computation(name, self.structure, externals, partial(traced, externals, function), packages=PACKAGES)
 
     def systems(self, state: Mapping[str, Array], memory: Array | None = None, count: int | None = None) -> Systems:
         """Return systems of which only the states are set; a step of length zero projects and evaluates them.

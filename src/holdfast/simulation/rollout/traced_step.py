@@ -35,7 +35,7 @@ from holdfast.simulation.linearly_implicit import Implicit, passive_terms, with_
 from holdfast.simulation.rollout.singular_passing import passes_singular
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, run_step, take_step
+from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, StepResult, run_step, take_step
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, select, where
 from holdfast.state import Inputs, State
 
@@ -187,6 +187,13 @@ class TracedSystem:
         powers = power_of(chain, state, drive, whole.base_wrench, inputs, whole.trunk_base_wrench)
         return work_rates(powers, lost, state.qd)
 
+    def take_step(self, tableau: Tableau, first: Array) -> StepResult:
+        """Return the result of a step that begins with the slope `first`."""
+        times = [self.time(c) for c in (*tableau.c.tolist(), 1.0)]
+        passive = passive_terms(self.real) if tableau.implicit else None
+        h = self.given["step"][()]
+        return run_step(take_step(self.state, first, h, times, tableau, passive), self.handle)
+
     def handle(self, request: EvaluationRequest) -> Any:
         """Return the reply to a request of a step; if the input `held` is set, states are not projected."""
         still = self.given["held"][()] > 0.5
@@ -210,10 +217,7 @@ class TracedSystem:
 def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return the carried arrays of a system after `take_step`; a system that stops keeps its last state."""
     system = TracedSystem(model, given)
-    times = [system.time(c) for c in (*tableau.c.tolist(), 1.0)]
-    passive = passive_terms(system.real) if tableau.implicit else None
-    generator = take_step(system.state, system.last("slope"), given["step"][()], times, tableau, passive)
-    now, (drift, gaps), work, _ = run_step(generator, system.handle)
+    now, (drift, gaps), work, _ = system.take_step(tableau, system.last("slope"))
     end, found = now.state, now.found
     whole = found.whole
     kept = {name: getattr(end, field) for name, field in state_fields(system.real).items()}
@@ -225,7 +229,7 @@ def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     kept |= {} if found.held is None else {"held_rows": found.held}
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, drift, gaps, passed)
-    return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
+    return carried(system, kept, code, work, system.time(1.0), concatenate([drift, gaps]))
 
 
 def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps: Gap, passed: Scalar) -> Scalar:

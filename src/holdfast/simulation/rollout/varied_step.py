@@ -29,10 +29,10 @@ from holdfast.questions.arrays import CONTACTS, gradient_shapes, results_of, sta
 from holdfast.questions.case import VariedCase
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import OF_WORK, no_turns
-from holdfast.simulation.linearly_implicit import Implicit, passive_terms
+from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.rollout.traced_step import Evaluation, StepModel, TracedSystem
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, run_step, take_step
+from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest
 from holdfast.spatial.differentiation import bare, by_rule, is_recorded, linearised
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, Loops, Scalar, loops
@@ -253,19 +253,16 @@ class VariedStep(NamedTuple):
 
     def _step(self, system: VariedSystem, of: Sequence[str]) -> dict[str, Array]:
         """Return the state after a step, the law's memory during it, and the results at its end."""
-        start, h, system.working = system.state, system.given["step"][()], WORK in of
-        now = system.evaluate(system.time(0.0), start, system.last("before"), choose=False)
+        system.working = WORK in of
+        now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
         system.memory = now.memory
-        times = [system.time(c) for c in (*self.tableau.c.tolist(), 1.0)]
-        passive = passive_terms(system.real) if self.tableau.implicit else None
-        generator = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
-        end, _, work, _ = run_step(generator, system.handle)
+        end, _, work, _ = system.take_step(self.tableau, now.slope(no_turns(now.state)))
         found = state_arrays(system.real, end) | {"before": now.memory} | ({WORK: work} if WORK in of else {})
         of = [name for name in of if name != WORK]
         if not of:
             return found
         system.working = False
-        at_end = system.evaluate(times[-1], end, now.memory, choose=False)
+        at_end = system.evaluate(system.time(1.0), end, now.memory, choose=False)
         whole = at_end.found.whole
         own = {"tau": at_end.drive, "memory": at_end.memory}
         own |= {MARGIN: system.margins(at_end)} if MARGIN in of else {}
