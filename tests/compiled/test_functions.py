@@ -12,8 +12,8 @@ import pytest
 import holdfast
 from holdfast import ClosedChain, MethodNotApplicable, Pose, StateError
 from holdfast.compiled import CompiledChain
+from holdfast.compiled.chain import REASONS
 from holdfast.compiled.computation import structure_of
-from holdfast.compiled.not_compiled import REASONS
 from holdfast.compiled.structure import Options
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.compiler.targets import cpu

@@ -8,7 +8,7 @@ import holdfast as hf
 from holdfast.assembly.reaching_configurations import reaching_configurations
 from holdfast.dynamics.projection import largest_gaps
 from holdfast.errors import ClosureError, StateError
-from holdfast.simulation.rollout.traced_step import OPEN
+from holdfast.simulation.rollout.traced_step import GRASP_OPEN
 from holdfast.state import shaped_inputs
 from tests.systems.lower_pairs import PITCH, grasp_of, pair
 
@@ -116,7 +116,7 @@ def test_compiled(kind):
     given = [np.tile(x, (len(made), 1)) for x in (state.q, state.qd, state.object_pose, state.object_twist)]
     rollout = hf.compile_rollout(chain, hf.control.GravityCompensation(chain))
     systems = rollout.start(*given, grasp_pose=poses)
-    assert (systems.arrays["code"] == OPEN).all()
+    assert (systems.arrays["code"] == GRASP_OPEN).all()
     compiled = hf.compile(chain)
     there = compiled.project(*given, grasp_pose=poses)
     gaps = compiled.closure(**there, grasp_pose=poses)["arm0"].position

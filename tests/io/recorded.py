@@ -3,7 +3,7 @@
 import numpy as np
 
 from holdfast.io.result_folder import ResultWriter, run_meta
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.trajectory import Trajectory, array_names
 from tests.control.two_pandas import two_pandas
 

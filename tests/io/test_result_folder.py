@@ -11,7 +11,7 @@ from holdfast import ResultError
 from holdfast.io import result_folder
 from holdfast.io.result_folder import CHUNK
 from holdfast.io.result_reader import load_result
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import array_names, stacked
 from tests.control.two_pandas import two_pandas

@@ -137,9 +137,9 @@ def test_results_from_before_there_were_trunks(tmp_path):
     """Without the arrays of a trunk a result is one of a chain without a trunk."""
     _, given = filled(tmp_path / "run", 2)
     chunk = tmp_path / "run" / "chunk_0000.npz"
-    np.savez(chunk, **{name: x for name, x in np.load(chunk).items() if name not in trajectory.OF_TRUNK})
+    np.savez(chunk, **{name: x for name, x in np.load(chunk).items() if name not in trajectory.TRUNK_FIELDS})
     units = json.loads((tmp_path / "run/meta.json").read_text())["units"]
-    as_0_1(tmp_path / "run", units={name: unit for name, unit in units.items() if name not in trajectory.OF_TRUNK})
+    as_0_1(tmp_path / "run", units={name: unit for name, unit in units.items() if name not in trajectory.TRUNK_FIELDS})
     same_bits(load_result(tmp_path / "run").trajectory, stacked(given))
 
 

@@ -8,11 +8,11 @@ import pytest
 from holdfast import ControlLaw, HoldfastError, Inputs, ModelError, StateError, compile_rollout, simulate
 from holdfast.control import TorqueSchedule
 from holdfast.control.gravity_compensation import GravityCompensation
-from holdfast.simulation.rollout.compiled_steppers import WORTH_COMPILING
+from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from tests.simulation.rollout.problems import problem
 
 N = 6
-STEPS = {"few": 2, "many": 3 * WORTH_COMPILING}  # the reference, and machine code
+STEPS = {"few": 2, "many": 3 * STEPS_WORTH_COMPILING}  # the reference, and machine code
 
 
 def run(controller, steps: int, **options):
@@ -106,8 +106,8 @@ PULLED = ControlLaw(
     [
         ({"on_limit": "clip"}, STEPS["few"]),
         ({"sample_time": 2e-4}, STEPS["few"]),
-        ({}, WORTH_COMPILING),
-        pytest.param({"inputs": lambda t: Inputs()}, WORTH_COMPILING, marks=pytest.mark.long),
+        ({}, STEPS_WORTH_COMPILING),
+        pytest.param({"inputs": lambda t: Inputs()}, STEPS_WORTH_COMPILING, marks=pytest.mark.long),
         pytest.param({"on_limit": "clip", "sample_time": 2e-4}, STEPS["many"], marks=pytest.mark.long),
     ],
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.simulation.rank_drop import ConstraintFactors, rank_drop
+from holdfast.simulation.singular_configuration import ConstraintFactors, rank_drop
 
 ROWS, COLUMNS = 11, 9
 

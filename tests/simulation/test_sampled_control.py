@@ -10,7 +10,7 @@ from holdfast import ControlLaw, Friction, ModelError, StateError, simulate
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.simulation.events import Attach, Release
-from holdfast.simulation.rollout.compiled_steppers import WORTH_COMPILING
+from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from holdfast.simulation.trajectory import Trajectory, array_names
 from tests.simulation.gantries import PUSHED, contact_frame, pressed, squeezed
 from tests.simulation.rollout.problems import problem
@@ -52,7 +52,7 @@ def sampled(law, samples: float, step: float = PERIOD, name: str = "one", **opti
         {"scheme": "midpoint", "largest_drift": 1e-9, "step": PERIOD / 4},
         {"delay": 2.0 * PERIOD},
         {"delay": 0.4 * PERIOD},
-        {"samples": 2 * WORTH_COMPILING + 0.5},
+        {"samples": 2 * STEPS_WORTH_COMPILING + 0.5},
     ],
     ids=str,
 )

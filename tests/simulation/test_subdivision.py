@@ -5,7 +5,7 @@ import pytest
 
 from holdfast import ClosureError, ModelError, simulate
 from holdfast.simulation.runge_kutta import MIDPOINT, RK4
-from holdfast.simulation.stepper import MOST_PARTS, SubdividingStepper
+from holdfast.simulation.stepper import MOST_SUBSTEPS, SubdividingStepper
 from tests.simulation.problems import PROBLEMS
 from tests.simulation.runs import differences, limp, numbers, stepper_of
 
@@ -40,7 +40,7 @@ def test_long_steps_are_parted(scheme, step):
     whole, now = moving(scheme)
     (alone,) = whole.advance(now, [step])
     parts = int(np.ceil((alone.gaps.position[0] / LIMIT) ** (1 / (scheme.order + 1))))
-    assert 1 < parts < MOST_PARTS
+    assert 1 < parts < MOST_SUBSTEPS
     at, work, drift = now, np.zeros(4), 0.0
     for k in range(1, parts + 1):
         (part,) = whole.advance(at, [k / parts * step])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from holdfast import ClosedChain
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.view import figure_style, plots

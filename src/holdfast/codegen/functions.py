@@ -25,8 +25,7 @@ from holdfast.questions.question import QUESTIONS
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.rollout import Rollout
-from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, RUNNING, SLIPPED
-from holdfast.simulation.rollout.traced_step import SINGULAR as PASSES_SINGULAR
+from holdfast.simulation.rollout.traced_step import BROKEN, GRASP_OPEN, LIMITED, PASSES_SINGULAR, RUNNING, SLIPPED
 from holdfast.simulation.runge_kutta import IMEX
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
@@ -45,7 +44,7 @@ _STEPS = {
     "running": (RUNNING, "the step was taken"),
     "slipped": (SLIPPED, "not taken: a grasp's margin would fall below the least allowed"),
     "passes_singular": (PASSES_SINGULAR, "not taken: the configuration is singular, or becomes so"),
-    "open": (OPEN, "not taken: a grasp is open, or the step is too long"),
+    "open": (GRASP_OPEN, "not taken: a grasp is open, or the step is too long"),
     "broken": (BROKEN, "not taken: the state would not be finite"),
     "limited": (LIMITED, "not taken: a joint would pass a limit"),
 }

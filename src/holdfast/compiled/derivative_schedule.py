@@ -11,6 +11,7 @@ import numpy as np
 
 from holdfast.compiled.computation import Computation
 from holdfast.compiled.forward_schedule import forward_externals, guarded_outputs, outputs_of, solve_with_status
+from holdfast.compiled.parameters import WRENCHES
 from holdfast.compiled.recorded_loops import recorded_loops
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
@@ -38,7 +39,6 @@ from holdfast.spatial.scalar import Array
 Kind = Literal["vjp", "jvp", "jacobian"]
 WITH = "with."  # the prefix of the names of cotangents of results and tangents of arguments
 FOUND = "found."  # the prefix of the names of derivatives
-WRENCHES = ("link_wrench", "trunk_link_wrench")
 UNITS = "units"  # the identity, whose rows are the directions of a Jacobian's columns
 
 

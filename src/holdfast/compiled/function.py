@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from holdfast.compiled import arrays, statuses
+from holdfast.compiled.arrays import input_error, invalid_mask, largest_number, largest_positions
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.calls import Calls
 from holdfast.compiled.computation import Computation
@@ -20,7 +21,6 @@ from holdfast.compiled.derivative_computation import computation_of
 from holdfast.compiled.derivative_schedule import WITH, Kind, Request
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.differentiated import Differentiated
-from holdfast.compiled.input_checks import input_error, invalid_mask, largest_number, largest_positions
 from holdfast.compiled.kernels import compile_batch, compiling, kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_inputs
 from holdfast.compiled.result import CompiledResult, Results

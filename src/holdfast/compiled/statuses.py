@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from holdfast.compiled.arrays import input_error, largest_positions
 from holdfast.compiled.derivative_schedule import FOUND
-from holdfast.compiled.input_checks import input_error, largest_positions
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, Results
 from holdfast.dynamics import rank
 from holdfast.dynamics.closed.chain_motion import chain_at_rest

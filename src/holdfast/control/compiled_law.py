@@ -30,7 +30,7 @@ from holdfast.state import State, require_fit
 
 # packages with functions that laws use, in addition to forward dynamics
 PACKAGES = ("forces", "simulation", "control", "scenario")
-LARGEST = 1e5  # rad: largest positions that machine code accepts
+LARGEST_ANGLE = 1e5  # rad: largest positions that machine code accepts
 
 
 class LawTorques(NamedTuple):
@@ -155,7 +155,7 @@ class CompiledLaw:
             StateError: a parameter has no value, the state belongs to another chain, or the torques are not finite.
         """
         require_fit(self.chain, state)
-        if self._own is None or not np.abs(state.q).max(initial=0.0) <= LARGEST:
+        if self._own is None or not np.abs(state.q).max(initial=0.0) <= LARGEST_ANGLE:
             return self.law.given(self.values).on_floats(t, state, memory)  # raises the error
         with self._lock:
             x = self._own.arrays

@@ -17,7 +17,7 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array, Scalar, maximum, minimum
 
-FARTHEST_TURN = 1e5  # [rad]: as far as machine code takes angles
+LARGEST_TURN = 1e5  # [rad]: as far as machine code takes angles
 
 
 class Target(NamedTuple):
@@ -82,9 +82,9 @@ class RestToRest(Frozen):
         put(self, "start", checks.pose(self.start, "path: start"))
         put(self, "displacement", checks.numbers(self.displacement, (3,), "path: displacement"))
         put(self, "turn", checks.numbers(self.turn, (3,), "path: turn"))
-        if self.turn.dtype != object and np.abs(self.turn).max() > FARTHEST_TURN:
+        if self.turn.dtype != object and np.abs(self.turn).max() > LARGEST_TURN:
             got = checks.short(self.turn.tolist())
-            raise ModelError(f"path: turn: expected at most {FARTHEST_TURN:g} rad, got {got}")
+            raise ModelError(f"path: turn: expected at most {LARGEST_TURN:g} rad, got {got}")
         put(self, "begin", checks.number(self.begin, "path: begin", at_least=0.0))
         put(self, "duration", checks.number(self.duration, "path: duration", above=0.0))
 

@@ -22,7 +22,7 @@ from holdfast.spatial.rotation_curve import exp_curve
 from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, minimum, select, where
 
 HALF_TURN = np.pi - 1e-6  # [rad]: the direction of a larger rotation is ambiguous
-SAME = 1e-12  # [m, rad]: poses that differ by less are equal
+EQUAL_POSES = 1e-12  # [m, rad]: poses that differ by less are equal
 SAMPLES = 50  # evaluations per piece in the search for the largest speed
 
 
@@ -187,7 +187,7 @@ def _step(a: Pose, b: Pose) -> Array:
 
 def _still(poses: Sequence[Pose]) -> Array:
     """Return whether each pose equals the pose before it, (poses - 1,)."""
-    return np.array([np.abs(_step(a, b)).max() <= SAME for a, b in pairwise(poses)])
+    return np.array([np.abs(_step(a, b)).max() <= EQUAL_POSES for a, b in pairwise(poses)])
 
 
 def _knots(poses: Sequence[Pose], times: Array) -> tuple[Array, Array]:

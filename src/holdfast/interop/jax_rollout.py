@@ -18,8 +18,8 @@ from holdfast.simulation.rollout.adjoint import BEFORE, adjoint_shapes
 from holdfast.simulation.rollout.arguments import step_lengths, whole_number
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.tape import MEMORY, STEP, Tape, arguments_of
-from holdfast.simulation.rollout.varied_step import CONTROL
+from holdfast.simulation.rollout.tape import LAW_MEMORY, STEP_LENGTH, Tape, arguments_of
+from holdfast.simulation.rollout.varied_step import LAW_PREFIX
 from holdfast.spatial.scalar import Array
 
 # A function of arrays of systems, (systems, ...) each, that returns such arrays.
@@ -50,19 +50,20 @@ class JaxRollout:
         schedule: Sequence[str],
     ) -> None:
         state, law, chain = tuple(state_fields(rollout.chain)), rollout.law.parameters, rollout.chain
-        memory = (MEMORY,) if len(rollout.law.memory) else ()
+        memory = (LAW_MEMORY,) if len(rollout.law.memory) else ()
         known = (*state, *memory, "tau", *results_of(chain))
         recorded = [name for name in known if isinstance(getattr(RolloutSystems, name, None), property)]
         self.rollout, self.of = rollout, require_names("of", state if of is None else of, recorded)
         self.steps, self.step = whole_number("to_jax: steps", steps), float(step_lengths(step, 1)[0])
-        chosen = [name for name in arguments_of(rollout) if name not in (*state, *law, STEP)]
+        chosen = [name for name in arguments_of(rollout) if name not in (*state, *law, STEP_LENGTH)]
         self._scheduled = require_names("schedule", schedule, tuple(law))
         self._names = (*state, *law, *require_names("parameters", parameters, chosen))
-        code = {name: f"{CONTROL}{name}" if name in law else BEFORE if name == MEMORY else name for name in self._names}
+        code = {name: f"{LAW_PREFIX}{name}" if name in law else name for name in self._names}
+        code |= {LAW_MEMORY: BEFORE} if LAW_MEMORY in code else {}
         found = adjoint_shapes(rollout.kernel, tuple(code.values()), ())
         by = {name: found[f"{FOUND}{key}"] for name, key in code.items()}
         by |= {name: (self.steps, *by[name]) for name in self._scheduled}
-        sizes = shapes(chain) | {MEMORY: (len(rollout.law.memory),)}
+        sizes = shapes(chain) | {LAW_MEMORY: (len(rollout.law.memory),)}
         results = {name: (self.steps, *sizes[name]) for name in self.of}
         cotangents = {f"{WITH}{name}": (*x[:-1], 6) if name in POSES else x for name, x in results.items()}
         self._shapes = {name: (*x[:-1], 7) if name in POSES else x for name, x in by.items()}

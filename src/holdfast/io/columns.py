@@ -10,8 +10,8 @@ import numpy as np
 
 from holdfast.io.result_meta import ResultMeta
 from holdfast.model.joint_types import JOINT_TYPES
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.margins import JOINT_QUANTITIES
-from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.spatial.scalar import Array
 

@@ -11,8 +11,8 @@ import msgspec
 
 from holdfast.io.result_meta import RESULT, ResultMeta
 from holdfast.io.stored_file import Damage, arrays_text, read_arrays
-from holdfast.simulation.occurrence import Occurrence
-from holdfast.simulation.trajectory import OF_TRUNK, Trajectory, array_names, stacked
+from holdfast.simulation.events import Occurrence
+from holdfast.simulation.trajectory import TRUNK_FIELDS, Trajectory, array_names, stacked
 
 
 def chunk_name(k: int) -> str:
@@ -35,7 +35,7 @@ def read_chunk(folder: Path, k: int, meta: ResultMeta) -> Trajectory:
     """
     count = meta.chunks[k]
     arrays, log = read_arrays(folder, chunk_name(k), meta.files, "occurrences")
-    if lacking := [name for name in array_names() if name not in (*arrays, *OF_TRUNK)]:
+    if lacking := [name for name in array_names() if name not in (*arrays, *TRUNK_FIELDS)]:
         raise Damage(f"{chunk_name(k)} lacks {', '.join(lacking)}")
     for name, array in arrays.items():
         if array.shape[:1] < (count,):

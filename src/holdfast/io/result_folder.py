@@ -47,7 +47,7 @@ from holdfast.model.fingerprint import fingerprint
 from holdfast.robots.urdf.source import Source
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.checkpoint import Checkpoint
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.summary import Summary
 from holdfast.simulation.trajectory import UNITS, Trajectory, array_names
 

@@ -12,7 +12,7 @@ from holdfast.errors import ResultError
 from holdfast.io.store import Kind, Manifest, read_manifest
 from holdfast.io.stored_file import sha256, stored
 from holdfast.robots.urdf.source import Source
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.events import Occurrence
 
 META, SCENE, SUMMARY = "meta.json", "scene.toml", "summary.json"
 MODEL, BASES, PLANNED = "model.json", "bases.npz", "bases_planned.npz"  # of a run made in Python

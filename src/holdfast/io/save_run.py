@@ -14,7 +14,7 @@ from holdfast.io.result_folder import CHUNK, ResultWriter, run_meta
 from holdfast.io.result_meta import BASES, INTERRUPTED, MODEL, PLANNED, RESULT, ResultMeta
 from holdfast.io.store_writer import require_free
 from holdfast.io.stored_file import arrays_text
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Trajectory, array_names

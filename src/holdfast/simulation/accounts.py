@@ -22,7 +22,7 @@ from holdfast.spatial.spatial_vector import shift_wrench, twist_shift
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs
 
-WORTH_COMPILING = 250  # instants: compiling takes as long as evaluating about this many without machine code
+ACCOUNTS_WORTH_COMPILING = 250  # instants: compiling takes as long as evaluating about this many without machine code
 
 
 class Accounts(NamedTuple):

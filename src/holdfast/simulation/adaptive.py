@@ -80,7 +80,7 @@ if TYPE_CHECKING:
     from holdfast.simulation.stepper import Advance, Stepper
 
 SAFETY = 0.9
-LEAST, MOST = 0.2, 5.0  # limits of the ratio between a step and its predecessor
+LEAST_RATIO, MOST_RATIO = 0.2, 5.0  # limits of the ratio between a step and its predecessor
 SMALLEST_STEP = 1e-12  # [s]: no motion of a simulated arm is faster than this
 SMALLEST_ERROR = 1e-4  # the controller uses at least this as the error of the previous step
 FIRST_STEP = 0.01  # the first step, as a fraction of the time in which the chain would move by 1 rad or m
@@ -119,11 +119,11 @@ def controlled(step: float, error: float, order: int, last_error: float) -> tupl
     """
     accepted = error <= 1.0
     if error == 0.0:
-        return True, MOST * step
+        return True, MOST_RATIO * step
     if not math.isfinite(error):
-        return False, LEAST * step
+        return False, LEAST_RATIO * step
     change = error ** (-0.7 / order) * last_error ** (0.4 / order) if accepted else error ** (-1 / order)
-    return accepted, step * min(MOST, max(LEAST, SAFETY * change))
+    return accepted, step * min(MOST_RATIO, max(LEAST_RATIO, SAFETY * change))
 
 
 def smallest_step(t: float) -> float:

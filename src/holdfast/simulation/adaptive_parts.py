@@ -22,11 +22,11 @@ from holdfast.simulation.adaptive import first_proposal, next_step
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.stepper import NO_GAPS, Advance, PartsStepper, Stepper, in_parts, together
 
-RTOL = 1e-11
-MOST_PARTS, MOST_HALVED = 256, 1024
+RTOL_OF_PARTS = 1e-11
+MOST_ADAPTIVE_PARTS, MOST_HALVED = 256, 1024
 MOST_EQUAL_PARTS = 32
-SAME = 1e-7  # largest accepted difference between a step and its halves, relative to the change of the velocities
-SAME_IMPLICIT = 1e-5  # the same for implicit steps, which are of second order
+AGREEMENT = 1e-7  # largest accepted difference between a step and its halves, relative to the change of the velocities
+AGREEMENT_IMPLICIT = 1e-5  # the same for implicit steps, which are of second order
 
 
 def agreeing_parts(stepper: Stepper, now: Instant, later: Instant) -> int | None:
@@ -56,7 +56,7 @@ def agreeing_parts(stepper: Stepper, now: Instant, later: Instant) -> int | None
 
 
 def _same(stepper: Stepper) -> float:
-    return SAME_IMPLICIT if stepper.scheme.implicit else SAME
+    return AGREEMENT_IMPLICIT if stepper.scheme.implicit else AGREEMENT
 
 
 def _difference(a: Instant, b: Instant) -> float:
@@ -90,8 +90,8 @@ class AdaptivePartsStepper(PartsStepper):
         for end in sorted(set(ends)):
             try:
                 while at.t < end:
-                    if len(parts) == MOST_PARTS:
-                        raise _too_fast(now, MOST_PARTS)
+                    if len(parts) == MOST_ADAPTIVE_PARTS:
+                        raise _too_fast(now, MOST_ADAPTIVE_PARTS)
                     part, proposal = next_step(self.whole, at, proposal, end)
                     assert part.instant is not None
                     at = replace(part.instant, memory=now.memory)  # the memory is updated once per step

@@ -9,10 +9,10 @@ import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 
 GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
-MOST_TRIES = 100
-ALIKE = 1e-13  # values that differ by less (relatively, or absolutely below 1) are considered equal
+MOST_EVALUATIONS = 100
+EQUAL_VALUES = 1e-13  # values that differ by less (relatively, or absolutely below 1) are considered equal
 
-Function = Callable[[float], float]
+RealFunction = Callable[[float], float]
 Search = Generator[float, float, tuple[float, float]]
 
 
@@ -62,7 +62,7 @@ def search_lowest(a: float, b: float, c: float, precision: float) -> Search:
     (fx, x), (fw, w), (fv, v) = sorted(points)
     moved = before = c - a
     idle = 0
-    for _ in range(MOST_TRIES):
+    for _ in range(MOST_EVALUATIONS):
         middle = 0.5 * (a + c)
         if max(x - a, c - x) <= 2.0 * precision or idle == 2:
             break
@@ -77,7 +77,7 @@ def search_lowest(a: float, b: float, c: float, precision: float) -> Search:
         moved = math.copysign(max(abs(step), precision), step)
         u = x + moved
         fu = yield u
-        idle = idle + 1 if parabolic and abs(fu - fx) <= ALIKE * max(1.0, abs(fx)) else 0
+        idle = idle + 1 if parabolic and abs(fu - fx) <= EQUAL_VALUES * max(1.0, abs(fx)) else 0
         if fu <= fx:
             a, c = (x, c) if u > x else (a, x)
             (v, fv), (w, fw), (x, fx) = (w, fw), (x, fx), (u, fu)
@@ -97,7 +97,7 @@ def _parabola_step(x: float, w: float, v: float, fx: float, fw: float, fv: float
     return -p / bend if bend != 0.0 else None
 
 
-def crossing(f: Function, a: float, fa: float, b: float, fb: float, precision: float) -> float:
+def crossing(f: RealFunction, a: float, fa: float, b: float, fb: float, precision: float) -> float:
     """Return a point at which f has changed sign between a and b (T. R. Chandrupatla's search, 1997).
 
     The search uses inverse quadratic interpolation where three points allow it, and bisection elsewhere.
@@ -114,7 +114,7 @@ def crossing(f: Function, a: float, fa: float, b: float, fb: float, precision: f
     good, bad = b, a  # points where f has the sign of f(b), and of f(a)
     x1, f1, x2, f2 = b, fb, a, fa
     t = 0.5
-    for _ in range(MOST_TRIES):
+    for _ in range(MOST_EVALUATIONS):
         if abs(bad - good) <= precision:
             break
         x = x1 + t * (x2 - x1)

@@ -19,7 +19,7 @@ from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.spatial.vector import cross
 
-Motion = Callable[[Any], tuple[Any, ArrayLike, ArrayLike]]
+FrameMotion = Callable[[Any], tuple[Any, ArrayLike, ArrayLike]]
 
 
 @called
@@ -40,7 +40,7 @@ class CarriedBase(Frozen):
         ModelError: the motion is neither a function nor a path.
     """
 
-    motion: Motion | ObjectPath
+    motion: FrameMotion | ObjectPath
     frame: PoseField = REQUIRED
 
     def __post_init__(self) -> None:
@@ -58,7 +58,7 @@ class CarriedBase(Frozen):
         Raises:
             StateError: numbers have overflowed.
         """
-        found, twist, acceleration = cast(Motion, self.motion)(t)
+        found, twist, acceleration = cast(FrameMotion, self.motion)(t)
         under = found if isinstance(found, Pose) else Pose.unchecked_seven(array(found))
         twist, acceleration = array(twist), array(acceleration)
         at, omega = under @ self.frame, twist[:3]

@@ -35,8 +35,8 @@ from holdfast.errors import ResultError
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.simulation.adaptive import Proposal
 from holdfast.simulation.balance import Sums
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.margins import ViolationTracker
-from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.converted import making
 from holdfast.spatial.pose import Pose

@@ -22,10 +22,10 @@ from holdfast.simulation.step import EndRequest, ProjectionRequest, StageRequest
 from holdfast.simulation.stepper import ReferenceStepper
 
 STAGES = 6
-MOST_ROUNDS = 60
+MOST_ITERATIONS = 60
 # Limits of the change of the stages and their rates in one iteration [rad, m, rad/s or m/s].
-NEAR = 1e-3  # stages that change by more are not projected onto the grasps yet
-STILL = 1e-15  # rounding: the iteration has converged
+NEARLY_CONVERGED = 1e-3  # stages that change by more are not projected onto the grasps yet
+CONVERGED = 1e-15  # rounding: the iteration has converged
 
 
 @cache
@@ -56,20 +56,20 @@ def collocation_step(now: Instant, until: float) -> StepGenerator:
     for part in body_parts(start):
         slopes[:, part.start : part.start + 6] += h * scheme.c[:, None] * slope[part.start + 6 : part.stop]
     before = moving = np.inf
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_ITERATIONS):
         increments = h * scheme.a @ slopes
         later = []
         for t, y in zip(times, increments, strict=True):
             state = displaced(start, y)
-            if moving < NEAR:
+            if moving < NEARLY_CONVERGED:
                 state, _ = yield ProjectionRequest(t, state)
             later.append((yield StageRequest(t, state, turns_between(start, state))))
         found = np.array(later)
         before, moving = moving, float(h * np.abs(found - slopes)[:, : body_parts(start)[-1].stop].max())
         slopes = found
-        if not np.isfinite(moving) or moving <= STILL or (moving < NEAR and moving >= 0.5 * before):
+        if not np.isfinite(moving) or moving <= CONVERGED or (moving < NEARLY_CONVERGED and moving >= 0.5 * before):
             break
-    if not moving < NEAR:
+    if not moving < NEARLY_CONVERGED:
         raise StateError("the stages of a step through a singular configuration do not settle; try a smaller step")
     y = h * scheme.b @ slopes
     closed, gaps = yield ProjectionRequest(until, displaced(start, y))

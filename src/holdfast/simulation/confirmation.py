@@ -32,12 +32,12 @@ from holdfast.simulation.stability import (
 from holdfast.simulation.stepper import Advance, in_parts
 from holdfast.simulation.verification import StepMargins
 
-PARTS = (2, 4)
+SHORTER_BY = (2, 4)
 SHARE = 0.05  # steps are too long if their results differ by more than this part of the change of margin or velocities
-ROUNDING = 1e-6  # smaller differences (relative, or absolute below 1) are ignored
-MOST_PARTS = 16  # largest number of parts in which a failed step is repeated
-MOST_TRIED = 200  # largest number of steps for which a suggested length is tried
-HALVINGS = 8
+NEGLIGIBLE = 1e-6  # smaller differences (relative, or absolute below 1) are ignored
+MOST_REPEATED_PARTS = 16  # largest number of parts in which a failed step is repeated
+MOST_STEPS_TRIED = 200  # largest number of steps for which a suggested length is tried
+SUGGESTED_HALVINGS = 8
 
 
 class Window:
@@ -80,8 +80,8 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
         t, margins = float(found.times[k]), found.margins[: k + 1, together]
         if t <= window.begin.t:  # no step leads to the beginning of a stretch, so there is nothing to repeat
             continue
-        allowed = SHARE * np.ptp(margins, axis=0) + ROUNDING * np.maximum(1.0, np.abs(margins[-1]))
-        for parts in PARTS:
+        allowed = SHARE * np.ptp(margins, axis=0) + NEGLIGIBLE * np.maximum(1.0, np.abs(margins[-1]))
+        for parts in SHORTER_BY:
             again = window.in_parts(t, parts)
             if again.instant is not None:
                 off = np.abs(signals.of(again.instant)[together] - margins[-1])
@@ -103,7 +103,7 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
     decay = _decay(window)
     if decay is not None and not followed(decay, window.segment.settings.longest_step, window.segment.scheme):
         return too_long(window, until, f"a step fails ({failure})")
-    most = PARTS[0] if isinstance(failure, SingularChainError) else MOST_PARTS
+    most = SHORTER_BY[0] if isinstance(failure, SingularChainError) else MOST_REPEATED_PARTS
     parts, fewer = 2, window.in_parts(until, 2)
     while parts <= most:
         more = window.in_parts(until, 2 * parts)
@@ -171,8 +171,8 @@ def _working(window: Window, until: float, step: float) -> float:
     The steps are tried on the whole window, or on its beginning if the window would take too many of them.
     """
     stepper, begin = window.segment.stepper, window.begin
-    for tried in step * 0.5 ** np.arange(HALVINGS):
-        count = min(math.ceil((until - begin.t) / tried), MOST_TRIED)
+    for tried in step * 0.5 ** np.arange(SUGGESTED_HALVINGS):
+        count = min(math.ceil((until - begin.t) / tried), MOST_STEPS_TRIED)
         end = min(begin.t + count * tried, until)
         if _agree(begin, *(in_parts(stepper, begin, end, parts) for parts in (count, 2 * count))):
             return float(f"{tried:.2g}")
@@ -194,4 +194,4 @@ def _agree(begin: Instant, one: Advance, other: Advance) -> bool:
         return False
     v, w = one.instant.velocities, other.instant.velocities
     change = np.abs(w - begin.velocities).max()
-    return bool(np.abs(v - w).max() <= SHARE * change + ROUNDING * max(1.0, np.abs(w).max()))
+    return bool(np.abs(v - w).max() <= SHARE * change + NEGLIGIBLE * max(1.0, np.abs(w).max()))

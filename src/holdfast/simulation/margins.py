@@ -22,15 +22,15 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.bracket import crossing
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.verification import CROSSING, MarginCurves, StepMargins
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate
 
 Quantity = Literal["grasp", "position", "rate", "effort"]
 JOINT_QUANTITIES: tuple[Quantity, ...] = ("position", "rate", "effort")
-SAME = 1e-9  # relative to the wrench: margins that differ by less reach zero together
+SAME_MARGIN = 1e-9  # relative to the wrench: margins that differ by less reach zero together
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def giving_way(grasp: Grasp, wrench: Array) -> str:
     must = conditions(grasp)
     margins = [condition.margin(wrench) for condition in must]
     least = min(margins)
-    if grasp.contact is not None and margins[1] <= least + SAME * float(np.abs(wrench).max()):
+    if grasp.contact is not None and margins[1] <= least + SAME_MARGIN * float(np.abs(wrench).max()):
         return "lifts off"  # the other limits vanish with the normal force
     return must[margins.index(least)].broken
 

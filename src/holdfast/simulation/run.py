@@ -1,26 +1,36 @@
-"""The start of a run and its transitions: a step, a jump, a grasp that opens, or the end."""
+"""A run from its start to its end, with a sample recorded at every accepted instant.
+
+Its transitions are a step, a jump, a grasp that opens, and the end.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.near_singular import NEAR, nearly_lost
+from holdfast.errors import HoldfastError
 from holdfast.simulation.adaptive import first_proposal
 from holdfast.simulation.checkpoint import Checkpoint, Origin
-from holdfast.simulation.events import Attach, happen
+from holdfast.simulation.events import Attach, Occurrence, happen
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
-from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.run_step import RunState, stepped
+from holdfast.simulation.sample import Recorder
 from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with, suited
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
-from holdfast.simulation.stops import just_after
+from holdfast.simulation.stops import MOST_STEPS, just_after
+from holdfast.simulation.trajectory import Trajectory, array_names, stacked
 from holdfast.simulation.zero_order_hold import initial_hold, require_same
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
+
+# Strength of a direction: below it a singular configuration counts as the cause, above it as a possible one.
+NEARLY_SINGULAR = 0.01
 
 
 def start_of_run(settings: RunSettings, state: State) -> RunState:
@@ -161,3 +171,82 @@ def _stretch_begins(
         occurrences=(*saved.occurrences, *news, *further),
     )
     return RunState(segment, saved, now, None, gaps, np.array([now.t]), margins[None])
+
+
+class Listeners(NamedTuple):
+    """Functions that are called while a run goes on; see `simulate`.
+
+    Attributes:
+        progress: called with the time after every step.
+        on_sample: each called with every sample.
+        on_checkpoint: called after that with the checkpoint.
+    """
+
+    progress: Callable[[float], object]
+    on_sample: Sequence[Callable[[Trajectory], None]]
+    on_checkpoint: Callable[[Checkpoint], None] | None
+
+
+def recorded_run(at: RunState, recorder: Recorder, resumed: bool, listeners: Listeners) -> Trajectory:
+    """Return the samples of a run from a state to its end, and why it stopped, if it did.
+
+    Args:
+        at: where the run is.
+        recorder: what makes the samples.
+        resumed: whether an earlier call recorded this state, so that the samples are those after it.
+        listeners: functions to call on the way.
+    """
+    samples: list[Trajectory] = []
+    first = reported = len(at.checkpoint.occurrences) if resumed else 0
+    longest = MOST_STEPS + len(at.segment.settings.stops.times)  # an adaptive scheme by itself might never end
+
+    def record(at: RunState) -> None:
+        nonlocal reported
+        happened = at.checkpoint.occurrences[reported:]
+        reported += len(happened)
+        samples.append(recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened))
+        for listen in listeners.on_sample:
+            listen(samples[-1])
+        if listeners.on_checkpoint is not None:
+            listeners.on_checkpoint(at.checkpoint)
+
+    if not resumed:
+        record(at)
+    while isinstance(later := next_or_reason(at), RunState):
+        if len(samples) > longest:
+            later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
+            break
+        if later.now.t > at.now.t:
+            record(later)
+            listeners.progress(later.now.t)
+        at = later
+    if samples:
+        return replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
+    last = stacked([recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
+    return replace(last, **{name: getattr(last, name)[:0] for name in array_names()})  # resumed at its end
+
+
+def next_or_reason(at: RunState) -> RunState | str | None:
+    """Return the run one instant later, the reason why it must stop, or None at its end."""
+    try:
+        return next_state(at)
+    except HoldfastError as cause:
+        return f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now)}"
+
+
+def reason(cause: HoldfastError, last: Instant) -> str:
+    """Return why a step failed, with the directions in which the last sample is nearly singular.
+
+    Args:
+        cause: the error that the step raised.
+        last: the chain at the last accepted instant.
+    """
+    lost = nearly_lost(last.chain, last.state, NEARLY_SINGULAR)
+    if lost:
+        what = str(cause).partition("; try ")[0]
+        return (
+            f"{what}. The last configuration is nearly singular, where joint rates and forces grow without bound:"
+            f" {'; '.join(lost)}. Try a motion that keeps away from it"
+        )
+    near = nearly_lost(last.chain, last.state, NEAR)
+    return f"{cause}. The last configuration is also near a singular one: {'; '.join(near)}" if near else str(cause)

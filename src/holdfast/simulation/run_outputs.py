@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from holdfast.simulation.summary import Summary
     from holdfast.simulation.trajectory import Trajectory
 
-RATE = 30.0  # frames per second that pages show
+FRAME_RATE = 30.0  # frames per second that pages show
 
 
 class RunOutputs:
@@ -129,7 +129,7 @@ class RunOutputs:
         run, setting = self._run_and_setting()
         return outer.Figures(outer.figures(setting.chain, run))
 
-    def page(self, path: str | PathLike[str], rate: float = RATE) -> Path:
+    def page(self, path: str | PathLike[str], rate: float = FRAME_RATE) -> Path:
         """Write the run as one HTML file that needs no network connection, and return its path.
 
         Arms from URDF files are drawn with their meshes if these can be read, and with simple solids otherwise. The
@@ -148,7 +148,7 @@ class RunOutputs:
         outer.export_page(self.playback(rate), path)
         return Path(path)
 
-    def show(self, rate: float = RATE) -> Any:
+    def show(self, rate: float = FRAME_RATE) -> Any:
         """Show the page in a notebook, or in the browser from a temporary file.
 
         Args:
@@ -163,7 +163,7 @@ class RunOutputs:
         playback = self.playback(rate)
         return outer.shown(outer.page(playback), playback.title)
 
-    def playback(self, rate: float = RATE) -> Any:
+    def playback(self, rate: float = FRAME_RATE) -> Any:
         """Return the frames that the page shows as a `Playback`, for `holdfast.plot.export_page`.
 
         Args:

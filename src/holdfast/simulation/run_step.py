@@ -16,7 +16,7 @@ from holdfast.simulation.instant import Instant
 from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_configuration import (
     ALMOST,
-    CLOSED,
+    CLOSED_PATH,
     SingularConfiguration,
     configuration_ahead,
     configurations_passed,
@@ -31,7 +31,7 @@ from holdfast.simulation.stepper import Advance, Stepper
 from holdfast.simulation.verification import MarginCurves, StepMargins, evaluation_times, verify
 from holdfast.spatial.scalar import Array
 
-FASTEST = 1e30  # rad/s or m/s: the squares of faster rates soon overflow float64
+LARGEST_RATE = 1e30  # rad/s or m/s: the squares of faster rates soon overflow float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def _step_and_configuration(at: RunState, until: float) -> tuple[RunState | None
         configuration = _first_configuration(segment, now, later.now)
     except HoldfastError as cause:
         failure, configuration = cause, configuration_ahead(segment, now, until)
-    leaps = configuration is not None and configuration.gap > CLOSED
+    leaps = configuration is not None and configuration.gap > CLOSED_PATH
     finer = None
     if (configuration is None or leaps) and not segment.scheme.adaptive:
         finer = _finer(at, until, later, leaps)
@@ -189,7 +189,7 @@ def _branches(at: RunState, configuration: SingularConfiguration) -> str:
     """Return why the run does not continue through the configuration although its policy allows it; else ''."""
     if configuration.unique or at.segment.settings.policy.on_singular == "stop":
         return ""
-    if configuration.gap > CLOSED:
+    if configuration.gap > CLOSED_PATH:
         return f". The grasps would be open by {configuration.gap:.3g} (m or rad) there: try smaller steps"
     return ". The constraint has its rank again on the same side: more than one motion leads on from there"
 
@@ -257,8 +257,8 @@ def _require_step(at: RunState, found: StepMargins, until: float) -> None:
         assert end.failure is not None
         raise end.failure if settings.scheme.adaptive else explained(window, until, end.failure)
     state = end.instant.state
-    if not np.abs(state.qd).max(initial=0.0) < FASTEST:
-        why = f"the motion diverges, a joint rate passes {FASTEST:g}"
+    if not np.abs(state.qd).max(initial=0.0) < LARGEST_RATE:
+        why = f"the motion diverges, a joint rate passes {LARGEST_RATE:g}"
         raise StateError(why) if settings.scheme.adaptive else too_long(window, until, why)
     if not settings.scheme.adaptive:
         require_shown(window, found, at.checkpoint.tracker)

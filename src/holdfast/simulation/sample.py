@@ -12,11 +12,11 @@ from holdfast.forces.force_split import Splitter
 from holdfast.forces.margin_interval import margin_range
 from holdfast.forces.margins import conditions, grasp_margins
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.accounts import WORTH_COMPILING, Accounts, CompiledAccounts, accounts_of
+from holdfast.simulation.accounts import ACCOUNTS_WORTH_COMPILING, Accounts, CompiledAccounts, accounts_of
 from holdfast.simulation.balance import Sums
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import JOINT_QUANTITIES, by_arm
-from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial import rotation
@@ -33,7 +33,7 @@ class Recorder:
 
     def __init__(self, samples: int = 1) -> None:
         """Store the approximate number of samples."""
-        self.worth_compiling = samples >= WORTH_COMPILING
+        self.worth_compiling = samples >= ACCOUNTS_WORTH_COMPILING
         self._of_grasps: OfGrasps | None = None
         self._compiled: CompiledAccounts | None = None
 

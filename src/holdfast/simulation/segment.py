@@ -15,15 +15,14 @@ from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.rank import closed_near
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.adaptive import Tolerance
-from holdfast.simulation.adaptive_parts import RTOL as PARTS_RTOL
+from holdfast.simulation.adaptive_parts import RTOL_OF_PARTS as PARTS_RTOL
 from holdfast.simulation.adaptive_parts import AdaptivePartsStepper, HalvedPartsStepper
 from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.collocation import CollocationStepper
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.events import Event
+from holdfast.simulation.events import Event, Occurrence
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
-from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.runge_kutta import IMEX, Tableau, dop853
 from holdfast.simulation.stability import too_fast
 from holdfast.simulation.stepper import Stepper, SubdividingStepper

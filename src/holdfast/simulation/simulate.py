@@ -21,15 +21,14 @@ from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import of_time, reporting
-from holdfast.simulation.accounts import WORTH_COMPILING
+from holdfast.simulation.accounts import ACCOUNTS_WORTH_COMPILING
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
-from holdfast.simulation.recorded_run import Listeners, recorded_run
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
-from holdfast.simulation.run import resumed_run, start_of_run
+from holdfast.simulation.run import Listeners, recorded_run, resumed_run, start_of_run
 from holdfast.simulation.runge_kutta import scheme as scheme_named
 from holdfast.simulation.sample import Recorder
 from holdfast.simulation.segment import MakeStepper, RunSettings
@@ -205,7 +204,7 @@ def laws_by_machine_code(chain: ClosedChain, calls: int) -> Iterator[None]:
         chain: the chain that they control.
         calls: approximate number of evaluations.
     """
-    token = machine_code.set(CompiledLaws(chain) if calls >= WORTH_COMPILING else None)
+    token = machine_code.set(CompiledLaws(chain) if calls >= ACCOUNTS_WORTH_COMPILING else None)
     try:
         yield
     finally:

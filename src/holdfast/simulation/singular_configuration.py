@@ -5,6 +5,14 @@ neighbourhood of a singular configuration would pass it unnoticed, although the 
 constraint is weak enough that it may have lost rank between two accepted instants, the path between them is therefore
 searched (`rank_drop`). Along it, positions follow the quintic through both instants. The time of the configuration is
 then refined by steps that end closer and closer to it.
+
+B = K [J, -A] generically has rank r: B = U S V^T with r positive singular values. From a configuration a to a later one
+b, U and V rotate slightly, and the later matrix expressed in the singular vectors of a, U_a^T B_b V_a, is close to S_a.
+If B loses rank between them, some singular values pass through zero and change sign, and some eigenvalues mu of
+    S_a^-1 U_a^T B_b V_a
+become negative. On the straight line from S_a to U_a^T B_b V_a the determinant vanishes at the fraction 1 / (1 - mu),
+which is the next point of the search. The singular values themselves have no sign: they show a dip, but not whether it
+reaches zero.
 """
 
 from __future__ import annotations
@@ -12,29 +20,37 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
-from holdfast.dynamics.constraint import coordinate_sizes
+from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.dynamics.near_singular import STRENGTH_LOST, chain_strength, lost_at
 from holdfast.dynamics.projection import largest_gaps, moved
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.bracket import search_lowest, together
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.occurrence import Occurrence
-from holdfast.simulation.rank_drop import ConstraintFactors, RankDrop, constraint_factors, rank_drop
 from holdfast.simulation.segment import Segment
 from holdfast.simulation.trajectory import Knot, interpolant
+from holdfast.simulation.verification import DROPS, TIME_OF_MINIMUM
+from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
+LOST_VALUE = 1e-5  # singular values smaller than this, relative to the largest, count as zero once the point is located
+LOCATED = 1e-10  # precision of the located point
+DIVISIONS = (0.43, 0.57)  # fractions at which a path is divided; the second is used if the rank is lost at the first
+NEAREST = 0.02  # a new point keeps at least this fraction of the bracket's width from its ends
+MOST_DIVISIONS = 60
 NEARER = 0.75  # fraction of the remaining way to a configuration that one step covers
 APPROACHES = 6
-CLOSED = 1e-8  # m or rad: largest gap on a path that passes through; larger gaps mean a leap to another branch
-CLOSE = 1e-4  # [s]: at this distance, velocities and accelerations give the time of the configuration accurately
+CLOSED_PATH = 1e-8  # m or rad: largest gap on a path that passes through; larger gaps mean a leap to another branch
+CLOSE_IN_TIME = 1e-4  # [s]: from here, velocities and accelerations give the time of the configuration accurately
 # Steps that change the strength by a smaller fraction are short enough.
-RESOLVED, RESOLVED_ELSEWHERE = 0.02, 0.033
+RESOLVED_CHANGE, RESOLVED_CHANGE_ELSEWHERE = 0.02, 0.033
 NEARBY = 0.25  # a configuration counts as near a singular one if its strength is smaller than this
-FARTHEST_TURN = 1.0  # rad, or fraction of the reach: a step that moves joints further is too long for any constraint
+LARGEST_MOTION = 1.0  # rad, or fraction of the reach: a step that moves joints further is too long for any constraint
 MOST_IN_A_STEP = 8
 PAST = 1e-3  # after a configuration was found, this fraction of the rest of the step is left out of the next search
 ALMOST = 0.55  # a step crosses a configuration that is nearer than this fraction of a step
@@ -110,15 +126,15 @@ def may_be_unresolved(previous: Instant | None, now: Instant, later: Instant) ->
     """Return whether a step or its predecessor changes the strength by so much that the step may be too long."""
     before, at, after = (_strength(one) for one in (previous or now, now, later))
     change = abs(after - at) + abs(at - before)
-    if change < (RESOLVED if min(at, after) < NEARBY else RESOLVED_ELSEWHERE) * (at + after):
+    if change < (RESOLVED_CHANGE if min(at, after) < NEARBY else RESOLVED_CHANGE_ELSEWHERE) * (at + after):
         return False
-    return _moved(now.chain, now.state, later.state, later.t - now.t) <= FARTHEST_TURN
+    return _moved(now.chain, now.state, later.state, later.t - now.t) <= LARGEST_MOTION
 
 
 def may_lose_rank(now: Instant, until: float) -> bool:
     """Return whether the joints move so far until a time [s] that the constraint may lose rank by then."""
     turned = _moved(now.chain, now.state, _ahead(now)(until), until - now.t)
-    return _strength(now) <= STRENGTH_LOST * turned <= STRENGTH_LOST * FARTHEST_TURN
+    return _strength(now) <= STRENGTH_LOST * turned <= STRENGTH_LOST * LARGEST_MOTION
 
 
 def _strength(at: Instant) -> float:
@@ -201,7 +217,7 @@ def _located(segment: Segment, now: Instant, found: RankDrop, way: Way) -> Singu
     """Return the configuration, with its time refined by steps from `now` that end closer and closer to it."""
     at, t, through, nearby = now, float(found.at), found.through, way(found.at)
     for _ in range(APPROACHES if through else 0):
-        if t - at.t < CLOSE:
+        if t - at.t < CLOSE_IN_TIME:
             break
         (reached,) = segment.stepper.advance(at, [at.t + NEARER * (t - at.t)])
         if reached.instant is None:
@@ -217,5 +233,113 @@ def _located(segment: Segment, now: Instant, found: RankDrop, way: Way) -> Singu
     # if the grasps were open, loads lost here could not be distinguished from loads that no configuration resists
     lost = lost_at(chain_at_rest(chain, nearby), found.rank, generic - freedoms)
     gap = float(largest_gaps(chain, there, inputs.shaped(chain)).position)
-    unique = through and gap <= CLOSED
+    unique = through and gap <= CLOSED_PATH
     return SingularConfiguration(t, found.rank + freedoms, generic, tuple(lost), unique, gap)
+
+
+class ConstraintFactors(NamedTuple):
+    """The singular value decomposition of K [J, -A], made dimensionless with the reach of the arms.
+
+    Attributes:
+        U: (rows, k) left singular vectors; k is the smaller of the numbers of rows and columns.
+        sizes: (k,) singular values relative to the largest, in decreasing order.
+        Vt: (k, n + 6) right singular vectors.
+    """
+
+    U: Array
+    sizes: Array
+    Vt: Array
+
+    def weakest(self, rank: int) -> float:
+        """Return the singular value number `rank`, the smallest that is not zero in a matrix of that rank."""
+        return float(self.sizes[rank - 1])
+
+
+class RankDrop(NamedTuple):
+    """A point on a path at which the constraint loses rank.
+
+    Attributes:
+        at: path parameter of the point.
+        rank: rank of K [J, -A] at the point.
+        through: whether singular values change sign there; otherwise they touch zero and return.
+    """
+
+    at: float
+    rank: int
+    through: bool
+
+
+def constraint_factors(chain: ClosedChain, state: State) -> ConstraintFactors:
+    """Return the factors of the grasp constraint at a configuration. O((n + 6)^3)."""
+    motion = chain_at_rest(chain, state)
+    sizes, rows = coordinate_sizes(motion), constraint_rows(motion)
+    turning = [np.array(c.rows) < 3 for c in motion.contacts]
+    lengths = np.where(np.concatenate(turning), sizes[-1], 1.0)
+    U, s, Vt = np.linalg.svd(lengths[:, None] * rows.matrix * sizes, full_matrices=False)
+    return ConstraintFactors(U, s / s[0], Vt)
+
+
+FactorsOnPath = Callable[[float], ConstraintFactors]
+KnownFactors = tuple[float, ConstraintFactors]  # a path parameter, and the factors there
+
+
+def rank_drop(path: FactorsOnPath, begin: float, end: float, rank: int) -> RankDrop | None:
+    """Return the first point on a path at which the constraint loses rank; None if there is none.
+
+    A point is found if singular values pass through zero, or if the smallest one at both ends and in the middle has a
+    minimum that reaches zero.
+
+    Args:
+        path: returns the factors at a path parameter; some parameters are evaluated repeatedly.
+        begin: parameter at the start, a point of full rank.
+        end: parameter at the end, another point of full rank.
+        rank: generic rank of K [J, -A], at least one.
+    """
+    inside = [begin + part * (end - begin) for part in DIVISIONS]
+    # a point at which the rank is already lost cannot serve as a reference
+    middle = next((t for t in inside if path(t).weakest(rank) > LOST_VALUE), inside[0])
+    known = [(t, path(t)) for t in (begin, middle, end)]
+    for (a, at_a), (b, at_b) in ((known[0], known[1]), (known[1], known[2])):
+        found = _passed(path, (a, at_a), (b, at_b), rank)
+        if found is not None:
+            return found
+    return _touched(path, known, rank)
+
+
+def _passed(path: FactorsOnPath, a: KnownFactors, b: KnownFactors, rank: int) -> RankDrop | None:
+    """Return the first point between two points at which singular values pass through zero; None if there is none."""
+    before, part = np.inf, _part_of_the_way(a[1], b[1], rank)
+    for _ in range(MOST_DIVISIONS):
+        if part is None:
+            return None  # the negative eigenvalue came from a rotation of U and V
+        width = b[0] - a[0]
+        at = a[0] + min(1.0 - NEAREST, max(NEAREST, part)) * width
+        there = path(at)
+        if there.weakest(rank) < LOCATED or min(abs(at - before), width) <= LOCATED * max(1.0, abs(at)):
+            return RankDrop(at, int((there.sizes[:rank] > LOST_VALUE).sum()), through=True)
+        before, part = at, _part_of_the_way(a[1], there, rank)
+        if part is None:
+            a, part = (at, there), _part_of_the_way(there, b[1], rank)
+        else:
+            b = (at, there)
+    return None
+
+
+def _part_of_the_way(a: ConstraintFactors, b: ConstraintFactors, rank: int) -> float | None:
+    """Return the estimated fraction of the way at which the first singular value passes through zero, or None."""
+    U, Vt = a.U[:, :rank], a.Vt[:rank]
+    later = (U.T @ b.U[:, :rank]) @ (b.sizes[:rank, None] * (b.Vt[:rank] @ Vt.T))
+    mu = np.linalg.eigvals(later / np.maximum(a.sizes[:rank, None], 1e-300))
+    through = mu.real < 0.0
+    return float((1.0 / (1.0 - mu.real[through])).min()) if through.any() else None
+
+
+def _touched(path: FactorsOnPath, known: list[KnownFactors], rank: int) -> RankDrop | None:
+    """Return the point at which the smallest singular value touches zero; None if it does not."""
+    (a, fa), (b, fb), (c, fc) = ((t, f.weakest(rank)) for t, f in known)
+    drop = max(fa, fc) - fb
+    if not (fb < min(fa, fc) and fb < DROPS * drop):
+        return None
+    search = search_lowest(a, b, c, TIME_OF_MINIMUM * (c - a))
+    ((at, least),) = together([search], lambda points: [path(t).weakest(rank) for t in points.values()])
+    return RankDrop(at, int((path(at).sizes[:rank] > LOST_VALUE).sum()), through=False) if least <= LOST_VALUE else None

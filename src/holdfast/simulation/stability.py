@@ -34,8 +34,8 @@ from holdfast.state import State
 # configuration. At 0.9 each step still reduces a mode by a third (rk4) or a sixth (midpoint) of its size.
 USED = 0.9
 SUGGESTED = 0.5  # fraction that a suggested step uses: with any scheme it reduces a mode to less than half
-PROBE = 1e-5  # rad/s or m/s: change of the velocities with which a controller's feedback is measured
-CELL = 0.5  # rad or m: joints that have moved by as much may have another decay rate
+VELOCITY_PROBE = 1e-5  # rad/s or m/s: change of the velocities with which a controller's feedback is measured
+CELL_SIZE = 0.5  # rad or m: joints that have moved by as much may have another decay rate
 
 
 class Decay(NamedTuple):
@@ -124,8 +124,8 @@ def feedback_resistance(controller: Controller, now: Instant) -> Array:
         return checks.numbers(controller(now.t, state, now.memory)[0], (n,), "controller: torques", StateError)
 
     for v in Z.T:
-        less, more = asked(-PROBE * v), asked(PROBE * v)
-        columns.append((less - more) / (2.0 * PROBE))
+        less, more = asked(-VELOCITY_PROBE * v), asked(VELOCITY_PROBE * v)
+        columns.append((less - more) / (2.0 * VELOCITY_PROBE))
     return np.reshape(columns, (-1, n)).T @ Z.T
 
 
@@ -162,8 +162,8 @@ def elsewhere(before: State, after: State) -> bool:
 
 
 def cell(q: Array) -> Array:
-    """Return the number of the cell of width `CELL` in which each joint lies; q may have any leading axes."""
-    return np.floor(q / CELL + 1 / np.pi)
+    """Return the number of the cell of width `CELL_SIZE` in which each joint lies; q may have any leading axes."""
+    return np.floor(q / CELL_SIZE + 1 / np.pi)
 
 
 def fastest_passive(chain: ClosedChain, state: State) -> tuple[Decay, bool]:

@@ -160,7 +160,7 @@ class ReferenceStepper:
         return evaluate(*of, generic_rank=self.generic_rank, held=held, implicit=implicit)
 
 
-MOST_PARTS = 32
+MOST_SUBSTEPS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +192,7 @@ class SubdividingStepper(PartsStepper):
     """Takes the steps of another stepper, in equal parts if the drift of a step exceeds a limit; see `Stepper`.
 
     Attributes:
-        limit: greatest position gap of the grasps before projection, as far as `MOST_PARTS` can achieve it [m or rad].
+        limit: greatest position gap of the grasps before projection, as far as `MOST_SUBSTEPS` allow it [m or rad].
     """
 
     limit: float
@@ -205,7 +205,7 @@ class SubdividingStepper(PartsStepper):
     def _parts(self, reached: Advance) -> int:
         """Return the number of parts into which a step has to be divided."""
         if isinstance(reached.failure, ClosureError):
-            return MOST_PARTS
+            return MOST_SUBSTEPS
         if reached.failure is not None:
             return 1
         return int(parts_needed(reached.gaps.position[0], self.limit, self.scheme.order))
@@ -221,7 +221,7 @@ def parts_needed(drift: ArrayLike, limit: float, order: int) -> Array:
     """
     with np.errstate(over="ignore"):  # of limits next to nothing
         times = np.asarray(drift) / limit
-    return np.ceil(np.clip(times ** (1.0 / (order + 1)), 1, MOST_PARTS)).astype(int)
+    return np.ceil(np.clip(times ** (1.0 / (order + 1)), 1, MOST_SUBSTEPS)).astype(int)
 
 
 def in_parts(stepper: Stepper, now: Instant, until: float, parts: int) -> Advance:

@@ -10,8 +10,8 @@ import numpy as np
 from holdfast import outer
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import energy_moved
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.margins import JOINT_QUANTITIES
-from holdfast.simulation.occurrence import Occurrence
 from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.simulation.balance import imbalance, momentum_imbalance
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import Setting
 from holdfast.spatial.converted import NOT_GIVEN
@@ -121,7 +121,8 @@ def _quintic(
     return x, v0 + t * a0 + s**2 * (3.0 * c3 + s * (4.0 * c4 + 5.0 * s * c5)) / step
 
 
-OF_TRUNK = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wrench")  # results of 0.1 have no such arrays
+# results of 0.1 have no such arrays
+TRUNK_FIELDS = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wrench")
 
 
 @called
@@ -216,7 +217,7 @@ class Trajectory(Frozen, RunOutputs):
     setting: Setting | None = None
 
     def __post_init__(self) -> None:
-        for name in OF_TRUNK:
+        for name in TRUNK_FIELDS:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros((*np.shape(self.t), 0)))
         super().__post_init__()

@@ -39,7 +39,7 @@ from holdfast.spatial.scalar import Array
 EVALUATIONS = 8  # evaluations per step, besides the stage times
 DROPS = 2.0
 FLAT = 1e-9  # relative, or absolute below 1: a smaller drop is rounding
-PLACE = 1e-7  # precision of the time of a minimum, as a fraction of the step
+TIME_OF_MINIMUM = 1e-7  # precision of the time of a minimum, as a fraction of the step
 CROSSING = 1e-13  # [s]: precision of the time of a zero
 
 Reach = Callable[[Sequence[float]], list[Advance]]
@@ -144,7 +144,7 @@ def verify(
     try:
         if failure is None:
             _evaluate_ends(curves, begin, watched)
-            _refine_minima(curves, watched, lowest, PLACE * (times[-1] - begin))
+            _refine_minima(curves, watched, lowest, TIME_OF_MINIMUM * (times[-1] - begin))
         zero = _first_zero(curves, begin, acting)
     except REFUSALS as cause:
         failure, zero = cause, None

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.derivative_schedule import FOUND, WITH
 from holdfast.compiled.kernels import batch_kernel
 from holdfast.compiled.traced_chain import Given
 from holdfast.compiler.program import Shape
@@ -15,13 +16,11 @@ from holdfast.compiler.schedule import External
 from holdfast.questions.arrays import CONTACTS, gradient_shapes, shapes, state_fields
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.rollout.kernel import StepKernel, step_externals
-from holdfast.simulation.rollout.varied_step import CONTROL, MARGIN, WORK, VariedStep
+from holdfast.simulation.rollout.varied_step import LAW_PREFIX, MARGIN_RESULT, WORK_RESULT, VariedStep
 from holdfast.simulation.runge_kutta import EULER, Tableau
 from holdfast.spatial.scalar import Array
 
 UNUSED = ("held", "least_margin", "least_joint_margin", "search", "keep_rows", CONTACTS, "limits")
-WITH = "with."  # prefix of the names of cotangents
-FOUND = "found."  # prefix of the names of gradients
 BEFORE = "before"  # the law's memory at the start of a step
 
 
@@ -48,7 +47,7 @@ class AdjointKernel:
         if tableau is None:  # the projection does not depend on the law
             del self._shapes[f"{WITH}{BEFORE}"]
         own = step_externals(step.structure, step.law)
-        unused = [name for name in UNUSED if name != CONTACTS or MARGIN not in self.of]
+        unused = [name for name in UNUSED if name != CONTACTS or MARGIN_RESULT not in self.of]
         plain = {name: e for name, e in own.items() if e.role != "carried" and name not in unused}
         states = [f"last.{name}" for name in (*state_fields(step.chain), "before", "count")]
         states += ["last.held_rows"] if "held_rows" in step.carried else []
@@ -102,11 +101,10 @@ class AdjointKernel:
 
 def adjoint_shapes(step: StepKernel, by: Sequence[str], of: Sequence[str]) -> dict[str, Shape]:
     """Return the shapes of cotangents and gradients, with the names of the machine code; poses have shape (6,)."""
-    known = (
-        shapes(step.chain) | gradient_shapes(step.chain) | dict.fromkeys((BEFORE, "memory"), (len(step.law.memory),))
-    )
-    known |= dict.fromkeys(("object_pose", "floating_pose"), (6,)) | {"step": (), MARGIN: (len(step.chain.grasps),)}
-    known |= {WORK: (len(WORK_TERMS),)}
-    known |= {f"{CONTROL}{name}": tuple(shape) for name, shape in step.law.parameters.items()}
+    known = shapes(step.chain) | gradient_shapes(step.chain)
+    known |= dict.fromkeys((BEFORE, "memory"), (len(step.law.memory),))
+    known |= dict.fromkeys(("object_pose", "floating_pose"), (6,))
+    known |= {"step": (), MARGIN_RESULT: (len(step.chain.grasps),), WORK_RESULT: (len(WORK_TERMS),)}
+    known |= {f"{LAW_PREFIX}{name}": tuple(shape) for name, shape in step.law.parameters.items()}
     states = (*state_fields(step.chain), BEFORE)
     return {f"{WITH}{name}": known[name] for name in (*states, *of)} | {f"{FOUND}{name}": known[name] for name in by}

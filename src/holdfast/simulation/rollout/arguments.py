@@ -19,11 +19,12 @@ from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
 from holdfast.spatial.scalar import Array
 
 StopMargins = Mapping[int, float]  # margins below which a system stops, by the status code that it then gets
-MOST_STEPS = 10**9  # of one call: days, beyond which a count is a slip
+MOST_STEPS_OF_CALL = 10**9  # of one call: days, beyond which a count is a slip
 CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
-OF_LINKS = (*LINKS, *TRUNK_LINKS, "link_wrench", "trunk_link_wrench")
+LINK_ARGUMENTS = (*LINKS, *TRUNK_LINKS, "link_wrench", "trunk_link_wrench")
 _OWN = ("systems", *STATE, *FLOATING, "memory", "t", "step", "steps", "duration", "every")
-_TAKEN = (*CHAINS, *OF_LINKS, *_OWN, "record", "least_margin", "stop_at_limits", "largest_drift", "threads", "self")
+_OPTIONS = ("record", "least_margin", "stop_at_limits", "largest_drift", "threads", "self")
+_TAKEN = (*CHAINS, *LINK_ARGUMENTS, *_OWN, *_OPTIONS)
 
 
 def require_free_names(parameters: Mapping[str, Any]) -> None:
@@ -64,15 +65,15 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
 
     Args:
         kernel: the kernel of a step.
-        given: parameters of the law, arguments in `CHAINS`, and arguments in `OF_LINKS` if the kernel has been compiled
-            with them.
+        given: parameters of the law, arguments in `CHAINS`, and those in `LINK_ARGUMENTS` if the kernel has been
+            compiled with them.
         count: number of systems; an array has one row per system, or one value for all.
 
     Raises:
         StateError: a name is unknown, a shape is wrong, or a parameter of the chain is not finite.
     """
     laws, chains = kernel.law.parameters, {}
-    known = [*CHAINS, *(name for name in OF_LINKS if name in kernel.externals)]
+    known = [*CHAINS, *(name for name in LINK_ARGUMENTS if name in kernel.externals)]
     found: dict[str, Array] = {}
     for name, x in given.items():
         if name in laws:
@@ -81,7 +82,7 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
             raise StateError(f"base_pose: expected none, as {', '.join(kernel.motions)} moves as `base_motion` says")
         elif name in known:
             chains[name] = x
-        elif name in OF_LINKS:
+        elif name in LINK_ARGUMENTS:
             option = "link_wrench" if name in WRENCHES else "link_inertia"
             raise StateError(
                 f"{name}: the machine code was made without it; try compile_rollout(..., parameters=['{option}'])"
@@ -208,7 +209,7 @@ def whole_steps(duration: float, step: float) -> int:
     steps = round(count) if np.isfinite(count) else 0
     if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
         raise StateError(f"duration: expected a whole number of steps of {step:g} s, got {duration:g} s")
-    return whole_number("duration / step", steps, MOST_STEPS)
+    return whole_number("duration / step", steps, MOST_STEPS_OF_CALL)
 
 
 def stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:

@@ -43,7 +43,7 @@ from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Step
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-WORTH_COMPILING = 45  # steps: compiling takes as long as about this many steps without machine code
+STEPS_WORTH_COMPILING = 45  # steps: compiling takes as long as about this many steps without machine code
 COST_OF_VERIFICATION = 16  # with limits, the evaluations inside a step cost about as much as this many steps
 
 
@@ -302,7 +302,7 @@ def stepper_for(
         StateError: the law has parameters, which cannot be given in a run.
         CompileError: the law cannot be traced.
     """
-    few = steps * (COST_OF_VERIFICATION if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
+    few = steps * (COST_OF_VERIFICATION if len(Signals(environment.chain).limited) else 1) < STEPS_WORTH_COMPILING
     acting = _acting_at_first(environment)
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
     if (few and not scheme.adaptive) or on_links:

@@ -34,9 +34,9 @@ from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 
-OF_JOINTS = ("q", "qd", "qdd", "drive")
+CARRIED_OF_JOINTS = ("q", "qd", "qdd", "drive")
 STEP_INPUTS = ("begin", "step", "held", "least_margin", "least_joint_margin", "search")
-PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
+STEP_PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
 
 
 def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str, Shape]:
@@ -57,7 +57,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str,
     found |= {"worst_margin": grasps, "worst_time": grasps}
     if held:  # for velocity and, if they differ, for position; see `dynamics.closed.held_rows`
         found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
-    return {name: shape for name, shape in found.items() if math.prod(shape) or name in OF_JOINTS}
+    return {name: shape for name, shape in found.items() if math.prod(shape) or name in CARRIED_OF_JOINTS}
 
 
 def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:
@@ -72,7 +72,7 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
     inputs += ["keep_rows"] if options.held else []
     inputs += ["added_armature", "added_torque"] if options.implicit else []
-    parameters = [*PARAMETERS, *(link_parameters(chain) if options.link_inertia else ())]
+    parameters = [*STEP_PARAMETERS, *(link_parameters(chain) if options.link_inertia else ())]
     parameters += BASE_MOTION if options.base_motion else ()
     parameters += ["grasp_R", "grasp_p", CONTACTS, "limits"]
     states = carried_shapes(chain, law, options.held)

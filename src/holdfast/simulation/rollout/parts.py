@@ -11,11 +11,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from holdfast.dynamics.near_singular import chain_strength
-from holdfast.simulation.confirmation import PARTS, ROUNDING, SHARE
-from holdfast.simulation.rollout.singular_passing import BESIDE
+from holdfast.simulation.confirmation import NEGLIGIBLE, SHARE, SHORTER_BY
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR, SLIPPED
-from holdfast.simulation.stepper import MOST_PARTS, parts_needed
+from holdfast.simulation.rollout.traced_step import BESIDE, GRASP_OPEN, LIMITED, PASSES_SINGULAR, SLIPPED
+from holdfast.simulation.stepper import MOST_SUBSTEPS, parts_needed
 from holdfast.spatial.scalar import Array
 
 HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
@@ -34,9 +33,9 @@ def subdivided(systems: RolloutSystems, limit: float, order: int, advance: TakeS
     """
     before = systems.copy()
     advance(systems, before.step_length)
-    far = systems.arrays["code"] == OPEN
+    far = systems.arrays["code"] == GRASP_OPEN
     drift = np.where(systems.running, systems.drift[:, 0], 0.0)
-    parts = np.where(far, MOST_PARTS, parts_needed(drift, limit, order))
+    parts = np.where(far, MOST_SUBSTEPS, parts_needed(drift, limit, order))
     for count in np.unique(parts[before.running & (parts > 1)]):
         rows = np.flatnonzero(before.running & (parts == count))
         begin = before.copy(rows)
@@ -79,7 +78,7 @@ def contradicted(
     code = stopped.arrays["code"]
     whole = in_parts(begin, 1, advance)
     found = np.zeros(len(begin), dtype=bool)
-    shorter = [in_parts(begin, parts, advance) for parts in PARTS]
+    shorter = [in_parts(begin, parts, advance) for parts in SHORTER_BY]
     for kind, bound in least.items():
         shown = code == kind
         if not shown.any():
@@ -87,13 +86,13 @@ def contradicted(
         before, after = (_margins(one, kind) for one in (begin, whole))
         fallen = after < bound
         m0, m1 = (np.where(fallen, m, 0.0) for m in (before, after))
-        allowed = SHARE * np.abs(m1 - m0) + ROUNDING * np.maximum(1.0, np.abs(m1))
+        allowed = SHARE * np.abs(m1 - m0) + NEGLIGIBLE * np.maximum(1.0, np.abs(m1))
         for systems in shorter:
             m = np.where(fallen, _margins(systems, kind), 0.0)
             found |= shown & (~systems.running | ~(np.abs(m - m1) <= allowed).all(axis=1))
     ends = np.array([chain_strength(systems.arrays["condition"]) for systems in (begin, shorter[-1])])
     beside = ends.min(axis=0) < BESIDE * ends.sum(axis=0)  # near singular configurations, shorter steps may agree
-    return found | ((code == SINGULAR) & ~beside & np.all([systems.running for systems in shorter], axis=0))
+    return found | ((code == PASSES_SINGULAR) & ~beside & np.all([systems.running for systems in shorter], axis=0))
 
 
 def _margins(systems: RolloutSystems, kind: int) -> Array:

@@ -20,7 +20,7 @@ from holdfast.progress import busy
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.rollout.arguments import (
-    MOST_STEPS,
+    MOST_STEPS_OF_CALL,
     StopMargins,
     call_inputs,
     drift_limit,
@@ -41,7 +41,7 @@ from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
 from holdfast.simulation.rollout.systems import RolloutSystems, passive_rates
 from holdfast.simulation.rollout.tape import Tape
-from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
+from holdfast.simulation.rollout.traced_step import GRASP_OPEN, LIMITED, PASSES_SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
@@ -191,7 +191,7 @@ class Rollout:
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
         for name in state_fields(self.chain):
             made.arrays[name][apart] = before.arrays[name][apart]
-        made.arrays["code"][apart] = OPEN
+        made.arrays["code"][apart] = GRASP_OPEN
         return made
 
     def step(
@@ -233,7 +233,7 @@ class Rollout:
             StateError: a shape is wrong, a name is unknown, or the step is not positive.
         """
         require_systems(systems)
-        steps, threads = whole_number("steps", steps, MOST_STEPS), whole_number("threads", threads)
+        steps, threads = whole_number("steps", steps, MOST_STEPS_OF_CALL), whole_number("threads", threads)
         least = stop_margins(least_margin, stop_at_limits)
         limit = drift_limit(largest_drift)
         lengths, new = step_lengths(step, len(systems)), call_inputs(self.kernel, given, len(systems))
@@ -259,7 +259,7 @@ class Rollout:
                 subdivided(systems, limit, order, lambda some, h: self.advance_unconfirmed(some, h, 1, least, threads))
         stopped = going & ~systems.running
         if stopped.any():
-            stopped &= np.isin(systems.arrays["code"], (SLIPPED, LIMITED, SINGULAR))
+            stopped &= np.isin(systems.arrays["code"], (SLIPPED, LIMITED, PASSES_SINGULAR))
         if stopped.any():
             take = partial(self.advance_unconfirmed, steps=1, least=NO_STOPS)
             wrong = contradicted(systems.copy(stopped), systems.freed(stopped), least, take)

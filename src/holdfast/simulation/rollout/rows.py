@@ -20,7 +20,7 @@ from holdfast.questions.arrays import ARRAYS, FLOATING, STATE
 from holdfast.simulation.instant import WORST_CONDITION, Instant
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.rollout.kernel import Systems
-from holdfast.simulation.rollout.traced_step import BROKEN, OPEN, SINGULAR
+from holdfast.simulation.rollout.traced_step import BROKEN, GRASP_OPEN, PASSES_SINGULAR
 from holdfast.simulation.step import Gaps
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, found_state
@@ -117,12 +117,12 @@ def gaps_of(systems: Systems, row: int) -> Gaps:
 
 def failure(code: float) -> HoldfastError | None:
     """Return the error for a status code; None for a running system."""
-    if code == SINGULAR:
+    if code == PASSES_SINGULAR:
         return SingularChainError(
             "the grasp constraint is singular, or nearly so: its rank drops or its condition passes"
             f" {WORST_CONDITION:g}; try another configuration or another grasp"
         )
-    if code == OPEN:
+    if code == GRASP_OPEN:
         return ClosureError(
             f"the step leaves a grasp open by more than {FARTHEST:g} (m or rad), or by more than two rounds of Newton's"
             " method close; try a smaller time step"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.input_checks import invalid_mask, largest_positions
+from holdfast.compiled.arrays import invalid_mask, largest_positions
 from holdfast.compiled.statuses import MOST_TRIED, system
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.rank import closed_near, held_near

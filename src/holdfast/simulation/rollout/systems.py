@@ -49,7 +49,7 @@ def _carried(key: str, meaning: str) -> Any:
 
 
 # arrays of systems whose steps may be too long: the fastest passive rate, and where in the space of joints it was found
-RATE, CELL = PASSIVE = "passive_rate", "passive_cell"
+PASSIVE_RATE, PASSIVE_CELL = PASSIVE = "passive_rate", "passive_cell"
 
 
 @called
@@ -317,8 +317,8 @@ def passive_rates(
         located: returns the chain of one system, its grasps and bases those of the system, and its state.
     """
     cells, count = cell(systems.q), len(systems)
-    known = systems.arrays.setdefault(CELL, np.full(cells.shape, np.nan))
-    rates = systems.arrays.setdefault(RATE, np.zeros(count))
+    known = systems.arrays.setdefault(PASSIVE_CELL, np.full(cells.shape, np.nan))
+    rates = systems.arrays.setdefault(PASSIVE_RATE, np.zeros(count))
     for row in np.flatnonzero(systems.running & (known != cells).any(axis=1)).tolist():
         rates[row] = fastest_passive(*located(systems, row))[0].rate
         known[row] = cells[row]

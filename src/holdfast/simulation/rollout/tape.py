@@ -21,8 +21,8 @@ from holdfast.questions.derivatives import Derivatives, require_names
 from holdfast.simulation.rollout.adjoint import BEFORE, AdjointKernel, adjoint_shapes
 from holdfast.simulation.rollout.arguments import (
     CHAINS,
-    MOST_STEPS,
-    OF_LINKS,
+    LINK_ARGUMENTS,
+    MOST_STEPS_OF_CALL,
     fitting,
     kernel_arguments,
     step_lengths,
@@ -30,7 +30,7 @@ from holdfast.simulation.rollout.arguments import (
     whole_number,
 )
 from holdfast.simulation.rollout.systems import RolloutSystems, require_recorded
-from holdfast.simulation.rollout.varied_step import CONTROL, MARGIN, WORK
+from holdfast.simulation.rollout.varied_step import LAW_PREFIX, MARGIN_RESULT, WORK_RESULT
 from holdfast.simulation.runge_kutta import IMEX
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from holdfast.simulation.rollout.rollout import Rollout
 
 MOST_STORED = 2**30  # bytes: if the states need more memory, only some of them are stored
-STEP, MEMORY = "step", "memory"
-FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench", MARGIN)  # these need not be unique
+STEP_LENGTH, LAW_MEMORY = "step", "memory"
+FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench", MARGIN_RESULT)  # these need not be unique
 
 
 class StoredStep(NamedTuple):
@@ -82,7 +82,7 @@ class Tape:
         given: Mapping[str, Any],
     ) -> None:
         """Take the steps; see `Rollout.tape`."""
-        self.rollout, self.steps = rollout, whole_number("steps", steps, MOST_STEPS)
+        self.rollout, self.steps = rollout, whole_number("steps", steps, MOST_STEPS_OF_CALL)
         self._step, self._options, self._given = step, options, given
         self._schedule = self._scheduled(schedule, len(systems))
         carried = rollout.kernel.carried
@@ -154,16 +154,16 @@ class Tape:
             checks.instance(x, (Mapping, type(None)), f"tape: {name}", StateError)
         ends, passed = dict(final or {}), dict(along or {})
         state = tuple(state_fields(chain))
-        memory = (MEMORY,) if len(law.memory) else ()
-        require_names("tape: final", ends or state, (*state, *memory, WORK))
-        of_steps = ("tau", MARGIN, WORK, *results_of(chain))
+        memory = (LAW_MEMORY,) if len(law.memory) else ()
+        require_names("tape: final", ends or state, (*state, *memory, WORK_RESULT))
+        of_steps = ("tau", MARGIN_RESULT, WORK_RESULT, *results_of(chain))
         require_names("tape: along", passed or state, (*state, *memory, *of_steps))
         threads = whole_number("threads", threads)
         require_names("tape: by", (*state, *law.parameters) if by is None else by, arguments_of(self.rollout))
         names = (*state, *law.parameters) if by is None else tuple(by)
         self._require_unique((*ends, *passed))
-        code = {name: f"{CONTROL}{name}" if name in law.parameters else name for name in names}
-        code |= {MEMORY: BEFORE} if MEMORY in names else {}
+        code = {name: f"{LAW_PREFIX}{name}" if name in law.parameters else name for name in names}
+        code |= {LAW_MEMORY: BEFORE} if LAW_MEMORY in names else {}
         return self._vjp(ends, passed, code, threads)
 
     def _vjp(
@@ -173,7 +173,7 @@ class Tape:
         chain, count, kernel = self.rollout.chain, len(self.systems), self.rollout.kernel
         carried = (*state_fields(chain), *([BEFORE] if len(self.rollout.law.memory) else []))
         of = tuple(dict.fromkeys(name for name in (*along, *final) if name not in carried))
-        at_end = tuple(name for name in of if name != WORK)  # work is the sum over this step and all before it
+        at_end = tuple(name for name in of if name != WORK_RESULT)  # work is the sum over this step and all before it
         parameters = tuple(dict.fromkeys(name for name in by.values() if name not in carried))
         known = adjoint_shapes(kernel, (*carried, *parameters), of)
         cotangents = {name: np.zeros((count, *known[f"with.{name}"])) for name in (*carried, *of)}
@@ -254,7 +254,7 @@ class Tape:
     def _take(self, at: RolloutSystems, k: int) -> tuple[dict[str, Array], dict[str, Array]]:
         """Take step k in place, and return its inputs and parameters."""
         rollout = self.rollout
-        given = {name.removeprefix(CONTROL): x[k] for name, x in self._schedule.items()}
+        given = {name.removeprefix(LAW_PREFIX): x[k] for name, x in self._schedule.items()}
         if given or k == 0:
             rollout.step(at, self._step, steps=1, **self._options, **given, **(self._given if k == 0 else {}))
         else:  # the arguments have not changed
@@ -298,7 +298,7 @@ class Tape:
                 raise StateError(
                     f"schedule: {name}: expected {self.steps} rows, one a step, got shape {np.shape(given)}"
                 )
-            found[f"{CONTROL}{name}"] = [fitting(name, x, shapes[name], count) for x in given]
+            found[f"{LAW_PREFIX}{name}"] = [fitting(name, x, shapes[name], count) for x in given]
         return found
 
     def _require_unique(self, names: Sequence[str]) -> None:
@@ -307,7 +307,7 @@ class Tape:
         Raises:
             MethodNotApplicable: there is such a cotangent; the message names it.
         """
-        for name in (*FORCES, *([WORK] if self.rollout.base_motion else ())):
+        for name in (*FORCES, *([WORK_RESULT] if self.rollout.base_motion else ())):
             if name in names and "held_rows" in self.rollout.kernel.carried:
                 raise MethodNotApplicable(
                     f"tape: along: {name}: expected forces that are unique, got a chain whose grasps hold it more than"
@@ -318,10 +318,10 @@ class Tape:
 def arguments_of(rollout: Rollout) -> tuple[str, ...]:
     """Return what gradients through a rollout may be by."""
     kernel, law = rollout.kernel, rollout.law
-    links = [name for name in OF_LINKS if name in kernel.externals]
-    of_bases = () if rollout.base_motion else (STEP, "base_pose")  # where and when bases move, both decide
+    links = [name for name in LINK_ARGUMENTS if name in kernel.externals]
+    of_bases = () if rollout.base_motion else (STEP_LENGTH, "base_pose")  # where and when bases move, both decide
     chains = [name for name in CHAINS if name != "base_pose"]
-    memory = [MEMORY] if len(law.memory) else []
+    memory = [LAW_MEMORY] if len(law.memory) else []
     return (*state_fields(rollout.chain), *memory, *law.parameters, *of_bases, *chains, *links)
 
 

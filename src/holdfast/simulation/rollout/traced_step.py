@@ -22,29 +22,33 @@ from holdfast.control.traced_law import law_outputs
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
+from holdfast.dynamics.near_singular import STRENGTH_LOST
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, state_fields
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment, GivenInputs
-from holdfast.simulation.increment import increment_rate, no_turns
+from holdfast.simulation.increment import increment_rate, no_turns, twists
 from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.linearly_implicit import Implicit, passive_terms, with_armature
-from holdfast.simulation.rollout.singular_passing import passes_singular
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, StepResult, run_step, take_step
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, select, where
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, reciprocal, select, sqrt, where
 from holdfast.state import Inputs, State
 
 # Status codes of the machine code. The machine code itself does not return TOO_LONG, which is determined afterwards.
-RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
+RUNNING, SLIPPED, PASSES_SINGULAR, GRASP_OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
 
 OF_SOLUTION = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench", "contact_acceleration")
 STEP_RESULTS = ("slope", *OF_SOLUTION, "drive", "memory", "rank", "condition", "margin")
-OF_TRUNK = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}  # in solutions
+OF_TRUNK_RESULTS = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}
+
+BESIDE = 0.1  # share of the strengths at both ends; a smaller difference may be due to curvature
+LEAPING = 1e-3  # drift relative to the motion of the joints
 
 
 def step_results(chain: ClosedChain) -> tuple[str, ...]:
@@ -221,7 +225,7 @@ def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     end, found = now.state, now.found
     whole = found.whole
     kept = {name: getattr(end, field) for name, field in state_fields(system.real).items()}
-    kept |= {name: x for name, field in OF_TRUNK.items() if (x := getattr(whole, field)) is not None}
+    kept |= {name: x for name, field in OF_TRUNK_RESULTS.items() if (x := getattr(whole, field)) is not None}
     kept |= {"slope": now.slope(no_turns(end))} | {name: getattr(whole, name) for name in OF_SOLUTION}
     kept |= {"drive": now.drive, "memory": now.memory, "rank": array(found.rank), "condition": array(found.condition)}
     R, contacts = end.object_frame.R, given[CONTACTS]
@@ -250,12 +254,12 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps:
     beyond = reduce(minimum, concatenate(of_joints), float("inf")) < given["least_joint_margin"][()]
     fault = where(beyond, float(LIMITED), float(RUNNING))
     fault = where(least < given["least_margin"][()], float(SLIPPED), fault)
-    fault = where(system.worst[0] <= WORST_CONDITION, fault, float(SINGULAR))
-    fault = where(system.worst[1] < FIRST_BAD, fault, float(SINGULAR))
-    fault = where(passed < 0.5, fault, float(SINGULAR))
-    fault = where(drift.position <= FARTHEST, fault, float(OPEN))
+    fault = where(system.worst[0] <= WORST_CONDITION, fault, float(PASSES_SINGULAR))
+    fault = where(system.worst[1] < FIRST_BAD, fault, float(PASSES_SINGULAR))
+    fault = where(passed < 0.5, fault, float(PASSES_SINGULAR))
+    fault = where(drift.position <= FARTHEST, fault, float(GRASP_OPEN))
     left = where(given["held"][()] > 0.5, 0.0, gaps.position)  # without projection the gaps do not matter
-    fault = where(left <= LEFT_OPEN, fault, float(OPEN))
+    fault = where(left <= LEFT_OPEN, fault, float(GRASP_OPEN))
     fault = where(total < float("inf"), fault, float(BROKEN))
     for margin in margins:  # infinite where nothing limits, not-a-number where squares of forces overflow
         fault = where(margin <= float("inf"), fault, float(BROKEN))
@@ -298,3 +302,55 @@ def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
         "last.slope": select(on, now.slope(no_turns(now.state)), system.last("slope")),
         "last.memory": select(on, now.memory, system.last("memory")),
     }
+
+
+def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: Gap) -> Scalar:
+    """Return 1 if a step probably passes a singular configuration, otherwise 0.
+
+    The strength s = condition^-1/2 of the constraint is the absolute value of a quantity that changes sign at a
+    singular configuration. If a step passes one, the strengths at its start, middle and end therefore lie on a straight
+    line, up to the curvature of the step, once the last or the last two are taken with the opposite sign. In addition,
+    their sum is not larger than the motion of the joints can explain. A step that begins or ends within a twentieth of
+    its length from the configuration counts as passing it. So does a step near the configuration whose gaps before
+    projection are so large that it may have leapt across.
+
+    Args:
+        system: the system after all evaluations of the step.
+        tableau: the scheme.
+        end: the state at the step's end.
+        drift: gaps before projection.
+    """
+    nodes, found = [*tableau.c[1:].tolist(), 1.0], system.conditions
+    if tableau.implicit:
+        later = _between(system, end), found[-1]
+    elif 0.5 in nodes:
+        later = found[nodes.index(0.5)], found[nodes.index(1.0)]
+    else:
+        return 0.0
+    first, middle, last = (reciprocal(sqrt(x)) for x in (system.last("condition")[()], *later))
+    kept_sign = abs(first - 2.0 * middle + last)
+    other_sign = minimum(abs(first + 2.0 * middle - last), abs(first - 2.0 * middle - last))
+    turned = [system.given["step"][()] * twist[:3] for twist in twists(end)]
+    moved = [*(end.q - system.last("q")), *concatenate(turned)]
+    far = reduce(maximum, [abs(x) for x in moved])
+    if any(not joint.turns for joint in system.real.all_joints):
+        far = float("inf")  # the displacement of a sliding joint has no scale of its own
+    both, most = first + last, STRENGTH_LOST * far
+    passed = where(both < most, where(other_sign - BESIDE * both < kept_sign, 1.0, 0.0), 0.0)
+    leaping = where(both < 2.0 * most, where(drift.position > LEAPING * far, 1.0, 0.0), 0.0)
+    return maximum(passed, leaping)
+
+
+def _between(system: TracedSystem, end: State) -> Scalar:
+    """Return the condition half-way through an implicit step, whose own stages have larger armatures."""
+    begin = system.state
+    poses = [name for name in ("object_pose", "base_pose") if getattr(end, name) is not None]
+    there = {name: _halfway(getattr(begin, name), getattr(end, name)) for name in poses}
+    state = replace(end, q=0.5 * (begin.q + end.q), **there)
+    chain, inputs = system.environment.at(system.time(0.5), state)
+    return system.solve(chain, state, np.zeros(len(end.q)), inputs, system.held, choose=False).condition
+
+
+def _halfway(a: Array, b: Array) -> Array:
+    """Return the pose half-way between two poses that are close to each other, (7,)."""
+    return concatenate([rotation.quaternion_midpoint(a[:4], b[:4]), 0.5 * (a[4:] + b[4:])])

@@ -30,7 +30,7 @@ from holdfast.spatial.scalar import Array, Scalar, arctan2, array, cos, exp, sin
 from holdfast.state import Inputs, State, parts_of
 
 Motions = Mapping[str, BaseMotion]  # motions of the moving bases, by arm name
-WRENCHES = ("object_wrench", "link_wrenches", "trunk_link_wrenches")  # fields of `Inputs`
+WRENCH_FIELDS = ("object_wrench", "link_wrenches", "trunk_link_wrenches")  # fields of `Inputs`
 
 
 def checked_motion(name: str, motion: BaseMotion) -> Callable[[Scalar], tuple[Pose, Array, Array]]:
@@ -63,7 +63,7 @@ def with_wrenches(inputs: Inputs, acting: GivenInputs, chain: ClosedChain, t: Sc
     found = inputs_at(acting, take_state(acting), t, comparable(state))
     require_wrenches(found, "of a rollout")
     own = found.shaped(chain)
-    return replace(inputs, **{name: _sum(getattr(inputs, name), getattr(own, name)) for name in WRENCHES})
+    return replace(inputs, **{name: _sum(getattr(inputs, name), getattr(own, name)) for name in WRENCH_FIELDS})
 
 
 def _sum(a: Array | None, b: Array | None) -> Array | None:
@@ -80,7 +80,7 @@ def travelling_inputs(acting: GivenInputs | None, chain: ClosedChain) -> GivenIn
     def outputs(t: Array, *arrays: Array) -> tuple[Array, ...]:
         state = State(**dict(zip(fields.values(), arrays, strict=True)))
         found = with_wrenches(Inputs(), acting, chain, t[()], state)
-        given[:] = [name for name in WRENCHES if getattr(found, name) is not None]
+        given[:] = [name for name in WRENCH_FIELDS if getattr(found, name) is not None]
         return tuple(getattr(found, name) for name in given)
 
     return TracedInputs(trace(outputs, [(), *(size[name] for name in fields)]), tuple(given))

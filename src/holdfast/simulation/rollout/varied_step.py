@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_status
+from holdfast.compiled.parameters import WRENCHES
 from holdfast.compiled.traced_chain import Given, framed
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.second_solve import Point, point
@@ -31,6 +32,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import OF_WORK, no_turns
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.rollout.traced_step import Evaluation, StepModel, TracedSystem
+from holdfast.simulation.rollout.user_functions import WRENCH_FIELDS
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest
 from holdfast.spatial.differentiation import bare, by_rule, is_recorded, linearised
@@ -38,11 +40,11 @@ from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, Loops, Scalar, loops
 from holdfast.state import Inputs, State, parts_of
 
-POSES = ("object_pose", "floating_pose")
-FIELDS = {"object_wrench": "object_wrench", "link_wrench": "link_wrenches", "trunk_link_wrench": "trunk_link_wrenches"}
-RESULTS = {"floating_acceleration": "base_acceleration"}  # results of forward dynamics with another name in a solution
-MARGIN, WORK = "margin", "work"  # results of a step that are not of forward dynamics
-CONTROL = "control."  # prefix of the names of the law's parameters
+STATE_POSES = ("object_pose", "floating_pose")
+INPUT_FIELDS = dict(zip(("object_wrench", *WRENCHES), WRENCH_FIELDS, strict=True))  # of external wrenches
+OTHER_FIELDS = {"floating_acceleration": "base_acceleration"}  # results that a solution calls otherwise
+MARGIN_RESULT, WORK_RESULT = "margin", "work"  # results of a step that are not of forward dynamics
+LAW_PREFIX = "control."  # prefix of the names of the law's parameters
 
 
 class VariedSystem(TracedSystem):
@@ -59,11 +61,11 @@ class VariedSystem(TracedSystem):
 
     def __init__(self, of: VariedStep, given: Given, varied: Mapping[str, Array], taker: Loops | None) -> None:
         super().__init__(of.model, given, of.environment)
-        own = {name: x for name, x in varied.items() if name.startswith(CONTROL)}
+        own = {name: x for name, x in varied.items() if name.startswith(LAW_PREFIX)}
         for name in state_fields(self.real):
             if name in varied:
                 last = given[f"last.{name}"]
-                own[f"last.{name}"] = turned_and_shifted(last, varied[name]) if name in POSES else varied[name]
+                own[f"last.{name}"] = turned_and_shifted(last, varied[name]) if name in STATE_POSES else varied[name]
         own |= {"last.before": varied["before"]} if "before" in varied else {}
         own |= {"step": varied["step"]} if "step" in varied else {}
         self.given, self.varied, self.taker = {**given, **own}, varied, taker
@@ -85,12 +87,12 @@ class VariedSystem(TracedSystem):
         if chain.springs:
             chain, inputs = without_springs(chain), self._with_springs(chain, state, inputs)
         pushed = self._pushed(inputs)
-        acting = replace(inputs, **{FIELDS[name]: bare(x) for name, x in pushed.items()})
+        acting = replace(inputs, **{INPUT_FIELDS[name]: bare(x) for name, x in pushed.items()})
         with loops_by(self.taker):
             rank = self.given["generic_rank"]
             found = solve_with_status(chain, framed(plain(state)), bare(tau), acting, rank, self.route, held, choose)
             at = point(found.motion, found.found, self.route)
-        fields = {name: RESULTS.get(name, name) for name in results_of(chain)}
+        fields = {name: OTHER_FIELDS.get(name, name) for name in results_of(chain)}
         results = {name: np.asarray(getattr(found.whole, field)) for name, field in fields.items()}
         arguments = self.model() | state_arrays(self.real, state) | pushed | {"tau": tau}
         arguments |= {} if self.heavier is None else {"armature": self.heavier}
@@ -99,7 +101,7 @@ class VariedSystem(TracedSystem):
 
     def _pushed(self, inputs: Inputs) -> dict[str, Array]:
         """Return the external wrenches by name: those of the inputs, plus their variations if they are varied."""
-        pushed = {name: x for name, field in FIELDS.items() if (x := getattr(inputs, field)) is not None}
+        pushed = {name: x for name, field in INPUT_FIELDS.items() if (x := getattr(inputs, field)) is not None}
         return {name: x + self.varied[name] if name in self.varied else x for name, x in pushed.items()}
 
     def _with_springs(self, chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
@@ -121,7 +123,7 @@ class VariedSystem(TracedSystem):
         """Return the power (4,); zeros where no derivatives of the work are needed."""
         if not self.working:
             return np.zeros(OF_WORK)
-        acting = replace(inputs, **{FIELDS[name]: x for name, x in self._pushed(inputs).items()})
+        acting = replace(inputs, **{INPUT_FIELDS[name]: x for name, x in self._pushed(inputs).items()})
         case = self._case(chain, state, acting, ("base", "grasp"))
         return super().power(case.chain, case.state, drive, lost, acting, whole)
 
@@ -146,8 +148,8 @@ class VariedSystem(TracedSystem):
 
     def model(self) -> dict[str, Array]:
         """Return the varied parameters of the model."""
-        beside = (*state_fields(self.real), *FIELDS, "before", "step")
-        return {name: x for name, x in self.varied.items() if name not in beside and not name.startswith(CONTROL)}
+        beside = (*state_fields(self.real), *INPUT_FIELDS, "before", "step")
+        return {name: x for name, x in self.varied.items() if name not in beside and not name.startswith(LAW_PREFIX)}
 
     def _change(self, t: Scalar, state: State, project: Callable[..., Point], by: Sequence[str]) -> Change:
         here = framed(plain(state))
@@ -177,7 +179,7 @@ def ruled(
 ) -> dict[str, Array]:
     """Return the results at a point, with their derivatives with respect to the varied arguments."""
     varied = {name: x for name, x in arguments.items() if is_recorded(x)}
-    poses = {name: bare(varied[name]) for name in POSES if name in varied}
+    poses = {name: bare(varied[name]) for name in STATE_POSES if name in varied}
     rule = PointRule(at, {name: x.shape for name, x in results.items()}, tuple(varied), poses)
     return dict(
         zip(results, by_rule(list(results.values()), rule.whole() if many else rule, *varied.values()), strict=True)
@@ -211,12 +213,12 @@ class LinearStep(NamedTuple):
         """Return the rates of the step's results for the given tangents; rates of poses are [turn; shift]."""
         given = [tangents.get(name, np.zeros(shape)) for name, shape in zip(self.by, self.linear.shapes, strict=True)]
         found = dict(zip(self.found, self.linear.rates(*given), strict=True))
-        return found | {name: motion_of(self.found[name], found[name]) for name in POSES if name in found}
+        return found | {name: motion_of(self.found[name], found[name]) for name in STATE_POSES if name in found}
 
     def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
         """Return the gradient of sum(cotangent . result); cotangents and gradients of poses refer to [turn; shift]."""
         given = {name: cotangents.get(name, np.zeros(x.shape)) for name, x in self.found.items()}
-        given |= {name: by_pose(self.found[name], cotangents[name]) for name in POSES if name in cotangents}
+        given |= {name: by_pose(self.found[name], cotangents[name]) for name in STATE_POSES if name in cotangents}
         return dict(zip(self.by, self.linear.gradient(*given.values()), strict=True))
 
 
@@ -253,20 +255,21 @@ class VariedStep(NamedTuple):
 
     def _step(self, system: VariedSystem, of: Sequence[str]) -> dict[str, Array]:
         """Return the state after a step, the law's memory during it, and the results at its end."""
-        system.working = WORK in of
+        system.working = WORK_RESULT in of
         now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
         system.memory = now.memory
         end, _, work, _ = system.take_step(self.tableau, now.slope(no_turns(now.state)))
-        found = state_arrays(system.real, end) | {"before": now.memory} | ({WORK: work} if WORK in of else {})
-        of = [name for name in of if name != WORK]
+        found = state_arrays(system.real, end) | {"before": now.memory}
+        found |= {WORK_RESULT: work} if WORK_RESULT in of else {}
+        of = [name for name in of if name != WORK_RESULT]
         if not of:
             return found
         system.working = False
         at_end = system.evaluate(system.time(1.0), end, now.memory, choose=False)
         whole = at_end.found.whole
         own = {"tau": at_end.drive, "memory": at_end.memory}
-        own |= {MARGIN: system.margins(at_end)} if MARGIN in of else {}
-        return found | {name: own[name] if name in own else getattr(whole, RESULTS.get(name, name)) for name in of}
+        own |= {MARGIN_RESULT: system.margins(at_end)} if MARGIN_RESULT in of else {}
+        return found | {name: own[name] if name in own else getattr(whole, OTHER_FIELDS.get(name, name)) for name in of}
 
     def _linear(
         self, given: Given, by: Sequence[str], function: Callable[[VariedSystem], dict[str, Array]]
@@ -274,7 +277,7 @@ class VariedStep(NamedTuple):
         taker, shapes, found = loops.get(), gradient_shapes(self.model.structure.chain), dict[str, Array]()
         of_state = ("q", "qd", "object_twist", "floating_twist", "before")
         own = {name: f"last.{name}" for name in of_state} | {"step": "step"}
-        own |= {name: name for name in by if name.startswith(CONTROL)}
+        own |= {name: name for name in by if name.startswith(LAW_PREFIX)}
         at = [given[own[name]] if name in own else np.zeros(shapes[name]) for name in by]
 
         def outputs(*x: Array) -> list[Array]:
