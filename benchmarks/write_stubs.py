@@ -8,17 +8,25 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import holdfast
 import holdfast.compiled.chain as chain
 from holdfast.questions.documentation import page, stub
+from holdfast.questions.question import QUESTIONS
 
 ROOT = Path(__file__).parents[1]
+
+
+def public_names() -> dict[str, str]:
+    """Return where users find the functions that answer questions on floats, by question."""
+    homes = {"holdfast": holdfast, "holdfast.dynamics": holdfast.dynamics, "holdfast.forces": holdfast.forces}
+    return {name: f"{home}.{name}" for home, of in reversed(homes.items()) for name in QUESTIONS if name in dir(of)}
 
 
 def written() -> dict[Path, str]:
     """Return the text of every file that is made; importing `compiled.chain` has loaded all declarations."""
     return {
         Path(chain.__file__).with_name("answers.pyi"): stub(),
-        ROOT / "docs" / "api" / "questions.md": page(),
+        ROOT / "docs" / "api" / "questions.md": page(public_names()),
     }
 
 

@@ -11,7 +11,7 @@ from tests.docs.pages import DOCS, PAGES, ROOT
 from tests.surface import PUBLIC
 
 FOR_DEVELOPERS = {"bench", "dev", "docs"}
-DIRECTIVE = re.compile(r"^\.\. (?:auto\w+|py:data):: (holdfast[\w.]*)$", re.MULTILINE)
+DIRECTIVE = re.compile(r"^\.\. (?:auto\w+|py:data):: (holdfast[\w.]*)(?:\(.*\))?$", re.MULTILINE)
 DOCUMENTED = [
     name for page in sorted((DOCS / "api").glob("*.md")) for name in DIRECTIVE.findall(page.read_text(encoding="utf-8"))
 ]

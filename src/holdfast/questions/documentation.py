@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from holdfast.questions.arrays import ARRAYS, BASE_MOTION, INTERNAL, POSE_ARRAYS, TRUNK_BASE_MOTION, Row
 from holdfast.questions.question import QUESTIONS, Question
@@ -111,14 +111,23 @@ def stub() -> str:
     return "\n".join([*lines, ""])
 
 
-def page() -> str:
-    """Return the page of all questions, in Markdown."""
+# Sphinx drops the first parameter of what it takes for a method.
+_CALLS = ("vjp(*given, by=..., **cotangents)", "jvp(*given, along)", "jacobian(*given, of=..., by=...)")
+
+
+def page(public: Mapping[str, str]) -> str:
+    """Return the page of all questions, in Markdown.
+
+    Args:
+        public: public names of the functions that answer them on floats, by question.
+    """
     lines = [
-        "# Questions to a compiled chain",
+        "# Questions",
         "",
-        "Every question is an attribute of a compiled chain and takes one system or a batch, such as",
-        "`fast.kinetic_energy(q, qd, object_pose, object_twist)`. Those with arguments in the last row also have",
-        "`.vjp`, `.jvp` and `.jacobian`; all have `.bind` and `.export`. `make stubs` makes this page.",
+        "A question about a chain is answered by a function, such as `hf.dynamics.kinetic_energy(chain, state)`, and",
+        "by a compiled chain, for one system or a batch: `fast.kinetic_energy(q, qd, object_pose, object_twist)`.",
+        "Both have `.vjp`, `.jvp` and `.jacobian` by the arguments in the last row; compiled ones also have `.bind`",
+        "and `.export`. `make stubs` makes this page.",
     ]
     for name, question in sorted(QUESTIONS.items()):
         returned = [f"`{row.name}`: {row.text}" for row in question.rows.values()]
@@ -139,4 +148,8 @@ def page() -> str:
             "|---|---|",
         ]
         lines += [f"| {what} | {text.replace('|', chr(92) + '|')} |" for what, text in rows.items()]
+        if (path := public.get(name)) is not None:
+            calls = _CALLS if question.by else ()
+            documented = [f".. autofunction:: {path}", *(f".. automethod:: {path}.{call}" for call in calls)]
+            lines += ["", "```{eval-rst}", *documented, "```"]
     return "\n".join([*lines, ""])

@@ -41,7 +41,7 @@ from holdfast.spatial.scalar import Array, Loops, Scalar, loops
 from holdfast.state import Inputs, State, parts_of
 
 STATE_POSES = ("object_pose", "floating_pose")
-INPUT_FIELDS: dict[str, str] = dict(zip(("object_wrench", *WRENCHES), WRENCH_FIELDS, strict=True))  # of external wrenches
+INPUT_FIELDS: dict[str, str] = dict(zip(("object_wrench", *WRENCHES), WRENCH_FIELDS, strict=True))
 OTHER_FIELDS = {"floating_acceleration": "base_acceleration"}  # results that a solution calls otherwise
 MARGIN_RESULT, WORK_RESULT = "margin", "work"  # results of a step that are not of forward dynamics
 LAW_PREFIX = "control."  # prefix of the names of the law's parameters
