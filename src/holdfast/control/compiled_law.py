@@ -18,7 +18,7 @@ from holdfast.compiled.traced_chain import Given, externals, traced
 from holdfast.compiler.kernel import Bound
 from holdfast.compiler.program import Shape
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw
-from holdfast.control.traced_law import law_of, law_outputs
+from holdfast.control.traced_law import law_of, law_outputs, require_function
 from holdfast.errors import HoldfastError, MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -65,7 +65,8 @@ def compile_law(
         progress: whether to show, in a notebook or on a terminal, that machine code is made, also by the first batch.
 
     Raises:
-        ModelError: no chain is given, or `progress` is neither True nor False.
+        ModelError: no chain is given, the law depends on more than its arguments, or `progress` is neither True nor
+            False.
         MethodNotApplicable: the controller is a function that cannot be traced.
         CompileError: the law contains operations that cannot be compiled.
     """
@@ -74,6 +75,7 @@ def compile_law(
         got = "none" if known is None else type(known).__name__
         raise ModelError(f"compile_law: chain: expected the ClosedChain whose joints the law drives, got {got}")
     law, values = law_and_values(controller, known)
+    require_function(law, known)
     return CompiledLaw(law, known, values, progress)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from weakref import WeakSet
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from holdfast.compiler.errors import CompileError
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw, LawParameters
+from holdfast.errors import HoldfastError, ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.questions.arrays import shapes, state_fields
@@ -108,3 +110,34 @@ def law_program(law: ControlLaw, chain: ClosedChain) -> Program:
 
     of_state = [size[name] for name in fields]
     return trace(outputs, [(), *of_state, (len(law.memory),), *map(tuple, law.parameters.values())])
+
+
+_functions: WeakSet[ControlLaw] = WeakSet()  # laws found to be functions of their arguments alone
+
+
+def require_function(law: ControlLaw, chain: ClosedChain) -> None:
+    """Refuse a law whose result depends on more than its arguments: it is traced twice, and the programs are compared.
+
+    A law of the library is known to be a function. One that cannot be traced is left to its caller.
+
+    Raises:
+        ModelError: the programs differ.
+    """
+    if law.key or law in _functions:
+        return
+    try:
+        first, second = (law_program(law, chain) for _ in range(2))
+    except HoldfastError:
+        return
+    if repr(first) == repr(second):  # as texts, because not-a-number differs from itself
+        _functions.add(law)
+        return
+    constants = zip(first.instructions, second.instructions, strict=False)
+    numbers = next(((a.value, b.value) for a, b in constants if repr(a) != repr(b) and a.kind == b.kind), None)
+    what = "other operations" if numbers is None else f"{numbers[1]:.6g} in place of {numbers[0]:.6g}"
+    raise ModelError(
+        f"control law: expected a function of its arguments alone, got {what} from a second call with the same ones. It"
+        " reads random numbers, a clock, a counter or a variable that changes, and would be compiled with the values of"
+        " one call. Try ControlLaw(torque, parameters={'noise': (n,)}) with values given to every call, or keep in its"
+        " memory what changes"
+    )

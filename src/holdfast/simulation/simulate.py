@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from holdfast import outer
 from holdfast.control.clipped import clipped
 from holdfast.control.compiled_law import CompiledLaws
-from holdfast.control.controller import ControlLaw, Controller, given_law, machine_code, require_controller
+from holdfast.control.controller import ControlLaw, Controller, GivenLaw, given_law, machine_code, require_controller
+from holdfast.control.traced_law import require_function
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
@@ -125,7 +126,8 @@ def simulate(
 
     Raises:
         ModelError: the duration or step is not positive, there are too many steps, a policy or scheme is unknown, an
-            event is impossible, the sample time or delay is invalid, or the controller is not a function.
+            event is impossible, the sample time or delay is invalid, the controller is not a function, or a law depends
+            on more than its arguments.
         StateError: the initial state violates a grasp, the controller does not return valid torques and memory, or
             the parameters do not match those of its law.
         SingularChainError: the initial configuration is singular.
@@ -155,6 +157,8 @@ def simulate(
     if policy.on_limit == "clip":
         controller = clipped(controller, chain)
     acting = given_law(controller, parameters)
+    if isinstance(acting, GivenLaw):
+        require_function(acting.law, chain)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends)
 
     calls = len(ends.times) * (1 if hold else len(named.c) * (EVALUATIONS if joint_limits(chain).limited.any() else 1))

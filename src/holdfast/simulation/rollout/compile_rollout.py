@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from holdfast.compiled.structure import optional_parameters, require_rank
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_torques
-from holdfast.control.traced_law import law_of
+from holdfast.control.traced_law import law_of, require_function
 from holdfast.errors import ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs, take_state
@@ -50,7 +50,8 @@ def compile_rollout(
 
     Raises:
         ModelError: the scheme is unknown or adaptive, a parameter of the law has the name of another argument, a base
-            motion belongs to no arm, or the inputs are not a function of (t) or (t, state).
+            motion belongs to no arm, the inputs are not a function of (t) or (t, state), or the law depends on more
+            than its arguments.
         StateError: an optional group of arguments is unknown, or `generic_rank` is not a rank.
         CompileError: (at the first start) the law, a base motion or the inputs cannot be traced; the message names the
             line.
@@ -63,6 +64,7 @@ def compile_rollout(
     traced = held_torques(chain.joint_count) if law is None else _traced(law, chain)
     if law is not None:
         require_free_names(traced.parameters)
+        require_function(traced, chain)
     motions = Environment(chain, base_motion or {}).base_motion
     options = optional_parameters(parameters, "rollout")
     if inputs is not None:
