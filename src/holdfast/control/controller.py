@@ -77,8 +77,8 @@ class ControlLaw(Frozen):
     """A traceable controller, written with `spatial.scalar` and without `if` on values or assignments to arrays.
 
     Attributes:
-        torque: function (t, state, memory, parameters) -> (torques (n,), memory); it is called once, with traced
-            numbers in all arguments.
+        torque: function (t, state, memory, parameters) -> (torques (n,), memory) of its arguments alone; it is
+            called with traced numbers in all arguments.
         memory: (m,) initial memory; it is updated once per step, at the step's start.
         parameters: shapes of its parameters, such as gains, targets or an action; their values can differ between
             systems.
