@@ -68,9 +68,9 @@ def found_dips(dips: Dips, step: float, **options) -> Trajectory:
         chain, state, lambda t, s, m: (np.array([dips.torque(t)]), m), dips.duration, step, on_slip="record", **options
     )
     assert run.stopped is None
-    assert [one.kind for one in run.occurrences] == len(dips.begins) * ["violation", "recovery"]
-    begins = np.array([one.t for one in run.occurrences[::2]])
-    ends = np.array([one.t for one in run.occurrences[1::2]])
+    found = [one for one in run.occurrences if one.kind != "unresolved"]  # torques jump inside steps
+    assert [one.kind for one in found] == len(dips.begins) * ["violation", "recovery"]
+    begins, ends = (np.array([one.t for one in found[k::2]]) for k in (0, 1))
     assert np.abs(begins - dips.begins).max() <= 1e-9
     assert np.abs(ends - dips.begins - dips.widths).max() <= 1e-9
     return run

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -44,6 +44,34 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State, exact_state, parts_of
 
 TRACKER = "ledger"  # its name in result folders
+OF_MOTION = 0.01  # smallest difference of velocities that counts, relative to the largest velocity of the run
+IGNORED_RATE = 1e-4  # rad/s or m/s: smaller differences never count
+
+
+class Resolution(NamedTuple):
+    """Whether steps of fixed length have followed the motion; see `confirmation.resolved`.
+
+    Attributes:
+        largest: largest velocity of a joint or the object so far [rad/s or m/s].
+        in_a_row: number of steps to the present instant that seem unresolved.
+        seen: largest gap between the change of velocities and the mean accelerations so far [rad/s or m/s].
+        off: largest difference between a step and its halves [rad/s or m/s].
+        text: what it was and what to try; "" if nothing was noticed.
+    """
+
+    largest: float = 0.0
+    in_a_row: int = 0
+    seen: float = 0.0
+    off: float = 0.0
+    text: str = ""
+
+    @property
+    def matters(self) -> bool:
+        """Whether the largest difference is more than one per cent of the motion."""
+        return self.off > OF_MOTION * self.largest + IGNORED_RATE
+
+
+NOTHING_NOTICED = Resolution()
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +109,7 @@ class Checkpoint:
         occurrences: everything that has happened so far.
         proposal: state of the step-size control; None for steps of fixed length.
         held: state of the zero-order hold of a sampled controller; None if the controller is evaluated at every stage.
+        resolution: whether steps of fixed length have followed the motion.
     """
 
     now: Origin
@@ -97,6 +126,7 @@ class Checkpoint:
     occurrences: tuple[Occurrence, ...] = ()
     proposal: Proposal | None = None
     held: HeldTorques | None = None
+    resolution: Resolution = NOTHING_NOTICED
 
     def to_data(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return arrays by name, and plain data that can be written as JSON.
@@ -119,6 +149,7 @@ class Checkpoint:
             "occurrences": [asdict(one) for one in self.occurrences],
             "grasps": [_grasp_data(name, grasp, arrays) for name, grasp in self.grasps.items()],
             "now": _origin_data("now", self.now, arrays),
+            "resolution": list(self.resolution),
             "held": None if self.held is None else packed(vars(self.held), "held", arrays),
             "previous": None if self.previous is None else _origin_data("previous", self.previous, arrays),
         }
@@ -146,6 +177,7 @@ class Checkpoint:
                 sums=Sums(np.array(arrays["work"]), float(arrays["impact"]), np.array(arrays["base_impulse"])),
                 occurrences=msgspec.convert(data["occurrences"], tuple[Occurrence, ...]),
                 proposal=Proposal(*arrays["proposal"].tolist()) if len(arrays["proposal"]) else None,
+                resolution=msgspec.convert(data.get("resolution", []), Resolution),
                 held=None if data.get("held") is None else HeldTorques(**unpacked(data["held"], arrays)),
                 tracker=ViolationTracker(*(np.array(arrays[f"{TRACKER}.{f.name}"]) for f in fields(ViolationTracker))),
             )

@@ -18,6 +18,7 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.errors import HoldfastError, SingularChainError, StepTooLongError
+from holdfast.simulation.checkpoint import IGNORED_RATE, OF_MOTION, Resolution
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.segment import Segment
@@ -38,6 +39,7 @@ NEGLIGIBLE = 1e-6  # smaller differences (relative, or absolute below 1) are ign
 MOST_REPEATED_PARTS = 16  # largest number of parts in which a failed step is repeated
 MOST_STEPS_TRIED = 200  # largest number of steps for which a suggested length is tried
 SUGGESTED_HALVINGS = 8
+MOST_UNRESOLVED = 8  # steps in a row
 
 
 class Window:
@@ -90,6 +92,57 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
                 together = [together[int(np.argmax(off / allowed))]]
             margin = f"{signals.quantities[together[0]]} margin of '{signals.names[together[0]]}'"
             raise too_long(window, t, f"the full step finds a negative {margin}, {parts} shorter steps do not")
+
+
+def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
+    """Return whether steps have followed the motion, after a step of fixed length from `window.now` to a later instant.
+
+    A gain, damper or spring whose decay or oscillation is too fast for the step makes velocities grow from step to
+    step, or decay far too slowly, long before anything overflows. The velocities then change by something else than the
+    mean of the accelerations at both ends of the step,
+
+        | v(t + h) - v(t) - h (a(t) + a(t + h)) / 2 |  >  1 % of the largest velocity so far,
+
+    while a smooth motion differs in the third order of h only. Such a step is repeated in halves, and is unresolved if
+    their velocities differ from its own by more than 1 % of the largest so far. This is reported at the run's end,
+    unless it was small against the motion that followed. If many steps in a row are unresolved and a damper or the
+    controller is the cause, the run ends.
+
+    Args:
+        found: what is known before the step.
+        window: the step and the one before it.
+        later: the step's end.
+
+    Raises:
+        StepTooLongError: many steps in a row were unresolved, because velocities decay too fast for them.
+    """
+    now, scheme = window.now, window.segment.scheme
+    v0, v1 = now.velocities, later.velocities
+    largest = max(found.largest, float(np.abs(v0).max()), float(np.abs(v1).max()))
+    least = OF_MOTION * largest + IGNORED_RATE
+    found = found._replace(largest=largest)
+    off = v1 - v0 - 0.5 * (later.t - now.t) * (now.accelerations + later.accelerations)
+    if not (jump := float(np.abs(off).max())) > least:
+        return found._replace(in_a_row=0)
+    in_a_row = found.in_a_row + 1
+    if jump <= 2.0 * found.seen and in_a_row % MOST_UNRESOLVED:
+        return found._replace(in_a_row=in_a_row)
+    found = found._replace(seen=max(found.seen, jump))
+    halves = in_parts(window.segment.stepper, now, later.t, 2).instant
+    difference = math.inf if halves is None else float(np.abs(halves.velocities - v1).max())
+    if difference <= least:
+        return found._replace(in_a_row=0)
+    why = (
+        f"halves of the step to t = {later.t:.6g} s lead to velocities that differ by {difference:.3g} rad/s or m/s"
+    )
+    if in_a_row % MOST_UNRESOLVED == 0:
+        decay = _decay(window)
+        if decay is not None and not followed(decay, window.segment.settings.longest_step, scheme):
+            raise too_long(window, later.t, f"{why}, and {in_a_row - 1} steps before it were unresolved, too")
+    if difference <= found.off or scheme.implicit:  # implicit steps damp transients
+        return found._replace(in_a_row=in_a_row)
+    text = f"{too_long(window, later.t, why)}; if torques or wrenches jump there, name the time in `breakpoints`"
+    return found._replace(in_a_row=in_a_row, off=difference, text=text)
 
 
 def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastError:

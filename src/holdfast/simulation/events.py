@@ -15,7 +15,7 @@ from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.state import Inputs, State
 
-Kind = Literal["attach", "release", "violation", "recovery", "singular", "stiff"]
+Kind = Literal["attach", "release", "violation", "recovery", "singular", "stiff", "unresolved"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,8 @@ class Occurrence:
         t: time [s].
         kind: "attach" or "release" of a grasp; "violation", when a margin becomes negative; "recovery", when it becomes
             positive again; "singular", when the grasp constraint loses rank; "stiff", when steps become linearly
-            implicit because explicit steps could not follow the damping or springs.
+            implicit because explicit steps could not follow the damping or springs; "unresolved", at the run's end,
+            when a step of fixed length was too long for some part of the motion.
         name: the arm, or 'arm/joint'; "grasps" for a singular configuration, "joints" for stiff joints.
         text: description of the occurrence.
         quantity: limited quantity of a violation or recovery: "grasp", "position", "rate" or "effort".

@@ -11,7 +11,8 @@ from holdfast.errors import HoldfastError, StateError
 from holdfast.simulation.adaptive import next_step
 from holdfast.simulation.adaptive_parts import EqualPartsStepper, agreeing_parts
 from holdfast.simulation.checkpoint import Checkpoint, Origin
-from holdfast.simulation.confirmation import Window, explained, require_shown, too_long
+from holdfast.simulation.confirmation import Window, explained, require_shown, resolved, too_long
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_configuration import (
@@ -225,6 +226,11 @@ def _step_to(
     if end.t == now.t:  # a dip just before the start was found only in this step
         margins = margins.min(axis=0, keepdims=True)
     tail_time = times[-2] if len(times) > 1 else now.t
+    resolution = saved.resolution
+    if stepper is None and not settings.scheme.adaptive and end.t == until:
+        resolution = resolved(resolution, Window(segment, at.previous, now), end.instant)
+        if end.t == settings.stops.times[-1] and resolution.matters:
+            news = [*news, Occurrence(end.t, "unresolved", "joints", resolution.text)]
     if elsewhere(now.state, end.instant.state):
         segment, stiff = suited(segment, end.t, end.instant.state)
         news = [*news, *stiff]
@@ -240,6 +246,7 @@ def _step_to(
         implicit=segment.implicit,
         tracker=tracker,
         occurrences=(*saved.occurrences, *news),
+        resolution=resolution,
     )
     return RunState(segment, checkpoint, end.instant, now, end.gaps, found.times[-len(margins) :], margins)
 

@@ -1,0 +1,64 @@
+"""Steps that do not follow a controller's gain are named, whether the run ends or goes on; smooth runs say nothing."""
+
+import re
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.simulation.runge_kutta import scheme as scheme_of
+from holdfast.simulation.stability import fastest_decay
+from tests.control.two_pandas import two_pandas
+
+CHAIN, STATE = two_pandas()
+N = CHAIN.joint_count
+HOLD = hf.holding_torques(CHAIN, STATE)
+H = 1e-3
+
+
+def damped(factor: float, scheme: str = "rk4"):
+    """Return a controller that sways the box, with damping of a multiple of what the scheme follows; and its joint."""
+    decay = fastest_decay(CHAIN, STATE, np.eye(N, N + 6))
+    gain = factor * scheme_of(scheme).stability_interval / (H * decay.rate)
+
+    def law(t, state, memory):
+        return HOLD + 2.0 * np.sin(7.0 * t) - gain * state.qd, memory
+
+    return law, decay.joint
+
+
+def named(run) -> str:
+    """Return what the run says of its steps."""
+    return " ".join([run.stopped or "", *(one.text for one in run.occurrences if one.kind == "unresolved")])
+
+
+@pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
+@pytest.mark.parametrize("factor", [1.04, 1.3, 3.0])
+def test_too_high_a_gain(factor, scheme):
+    """Whatever the growth, with the joint that is slowed down and a step that would do."""
+    law, joint = damped(factor, scheme)
+    said = named(hf.simulate(CHAIN, STATE, law, 400 * H, H, scheme=scheme))
+    assert re.search(rf"too long for joint '(left|right)/{joint.partition('/')[2]}'.* try a step of", said), said
+
+
+@pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
+def test_a_gain_that_steps_follow(scheme):
+    """Nothing is said, and the velocities are right to a part in a thousand."""
+    law, _ = damped(0.1, scheme)
+    run = hf.simulate(CHAIN, STATE, law, 60 * H, H, scheme=scheme)
+    fine = hf.simulate(CHAIN, STATE, law, 60 * H, H / 5)
+    assert named(run).strip() == ""
+    assert np.abs(run.qd - fine.qd[::5]).max() <= 1e-3 * np.abs(fine.qd).max()
+
+
+def test_what_was_noticed_travels_with_a_checkpoint():
+    """A run that goes on from a checkpoint says at its end what the whole run says, to the letter."""
+    law, _ = damped(0.75)
+    pushed = hf.State(STATE.q, STATE.qd, STATE.object_pose, STATE.object_twist)
+    kept: list[Checkpoint] = []
+    jump = lambda t, state, memory: (law(t, state, memory)[0] + 20.0 * (t > 0.0105), memory)  # noqa: E731
+    whole = hf.simulate(CHAIN, pushed, jump, 20 * H, H, on_checkpoint=kept.append)
+    rest = hf.simulate(CHAIN, pushed, jump, 20 * H, H, start=Checkpoint.from_data(*kept[15].to_data()))
+    assert "name the time in `breakpoints`" in named(whole)
+    assert named(rest) == named(whole)
