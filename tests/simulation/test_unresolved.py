@@ -38,7 +38,7 @@ def named(run) -> str:
 def test_too_high_a_gain(factor, scheme):
     """Whatever the growth, with the joint that is slowed down and a step that would do."""
     law, joint = damped(factor, scheme)
-    said = named(hf.simulate(CHAIN, STATE, law, 400 * H, H, scheme=scheme))
+    said = named(hf.simulate(CHAIN, STATE, law, 700 * H, H, scheme=scheme))
     assert re.search(rf"too long for joint '(left|right)/{joint.partition('/')[2]}'.* try a step of", said), said
 
 

@@ -132,9 +132,7 @@ def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
     difference = math.inf if halves is None else float(np.abs(halves.velocities - v1).max())
     if difference <= least:
         return found._replace(in_a_row=0)
-    why = (
-        f"halves of the step to t = {later.t:.6g} s lead to velocities that differ by {difference:.3g} rad/s or m/s"
-    )
+    why = f"halves of the step to t = {later.t:.6g} s give velocities that differ by {difference:.3g} rad/s or m/s"
     if in_a_row % MOST_UNRESOLVED == 0:
         decay = _decay(window)
         if decay is not None and not followed(decay, window.segment.settings.longest_step, scheme):
