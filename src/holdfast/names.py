@@ -13,14 +13,14 @@ import lazy_loader
 
 from holdfast.errors import CallError, UnknownName
 
-MOST_NAMED = 40  # names in a message that lists what is known
+MOST_LISTED = 40  # names in a message that lists what is known
 RENAMED = {
     "squeeze": "internal_force",
     "squeeze_span": "internal_force_span",
     "internal": "internal_force",
     "undriven": "passive",
 }
-Kind = TypeVar("Kind", bound=type)
+Class = TypeVar("Class", bound=type)
 Called = TypeVar("Called", bound=Callable[..., Any])
 
 
@@ -34,8 +34,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = near or [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.8)]
     if near:
         return f" Did you mean '{near[0]}'?"
-    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
-    return f" Known: {', '.join(known[:MOST_NAMED]) or 'none'}{more}."
+    more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
+    return f" Known: {', '.join(known[:MOST_LISTED]) or 'none'}{more}."
 
 
 def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
@@ -67,7 +67,7 @@ def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], 
     return get, names.copy, names
 
 
-def named(cls: Kind) -> Kind:
+def named(cls: Class) -> Class:
     """Return a class whose attributes are named in the error for one that it does not have."""
     if "__getattr__" not in vars(cls):
         cls.__getattr__ = _unknown_attribute  # type: ignore[attr-defined]

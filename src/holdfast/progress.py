@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from holdfast.errors import ModelError
 
-T = TypeVar("T")
+Report = TypeVar("Report")
 
 SILENCE = 10.0  # seconds between lines of progress if no bar can be drawn
 REFRESH = 0.2  # seconds between two updates of a notebook's bar
@@ -30,12 +30,12 @@ def say(line: str) -> bool:
 
 @contextmanager
 def reporting(
-    progress: bool | Callable[[T], object] | None,
+    progress: bool | Callable[[Report], object] | None,
     doing: str,
     begin: str,
-    shown: Callable[[T], tuple[float, str]],
+    shown: Callable[[Report], tuple[float, str]],
     time_left: bool = True,
-) -> Iterator[Callable[[T], object]]:
+) -> Iterator[Callable[[Report], object]]:
     """Yield the function to call with the progress: that of the caller, or one that moves a bar.
 
     Args:

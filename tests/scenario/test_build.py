@@ -16,7 +16,7 @@ from holdfast.io.typed import Location
 from holdfast.robots import PANDA_HOME
 from holdfast.scenario.build import Scenario, load_scene
 from holdfast.scenario.joints import body
-from holdfast.scenario.scene import BodyData
+from holdfast.scenario.scene import BodyTable
 from holdfast.simulation.runge_kutta import SCHEMES
 from holdfast.spatial import rotation
 from tests.systems.problems import largest_gaps
@@ -422,7 +422,7 @@ def test_round_objects(tmp_path, solid, expected):
     aside = loaded(tmp_path, changed("box = [0.3, 0.2, 0.2]", f"{solid}\ncom = [0, 0, 0.01]")).chain.held_object
     assert np.array_equal(aside.inertia, expected.inertia)
     assert aside.shape is None
-    link = body(convert({"mass": 3.0} | tomllib.loads(solid), BodyData), Location("link"))
+    link = body(convert({"mass": 3.0} | tomllib.loads(solid), BodyTable), Location("link"))
     assert np.array_equal(link.inertia, expected.inertia)
 
 

@@ -14,7 +14,7 @@ import holdfast as hf
 from holdfast.cli import main
 from holdfast.scenario.build import build_scene, require_sensible
 from holdfast.scenario.overrides import overridden, toml_text
-from holdfast.scenario.scene import SceneData
+from holdfast.scenario.scene import SceneTable
 from holdfast.sweeps import load_sweep, sweep_scene
 from holdfast.sweeps.of_scene import scene_plan
 from tests.cli.conftest import EXAMPLE
@@ -47,7 +47,7 @@ def scenario(*changes):
     """Return the scene with some of its keys changed."""
     raw = overridden(RAW, changes)
     require_sensible(raw, hf.io.typed.Location("scene"))
-    return build_scene(hf.io.typed.convert(raw, SceneData, "scene"), "scene", toml_text(raw))
+    return build_scene(hf.io.typed.convert(raw, SceneTable, "scene"), "scene", toml_text(raw))
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +173,9 @@ def test_refusals(changes, said):
 def test_no_sweep_in_the_scene():
     """A scene without the table says what to write."""
     with pytest.raises(hf.errors.SceneError, match=r"\[sweep\] with count = 100"):
-        scene_plan(build_scene(hf.io.typed.convert({k: x for k, x in RAW.items() if k != "sweep"}, SceneData, "scene")))
+        scene_plan(
+            build_scene(hf.io.typed.convert({k: x for k, x in RAW.items() if k != "sweep"}, SceneTable, "scene"))
+        )
 
 
 @pytest.mark.parametrize(
@@ -258,7 +260,7 @@ def test_mutated_tables():
                 spoil(raw, dice)
         try:
             require_sensible(raw, hf.io.typed.Location("scene"))
-            table = hf.io.typed.convert({**RAW, **raw}, SceneData, "scene").sweep
+            table = hf.io.typed.convert({**RAW, **raw}, SceneTable, "scene").sweep
             scene_plan(replace(sound, sweep=table))
         except hf.errors.HoldfastError as error:
             said.append(str(error))

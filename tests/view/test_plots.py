@@ -85,7 +85,7 @@ def test_arms_look_different():
     styles = [figure_style.arm_style(i) for i in range(20)]
     assert len(set(styles)) == 20
     assert len({colour for colour, _ in styles[:5]}) == 5
-    assert not {colour for colour, _ in styles} & {figure_style.DANGER, figure_style.INTERNAL}
+    assert not {colour for colour, _ in styles} & {figure_style.DANGER, figure_style.INTERNAL_COLOUR}
 
 
 def test_wrenches_are_the_runs():

@@ -27,7 +27,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-STARTS = 96  # starting configurations for an arm whose preferred configuration does not lead to its grasp
+ARM_STARTS = 96  # starting configurations for an arm whose preferred configuration does not lead to its grasp
 MOST_CLOSED = 6  # number of reaching configurations from which the chain is closed
 LIKELIEST = 4  # number of guesses of the object's pose for which each arm is solved separately
 BEST = 3  # number of closed states whose configuration is optimised
@@ -150,7 +150,7 @@ def _starts_somewhere(chain: ClosedChain, preferred: Mapping[str, Array]) -> Ite
 def _reaching(chain: ClosedChain, name: str, object_pose: Pose, preferred: Mapping[str, Array]) -> Array:
     """Return configurations in which an arm reaches its grasp, (found, N), by distance from its preferred one."""
     arm = chain.arms[name]
-    starts = starting_configurations(arm, preferred[name], STARTS)
+    starts = starting_configurations(arm, preferred[name], ARM_STARTS)
     return reaching_configurations(arm, chain.grasps[name], object_pose, starts, preferred[name])
 
 

@@ -23,7 +23,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-STARTS = 12  # starting configurations of a trunk if the arms do not reach from the preferred one
+TRUNK_STARTS = 12  # starting configurations of a trunk if the arms do not reach from the preferred one
 ENOUGH = 3  # number of such configurations found, of which the nearest is tried first
 
 # function of a chain without a trunk and of preferred configurations that returns a closed state
@@ -102,7 +102,7 @@ def _trunk_moved(chain: ClosedChain, guess: State, hold_object: bool) -> Iterato
     if serial is None:
         return
     found = []
-    for start in starting_configurations(serial, guess.q[own], STARTS):
+    for start in starting_configurations(serial, guess.q[own], TRUNK_STARTS):
         q = np.array(guess.q)
         q[own] = start
         try:

@@ -12,10 +12,10 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.cli.streams import OUTPUT, READER_GONE, WatchedStdout, open_streams, say
+from holdfast.cli.streams import EXIT_OUTPUT, EXIT_READER_GONE, WatchedStdout, open_streams, say
 from holdfast.errors import ClosureError, HoldfastError, MethodNotApplicable, SingularChainError
 
-BAD_INPUT, REFUSED, FAULT, NO_MEMORY, INTERRUPTED = 2, 3, 70, 71, 130
+EXIT_BAD_INPUT, EXIT_REFUSED, EXIT_FAULT, EXIT_NO_MEMORY, EXIT_INTERRUPTED = 2, 3, 70, 71, 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,15 +30,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     if not open_streams():
         complain("stdout: is closed; try >/dev/null")
-        return OUTPUT
+        return EXIT_OUTPUT
     with WatchedStdout() as stdout:
         code = _run(argv, stdout)
     if stdout.fault is None:
         return code
     if isinstance(stdout.fault, BrokenPipeError):
-        return READER_GONE
+        return EXIT_READER_GONE
     complain(f"stdout: cannot be written: {stdout.fault.strerror or stdout.fault}")
-    return OUTPUT
+    return EXIT_OUTPUT
 
 
 def _run(argv: Sequence[str] | None, stdout: WatchedStdout) -> int:
@@ -49,15 +49,16 @@ def _run(argv: Sequence[str] | None, stdout: WatchedStdout) -> int:
         return run(list(sys.argv[1:] if argv is None else argv))
     except HoldfastError as error:
         complain(str(error))
-        return REFUSED if isinstance(error, (ClosureError, MethodNotApplicable, SingularChainError)) else BAD_INPUT
+        impossible = isinstance(error, ClosureError | MethodNotApplicable | SingularChainError)
+        return EXIT_REFUSED if impossible else EXIT_BAD_INPUT
     except KeyboardInterrupt:
         complain("interrupted")
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     except MemoryError:
         complain("not enough memory; try fewer samples, frames or joints")
-        return NO_MEMORY
+        return EXIT_NO_MEMORY
     except Exception as fault:
-        return _report(fault) if stdout.fault is None else OUTPUT
+        return _report(fault) if stdout.fault is None else EXIT_OUTPUT
 
 
 def complain(problem: str) -> None:
@@ -77,4 +78,4 @@ def _report(fault: Exception) -> int:
         f"internal fault at {place}: {type(fault).__name__}: {str(fault)[:300]}; please report this line and the"
         " command (HOLDFAST_TRACEBACK=1 shows more)"
     )
-    return FAULT
+    return EXIT_FAULT

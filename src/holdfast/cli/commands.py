@@ -14,7 +14,7 @@ from typing import Any
 
 import tyro
 
-from holdfast.cli import BAD_INPUT, complain
+from holdfast.cli import EXIT_BAD_INPUT, complain
 from holdfast.errors import SceneError
 from holdfast.model import checks
 
@@ -32,7 +32,7 @@ COMMANDS = {
     "methods": "methods",
     "doctor": "doctor",
 }
-MOVED = {"bench": "try `python -m benchmarks.bench` in a clone of the repository"}
+MOVED_COMMANDS = {"bench": "try `python -m benchmarks.bench` in a clone of the repository"}
 
 
 def run(arguments: list[str]) -> int:
@@ -61,7 +61,7 @@ def run(arguments: list[str]) -> int:
 
 def _instead(first: str) -> str:
     """Return the end of the message about an unknown command."""
-    return f"; {MOVED[first]}" if first in MOVED else f".{checks.did_you_mean(first, COMMANDS)}"
+    return f"; {MOVED_COMMANDS[first]}" if first in MOVED_COMMANDS else f".{checks.did_you_mean(first, COMMANDS)}"
 
 
 _REPEATABLE = ("--set", "--function", "--of", "--by")
@@ -103,7 +103,7 @@ def _parsed(arguments: list[str], commands: dict[str, Callable[..., Any]]) -> Ca
         if not finished.code:
             return 0
         complain(_unboxed(boxed.getvalue()))
-        return BAD_INPUT
+        return EXIT_BAD_INPUT
 
 
 def _unboxed(message: str) -> str:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from holdfast.progress import progress_bar
 
-T = TypeVar("T")
+Item = TypeVar("Item")
 
 PIPE_WIDTH = 120  # columns if stdout is not a terminal
 
@@ -35,7 +35,7 @@ def print_document(data: Any) -> None:
     print(msgspec.json.format(msgspec.json.encode(data), indent=1).decode())
 
 
-def with_progress(items: list[T], doing: str) -> Iterator[T]:
+def with_progress(items: list[Item], doing: str) -> Iterator[Item]:
     """Yield the items, with a progress bar on stderr if there are several and stderr is a terminal."""
     if len(items) < 2 or not sys.stderr.isatty():
         yield from items

@@ -8,9 +8,9 @@ from dataclasses import asdict
 
 import numpy as np
 
-from holdfast.cli import REFUSED
+from holdfast.cli import EXIT_REFUSED
 from holdfast.cli.console import stdout, with_progress
-from holdfast.cli.options import Changes, Diagnosed, Format, OptionalName, Packages, Switch
+from holdfast.cli.options import Changes, Diagnosed, Format, OptionalName, PackageFolders, Switch
 from holdfast.cli.results import opened_scene
 from holdfast.cli.solve import chosen_cases, named_cases, print_json
 from holdfast.cli.standard import is_standard, read_stdin
@@ -31,7 +31,7 @@ def diagnose(
     json: Switch = False,
     changes: Changes = (),
     trust_xacro: Switch = False,
-    packages: Packages = (),
+    packages: PackageFolders = (),
 ) -> int:
     """Report mobility, rank, lost directions and indeterminate forces of a scene's initial state, or of problem cases.
 
@@ -74,7 +74,7 @@ def diagnose(
         for name, outcome in found:
             text = outcome.report() if isinstance(outcome, Diagnosis) else f"refused: {outcome}"
             console.print(f"{name}: {text}", soft_wrap=True)
-    return 0 if any(isinstance(outcome, Diagnosis) for _, outcome in found) else REFUSED
+    return 0 if any(isinstance(outcome, Diagnosis) for _, outcome in found) else EXIT_REFUSED
 
 
 def _diagnosis(case: Case) -> Diagnosis | str:

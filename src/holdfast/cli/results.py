@@ -33,12 +33,12 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.robots.packages import given_packages
-from holdfast.scenario.build import LARGEST_FILE, Scenario, parse_scene
+from holdfast.scenario.build import LARGEST_SCENE, Scenario, parse_scene
 from holdfast.scenario.robots import RobotFiles
 from holdfast.simulation.setting import Setting
 from holdfast.simulation.summary import summarise
 from holdfast.spatial.pose import Pose
-from holdfast.view.comparison import MOST_RUNS, compare_runs
+from holdfast.view.comparison import MOST_COMPARED, compare_runs
 from holdfast.view.plots import save_plots, write_figures
 from holdfast.view.summary_table import summary_table
 
@@ -64,7 +64,7 @@ def opened_scene(
     Raises:
         SceneError, ClosureError: as for `load_scene`.
     """
-    text, source = read_input(path, LARGEST_FILE) if given is None else (given, "stdin")
+    text, source = read_input(path, LARGEST_SCENE) if given is None else (given, "stdin")
     files = RobotFiles(path.parent, trust_xacro, packages=_folders(packages))
     scenario = parse_scene(text, source, scene_name(path), files, changes)
     for note in scenario.notes:
@@ -183,7 +183,7 @@ def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, 
         MissingExtra: matplotlib is not installed.
     """
     refuse_standard(out, "--out")
-    names = labels(results, MOST_RUNS)
+    names = labels(results, MOST_COMPARED)
     runs = [chain_for_figures(folder, trust_xacro) for folder in results]
     place = out or (results[0] if len(runs) == 1 else COMPARISON)
     make_folder(place)

@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from holdfast.cli import REFUSED
+from holdfast.cli import EXIT_REFUSED
 from holdfast.cli.console import stdout, with_progress
 from holdfast.cli.options import CaseFile, Format, Name, OptionalName, Switch
 from holdfast.cli.standard import read_input
@@ -277,7 +277,7 @@ def solve(
         print_json([answer.as_json() for answer in found])
     else:
         print_answers(found)
-    return 0 if any(answer.result is not None for answer in found) else REFUSED
+    return 0 if any(answer.result is not None for answer in found) else EXIT_REFUSED
 
 
 def _chosen_methods(name: str) -> list[str]:

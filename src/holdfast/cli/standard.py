@@ -12,12 +12,12 @@ from holdfast.cli.streams import WatchedStdout
 from holdfast.errors import ResultError
 from holdfast.io import typed
 
-STANDARD = "-"
+DASH = "-"
 
 
 def is_standard(path: Path | None) -> bool:
     """Return whether a path is `-`, which stands for stdin or stdout."""
-    return path is not None and str(path) == STANDARD
+    return path is not None and str(path) == DASH
 
 
 def read_stdin(most: int = typed.LARGEST_FILE) -> bytes:

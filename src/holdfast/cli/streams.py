@@ -11,7 +11,7 @@ from typing import Any, Self, TextIO, cast
 
 from holdfast import progress
 
-OUTPUT, READER_GONE = 74, 141  # exit codes: EX_IOERR of sysexits.h; 128 + SIGPIPE
+EXIT_OUTPUT, EXIT_READER_GONE = 74, 141  # exit codes: EX_IOERR of sysexits.h; 128 + SIGPIPE
 
 
 def open_streams() -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from holdfast.cli.console import print_document, stdout
 from holdfast.cli.folders import labels
-from holdfast.cli.options import Changes, OutFile, Packages, Switch, Targets
+from holdfast.cli.options import Changes, OutFile, PackageFolders, Switch, Targets
 from holdfast.cli.results import opened_scene, recorded
 from holdfast.cli.standard import is_standard, write_stdout
 from holdfast.cli.streams import say
@@ -37,7 +37,7 @@ def view(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
-    packages: Packages = (),
+    packages: PackageFolders = (),
 ) -> int:
     """Show a run, or the initial state of a scene, in the browser; Ctrl-C ends it.
 

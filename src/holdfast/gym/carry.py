@@ -30,10 +30,9 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
 from holdfast.state import State
 
-MARGIN = 100.0  # N: bound of observed margins
-TENFOLD = 10.0  # bound of observed forces, as a multiple of that of internal forces
-BESIDE = 1e-6  # rad, m: largest distance of a path's beginning from the object
-ACCELERATION = 20.0  # rad/s^2, m/s^2: bound of observed accelerations
+OBSERVED_MARGIN = 100.0  # N: bound of observed margins
+LARGEST_START_GAP = 1e-6  # rad, m: largest distance of a path's beginning from the object
+OBSERVED_ACCELERATION = 20.0  # rad/s^2, m/s^2: bound of observed accelerations
 
 
 @called
@@ -172,7 +171,7 @@ class CarryTask(Frozen, Task):
             got = type(first).__name__
             raise ModelError(f"{what}: path: expected t -> control.paths.Target (pose, twist, acceleration), got {got}")
         gap = float(np.abs(terms.away(first.pose, self.state.object_frame)).max())
-        if not gap <= BESIDE:
+        if not gap <= LARGEST_START_GAP:
             raise ModelError(
                 f"{what}: path: expected one that begins where the object is, got one that begins {gap:.3g} (m or rad)"
                 " beside it; try RestToRest(state.object_frame, ...)"
@@ -186,16 +185,16 @@ class CarryTask(Frozen, Task):
     @property
     def observed(self) -> Mapping[str, Array]:
         """Bounds of the parts of an observation, in the order of the observation."""
-        twist, force = np.full(6, terms.TWIST), TENFOLD * self.largest_internal
+        twist, force = np.full(6, terms.OBSERVED_TWIST), terms.OBSERVED_FORCE * self.largest_internal
         return {
             "path": terms.pose_bounds(),
             "path_twist": 2.0 * twist,
-            "path_acceleration": np.full(6, ACCELERATION),
+            "path_acceleration": np.full(6, OBSERVED_ACCELERATION),
             "goal": terms.pose_bounds(),
             "twist": twist,
             "time": np.ones(1),
             "wrench": np.full(6 * len(self.chain.arms), force),
-            "margin": np.full(len(self.chain.grasps), MARGIN),
+            "margin": np.full(len(self.chain.grasps), OBSERVED_MARGIN),
             **terms.joint_bounds(self.chain),
         }
 

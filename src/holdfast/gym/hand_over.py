@@ -36,7 +36,6 @@ from holdfast.spatial.scalar import Array, array, where
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import State
 
-TENFOLD = 10.0  # bound of observed forces, as a multiple of that of internal forces
 GIVING, BOTH, TAKEN = range(3)  # phases
 
 
@@ -185,7 +184,7 @@ class HandOverTask(Frozen, Task):
     @property
     def observed(self) -> Mapping[str, Array]:
         """Bounds of the parts of an observation, in the order of the observation."""
-        twist = np.full(6, terms.TWIST)
+        twist = np.full(6, terms.OBSERVED_TWIST)
         return {
             "gap": terms.pose_bounds(),
             "gap_twist": 2.0 * twist,
@@ -193,7 +192,7 @@ class HandOverTask(Frozen, Task):
             "twist": twist,
             "holds": np.ones(2),
             "time": np.ones(1),
-            "wrench": np.full(6 * len(self.chain.arms), TENFOLD * self.largest_internal),
+            "wrench": np.full(6 * len(self.chain.arms), terms.OBSERVED_FORCE * self.largest_internal),
             **terms.joint_bounds(self.chain),
         }
 

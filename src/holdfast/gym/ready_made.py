@@ -11,7 +11,7 @@ from holdfast.model.held_object import HeldObject
 from holdfast.robots.panda import panda
 from holdfast.state import State
 
-PLACE = (1, 0, 0, 0, 0, 0, 0.72)
+BOX_POSE = (1, 0, 0, 0, 0, 0, 0.72)
 
 
 def two_fingers() -> tuple[ClosedChain, State]:
@@ -20,7 +20,7 @@ def two_fingers() -> tuple[ClosedChain, State]:
     left = Grasp("softfinger", contact_frame([-0.15, 0, 0], into=[1, 0, 0]), contact=rubber)
     right = Grasp("softfinger", contact_frame([0.15, 0, 0], into=[-1, 0, 0]), contact=rubber)
     box = HeldObject.box(3.0, 0.3, 0.2, 0.2)
-    return assemble(_arms(0.55), box, {"left": left, "right": right}, object_pose=PLACE)
+    return assemble(_arms(0.55), box, {"left": left, "right": right}, object_pose=BOX_POSE)
 
 
 def two_hands() -> tuple[ClosedChain, State]:
@@ -28,7 +28,7 @@ def two_hands() -> tuple[ClosedChain, State]:
     left = Grasp("rigid", contact_frame([-0.15, 0, 0], into=[1, 0, 0]))
     right = Grasp("rigid", contact_frame([0.15, 0, 0], into=[-1, 0, 0]))
     box = HeldObject.box(1.0, 0.3, 0.1, 0.1)
-    return assemble(_arms(0.55), box, {"left": left, "right": right}, object_pose=PLACE)
+    return assemble(_arms(0.55), box, {"left": left, "right": right}, object_pose=BOX_POSE)
 
 
 def _arms(apart: float) -> dict[str, Arm]:

@@ -19,10 +19,11 @@ from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, 
 from holdfast.spatial.spatial_vector import shift_wrench, unrotate
 from holdfast.state import State
 
-FASTEST = 10.0  # rad/s or m/s: bound of observed rates of joints without a limit
-FARTHEST_SLIDE = 10.0  # m: bound of observed positions of prismatic joints without a limit
-TURN, SHIFT = np.pi, 2.0  # bounds of observed pose errors [rad, m]
-TWIST = 5.0  # bound of observed twists [rad/s, m/s]
+OBSERVED_RATE = 10.0  # rad/s or m/s: bound of observed rates of joints without a limit
+OBSERVED_SLIDE = 10.0  # m: bound of observed positions of prismatic joints without a limit
+OBSERVED_TURN, OBSERVED_SHIFT = np.pi, 2.0  # bounds of observed pose errors [rad, m]
+OBSERVED_FORCE = 10.0  # bound of observed forces, as a multiple of that of internal forces
+OBSERVED_TWIST = 5.0  # bound of observed twists [rad/s, m/s]
 
 
 def away(to: Pose, at: Pose) -> Array:
@@ -95,15 +96,15 @@ def joint_bounds(chain: ClosedChain) -> dict[str, Array]:
     """Return bounds of observed joint positions and rates: the limits or, without one, 2 pi, 10 m, 10 rad/s or m/s."""
     limits = joint_limits(chain)
     q = [_farthest(joint, *ends) for joint, *ends in zip(chain.all_joints, limits.low, limits.high, strict=True)]
-    return {"q": np.array(q), "qd": np.where(np.isfinite(limits.rate), limits.rate, FASTEST)}
+    return {"q": np.array(q), "qd": np.where(np.isfinite(limits.rate), limits.rate, OBSERVED_RATE)}
 
 
 def _farthest(joint: Joint, low: float, high: float) -> float:
     """Return the bound of the observed position of one joint."""
     end = max(abs(low), abs(high))
-    return float(end) if np.isfinite(end) else 2 * np.pi if joint.turns else FARTHEST_SLIDE
+    return float(end) if np.isfinite(end) else 2 * np.pi if joint.turns else OBSERVED_SLIDE
 
 
 def pose_bounds() -> Array:
     """Return bounds of a pose error, (6,) [rad, m]."""
-    return np.repeat([TURN, SHIFT], 3)
+    return np.repeat([OBSERVED_TURN, OBSERVED_SHIFT], 3)

@@ -13,18 +13,18 @@ from holdfast.model.link import Link
 from holdfast.model.visuals import Shape
 from holdfast.scenario.names import require_names
 from holdfast.scenario.poses import pose
-from holdfast.scenario.scene import BodyData, JointData, ObjectData
+from holdfast.scenario.scene import BodyTable, JointTable, ObjectTable
 from holdfast.spatial.scalar import Array
 
 MASSLESS_INERTIA = np.zeros((3, 3))
-LIMITS = ("position_limits", "rate_limit", "effort_limit")
-DRIVE = ("armature", "damping", "friction", "stiffness", "rest")
+LIMIT_KEYS = ("position_limits", "rate_limit", "effort_limit")
+DRIVE_KEYS = ("armature", "damping", "friction", "stiffness", "rest")
 SOLIDS: Mapping[str, Callable[..., HeldObject]] = {
     solid.__name__: solid for solid in (HeldObject.box, HeldObject.sphere, HeldObject.cylinder)
 }
 
 
-def joints_and_links(data: Sequence[JointData], at: Location) -> tuple[list[Joint], list[Link]]:
+def joints_and_links(data: Sequence[JointTable], at: Location) -> tuple[list[Joint], list[Link]]:
     """Return joints and the links that they move, from the base outward.
 
     Args:
@@ -42,7 +42,7 @@ def joints_and_links(data: Sequence[JointData], at: Location) -> tuple[list[Join
     return joints, [body(one.link, at / k / "link") for k, one in enumerate(data)]
 
 
-def body(data: BodyData, at: Location) -> Link:
+def body(data: BodyTable, at: Location) -> Link:
     """Return a rigid body; a body without mass needs no inertia.
 
     Raises:
@@ -54,7 +54,7 @@ def body(data: BodyData, at: Location) -> Link:
         return Link(data.mass, np.array(data.com), inertia_and_shape(data, at)[0], data.name)
 
 
-def inertia_and_shape(data: BodyData | ObjectData, at: Location) -> tuple[Array, Shape | None]:
+def inertia_and_shape(data: BodyTable | ObjectTable, at: Location) -> tuple[Array, Shape | None]:
     """Return the inertia about the mass centre, (3, 3) [kg m^2], and the shape of a sphere or a cylinder.
 
     Raises:
@@ -77,13 +77,13 @@ def inertia_and_shape(data: BodyData | ObjectData, at: Location) -> tuple[Array,
     return solid.inertia, solid.shape
 
 
-def _given(data: BodyData | ObjectData) -> list[str]:
+def _given(data: BodyTable | ObjectTable) -> list[str]:
     """Return the keys given for the mass distribution: a solid or an inertia."""
     return [key for key in (*SOLIDS, "inertia") if getattr(data, key) is not None]
 
 
-def _joint(data: JointData, at: Location) -> Joint:
-    limits = {key: given for key in LIMITS if (given := getattr(data, key)) is not None}
-    drive = {key: getattr(data, key) for key in DRIVE}
+def _joint(data: JointTable, at: Location) -> Joint:
+    limits = {key: given for key in LIMIT_KEYS if (given := getattr(data, key)) is not None}
+    drive = {key: getattr(data, key) for key in DRIVE_KEYS}
     with at.refusals():
         return Joint(data.kind, np.array(data.axis), pose(data, at), data.name, **limits, **drive)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from holdfast.io.files import one_line
 from holdfast.io.typed import Location
 
-NAME = re.compile(r"\w[\w.-]{0,63}")
+PATTERN = re.compile(r"\w[\w.-]{0,63}")
 
 
 def require_names(names: Iterable[str], at: Location, *key: str, optional: bool = False) -> None:
@@ -30,7 +30,7 @@ def require_names(names: Iterable[str], at: Location, *key: str, optional: bool 
             place = place / part
         if optional and not name:
             continue
-        if not NAME.fullmatch(name):
+        if not PATTERN.fullmatch(name):
             raise place.refuse(f"expected 1 to 64 letters, digits, '_', '-' and '.', got '{one_line(name, 60)}'")
         if name in first:
             raise place.refuse(f"'{name}' is already used at {first[name].path}")

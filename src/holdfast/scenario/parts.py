@@ -30,7 +30,7 @@ GAINS = ("internal_force", "joint_damping", "stiffness", "damping")
 MOST_COEFFICIENTS = 20  # of a polynomial; terms of higher order are lost in rounding
 
 
-def grasp(data: scene.GraspData, at: Location) -> Grasp:
+def grasp(data: scene.GraspTable, at: Location) -> Grasp:
     """Return a grasp."""
     frame = pose(data, at)
     contact = limits = None
@@ -46,14 +46,14 @@ def grasp(data: scene.GraspData, at: Location) -> Grasp:
         return Grasp(data.kind, frame, contact, limits, data.pitch, motion, data.stiffness, data.damping)
 
 
-def spring(data: scene.SpringData, arms: Mapping[str, Arm], trunk: Trunk | None, at: Location) -> Spring:
+def spring(data: scene.SpringTable, arms: Mapping[str, Arm], trunk: Trunk | None, at: Location) -> Spring:
     """Return a spring whose ends are resolved to links of the arms or the trunk."""
     with at.refusals():
         a, b = (SpringEnd(end.body, end.point, end.link) for end in (data.a, data.b))
         return Spring(a, b, data.stiffness, data.length, data.damping).found(arms, trunk)
 
 
-def held_object(data: scene.ObjectData, at: Location) -> HeldObject:
+def held_object(data: scene.ObjectTable, at: Location) -> HeldObject:
     """Return the held object; if a solid is given, it has uniform density and its centre is at `com`."""
     com = np.array(data.com, dtype=float)
     with at.refusals():
@@ -62,7 +62,7 @@ def held_object(data: scene.ObjectData, at: Location) -> HeldObject:
 
 
 def controller(
-    data: scene.GravityCompensationData | scene.ObjectTrackingData | scene.TorqueScheduleData | None,
+    data: scene.GravityCompensationTable | scene.ObjectTrackingTable | scene.TorqueScheduleTable | None,
     chain: ClosedChain,
     state: State,
     at: Location,
@@ -75,12 +75,12 @@ def controller(
     """
     if data is None:
         return TorqueSchedule([0.0], [np.zeros((chain.joint_count, 1))])
-    if isinstance(data, scene.TorqueScheduleData):
+    if isinstance(data, scene.TorqueScheduleTable):
         return _schedule(data, chain, state, at)
     for key in GAINS:
         if getattr(data, key, 0.0) < 0:
             raise (at / key).refuse(f"expected >= 0, got {getattr(data, key):g}")
-    if isinstance(data, scene.GravityCompensationData):
+    if isinstance(data, scene.GravityCompensationTable):
         with at.refusals():
             return GravityCompensation(chain, data.internal_force, data.joint_damping)
     if not chain.grasps:
@@ -90,7 +90,7 @@ def controller(
         return ObjectTracking(chain, path.at, data.internal_force, data.stiffness, data.damping, data.joint_damping)
 
 
-def object_path(data: scene.PathData, state: State, at: Location) -> RestToRest | PoseSpline:
+def object_path(data: scene.PathTable, state: State, at: Location) -> RestToRest | PoseSpline:
     """Return the path of the object, which begins at its initial pose.
 
     Raises:
@@ -126,7 +126,7 @@ def object_path(data: scene.PathData, state: State, at: Location) -> RestToRest 
         return PoseSpline(poses, [data.begin, *(via.t for via in data.through)])
 
 
-def _schedule(data: scene.TorqueScheduleData, chain: ClosedChain, state: State, at: Location) -> TorqueSchedule:
+def _schedule(data: scene.TorqueScheduleTable, chain: ClosedChain, state: State, at: Location) -> TorqueSchedule:
     names, tables = chain.joint_names(), []
     for i, piece in enumerate(data.pieces):
         here = at / "pieces" / i / "torques"

@@ -6,11 +6,11 @@ import numpy as np
 
 from holdfast.io.typed import Location
 from holdfast.model import checks
-from holdfast.scenario.scene import GraspData, PoseData
+from holdfast.scenario.scene import PoseTable
 from holdfast.spatial.pose import Pose
 
 
-def pose(data: PoseData | GraspData, at: Location) -> Pose:
+def pose(data: PoseTable, at: Location) -> Pose:
     """Return a pose; without an attitude its axes are parallel to the reference frame's."""
     if data.quaternion is not None and data.rpy is not None:
         raise at.refuse("expected quaternion or rpy, got both")

@@ -23,11 +23,11 @@ from holdfast.robots.urdf import UrdfChain, urdf_chain
 from holdfast.robots.urdf.source import Source, read_source
 from holdfast.scenario.joints import joints_and_links
 from holdfast.scenario.poses import pose
-from holdfast.scenario.scene import ArmData, TrunkData, UrdfData
+from holdfast.scenario.scene import ArmTable, TrunkTable, UrdfTable
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-ORIGINS = ("robot", "urdf", "joints", "anchor")
+ORIGIN_KEYS = ("robot", "urdf", "joints", "anchor")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class RobotFiles:
     kept: Mapping[str, Source] = field(default_factory=dict)
     packages: Mapping[str, str | PathLike[str]] = field(default_factory=dict)
 
-    def source(self, data: UrdfData, name: str) -> Source:
+    def source(self, data: UrdfTable, name: str) -> Source:
         """Return the URDF of an arm, or of the trunk.
 
         Raises:
@@ -82,7 +82,7 @@ class RobotFiles:
         return read_source(self.folder / data.file, data.xacro_args, self.trust_xacro, folders)
 
 
-def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
+def robot(data: ArmTable, files: RobotFiles, at: Location) -> Robot:
     """Return an arm at its base pose, and an initial guess of its joint positions.
 
     Args:
@@ -113,22 +113,22 @@ def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
     return finished(found, data, at)
 
 
-def require_one_origin(data: ArmData | TrunkData, at: Location) -> None:
+def require_one_origin(data: ArmTable | TrunkTable, at: Location) -> None:
     """Require exactly one of the keys that define an arm or a trunk; a floating trunk needs none of them.
 
     Raises:
         SceneError: none of these keys is given, or more than one.
     """
-    given = [origin for origin in ORIGINS if getattr(data, origin, None) not in (None, False)]
-    floats = isinstance(data, TrunkData) and data.floating is not None
+    given = [origin for origin in ORIGIN_KEYS if getattr(data, origin, None) not in (None, False)]
+    floats = isinstance(data, TrunkTable) and data.floating is not None
     if len(given) > 1 or not (given or floats):
-        *known, last = (origin for origin in ORIGINS if hasattr(data, origin))
-        also = " or floating" if isinstance(data, TrunkData) else ""
+        *known, last = (origin for origin in ORIGIN_KEYS if hasattr(data, origin))
+        also = " or floating" if isinstance(data, TrunkTable) else ""
         got = " and ".join(given) or "none of them"
         raise at.refuse(f"expected one of {', '.join(known)} and {last}{also}, got {got}")
 
 
-def finished(found: Robot, data: ArmData, at: Location) -> Robot:
+def finished(found: Robot, data: ArmTable, at: Location) -> Robot:
     """Return an arm with its tool and with the initial joint positions from the scene."""
     if data.tip is not None:
         arm, links = found.arm, found.links
@@ -163,7 +163,7 @@ def built_in(name: str | None, base: Pose, at: Location) -> Arm:
     return ROBOTS[name](base=base)
 
 
-def chain_of_file(data: UrdfData, source: Source, base: Pose, at: Location) -> UrdfChain:
+def chain_of_file(data: UrdfTable, source: Source, base: Pose, at: Location) -> UrdfChain:
     """Return the chain between two links of a file, with the armature and springs that the scene gives its joints.
 
     Raises:
@@ -186,7 +186,7 @@ def file_refusals(at: Location) -> Iterator[None]:
         raise type(cause)((at / "urdf").message(str(cause))) from cause
 
 
-def with_drives(data: UrdfData, chains: Sequence[Sequence[Joint]], at: Location) -> list[list[Joint]]:
+def with_drives(data: UrdfTable, chains: Sequence[Sequence[Joint]], at: Location) -> list[list[Joint]]:
     """Return the joints of chains with armature and springs from the scene instead of those of the file.
 
     Raises:

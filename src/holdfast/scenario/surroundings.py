@@ -12,7 +12,7 @@ from holdfast.control.paths import quintic
 from holdfast.errors import ModelError
 from holdfast.io.typed import Location
 from holdfast.model import checks
-from holdfast.scenario.scene import BaseMotionData, SwayData, WrenchData
+from holdfast.scenario.scene import BaseMotionTable, SwayTable, WrenchTable
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, cos, sin
@@ -20,7 +20,7 @@ from holdfast.spatial.vector import cross
 from holdfast.state import Inputs
 
 QUICKEST_START = 1e-6  # [s]; a shorter start would be a jump
-FASTEST = 1e4  # [Hz]; beyond any real base motion
+HIGHEST_FREQUENCY = 1e4  # [Hz]; beyond any real base motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +50,8 @@ class SwayingBase:
         for name in ("amplitude", "frequency", "phase"):
             object.__setattr__(self, name, checks.numbers(getattr(self, name), (6,), f"base motion: {name}"))
         checks.number(self.smooth_start, "base motion: smooth_start", at_least=QUICKEST_START)
-        if (fastest := float(np.abs(self.frequency).max())) > FASTEST:
-            raise ModelError(f"base motion: frequency: expected at most {FASTEST:g} Hz, got {fastest:g}")
+        if (fastest := float(np.abs(self.frequency).max())) > HIGHEST_FREQUENCY:
+            raise ModelError(f"base motion: frequency: expected at most {HIGHEST_FREQUENCY:g} Hz, got {fastest:g}")
 
     def __call__(self, t: Scalar) -> tuple[Pose, Array, Array]:
         """Return pose, twist and acceleration (plain derivative) of the base at time t, world axes."""
@@ -105,13 +105,13 @@ class Pushes:
         return [float(t) for t in (*self.begins, *self.ends) if np.isfinite(t)]
 
 
-def swaying_base(data: BaseMotionData, rest: Pose, at: Location) -> SwayingBase:
+def swaying_base(data: BaseMotionTable, rest: Pose, at: Location) -> SwayingBase:
     """Return a base's motion.
 
     Raises:
         SceneError: `smooth_start` is too short, or a number is impossible.
     """
-    still = SwayData(amplitude=(0.0, 0.0, 0.0), frequency=(0.0, 0.0, 0.0))
+    still = SwayTable(amplitude=(0.0, 0.0, 0.0), frequency=(0.0, 0.0, 0.0))
     turn, shift = data.turn or still, data.shift or still
     with at.refusals():
         return SwayingBase(
@@ -123,7 +123,7 @@ def swaying_base(data: BaseMotionData, rest: Pose, at: Location) -> SwayingBase:
         )
 
 
-def pushes(data: Sequence[WrenchData], at: Location) -> Pushes:
+def pushes(data: Sequence[WrenchTable], at: Location) -> Pushes:
     """Return the wrenches on the object.
 
     Raises:

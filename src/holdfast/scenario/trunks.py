@@ -18,12 +18,12 @@ from holdfast.robots.urdf.source import Source
 from holdfast.scenario import robots
 from holdfast.scenario.joints import body, joints_and_links
 from holdfast.scenario.poses import pose
-from holdfast.scenario.scene import ArmData, TrunkData
+from holdfast.scenario.scene import ArmTable, TrunkTable
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-OWN_PLACE = ("mount", "base", "base_motion")  # keys that an arm from the trunk's file cannot have
+PLACE_KEYS = ("mount", "base", "base_motion")  # keys that an arm from the trunk's file cannot have
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class SceneTrunk:
         return () if found is None else found.notes
 
 
-def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: robots.RobotFiles, at: Location) -> SceneTrunk:
+def scene_trunk(data: TrunkTable, arms: Sequence[ArmTable], files: robots.RobotFiles, at: Location) -> SceneTrunk:
     """Return the trunk at its initial pose.
 
     Args:
@@ -95,7 +95,7 @@ def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: robots.RobotFil
     return _where_it_floats(found, data, base, here)
 
 
-def _where_it_floats(found: SceneTrunk, data: TrunkData, base: Pose, at: Location) -> SceneTrunk:
+def _where_it_floats(found: SceneTrunk, data: TrunkTable, base: Pose, at: Location) -> SceneTrunk:
     """Return the trunk with pose and twist of a floating base; refuse keys that do not apply to its base."""
     if found.trunk.floating is None:
         if data.twist is not None:
@@ -118,7 +118,7 @@ def _carrying(arm: Arm) -> Trunk:
 
 
 def _of_file(
-    data: TrunkData, base: Pose, floats: bool, arms: Sequence[ArmData], files: robots.RobotFiles, at: Location
+    data: TrunkTable, base: Pose, floats: bool, arms: Sequence[ArmTable], files: robots.RobotFiles, at: Location
 ) -> SceneTrunk:
     """Return a trunk from a URDF file; see `scene_trunk`."""
     urdf, here = data.urdf, at / TRUNK
@@ -162,14 +162,14 @@ def _of_file(
     return replace(_at_rest(trunk), mounts=found.mounts, arms=FrozenDict(carried), source=source, links=links)
 
 
-def _require_arms_of_file(tips: Mapping[str, str], arms: Sequence[ArmData], at: Location) -> None:
+def _require_arms_of_file(tips: Mapping[str, str], arms: Sequence[ArmTable], at: Location) -> None:
     """Refuse tips of arms that the scene does not have, and arms that are also defined outside the trunk's file."""
     places = {arm.name: i for i, arm in enumerate(arms)}
     for name in tips:
         if name not in places:
             raise (at / TRUNK / "urdf" / "tips").refuse(f"no arm '{name}'.{checks.did_you_mean(name, places)}")
         arm = arms[places[name]]
-        for key in (*robots.ORIGINS, *OWN_PLACE):
+        for key in (*robots.ORIGIN_KEYS, *PLACE_KEYS):
             if getattr(arm, key) not in (None, False):
                 where = at / "arms" / places[name] / key
                 raise where.refuse(f"expected none, as the arm is from the file of the trunk, {TRUNK}.urdf.tips")

@@ -16,18 +16,18 @@ from typing import Any
 
 from holdfast.errors import HoldfastError, MissingExtra, ResultError
 from holdfast.io.files import one_line
-from holdfast.sweeps.chunk import Computed, Task, compute
+from holdfast.sweeps.chunk import Chunk, Computed, compute
 from holdfast.sweeps.workers import deaf_to_interrupts
 
 LOCAL = "local"  # a cluster of this computer's processes
 # settings of a local cluster: background work of Dask, which would take several per cent of a processor
-IDLE = {
+LOCAL_SETTINGS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "5s",
 }
 MOST_LOSSES = 10  # losses of chunks or of the scheduler without a computed chunk in between
-PATIENCE = 30.0  # time to wait for a scheduler and its first worker [s]
+CONNECTION_TIMEOUT = 30.0  # time to wait for a scheduler and its first worker [s]
 
 
 def require_dask() -> Any:
@@ -43,7 +43,7 @@ def require_dask() -> Any:
     return distributed
 
 
-def computed_by_cluster(cluster: str, workers: int, tasks: Iterator[Task], ahead: int) -> Iterator[Computed]:
+def computed_by_cluster(cluster: str, workers: int, tasks: Iterator[Chunk], ahead: int) -> Iterator[Computed]:
     """Yield the results of chunks that a cluster computes.
 
     Args:
@@ -70,11 +70,11 @@ class _Left:
         done: whether no chunk is left.
     """
 
-    def __init__(self, tasks: Iterator[Task]) -> None:
-        self.again: list[Task] = []
+    def __init__(self, tasks: Iterator[Chunk]) -> None:
+        self.again: list[Chunk] = []
         self.done, self._tasks, self._losses = False, tasks, 0
 
-    def next(self) -> Task | None:
+    def next(self) -> Chunk | None:
         """Return a chunk; None if all have been submitted or computed."""
         return self.again.pop() if self.again else next(self._tasks, None)
 
@@ -82,7 +82,7 @@ class _Left:
         """Reset the count of losses, because a chunk was computed."""
         self._losses = 0
 
-    def lost(self, tasks: list[Task], cause: BaseException) -> None:
+    def lost(self, tasks: list[Chunk], cause: BaseException) -> None:
         """Take back the chunks that a cluster lost.
 
         Raises:
@@ -100,7 +100,9 @@ class _Left:
 def _until_lost(client: Any, left: _Left, ahead: int) -> Iterator[Computed]:
     """Yield the results of chunks until all are computed (`left.done`) or the scheduler is gone."""
     distributed = require_dask()
-    at_work: dict[Any, Task] = {}  # Dask's executor forgets a future whose result is on its way when the scheduler dies
+    at_work: dict[
+        Any, Chunk
+    ] = {}  # Dask's executor forgets a future whose result is on its way when the scheduler dies
     while True:
         try:
             while len(at_work) < ahead and (task := left.next()) is not None:
@@ -161,11 +163,11 @@ def _connected(cluster: str, workers: int) -> Iterator[Any]:
                 scratch = ends.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
                 own = {"n_workers": workers, "threads_per_worker": 1, "local_directory": scratch}
                 own |= {"dashboard_address": None, "worker_dashboard_address": None, "memory_limit": 0}
-                ends.enter_context(dask.config.set(IDLE))
+                ends.enter_context(dask.config.set(LOCAL_SETTINGS))
                 with deaf_to_interrupts():
                     address = ends.enter_context(distributed.LocalCluster(silence_logs=logging.CRITICAL, **own))
-            client = ends.enter_context(distributed.Client(address, timeout=PATIENCE, set_as_default=False))
-            client.wait_for_workers(1, timeout=PATIENCE)
+            client = ends.enter_context(distributed.Client(address, timeout=CONNECTION_TIMEOUT, set_as_default=False))
+            client.wait_for_workers(1, timeout=CONNECTION_TIMEOUT)
         except Exception as cause:  # any error of Dask's transports
             reason = one_line(str(cause), 200) or type(cause).__name__
             raise ResultError(

@@ -18,7 +18,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import reporting
 from holdfast.simulation.rollout.arguments import whole_number, whole_steps
 from holdfast.state import State
-from holdfast.sweeps.chunk import Computed, Task, parquet_modules
+from holdfast.sweeps.chunk import Chunk, Computed, parquet_modules
 from holdfast.sweeps.cluster import LOCAL, computed_by_cluster, require_dask
 from holdfast.sweeps.plan import OUTPUTS, Plan, find_generic_rank, made_by, plan_of
 from holdfast.sweeps.progress import Progress
@@ -193,7 +193,7 @@ def _compute_missing(
             tell(Progress(there + counts.total(), plan.count, dict(counts), rate))
 
 
-def _computed(tasks: Iterator[Task], workers: Any, cluster: str | None, ahead: int, count: int) -> Iterator[Computed]:
+def _computed(tasks: Iterator[Chunk], workers: Any, cluster: str | None, ahead: int, count: int) -> Iterator[Computed]:
     if cluster is not None:
         return computed_by_cluster(cluster, workers, tasks, ahead) if count else iter(())
     if not isinstance(workers, int):
@@ -203,7 +203,7 @@ def _computed(tasks: Iterator[Task], workers: Any, cluster: str | None, ahead: i
     return computed_by_processes(tasks, workers)
 
 
-def _tasks(plan: Plan, digest: str, missing: Sequence[int]) -> Iterator[Task]:
+def _tasks(plan: Plan, digest: str, missing: Sequence[int]) -> Iterator[Chunk]:
     """Yield chunks on demand, so that few of them are in memory."""
     rollout, drawn = pickle.dumps(plan.rollout), plan.drawn()
     every = whole_steps(plan.duration, plan.step)
@@ -211,4 +211,4 @@ def _tasks(plan: Plan, digest: str, missing: Sequence[int]) -> Iterator[Task]:
     for k in missing:
         begin, end = plan.bounds(k)
         rows = plan.rows(begin, end)
-        yield Task(k, begin, rollout, rows, drawn, run, plan.outputs, digest, made_by())
+        yield Chunk(k, begin, rollout, rows, drawn, run, plan.outputs, digest, made_by())

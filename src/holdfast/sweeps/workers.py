@@ -19,24 +19,24 @@ from multiprocessing.connection import wait as wait_for
 from typing import Any
 
 from holdfast.errors import ResultError
-from holdfast.sweeps.chunk import Computed, Task, compute
+from holdfast.sweeps.chunk import Chunk, Computed, compute
 
 MOST_DEATHS = 10  # deaths of processes without a computed chunk in between
 
 
-def computed_here(tasks: Iterator[Task]) -> Iterator[Computed]:
+def computed_here(tasks: Iterator[Chunk]) -> Iterator[Computed]:
     """Yield the results of chunks that are computed one after the other in this process."""
     return map(compute, tasks)
 
 
-def computed_by_processes(tasks: Iterator[Task], count: int, most_deaths: int = MOST_DEATHS) -> Iterator[Computed]:
+def computed_by_processes(tasks: Iterator[Chunk], count: int, most_deaths: int = MOST_DEATHS) -> Iterator[Computed]:
     """Yield the results of chunks that processes of this computer compute; those that die are replaced.
 
     Raises:
         ResultError: processes die repeatedly.
     """
-    again: list[Task] = []
-    at_work: dict[Any, Task] = {}
+    again: list[Chunk] = []
+    at_work: dict[Any, Chunk] = {}
     processes: dict[Any, Any] = dict(_new_process() for _ in range(count))
     deaths = 0
     try:
@@ -73,7 +73,7 @@ def computed_by_processes(tasks: Iterator[Task], count: int, most_deaths: int = 
             _end(pipe, process)
 
 
-def computed_by(executor: Executor, tasks: Iterator[Task], ahead: int) -> Iterator[Computed]:
+def computed_by(executor: Executor, tasks: Iterator[Chunk], ahead: int) -> Iterator[Computed]:
     """Yield the results of chunks that an executor of the user computes; a limited number is submitted at a time.
 
     Raises:

@@ -15,12 +15,12 @@ from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, DANGER, arm_style
 from holdfast.view.playback import torque_use
 from holdfast.view.plots import columns_of_panels, without_spikes, worst_gaps
 
-MOST_RUNS = len(ARM_COLOURS) * len(ARM_LINES)  # runs with distinct styles
+MOST_COMPARED = len(ARM_COLOURS) * len(ARM_LINES)  # runs with distinct styles
 
-HAND_ROWS = FORCE, MOMENT, INTERNAL, MARGIN, TORQUE = (
+HAND_ROWS = FORCE_ROW, MOMENT_ROW, INTERNAL_ROW, MARGIN_ROW, TORQUE_ROW = (
     "force [N]", "moment [N m]", "internal [N]", "margin [N]", "torque [%]",
 )  # fmt: skip
-LIMITS = {MARGIN: 0.0, TORQUE: 100.0}
+LIMIT_LINES = {MARGIN_ROW: 0.0, TORQUE_ROW: 100.0}
 
 Runs = Mapping[str, Trajectory]
 Curves = dict[str, Sequence[Array | None]]  # (samples,) of each run, None for those without, by label
@@ -48,10 +48,11 @@ def compare_runs(runs: Runs) -> dict[str, Any]:
     """
     from holdfast.view.inline import Figures
 
-    if not isinstance(runs, Mapping) or not 2 <= len(runs) <= MOST_RUNS:
+    if not isinstance(runs, Mapping) or not 2 <= len(runs) <= MOST_COMPARED:
         got = f"{len(runs)}" if isinstance(runs, Mapping) else f"a {type(runs).__name__}"
         raise StateError(
-            f"runs: expected 2 to {MOST_RUNS} runs by name, got {got}; try compare_runs({{'first': a, 'second': b}})"
+            f"runs: expected 2 to {MOST_COMPARED} runs by name, got {got}; try"
+            " compare_runs({'first': a, 'second': b})"
         )
     whole: dict[str, Trajectory] = {}
     for name, run in runs.items():
@@ -84,12 +85,12 @@ def _hands_figure(runs: Runs) -> Any:
             column[0].set_title(drawn_text(name))
             for panel, row in zip(column, rows, strict=True):
                 _draw(panel, runs, [of[row] for of in hands[name]])
-                if row in LIMITS:
-                    panel.axhline(LIMITS[row], color=DANGER, linewidth=0.8)
+                if row in LIMIT_LINES:
+                    panel.axhline(LIMIT_LINES[row], color=DANGER, linewidth=0.8)
         without_spikes(figure, columns)
         for column in columns:  # after all curves are drawn, because the panels of a row share an axis
             for panel, row in zip(column, rows, strict=True):
-                panel.set_ylim(bottom=None if row == MARGIN else 0.0)
+                panel.set_ylim(bottom=None if row == MARGIN_ROW else 0.0)
         _name_runs(figure, runs)
     return figure
 
@@ -102,11 +103,11 @@ def _of_hand(run: Trajectory, name: str) -> dict[str, Array | None]:
     i = chain.names.index(name)
     margin, use = run.margin[:, i], torque_use(chain, name, run.tau)
     return {
-        FORCE: np.linalg.norm(run.grasp_wrench[:, i, 3:], axis=1),
-        MOMENT: np.linalg.norm(run.grasp_wrench[:, i, :3], axis=1),
-        INTERNAL: np.linalg.norm(run.internal_wrench[:, i, 3:], axis=1),
-        MARGIN: np.where(np.isfinite(margin), margin, np.nan) if np.isfinite(margin).any() else None,
-        TORQUE: None if use is None else 100 * use,
+        FORCE_ROW: np.linalg.norm(run.grasp_wrench[:, i, 3:], axis=1),
+        MOMENT_ROW: np.linalg.norm(run.grasp_wrench[:, i, :3], axis=1),
+        INTERNAL_ROW: np.linalg.norm(run.internal_wrench[:, i, 3:], axis=1),
+        MARGIN_ROW: np.where(np.isfinite(margin), margin, np.nan) if np.isfinite(margin).any() else None,
+        TORQUE_ROW: None if use is None else 100 * use,
     }
 
 

@@ -21,7 +21,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.view import meshes
 from holdfast.view.meshes import Mesh
 
-OBJECT = "object"
+OBJECT_NAME = "object"
 UNCOLOURED = (0.78, 0.78, 0.8, 1.0)
 SHRINK = 0.003
 
@@ -125,7 +125,7 @@ def notes_on(missing: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
     """Return a sentence for each arm, "trunk" or "object" with unreadable meshes, which names the first of them."""
     found = []
     for name, (first, *others) in missing.items():
-        what = name if name in (TRUNK, OBJECT) else f"arm '{name}'"
+        what = name if name in (TRUNK, OBJECT_NAME) else f"arm '{name}'"
         more = f", and {len(others)} more" if others else ""
         found.append(f"{what} is drawn with simple solids: {first}{more}")
     return tuple(found)

@@ -11,8 +11,8 @@ from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
 from holdfast.view.figure_style import COLUMN, DANGER, arm_style, drawn_text, new_figure
 
-MOST_NAMED = 4  # instants of slip with their times beside
-OPEN = 1e-6  # of the axis: wider ranges of margins are drawn
+MOST_TIMED_SLIPS = 4  # instants of slip with their times beside
+NARROWEST_BAND = 1e-6  # of the axis: wider ranges of margins are drawn
 BEYOND = 1e9  # N: further than any axis goes
 
 
@@ -42,7 +42,7 @@ def friction_margin_figure(chain: ClosedChain, run: Trajectory) -> Any:
         low, high = _range(run.margin)
         for i in limited:
             worst, best = (np.clip(m[:, i], -BEYOND, BEYOND) for m in (run.worst_margin, run.best_margin))
-            if (best - worst > OPEN * (high - low)).any():
+            if (best - worst > NARROWEST_BAND * (high - low)).any():
                 panel.fill_between(run.t, worst, best, color=arm_style(i)[0], alpha=0.15, linewidth=0)
         _mark_slips(panel, run, slips(chain, run), low, high)
         panel.set_ylabel("margin of the grasp [N]")
@@ -56,12 +56,12 @@ def _mark_slips(panel: Any, run: Trajectory, found: list[tuple[str, float]], low
     """Set the axes about margins from low to high, with room above for the instants of slip; draw those."""
     begin, end = float(run.t[0]), float(run.t[-1])
     line = 0.16 * (high - low)
-    top = high + line * (0.5 + min(len(found), MOST_NAMED))
+    top = high + line * (0.5 + min(len(found), MOST_TIMED_SLIPS))
     panel.set_ylim(low - 0.5 * line, top)
     panel.set_xlim(begin, end + 0.02 * ((end - begin) or 1.0))
     for k, (name, t) in enumerate(found):
         panel.axvline(t, color=DANGER, linewidth=0.8, linestyle="--")
-        if k < MOST_NAMED:
+        if k < MOST_TIMED_SLIPS:
             late = t > 0.6 * end + 0.4 * begin
             panel.annotate(
                 f"{drawn_text(name)} gives way at {t:.4g} s", (t, top - k * line), (-3 if late else 3, -1),

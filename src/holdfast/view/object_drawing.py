@@ -15,7 +15,7 @@ from holdfast.view.link_meshes import surface_of_object
 from holdfast.view.markers import box_lines
 from holdfast.view.meshes import Mesh
 
-AROUND = 48  # lines of a circle
+CIRCLE_LINES = 48  # lines of a circle
 
 
 def drawn_object(held: HeldObject) -> tuple[Mesh, Array, Array, Pose]:
@@ -38,14 +38,14 @@ def outline(held: HeldObject) -> Array:
             return np.concatenate([_circle(radius, axis, 0.0) for axis in range(3)])
         case Cylinder(radius, length):
             rims = [_circle(radius, 2, z) for z in (-length / 2, length / 2)]
-            starts = rims[0][:: AROUND // 4, 0]
+            starts = rims[0][:: CIRCLE_LINES // 4, 0]
             return np.concatenate([*rims, np.stack([starts, starts + np.array([0.0, 0.0, length])], axis=1)])
     return np.zeros((0, 2, 3))
 
 
 def _circle(radius: float, axis: int, height: float) -> Array:
-    """Return a circle about an axis, at a height along it, as lines (AROUND, 2, 3)."""
-    angles = np.linspace(0.0, 2 * np.pi, AROUND + 1)
-    points = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(AROUND + 1, height)])
+    """Return a circle about an axis, at a height along it, as lines (CIRCLE_LINES, 2, 3)."""
+    angles = np.linspace(0.0, 2 * np.pi, CIRCLE_LINES + 1)
+    points = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(CIRCLE_LINES + 1, height)])
     points = np.roll(points, axis + 1, axis=1)
     return np.stack([points[:-1], points[1:]], axis=1)

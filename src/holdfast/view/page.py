@@ -19,7 +19,7 @@ from holdfast.view.chooser import different_playbacks, with_chooser
 from holdfast.view.embedded import data_element, escaped
 from holdfast.view.figure_style import BLACK, NOISE, TRUNK_COLOUR, part_colour
 from holdfast.view.markers import ArrowScale, common_scale
-from holdfast.view.playback import RATE, Playback
+from holdfast.view.playback import FRAME_RATE, Playback
 from holdfast.view.scene_writer import SceneWriter, viewer_server
 from holdfast.view.spikes import usual_range
 
@@ -64,7 +64,7 @@ def page(playback: Playback, scale: ArrowScale | None = None) -> str:
             recording.insert_sleep(float(playback.t[k] - playback.t[k - 1]))
             scene.show(k)
         if len(playback) > 1:
-            recording.insert_sleep(1 / RATE)  # otherwise the player would be at the beginning when it ends
+            recording.insert_sleep(1 / FRAME_RATE)  # otherwise the player would be at the beginning when it ends
         return with_panel(recording.as_html(), playback, scene.scale)
 
 

@@ -23,10 +23,10 @@ from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
-from holdfast.view.link_meshes import OBJECT, LinkMesh, meshes_in_files, notes_on, surface_of_object
+from holdfast.view.link_meshes import OBJECT_NAME, LinkMesh, meshes_in_files, notes_on, surface_of_object
 
-Visuals = Mapping[str, Sequence[Sequence[LinkMesh]]]
-RATE = 30.0  # frames per second
+DrawnSurfaces = Mapping[str, Sequence[Sequence[LinkMesh]]]
+FRAME_RATE = 30.0  # frames per second
 SMALLEST_HOLD = 1e-9  # N
 MOST_FRAMES = 20_000  # more take minutes to draw, and as long to load
 
@@ -70,7 +70,7 @@ class Playback:
     condition: Array
     strength: Array
     tau: Array
-    visuals: Visuals = field(default_factory=dict)
+    visuals: DrawnSurfaces = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -110,9 +110,9 @@ def playback_of_run(
     chain: ClosedChain,
     run: Trajectory,
     title: str = "run",
-    rate: float = RATE,
+    rate: float = FRAME_RATE,
     base_motion: Mapping[str, BaseMotion] | None = None,
-    visuals: Visuals | None = None,
+    visuals: DrawnSurfaces | None = None,
 ) -> Playback:
     """Return the playback of a run: the samples nearest to `rate` frames per second, without interpolation.
 
@@ -148,7 +148,7 @@ def playback_of_run(
     )  # fmt: skip
 
 
-def playback_of_instant(at: Instant, title: str, visuals: Visuals | None = None) -> Playback:
+def playback_of_instant(at: Instant, title: str, visuals: DrawnSurfaces | None = None) -> Playback:
     """Return a playback of one frame: a state, its torques, and the result of forward dynamics."""
     chain, state, found = at.chain, at.state, at.result
     margin = np.full(len(chain.arms), np.inf)
@@ -163,11 +163,11 @@ def playback_of_instant(at: Instant, title: str, visuals: Visuals | None = None)
     return Playback(chain, title, *(np.array([part]) for part in parts), visuals=surfaces, notes=notes)
 
 
-def _surfaces(chain: ClosedChain, visuals: Visuals | None) -> tuple[Visuals, tuple[str, ...]]:
+def _surfaces(chain: ClosedChain, visuals: DrawnSurfaces | None) -> tuple[DrawnSurfaces, tuple[str, ...]]:
     """Return the surfaces of arms and trunk, and sentences about meshes that cannot be read."""
     found, missing = meshes_in_files(chain) if visuals is None else (visuals, {})
     surface = surface_of_object(chain.held_object)
-    of_object = {OBJECT: (str(surface),)} if isinstance(surface, MeshFault) else {}
+    of_object = {OBJECT_NAME: (str(surface),)} if isinstance(surface, MeshFault) else {}
     return found, notes_on({**missing, **of_object})
 
 

@@ -96,8 +96,8 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     """
     held = [i for i in range(len(chain.names)) if run.holding[:, i].any()]
     internal = run.internal_wrench[..., 3:]
-    norms = (np.linalg.norm(part, axis=2) for part in (run.grasp_wrench[..., 3:] - internal, internal))
-    parts = list(zip(("motion part", "internal part"), norms, ("-", "--"), (style.BLACK, style.INTERNAL), strict=True))
+    norms = [np.linalg.norm(part, axis=2) for part in (run.grasp_wrench[..., 3:] - internal, internal)]
+    looks = (("motion part", "-", style.BLACK), ("internal part", "--", style.INTERNAL_COLOUR))
     size = np.abs(run.grasp_wrench).max(axis=(0, 1), initial=0.0)
     rows = {"force [N]": 3, "moment [N m]": 0} if size[:3].max() > style.NOISE * size[3:].max() else {"force [N]": 3}
     with columns_of_panels(len(held), 1.4 * (len(rows) + 1), 0.3, (*rows, "|force| [N]")) as (figure, columns):
@@ -106,7 +106,7 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
             for panel, first in zip(wrench, rows.values(), strict=True):
                 for axis, (label, colour, line) in enumerate(COMPONENTS):
                     panel.plot(run.t, run.grasp_wrench[:, i, first + axis], line, color=colour, label=label)
-            for label, norm, line, colour in parts:
+            for norm, (label, line, colour) in zip(norms, looks, strict=True):
                 split.plot(run.t, norm[:, i], line, color=colour, label=label)
         handles = [*columns[0][0].lines, *columns[0][-1].lines] if held else []
         without_spikes(figure, columns)

@@ -9,10 +9,10 @@ import numpy as np
 
 from holdfast.spatial.scalar import Array
 
-USUAL = 0.95  # share of the samples that the usual range contains
-RARE = 4.0  # a peak so many times the usual size is a spike
-ROOM = 1.5  # the axis reaches to so many times the usual size
-FEWEST = 20  # samples of a curve that can have a spike
+USUAL_SHARE = 0.95  # share of the samples that the usual range contains
+SPIKE_RATIO = 4.0  # a peak so many times the usual size is a spike
+AXIS_ROOM = 1.5  # the axis reaches to so many times the usual size
+FEWEST_SAMPLES = 20  # samples of a curve that can have a spike
 
 
 def usual_range(curves: Sequence[Array]) -> tuple[float, float] | None:
@@ -21,13 +21,13 @@ def usual_range(curves: Sequence[Array]) -> tuple[float, float] | None:
     Args:
         curves: (samples,) values of each curve; what is not finite does not count.
     """
-    known = [curve[np.isfinite(curve)] for curve in curves if len(curve) >= FEWEST]
+    known = [curve[np.isfinite(curve)] for curve in curves if len(curve) >= FEWEST_SAMPLES]
     known = [curve for curve in known if len(curve)]
-    usual = max((float(np.quantile(np.abs(curve), USUAL)) for curve in known), default=0.0)
+    usual = max((float(np.quantile(np.abs(curve), USUAL_SHARE)) for curve in known), default=0.0)
     low, high = min(map(np.min, known), default=0.0), max(map(np.max, known), default=0.0)
-    if usual == 0.0 or max(-low, high) <= RARE * usual:
+    if usual == 0.0 or max(-low, high) <= SPIKE_RATIO * usual:
         return None
-    return max(float(low), -ROOM * usual), min(float(high), ROOM * usual)
+    return max(float(low), -AXIS_ROOM * usual), min(float(high), AXIS_ROOM * usual)
 
 
 def cut_spikes(panels: Sequence[Any], shown: Sequence[float] = ()) -> Any | None:
