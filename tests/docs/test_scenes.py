@@ -19,7 +19,7 @@ NONE = "\N{EN DASH}"
 
 
 def structs(kind) -> list[type[msgspec.Struct]]:
-    """Return the structures inside a type such as `list[ArmData] | None`."""
+    """Return the structures inside a type such as `list[ArmTable] | None`."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return [kind]
     return [found for argument in typing.get_args(kind) for found in structs(argument)]

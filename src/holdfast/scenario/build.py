@@ -28,13 +28,10 @@ from holdfast.model.trunk import Trunk
 from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf.source import Source
 from holdfast.scenario import parts
-from holdfast.scenario.names import require_names
+from holdfast.scenario.joints import pose, require_names
 from holdfast.scenario.overrides import overridden, toml_text
-from holdfast.scenario.poses import pose
-from holdfast.scenario.robots import Robot, RobotFiles, robot
+from holdfast.scenario.robots import Robot, RobotFiles, SceneTrunk, robot, scene_trunk
 from holdfast.scenario.scene import ArmTable, ReleaseTable, SceneTable, SweepTable
-from holdfast.scenario.surroundings import SwayingBase, pushes, swaying_base
-from holdfast.scenario.trunks import SceneTrunk, scene_trunk
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.events import Attach, Event, Release, holding_after
 from holdfast.simulation.stops import step_times
@@ -314,7 +311,7 @@ def build_options(data: SceneTable, chain: ClosedChain, at: Location) -> dict[st
         SceneError: with the path of the first fault.
     """
     how = data.simulation
-    pushed = pushes(data.wrenches, at / "wrenches")
+    pushed = parts.pushes(data.wrenches, at / "wrenches")
     swaying = build_base_motion(data, chain, at)
     with (at / "simulation").refusals():
         Tolerance(how.rtol, how.atol)
@@ -331,20 +328,20 @@ def build_options(data: SceneTable, chain: ClosedChain, at: Location) -> dict[st
     }
 
 
-def build_base_motion(data: SceneTable, chain: ClosedChain, at: Location) -> dict[str, SwayingBase]:
+def build_base_motion(data: SceneTable, chain: ClosedChain, at: Location) -> dict[str, parts.SwayingBase]:
     """Return the motions of bases in the world, by arm name; "trunk" for the trunk.
 
     Raises:
         SceneError: with the path of the first fault.
     """
     moving = {
-        arm.name: swaying_base(arm.base_motion, chain.arms[arm.name].base, at / "arms" / i / "base_motion")
+        arm.name: parts.swaying_base(arm.base_motion, chain.arms[arm.name].base, at / "arms" / i / "base_motion")
         for i, arm in enumerate(data.arms)
         if arm.base_motion is not None
     }
     if data.trunk is not None and data.trunk.base_motion is not None:
         assert chain.trunk is not None
-        moving[TRUNK] = swaying_base(data.trunk.base_motion, chain.trunk.base, at / TRUNK / "base_motion")
+        moving[TRUNK] = parts.swaying_base(data.trunk.base_motion, chain.trunk.base, at / TRUNK / "base_motion")
     return moving
 
 

@@ -1,27 +1,67 @@
-"""Joints, links and rigid bodies that are defined in the scene itself rather than in a robot file."""
+"""Poses, names, and the joints, links and rigid bodies that a scene defines itself, without a robot file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
+from holdfast.io.files import one_line
 from holdfast.io.typed import Location
+from holdfast.model import checks
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Shape
-from holdfast.scenario.names import require_names
-from holdfast.scenario.poses import pose
-from holdfast.scenario.scene import BodyTable, JointTable, ObjectTable
+from holdfast.scenario.scene import BodyTable, GraspTable, JointTable, ObjectTable, PoseTable
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
+NAME_PATTERN = re.compile(r"\w[\w.-]{0,63}")
 MASSLESS_INERTIA = np.zeros((3, 3))
 LIMIT_KEYS = ("position_limits", "rate_limit", "effort_limit")
 DRIVE_KEYS = ("armature", "damping", "friction", "stiffness", "rest")
 SOLIDS: Mapping[str, Callable[..., HeldObject]] = {
     solid.__name__: solid for solid in (HeldObject.box, HeldObject.sphere, HeldObject.cylinder)
 }
+
+
+def require_names(names: Iterable[str], at: Location, *key: str, optional: bool = False) -> None:
+    """Refuse repeated names, and names with characters that would be ambiguous in a path 'arm/joint'.
+
+    Args:
+        names: names of the members of a list.
+        at: location of the list.
+        *key: keys that lead from a member to its name.
+        optional: whether a member may have no name, that is, an empty one.
+
+    Raises:
+        SceneError: a name that is refused, with the path of the first one.
+    """
+    first: dict[str, Location] = {}
+    for i, name in enumerate(names):
+        place = at / i
+        for part in key:
+            place = place / part
+        if optional and not name:
+            continue
+        if not NAME_PATTERN.fullmatch(name):
+            raise place.refuse(f"expected 1 to 64 letters, digits, '_', '-' and '.', got '{one_line(name, 60)}'")
+        if name in first:
+            raise place.refuse(f"'{name}' is already used at {first[name].path}")
+        first[name] = place
+
+
+def pose(data: PoseTable | GraspTable, at: Location) -> Pose:
+    """Return a pose; without an attitude its axes are parallel to the reference frame's."""
+    if data.quaternion is not None and data.rpy is not None:
+        raise at.refuse("expected quaternion or rpy, got both")
+    if data.quaternion is None:
+        with at.refusals():
+            return Pose.from_rpy(*(data.rpy or (0.0, 0.0, 0.0)), xyz=data.position)
+    with (at / "quaternion").refusals():
+        return checks.pose(np.array([*data.quaternion, *data.position]), "pose")
 
 
 def joints_and_links(data: Sequence[JointTable], at: Location) -> tuple[list[Joint], list[Link]]:

@@ -181,11 +181,14 @@ class WrenchLimitsTable(_Table):
     force: float | None = None
 
 
-class GraspTable(PoseTable, kw_only=True):
+class GraspTable(_Table):
     """A grasp: its kind, and its contact frame in the object's frame, with z pointing into the object."""
 
     arm: str
     kind: GraspName
+    position: Triple = ZEROS
+    quaternion: Quaternion | None = None
+    rpy: Triple | None = None
     pitch: float | None = None
     motion: list[Twist] | None = None
     stiffness: list[float | list[float]] | None = None
