@@ -7,9 +7,8 @@ import pytest
 
 from holdfast import Pose, Spring
 from holdfast.view.cameras import arms_outline, cameras, object_outline, upward
-from holdfast.view.playback import playback_of_run
+from holdfast.view.playback import playback_of_run, spring_ends
 from holdfast.view.scene_writer import FIELD_OF_VIEW
-from holdfast.view.spring_ends import spring_ends
 from tests.view.runs import lifted
 
 

@@ -10,7 +10,7 @@ import pytest
 import holdfast as hf
 from holdfast.io.model_data import model_data, model_of
 from holdfast.model.fingerprint import fingerprint
-from holdfast.view.object_drawing import drawn_object
+from holdfast.view.chain_scene import drawn_object
 from tests.simulation.test_run_outputs import CORNERS, stl
 from tests.view.runs import lifted
 

@@ -11,9 +11,8 @@ from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.view import figure_style, plots
-from holdfast.view.margin_figure import slips
-from holdfast.view.plots import figures
-from holdfast.view.spikes import usual_range
+from holdfast.view.figure_style import usual_range
+from holdfast.view.plots import figures, slips
 from holdfast.view.summary_table import rows, summary_table
 from tests.control.two_pandas import two_pandas
 from tests.view.runs import lifted

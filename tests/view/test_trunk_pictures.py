@@ -10,12 +10,11 @@ from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
 from holdfast.robots.visuals import equivalent_box
 from holdfast.spatial import rotation
-from holdfast.view.base_travel import base_travel
 from holdfast.view.cameras import cameras, trunk_outline
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.figure_style import TRUNK_COLOUR, rgb
 from holdfast.view.page import plots
-from holdfast.view.playback import playback_of_run
+from holdfast.view.playback import base_travel, playback_of_run
 from holdfast.view.plots import figures
 from tests.systems.trunk_runs import still_base, swaying
 from tests.view.test_chain_scene import Notebook

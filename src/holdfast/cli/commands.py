@@ -29,7 +29,7 @@ COMMANDS = {
     "view": "view",
     "export": "results",
     "export-c": "export_c",
-    "methods": "methods",
+    "methods": "solve",
     "doctor": "doctor",
 }
 MOVED_COMMANDS = {"bench": "try `python -m benchmarks.bench` in a clone of the repository"}

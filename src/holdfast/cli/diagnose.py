@@ -9,11 +9,10 @@ from dataclasses import asdict
 import numpy as np
 
 from holdfast.cli import EXIT_REFUSED
-from holdfast.cli.console import stdout, with_progress
+from holdfast.cli.console import is_standard, read_stdin, stdout, with_progress
 from holdfast.cli.options import Changes, Diagnosed, Format, OptionalName, PackageFolders, Switch
 from holdfast.cli.results import opened_scene
 from holdfast.cli.solve import chosen_cases, named_cases, print_json
-from holdfast.cli.standard import is_standard, read_stdin
 from holdfast.dynamics import consistency
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.diagnose import Diagnosis

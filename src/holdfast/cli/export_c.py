@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
-from holdfast.cli.console import print_document, stdout
+from holdfast.cli.console import print_document, refuse_standard, stdout
 from holdfast.cli.options import Changes, Folder, Names, OptionalName, PackageFolders, SceneFile, Switch
 from holdfast.cli.results import opened_scene, scene_name
-from holdfast.cli.standard import refuse_standard
 from holdfast.cli.streams import say
 from holdfast.codegen.export import ExportedCode
 from holdfast.codegen.export import export_c as write_code

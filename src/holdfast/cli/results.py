@@ -1,4 +1,4 @@
-"""Reading scenes and result folders for commands; `holdfast plot`, `holdfast export` and `holdfast summary`."""
+"""Scenes and result folders as arguments of commands; `holdfast plot`, `holdfast export` and `holdfast summary`."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 
 from holdfast.cli import complain
-from holdfast.cli.console import print_document, stdout
-from holdfast.cli.folders import labels, require_one_place
+from holdfast.cli.console import is_standard, print_document, read_input, refuse_standard, stdout, write_stdout
 from holdfast.cli.options import Folder, OutFile, ResultFolders, Switch, TableFormat
-from holdfast.cli.standard import is_standard, read_input, refuse_standard, write_stdout
 from holdfast.cli.streams import say
 from holdfast.errors import ResultError, SceneError
 from holdfast.interop.mcap_writer import write_mcap
@@ -42,7 +40,43 @@ from holdfast.view.comparison import MOST_COMPARED, compare_runs
 from holdfast.view.plots import save_plots, write_figures
 from holdfast.view.summary_table import summary_table
 
-COMPARISON = Path("results") / "comparison"  # of figures of several runs, where no other place is named
+COMPARISON = Path("results") / "comparison"  # folder for the figures of several runs, unless --out names one
+
+
+def require_one_place(folders: Sequence[Path], out: Path | None) -> None:
+    """Refuse a command without a run, or with several runs for one output.
+
+    Raises:
+        ResultError: there is no run, or there are several.
+    """
+    if not folders:
+        raise ResultError("Missing: RESULT; expected one result folder or more")
+    if out is not None and len(folders) > 1:
+        raise ResultError(f"--out: expected one result folder, got {len(folders)}; try without it, or one by one")
+
+
+def labels(places: Sequence[Path], most: int, what: str = "RESULT") -> list[str]:
+    """Return for each place the shortest end of its path that distinguishes it from the others.
+
+    Args:
+        places: result folders or scenes.
+        most: largest number that can be shown together.
+        what: the kind of arguments that the command takes, for messages.
+
+    Raises:
+        ResultError: there are none, there are too many, or one is named twice.
+    """
+    if not places:
+        raise ResultError(f"Missing: {what}; expected one or more")
+    if len(places) > most:
+        raise ResultError(f"{what}: expected at most {most} together, got {len(places)}; try some of them")
+    parts = [place.resolve().parts for place in places]
+    for i, one in enumerate(parts):
+        if one in parts[:i]:
+            raise ResultError(f"{what}: expected different ones, got {places[i]} twice; try each once")
+    longest = max(map(len, parts))
+    length = next(k for k in range(1, longest + 1) if len({one[-k:] for one in parts}) == len(parts))
+    return ["/".join(one[-length:]) for one in parts]
 
 
 def opened_scene(

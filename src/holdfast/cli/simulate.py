@@ -7,10 +7,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from holdfast.cli import EXIT_INTERRUPTED, EXIT_REFUSED, complain
-from holdfast.cli.console import print_document, stdout
+from holdfast.cli.console import print_document, refuse_standard, stdout
 from holdfast.cli.options import Changes, Folder, PackageFolders, SceneFile, Seconds, Switch
 from holdfast.cli.results import opened_scene, scene_name
-from holdfast.cli.standard import refuse_standard
 from holdfast.cli.streams import say
 from holdfast.errors import ClosureError, MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta

@@ -8,10 +8,9 @@ from pathlib import Path
 from rich.table import Table
 
 from holdfast.cli import EXIT_INTERRUPTED, complain
-from holdfast.cli.console import print_document, stdout
+from holdfast.cli.console import is_standard, print_document, refuse_standard, stdout
 from holdfast.cli.options import Changes, Folder, PackageFolders, RunNumber, SchedulerAddress, Swept, Switch
 from holdfast.cli.results import opened_scene, scene_name
-from holdfast.cli.standard import is_standard, refuse_standard
 from holdfast.cli.streams import say
 from holdfast.errors import SceneError, StateError
 from holdfast.progress import progress_bar

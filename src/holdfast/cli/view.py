@@ -8,11 +8,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from holdfast.cli.console import print_document, stdout
-from holdfast.cli.folders import labels
+from holdfast.cli.console import is_standard, print_document, stdout, write_stdout
 from holdfast.cli.options import Changes, OutFile, PackageFolders, Switch, Targets
-from holdfast.cli.results import opened_scene, recorded
-from holdfast.cli.standard import is_standard, write_stdout
+from holdfast.cli.results import labels, opened_scene, recorded
 from holdfast.cli.streams import say
 from holdfast.errors import ModelError, ResultError, SceneError, SingularChainError, StateError
 from holdfast.io.typed import refusal
@@ -20,9 +18,8 @@ from holdfast.scenario.build import Scenario
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.state import Inputs
-from holdfast.view.chooser import MOST_PAGES
 from holdfast.view.live import watch
-from holdfast.view.page import export_page
+from holdfast.view.page import MOST_PAGES, export_page
 from holdfast.view.playback import Playback, playback_of_instant, playback_of_run
 
 LAST_PORT = 65535

@@ -15,9 +15,8 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
 from holdfast.view.markers import box_lines
-from holdfast.view.playback import Playback
+from holdfast.view.playback import Playback, spring_ends
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
-from holdfast.view.spring_ends import spring_ends
 
 SEEN_OF = 5  # number of frames that must fit into the picture
 PICTURE_MARGIN = 1.1  # size of the picture relative to its content

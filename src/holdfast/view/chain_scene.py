@@ -10,21 +10,31 @@ from holdfast.dynamics.arm.forward_kinematics import joint_placement
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK
+from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import Trunk
+from holdfast.model.visuals import Cylinder, Sphere
+from holdfast.robots.mesh_files.limits import MeshFault
 from holdfast.robots.visuals import arm_length, chain_length, equivalent_box, visuals_of, visuals_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import UP, Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style, meshes
 from holdfast.view.cameras import cameras, upward
-from holdfast.view.link_meshes import LinkMesh, meshes_of
-from holdfast.view.markers import ArrowScale, arrow_scale, coil, cone_colour, cone_lines, one_two_five, struts
+from holdfast.view.link_meshes import LinkMesh, meshes_of, surface_of_object
+from holdfast.view.markers import (
+    ArrowScale,
+    arrow_scale,
+    box_lines,
+    coil,
+    cone_colour,
+    cone_lines,
+    one_two_five,
+    struts,
+)
 from holdfast.view.meshes import Mesh
-from holdfast.view.object_drawing import drawn_object
-from holdfast.view.playback import Playback
+from holdfast.view.playback import Playback, spring_ends
 from holdfast.view.scene_writer import RGB, SceneWriter
-from holdfast.view.spring_ends import spring_ends
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 TRUNK_NODE = f"/{TRUNK}"  # node of a trunk's base
@@ -249,3 +259,39 @@ def _node(name: str) -> str:
     Nodes in parentheses are our own, so parentheses in names are others.
     """
     return name.replace("/", "\u2215").replace("(", "\u2768") or "\u2768"
+
+
+CIRCLE_LINES = 48  # lines of a circle
+
+
+def drawn_object(held: HeldObject) -> tuple[Mesh, Array, Array, Pose]:
+    """Return surface, outline (N, 2, 3), and edges (3,) and pose of the box around it, all in object axes [m].
+
+    Where the file of a surface cannot be had, the object is the box of its inertia.
+    """
+    surface = surface_of_object(held)
+    if surface is None or isinstance(surface, MeshFault):
+        edges, box = equivalent_box(held)
+        return meshes.box(edges).at(box), box_lines(edges) @ box.R.T + box.p, edges, box
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    return surface, outline(held), high - low, Pose(np.eye(3), 0.5 * (low + high))
+
+
+def outline(held: HeldObject) -> Array:
+    """Return lines that show how a shape turns: great circles, rims and sides; none on a surface from a file."""
+    match held.shape:
+        case Sphere(radius):
+            return np.concatenate([_circle(radius, axis, 0.0) for axis in range(3)])
+        case Cylinder(radius, length):
+            rims = [_circle(radius, 2, z) for z in (-length / 2, length / 2)]
+            starts = rims[0][:: CIRCLE_LINES // 4, 0]
+            return np.concatenate([*rims, np.stack([starts, starts + np.array([0.0, 0.0, length])], axis=1)])
+    return np.zeros((0, 2, 3))
+
+
+def _circle(radius: float, axis: int, height: float) -> Array:
+    """Return a circle about an axis, at a height along it, as lines (CIRCLE_LINES, 2, 3)."""
+    angles = np.linspace(0.0, 2 * np.pi, CIRCLE_LINES + 1)
+    points = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(CIRCLE_LINES + 1, height)])
+    points = np.roll(points, axis + 1, axis=1)
+    return np.stack([points[:-1], points[1:]], axis=1)

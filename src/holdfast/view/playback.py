@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.dynamics.closed.spring_wrenches import elongations
 from holdfast.dynamics.near_singular import arm_strength
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ModelError
@@ -212,3 +213,37 @@ def samples_at(t: Array, rate: float) -> Array:
     after = np.clip(np.searchsorted(t, wanted), 1, max(len(t) - 1, 1))
     nearest = np.where(wanted - t[after - 1] <= t[np.minimum(after, len(t) - 1)] - wanted, after - 1, after)
     return np.unique(np.minimum(nearest, len(t) - 1))
+
+
+def spring_ends(playback: Playback, k: int) -> list[tuple[Array, Array]]:
+    """Return both ends (3,) of every spring of the chain at moment k, world axes [m]."""
+    chain = playback.chain
+    if not chain.springs:
+        return []
+    bases = dict(zip(chain.names, playback.base_pose[k], strict=True))
+    moved = chain.with_bases({name: pose for name, pose in bases.items() if name not in chain.mounts})
+    below = playback.trunk_pose[k]
+    if moved.trunk is not None and not chain.floats:
+        moved = replace(moved, trunk=replace(moved.trunk, base=below))
+    state = State(
+        playback.q[k], 0.0 * playback.q[k], playback.object_pose[k], base_pose=below if chain.floats else None
+    )
+    return [(s.a.position, s.b.position) for s in elongations(moved, state, Inputs().shaped(moved))]
+
+
+class BaseTravel(NamedTuple):
+    """The displacement of a base from its initial pose.
+
+    Attributes:
+        shift: (frames, 3) displacement of its origin, world axes [m].
+        turn: (frames, 3) rotation vector from its initial attitude, world axes [rad].
+    """
+
+    shift: Array
+    turn: Array
+
+
+def base_travel(poses: Array) -> BaseTravel:
+    """Return the displacements of poses (frames, 7), wxyz_xyz, from the first one."""
+    attitudes = [rotation.from_quaternion(pose[:4]) for pose in poses]
+    return BaseTravel(poses[:, 4:] - poses[0, 4:], np.array([rotation.log(R @ attitudes[0].T) for R in attitudes]))
