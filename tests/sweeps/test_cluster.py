@@ -39,7 +39,7 @@ LARGE = {"count": 4000, "chunk": 20, "duration": 0.02}
 )
 def test_misuse(changed, said, tmp_path, monkeypatch):
     """Refused in words, and nothing is computed."""
-    monkeypatch.setattr(cluster, "PATIENCE", 0.2)
+    monkeypatch.setattr(cluster, "CONNECTION_TIMEOUT", 0.2)
     with pytest.raises(hf.errors.HoldfastError) as refused:
         small_sweep(tmp_path, **changed)
     assert said in str(refused.value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -13,7 +14,6 @@ from holdfast.assembly.nearest_configuration import distance, nearest_configurat
 from holdfast.assembly.on_trunk import brought_on_trunk
 from holdfast.assembly.reaching_configurations import reaching_configurations
 from holdfast.assembly.report import AssemblyReport, assembly_report
-from holdfast.assembly.slack import with_slack_bushings
 from holdfast.assembly.starts import object_guesses, preferred_configurations, starting_configurations
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError, ModelError
@@ -204,3 +204,17 @@ def _require_reach(chain: ClosedChain, pose: Pose) -> None:
             f"assemble: {'; '.join(short)}. Try an object pose or base poses closer to each other, another"
             " contact, or no object_pose to have one found"
         )
+
+
+def with_slack_bushings(chain: ClosedChain, names: Iterable[str] | None = None) -> ClosedChain:
+    """Return the chain with bushings replaced by rigid grasps; in its closed states, the bushings are unstretched.
+
+    Args:
+        chain: the chain.
+        names: names of the arms; None for all arms with bushings.
+    """
+    which = set(chain.bushings if names is None else names) & set(chain.bushings)
+    if not which:
+        return chain
+    grasps = {name: Grasp("rigid", grasp.frame) if name in which else grasp for name, grasp in chain.grasps.items()}
+    return replace(chain, grasps=grasps)

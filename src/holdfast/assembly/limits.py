@@ -14,6 +14,8 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
+LIMIT_ROOM = 0.02  # desired distance from a limit, relative to the joint's range
+
 
 def longest_reach(arm: Arm) -> float:
     """Return an upper bound of the distance from the first joint to the tip in any configuration [m].
@@ -35,9 +37,6 @@ def required_reach(chain: ClosedChain, name: str, object_pose: Pose) -> float:
 def shoulder(arm: Arm) -> Array:
     """Return the position of the first joint, (3,) world axes [m], or that of the base of an anchor."""
     return (arm.base @ arm.joints[0].placement).p if arm.joints else arm.base.p
-
-
-LIMIT_ROOM = 0.02  # desired distance from a limit, relative to the joint's range
 
 
 def with_room(chain: ClosedChain, preferred: Mapping[str, Array]) -> ClosedChain:

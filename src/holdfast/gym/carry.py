@@ -15,10 +15,8 @@ from holdfast.control.controller import ControlLaw
 from holdfast.control.paths import ObjectPath, Target, path_function, quintic
 from holdfast.errors import ModelError
 from holdfast.gym import terms
-from holdfast.gym.actions import joint_law, object_law
-from holdfast.gym.batch_function import BatchFunction
-from holdfast.gym.ready_made import two_fingers
-from holdfast.gym.task import Phase, Task, chain_and_state, spread, torques
+from holdfast.gym.task import BatchFunction, Phase, Task, spread, two_fingers
+from holdfast.gym.terms import joint_law, object_law
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -143,15 +141,11 @@ class CarryTask(Frozen, Task):
 
     def __post_init__(self) -> None:
         put, what = object.__setattr__, "carry"
-        chain, state = chain_and_state(self.chain, self.state, two_fingers, what)
-        put(self, "chain", chain)
-        put(self, "state", state)
+        self._check_common(what, two_fingers)
         if self.commands not in ("object", "joint"):
             raise ModelError(f"{what}: commands: expected 'object' or 'joint', got {checks.short(self.commands)}")
-        self._check_common(what)
         for name, count in {"displacement": 3, "turn": 3, "acceleration": 6}.items():
             put(self, name, spread(getattr(self, name), count, f"{what}: {name}"))
-        put(self, "joint_torque", torques(self.joint_torque, chain, what))
         if self.path is not None:
             put(self, "path", path_function(self.path, f"{what}: path"))
             self._require_beginning(what)

@@ -18,11 +18,9 @@ from holdfast.dynamics.contact_places import tip_frames
 from holdfast.dynamics.impulse import grasp_here
 from holdfast.errors import ModelError
 from holdfast.gym import terms
-from holdfast.gym.actions import joint_law
-from holdfast.gym.batch_function import BatchFunction
 from holdfast.gym.episodes import Episodes
-from holdfast.gym.ready_made import two_hands
-from holdfast.gym.task import Phase, Task, chain_and_state, spread, torques
+from holdfast.gym.task import BatchFunction, Phase, Task, spread, two_hands
+from holdfast.gym.terms import joint_law
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -157,18 +155,14 @@ class HandOverTask(Frozen, Task):
 
     def __post_init__(self) -> None:
         put, what = object.__setattr__, "hand-over"
-        chain, state = chain_and_state(self.chain, self.state, two_hands, what)
-        put(self, "chain", chain)
-        put(self, "state", state)
-        put(self, "giver", _holding(chain, self.giver, "giver", ""))
-        put(self, "receiver", _holding(chain, self.receiver, "receiver", self.giver))
-        self._check_common(what)
+        self._check_common(what, two_hands)
+        put(self, "giver", _holding(self.chain, self.giver, "giver", ""))
+        put(self, "receiver", _holding(self.chain, self.receiver, "receiver", self.giver))
         for name in ("displacement", "turn"):
             put(self, name, spread(getattr(self, name), 3, f"{what}: {name}"))
-        joints = chain.arms[self.receiver].joints
+        joints = self.chain.arms[self.receiver].joints
         retreat = np.where([joint.turns for joint in joints], 0.15, 0.05) if self.retreat is None else self.retreat
         put(self, "retreat", spread(retreat, len(joints), f"{what}: retreat"))
-        put(self, "joint_torque", torques(self.joint_torque, chain, what))
         captures = "capture", "capture_angle", "capture_speed", "capture_rate"
         sizes = "duration", "largest_internal", "crushing_internal", "lost", "still"
         self._check_numbers(what, (*captures, *sizes), above=0.0)

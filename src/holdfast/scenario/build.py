@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.assembly.assemble import assemble
+from holdfast.assembly.assemble import assemble, with_slack_bushings
 from holdfast.assembly.plausibility import plausibility_notes
-from holdfast.assembly.slack import with_slack_bushings
 from holdfast.control.controller import Controller
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closing import close

@@ -26,10 +26,9 @@ from holdfast.scenario.robots import RobotFiles
 from holdfast.scenario.scene import NearPoseTable, NormalTable, UniformTable
 from holdfast.sweeps.distributions import NearPose, Normal, Uniform
 from holdfast.sweeps.plan import OUTPUTS, Plan, plan_of
-from holdfast.sweeps.progress import Progress
 from holdfast.sweeps.result import Sweep
 from holdfast.sweeps.store import ROBOTS_FILE, SWEEP, SweepMeta, differences
-from holdfast.sweeps.sweep import carry_out
+from holdfast.sweeps.sweep import Progress, carry_out
 
 OF_INSTALLATION = {"versions", "processor", "model_sha256", "law_sha256", "state_sha256"}  # may change its last bits
 # keys of `[simulation]` that rollouts support, and the names of their arguments

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from os import PathLike
 from typing import Any
 
@@ -15,18 +16,45 @@ from holdfast.errors import HoldfastError, StateError
 from holdfast.io.files import file_path
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.progress import reporting
 from holdfast.simulation.rollout.arguments import whole_number, whole_steps
+from holdfast.spatial.frozen import Frozen
 from holdfast.state import State
 from holdfast.sweeps.chunk import Chunk, Computed, parquet_modules
 from holdfast.sweeps.cluster import LOCAL, computed_by_cluster, require_dask
 from holdfast.sweeps.plan import OUTPUTS, Plan, find_generic_rank, made_by, plan_of
-from holdfast.sweeps.progress import Progress
 from holdfast.sweeps.result import Sweep
 from holdfast.sweeps.store import Store
 from holdfast.sweeps.workers import computed_by, computed_by_processes, computed_here
 
 MOST_WORKERS = 4096
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class Progress(Frozen):
+    """The progress of a sweep; as text it is one line.
+
+    Attributes:
+        done: number of runs whose results are in the store, including earlier ones.
+        count: number of runs of the sweep.
+        status_counts: number of runs computed by this call that ended with each status.
+        rate: rate of this call [runs/s].
+    """
+
+    done: int
+    count: int
+    status_counts: Mapping[str, int]
+    rate: float
+
+    def __str__(self) -> str:
+        """Return the number of finished runs, the rate, the remaining time, and the number of runs with each status."""
+        left = (
+            f", {(self.count - self.done) / self.rate:.0f} s left" if self.rate > 0 and self.done < self.count else ""
+        )
+        counts = ", ".join(f"{count} {name.lower()}" for name, count in sorted(self.status_counts.items()))
+        return f"{self.done} of {self.count} runs, {self.rate:.0f}/s{left}{f'; {counts}' if counts else ''}"
 
 
 def sweep(
