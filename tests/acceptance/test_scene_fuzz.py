@@ -14,7 +14,8 @@ import pytest
 
 import holdfast.cli.simulate as command
 from holdfast import ClosedChain, HoldfastError, load_scene
-from holdfast.cli import EXIT_INTERRUPTED, main
+from holdfast.cli import main
+from holdfast.cli.streams import EXIT_INTERRUPTED
 from tests.acceptance.test_random_scenes import sound
 from tests.scenario.mutated_scenes import mutated, prepare
 

@@ -12,10 +12,9 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.cli.streams import EXIT_OUTPUT, EXIT_READER_GONE, WatchedStdout, open_streams, say
+from holdfast.cli import streams
+from holdfast.cli.streams import WatchedStdout, complain, say
 from holdfast.errors import ClosureError, HoldfastError, MethodNotApplicable, SingularChainError
-
-EXIT_BAD_INPUT, EXIT_REFUSED, EXIT_FAULT, EXIT_NO_MEMORY, EXIT_INTERRUPTED = 2, 3, 70, 71, 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,17 +27,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: arguments after the program's name; by default those of the process.
     """
-    if not open_streams():
+    if not streams.open_streams():
         complain("stdout: is closed; try >/dev/null")
-        return EXIT_OUTPUT
+        return streams.EXIT_OUTPUT
     with WatchedStdout() as stdout:
         code = _run(argv, stdout)
     if stdout.fault is None:
         return code
     if isinstance(stdout.fault, BrokenPipeError):
-        return EXIT_READER_GONE
+        return streams.EXIT_READER_GONE
     complain(f"stdout: cannot be written: {stdout.fault.strerror or stdout.fault}")
-    return EXIT_OUTPUT
+    return streams.EXIT_OUTPUT
 
 
 def _run(argv: Sequence[str] | None, stdout: WatchedStdout) -> int:
@@ -50,20 +49,15 @@ def _run(argv: Sequence[str] | None, stdout: WatchedStdout) -> int:
     except HoldfastError as error:
         complain(str(error))
         impossible = isinstance(error, ClosureError | MethodNotApplicable | SingularChainError)
-        return EXIT_REFUSED if impossible else EXIT_BAD_INPUT
+        return streams.EXIT_REFUSED if impossible else streams.EXIT_BAD_INPUT
     except KeyboardInterrupt:
         complain("interrupted")
-        return EXIT_INTERRUPTED
+        return streams.EXIT_INTERRUPTED
     except MemoryError:
         complain("not enough memory; try fewer samples, frames or joints")
-        return EXIT_NO_MEMORY
+        return streams.EXIT_NO_MEMORY
     except Exception as fault:
-        return _report(fault) if stdout.fault is None else EXIT_OUTPUT
-
-
-def complain(problem: str) -> None:
-    """Print an error as one line on stderr, if stderr can be written."""
-    say(f"holdfast: error: {' '.join(problem.split())}")
+        return _report(fault) if stdout.fault is None else streams.EXIT_OUTPUT
 
 
 def _report(fault: Exception) -> int:
@@ -78,4 +72,4 @@ def _report(fault: Exception) -> int:
         f"internal fault at {place}: {type(fault).__name__}: {str(fault)[:300]}; please report this line and the"
         " command (HOLDFAST_TRACEBACK=1 shows more)"
     )
-    return EXIT_FAULT
+    return streams.EXIT_FAULT

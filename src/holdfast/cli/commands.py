@@ -14,7 +14,7 @@ from typing import Any
 
 import tyro
 
-from holdfast.cli import EXIT_BAD_INPUT, complain
+from holdfast.cli.streams import EXIT_BAD_INPUT, complain
 from holdfast.errors import SceneError
 from holdfast.model import checks
 

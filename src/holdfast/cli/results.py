@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.cli import complain
+import holdfast as hf
 from holdfast.cli.console import is_standard, print_document, read_input, refuse_standard, stdout, write_stdout
 from holdfast.cli.options import Folder, OutFile, ResultFolders, Switch, TableFormat
-from holdfast.cli.streams import say
+from holdfast.cli.streams import complain, say
 from holdfast.errors import ResultError, SceneError
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.io.export import export_csv, export_parquet, occurrences_path
@@ -21,21 +21,13 @@ from holdfast.io.files import make_folder, require_file
 from holdfast.io.result_meta import SCENE, ResultMeta
 from holdfast.io.result_reader import Result, load_result
 from holdfast.io.result_reader import setting_of as setting_in
-from holdfast.model.anchor import Anchor
-from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
-from holdfast.model.grasp import Grasp
 from holdfast.model.grasp_kinds import GRASP_KINDS
-from holdfast.model.held_object import HeldObject
-from holdfast.model.joint import Joint
-from holdfast.model.link import Link
 from holdfast.robots.packages import given_packages
 from holdfast.scenario.build import LARGEST_SCENE, Scenario, parse_scene
 from holdfast.scenario.robots import RobotFiles
 from holdfast.simulation.setting import Setting
 from holdfast.simulation.summary import summarise
-from holdfast.spatial.pose import Pose
 from holdfast.view.comparison import MOST_COMPARED, compare_runs
 from holdfast.view.plots import save_plots, write_figures
 from holdfast.view.summary_table import summary_table
@@ -121,6 +113,18 @@ def scene_name(path: Path) -> str:
     return "stdin" if is_standard(path) else path.stem
 
 
+def refuse_scene_options(changes: Sequence[str], packages: Sequence[str], given: str) -> None:
+    """Refuse `--set` and `--package` for what is no scene.
+
+    Raises:
+        SceneError: one of them is given; the message says for what.
+    """
+    if changes:
+        raise SceneError(f"--set: expected a scene, whose keys it sets, got {given}")
+    if packages:
+        raise SceneError(f"--package: expected a scene, whose robot files refer to it, got {given}")
+
+
 def recorded(folder: Path, trust_xacro: bool = False) -> tuple[Setting, Result]:
     """Return setting and result of a folder; print on stderr what is missing if the run is incomplete.
 
@@ -148,7 +152,7 @@ def setting_of(result: Result, trust_xacro: bool = False) -> Setting:
     return found
 
 
-def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[ClosedChain, Result]:
+def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[hf.ClosedChain, Result]:
     """Return the chain of a run and the run; if its robots are not available, the chain has only their names.
 
     Raises:
@@ -167,7 +171,7 @@ def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[ClosedCh
     return chain, result
 
 
-def _named(meta: ResultMeta) -> ClosedChain:
+def _named(meta: ResultMeta) -> hf.ClosedChain:
     """Return a chain with the names and kinds of the arms, joints and grasps of a run, which suffices for figures.
 
     Raises:
@@ -180,24 +184,24 @@ def _named(meta: ResultMeta) -> ClosedChain:
             for joint, kind in zip(meta.joints, meta.joint_kinds, strict=False)
             if joint.startswith(f"{name}/")
         ]
-        joints = [Joint(kind, np.array([0.0, 0.0, 1.0]), Pose.identity(), name=joint) for joint, kind in kinds]
-        links = [Link(1.0, np.zeros(3), np.eye(3))] * len(joints)
-        arms[name] = Arm(joints, links) if joints else Anchor()
+        joints = [hf.Joint(kind, np.array([0.0, 0.0, 1.0]), hf.Pose.identity(), name=joint) for joint, kind in kinds]
+        links = [hf.Link(1.0, np.zeros(3), np.eye(3))] * len(joints)
+        arms[name] = hf.Arm(joints, links) if joints else hf.Anchor()
     grasp_kinds: dict[str, Any] = dict(meta.grasps)
     threaded = {name for name, row in GRASP_KINDS.items() if row.threaded}
     by_hand = {name for name, row in GRASP_KINDS.items() if row.by_hand}
     compliant = {name for name, row in GRASP_KINDS.items() if row.compliant}
     grasps = {
-        name: Grasp(
+        name: hf.Grasp(
             kind,
-            Pose.identity(),
+            hf.Pose.identity(),
             pitch=1.0 if kind in threaded else None,
             motion=np.eye(6)[:, :1] if kind in by_hand else None,
             stiffness=np.zeros(6) if kind in compliant else None,
         )
         for name, kind in grasp_kinds.items()
     }
-    return ClosedChain(arms, HeldObject(1.0, np.eye(3)), grasps)
+    return hf.ClosedChain(arms, hf.HeldObject(1.0, np.eye(3)), grasps)
 
 
 def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, trust_xacro: Switch = False) -> int:

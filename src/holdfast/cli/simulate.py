@@ -6,11 +6,10 @@ import math
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from holdfast.cli import EXIT_INTERRUPTED, EXIT_REFUSED, complain
 from holdfast.cli.console import print_document, refuse_standard, stdout
 from holdfast.cli.options import Changes, Folder, PackageFolders, SceneFile, Seconds, Switch
 from holdfast.cli.results import opened_scene, scene_name
-from holdfast.cli.streams import say
+from holdfast.cli.streams import EXIT_INTERRUPTED, EXIT_REFUSED, complain, say
 from holdfast.errors import ClosureError, MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result

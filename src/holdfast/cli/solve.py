@@ -12,9 +12,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from holdfast.cli import EXIT_REFUSED
 from holdfast.cli.console import print_document, read_input, stdout, with_progress
 from holdfast.cli.options import CaseFile, Format, Name, OptionalName, Switch
+from holdfast.cli.streams import EXIT_REFUSED
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.consistency import require_closed, require_rates
 from holdfast.dynamics.forward import forward_dynamics

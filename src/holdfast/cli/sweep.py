@@ -7,11 +7,10 @@ from pathlib import Path
 
 from rich.table import Table
 
-from holdfast.cli import EXIT_INTERRUPTED, complain
 from holdfast.cli.console import is_standard, print_document, refuse_standard, stdout
 from holdfast.cli.options import Changes, Folder, PackageFolders, RunNumber, SchedulerAddress, Swept, Switch
 from holdfast.cli.results import opened_scene, scene_name
-from holdfast.cli.streams import say
+from holdfast.cli.streams import EXIT_INTERRUPTED, complain, say
 from holdfast.errors import SceneError, StateError
 from holdfast.progress import progress_bar
 from holdfast.sweeps import Sweep, load_sweep, sweep_scene
