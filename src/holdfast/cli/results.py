@@ -187,20 +187,12 @@ def _named(meta: ResultMeta) -> hf.ClosedChain:
         joints = [hf.Joint(kind, np.array([0.0, 0.0, 1.0]), hf.Pose.identity(), name=joint) for joint, kind in kinds]
         links = [hf.Link(1.0, np.zeros(3), np.eye(3))] * len(joints)
         arms[name] = hf.Arm(joints, links) if joints else hf.Anchor()
-    grasp_kinds: dict[str, Any] = dict(meta.grasps)
-    threaded = {name for name, row in GRASP_KINDS.items() if row.threaded}
-    by_hand = {name for name, row in GRASP_KINDS.items() if row.by_hand}
-    compliant = {name for name, row in GRASP_KINDS.items() if row.compliant}
-    grasps = {
-        name: hf.Grasp(
-            kind,
-            hf.Pose.identity(),
-            pitch=1.0 if kind in threaded else None,
-            motion=np.eye(6)[:, :1] if kind in by_hand else None,
-            stiffness=np.zeros(6) if kind in compliant else None,
-        )
-        for name, kind in grasp_kinds.items()
-    }
+    subspace, none = np.eye(6)[:, :1], np.zeros(6)
+    needed = ("threaded", "pitch", 1.0), ("by_hand", "motion", subspace), ("compliant", "stiffness", none)
+    grasps, grasp_kinds = {}, dict[str, Any](meta.grasps)
+    for name, kind in grasp_kinds.items():  # Grasp refuses unknown kinds
+        own = {key: value for flag, key, value in needed if getattr(GRASP_KINDS.get(kind), flag, False)}
+        grasps[name] = hf.Grasp(kind, hf.Pose.identity(), **own)
     return hf.ClosedChain(arms, hf.HeldObject(1.0, np.eye(3)), grasps)
 
 
