@@ -1,4 +1,4 @@
-"""The function `assemble`, which makes a closed chain and a closed state of it from arms, an object and grasps."""
+"""The function `assemble`, which makes a closed chain and a closed state from arms, an object and grasps."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from holdfast.assembly.limits import longest_reach, required_reach, room_left, with_room
 from holdfast.assembly.nearest_configuration import distance, nearest_configuration
-from holdfast.assembly.on_trunk import brought_on_trunk
+from holdfast.assembly.on_trunk import assembled_on_trunk
 from holdfast.assembly.reaching_configurations import reaching_configurations
 from holdfast.assembly.report import AssemblyReport, assembly_report
 from holdfast.assembly.starts import object_guesses, preferred_configurations, starting_configurations
@@ -101,19 +101,19 @@ def assemble(
         StateError: preferred positions have a wrong length.
         ClosureError: an arm cannot reach its grasp; the message gives its name, the missing distance and advice.
     """
-    whole = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {})
-    chain = with_slack_bushings(whole)
+    made = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {})
+    chain = with_slack_bushings(made)
     given = None if object_pose is None else checks.pose(object_pose, "object_pose")
     if given is None and not chain.grasps:
         raise ModelError("assemble: expected at least one grasp to find the object's pose, got none; try object_pose=")
     if chain.trunk is not None:
-        return Assembly(whole, brought_on_trunk(chain, q, given, base_pose, partial(_brought, given)))
+        return Assembly(made, assembled_on_trunk(chain, q, given, base_pose, partial(_assembled, given)))
     if base_pose is not None:
         raise ModelError("assemble: base_pose: expected none without a floating trunk; try arm.at(pose)")
-    return Assembly(whole, _brought(given, chain, q))
+    return Assembly(made, _assembled(given, chain, q))
 
 
-def _brought(given: Pose | None, chain: ClosedChain, q: Mapping[str, Any] | None) -> State:
+def _assembled(given: Pose | None, chain: ClosedChain, q: Mapping[str, Any] | None) -> State:
     """Return the closed state of arms without a trunk, with the object at its pose if one is given."""
     preferred = preferred_configurations(chain, q)
     if given is None:

@@ -27,7 +27,7 @@ TRUNK_STARTS = 12  # starting configurations of a trunk if the arms do not reach
 ENOUGH = 3  # number of such configurations found, of which the nearest is tried first
 
 # function of a chain without a trunk and of preferred configurations that returns a closed state
-Bring = Callable[[ClosedChain, Mapping[str, Any]], State]
+CloseArms = Callable[[ClosedChain, Mapping[str, Any]], State]
 
 
 def on_own_bases(chain: ClosedChain, state: State) -> tuple[ClosedChain, State]:
@@ -40,8 +40,8 @@ def on_own_bases(chain: ClosedChain, state: State) -> tuple[ClosedChain, State]:
     return alone, State(state.q[first:], state.qd[first:], state.object_pose, state.object_twist)
 
 
-def brought_on_trunk(
-    chain: ClosedChain, q: Mapping[str, Any] | None, object_pose: Pose | None, base_pose: Any, bring: Bring
+def assembled_on_trunk(
+    chain: ClosedChain, q: Mapping[str, Any] | None, object_pose: Pose | None, base_pose: Any, close_arms: CloseArms
 ) -> State:
     """Return a closed state of a chain with a trunk, at rest.
 
@@ -50,7 +50,7 @@ def brought_on_trunk(
         q: preferred joint positions by arm name, and of "trunk".
         object_pose: pose of the object; None to determine it.
         base_pose: pose of a floating base, which is not changed; None for the world's origin.
-        bring: closes a chain without a trunk.
+        close_arms: closes a chain without a trunk.
 
     Raises:
         ModelError: a pose is given for a base that does not float.
@@ -66,11 +66,11 @@ def brought_on_trunk(
     place = Pose.identity() if object_pose is None else object_pose
     guess = State(np.concatenate([wanted, *preferred.values()]), np.zeros(chain.joint_count), place, base_pose=base)
     try:
-        return _arms_brought(chain, guess, preferred, bring)
+        return _with_trunk_at(chain, guess, preferred, close_arms)
     except ClosureError as cause:
         for moved in _trunk_moved(chain, guess, object_pose is not None):
             try:
-                return _arms_brought(chain, moved, preferred, bring)
+                return _with_trunk_at(chain, moved, preferred, close_arms)
             except ClosureError:
                 continue
         raise ClosureError(
@@ -87,9 +87,9 @@ def _trunk_configuration(chain: ClosedChain, given: Any) -> Array:
     return np.zeros(0) if serial is None else preferred_configuration(serial)
 
 
-def _arms_brought(chain: ClosedChain, at: State, preferred: Mapping[str, Any], bring: Bring) -> State:
+def _with_trunk_at(chain: ClosedChain, at: State, preferred: Mapping[str, Any], close_arms: CloseArms) -> State:
     """Return the closed state with the trunk in its given configuration."""
-    found = bring(on_own_bases(chain, at)[0], preferred)
+    found = close_arms(on_own_bases(chain, at)[0], preferred)
     first = chain.joint_count - len(found.q)
     q = np.concatenate([at.q[:first], found.q])
     return State(q, 0.0 * q, found.object_pose, base_pose=at.base_pose)

@@ -175,9 +175,9 @@ def build_scene(
     trunk, robots = build_robots(data, files or RobotFiles(), at)
     chain, guess = build_chain(data, trunk, robots, at)
     search = any(arm.q is None and arm.name in chain.grasps for arm in data.arms)
-    led = [arm.name for arm in data.arms if not arm.anchor]  # moved to where bushings are unloaded; anchors stay
+    moved = [arm.name for arm in data.arms if not arm.anchor]  # to where their bushings are unloaded; anchors stay
     try:
-        state = closed(with_slack_bushings(chain, led), guess, search)
+        state = closed(with_slack_bushings(chain, moved), guess, search)
     except ClosureError as cause:
         raise ClosureError((at / "object" / "pose").message(str(cause))) from cause
     _require_velocities(chain, state, at)

@@ -1,4 +1,4 @@
-"""A chain's structure as a drawing: bases, joints, grasps and object in a row for each arm, whatever its state."""
+"""A drawing of a chain's structure: for each arm a row with its base, joints and grasp, and the object."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.view.figure_style import TRUNK_COLOUR, arm_style
 
-DRAWN_ARMS, DRAWN_JOINTS = 16, 8  # more arms are not drawn, of more joints the first and the last
+DRAWN_ARMS, DRAWN_JOINTS = 16, 8  # chains with more arms are not drawn; of more joints, the first and the last
 ROW_HEIGHT, JOINT_WIDTH, RADIUS, LETTER_WIDTH = 34, 24, 6, 7  # pixels
 KIND_WIDTH, OBJECT_WIDTH = 90, 64  # widths of a grasp's kind and of the object [pixels]
 GREY = "#8a8a92"
@@ -18,8 +18,8 @@ GREY = "#8a8a92"
 def chain_diagram(chain: ClosedChain) -> str:
     """Return an SVG image of a chain's structure; empty for more arms than can be told apart.
 
-    An arm goes from its base, hatched where it stands on the ground, by its joints to the object: circles turn, squares
-    slide. A diamond is its grasp. Arms on a trunk begin at the trunk's upright line.
+    An arm extends from its base, which is hatched if it is fixed in the world, over its joints to the object. Circles
+    are revolute joints, squares prismatic ones, and a diamond is the grasp. Arms on a trunk begin at its vertical line.
     """
     arms = list(chain.arms)
     if not 0 < len(arms) <= DRAWN_ARMS:
@@ -68,7 +68,7 @@ def _arm(chain: ClosedChain, name: str, colour: str, left: float, start: float, 
 
 
 def _trunk(chain: ClosedChain, left: float, height: float, rows: dict[str, float]) -> list[str]:
-    """Return the trunk: its base, its joints, and the upright line at which the arms on it begin."""
+    """Return the trunk: its base, its joints, and the vertical line at which the arms on it begin."""
     joints = () if chain.trunk is None else chain.trunk.joints
     mounted = [rows[name] for name in chain.mounts] or [height / 2]
     y, start = 0.5 * (min(mounted) + max(mounted)), left - _length(joints) - 14.0
@@ -88,7 +88,7 @@ def _length(joints: Sequence[Joint]) -> float:
 
 
 def _joints(joints: Sequence[Joint], start: float, y: float, colour: str) -> list[str]:
-    """Return the joints of a row from its base, as circles and squares; a number says how many are left out."""
+    """Return the joints of a row, from its base, as circles and squares; a number counts those that are omitted."""
     ends = DRAWN_JOINTS // 2
     shown = [*joints] if len(joints) <= DRAWN_JOINTS else [*joints[: ends - 1], None, None, *joints[-ends + 1 :]]
     parts = []
@@ -106,7 +106,7 @@ def _joints(joints: Sequence[Joint], start: float, y: float, colour: str) -> lis
 
 
 def _ground(x: float, y: float, colour: str) -> str:
-    """Return a base that stands on the ground, hatched on its left."""
+    """Return a base that is fixed in the world, hatched on its left."""
     hatches = "".join(f"M{x - 5:g} {y + dy + 4:g}l5 -4" for dy in (-8, -3, 2, 7))
     return f'<path d="M{x:g} {y - 10:g}v20{hatches}" stroke="{colour}" stroke-width="2" fill="none"/>'
 

@@ -32,7 +32,6 @@ from holdfast.view.markers import (
     one_two_five,
     struts,
 )
-from holdfast.view.meshes import Mesh
 from holdfast.view.playback import Playback, spring_ends
 from holdfast.view.scene_writer import RGB, SceneWriter
 
@@ -173,7 +172,7 @@ class ChainScene:
                 self._writer.mesh(f"{node}/({j})", whole, colour if shade is None else shade)
         return nodes[1:]
 
-    def _hand(self, arm: Arm) -> Mesh:
+    def _hand(self, arm: Arm) -> meshes.Mesh:
         """Return a thin tool from the last link's origin to a disc at the tip, in the last link's axes."""
         thin, length = TOOL_RADIUS * self._size, float(np.linalg.norm(arm.tip.p))
         # slightly beyond the tip, to avoid flicker with surfaces that end there
@@ -226,7 +225,7 @@ def arm_colour(index: int) -> RGB:
     return figure_style.rgb(figure_style.arm_style(index)[0])
 
 
-def foot(size: float, normal: Array) -> Mesh:
+def foot(size: float, normal: Array) -> meshes.Mesh:
     """Return a flat plate below a base.
 
     Args:
@@ -264,10 +263,10 @@ def _node(name: str) -> str:
 CIRCLE_LINES = 48  # lines of a circle
 
 
-def drawn_object(held: HeldObject) -> tuple[Mesh, Array, Array, Pose]:
+def drawn_object(held: HeldObject) -> tuple[meshes.Mesh, Array, Array, Pose]:
     """Return surface, outline (N, 2, 3), and edges (3,) and pose of the box around it, all in object axes [m].
 
-    Where the file of a surface cannot be had, the object is the box of its inertia.
+    An object whose surface is not known or cannot be read is drawn as the box with its inertia.
     """
     surface = surface_of_object(held)
     if surface is None or isinstance(surface, MeshFault):
@@ -278,7 +277,7 @@ def drawn_object(held: HeldObject) -> tuple[Mesh, Array, Array, Pose]:
 
 
 def outline(held: HeldObject) -> Array:
-    """Return lines that show how a shape turns: great circles, rims and sides; none on a surface from a file."""
+    """Return lines (N, 2, 3) that show the attitude of a shape: circles, rims and sides; none for one from a file."""
     match held.shape:
         case Sphere(radius):
             return np.concatenate([_circle(radius, axis, 0.0) for axis in range(3)])

@@ -42,7 +42,7 @@ class UrdfMeshes(NamedTuple):
     """The visuals of the base and the links of a URDF.
 
     Attributes:
-        pieces: N + 1 lists of surfaces, base to tip; None if a mesh is missing, or there are no visuals.
+        link_meshes: N + 1 lists of surfaces, base to tip; None if a mesh is missing, or there are no visuals.
         missing: names of the meshes that cannot be read, and the reasons.
     """
 

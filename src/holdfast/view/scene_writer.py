@@ -144,7 +144,7 @@ def viewer_server(port: int = 0) -> Iterator[Any]:
     """Run a viser server that is reachable from this machine only, and stop it at the end of the context.
 
     Args:
-        port: to listen at; 0 for any that is free.
+        port: port of the server; 0 for any free port.
 
     Raises:
         MissingExtra: viser is not installed.
