@@ -11,8 +11,7 @@ from holdfast.dynamics import link_poses
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.markers import ArrowScale, cone_colour
-from holdfast.view.playback import playback_of_run
-from tests.view.runs import lifted
+from tests.view.runs import played
 
 
 class Notebook:
@@ -69,8 +68,7 @@ class Notebook:
 
 @pytest.fixture(scope="module")
 def shown():
-    chain, run = lifted()
-    playback, notebook = playback_of_run(chain, run, "lifted"), Notebook()
+    playback, notebook = played(), Notebook()
     return playback, notebook, ChainScene(notebook, playback)
 
 

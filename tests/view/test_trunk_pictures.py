@@ -17,6 +17,7 @@ from holdfast.view.page import plots
 from holdfast.view.playback import base_travel, playback_of_run
 from holdfast.view.plots import figures
 from tests.systems.trunk_runs import still_base, swaying
+from tests.view.runs import off_axis
 from tests.view.test_chain_scene import Notebook
 
 
@@ -108,10 +109,7 @@ def test_cameras_see_the_trunk(shown):
             corner = (frame_of(playback, k) @ box @ hf.Pose.translation(*edges / 2)).p
             assert np.linalg.norm(outline - corner, axis=1).min() < 1e-12
         for view in cameras(playback)[:4]:
-            ahead = (view.target - view.position) / np.linalg.norm(view.target - view.position)
-            seen = outline - view.position
-            off_axis = np.linalg.norm(seen - np.outer(seen @ ahead, ahead), axis=1) / (seen @ ahead)
-            assert off_axis.max() < np.sqrt(2) * np.tan(np.radians(17.5))
+            assert off_axis(view, outline).max() < np.sqrt(2) * np.tan(np.radians(17.5))
 
 
 def test_curves_and_figures(shown):
