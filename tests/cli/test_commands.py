@@ -17,7 +17,7 @@ from tests.systems import two_collinear_stretched_6r
 
 FILE = str(Path(__file__).parents[1] / "data" / "cases.json")
 COMMANDS = (
-    "solve", "diagnose", "simulate", "sweep", "summary", "view", "plot", "export", "export-c", "methods", "doctor",
+    "solve", "diagnose", "simulate", "sweep", "summary", "plot", "view", "export", "export-c", "methods", "doctor",
 )  # fmt: skip
 
 
@@ -46,11 +46,7 @@ def test_version(cli):
     ("arguments", "problem"),
     [
         (["slove", FILE], "no command 'slove'. Did you mean 'solve'?"),
-        (
-            ["fly"],
-            "no command 'fly'. Known: solve, diagnose, simulate, sweep, summary, plot, view, export, export-c,"
-            " methods, doctor.",
-        ),
+        (["fly"], f"no command 'fly'. Known: {', '.join(COMMANDS)}."),
         (["bench"], "no command 'bench'; try `python -m benchmarks.bench` in a clone of the repository"),
         (["solve"], "Missing from holdfast solve: FILE"),
         (["--verbose"], "Unrecognized options: --verbose"),
