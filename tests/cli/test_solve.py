@@ -165,14 +165,13 @@ def test_an_arm_without_inertia_is_singular(solve):
 def spoiled(kind: str) -> tuple[dict, str, float]:
     """Return a case that breaks a grasp, which arm's, and by how much."""
     case, soft = small_case(), arm_with("softfinger")
-    if kind == "position":
-        case["arms"][soft]["base"]["p"][1] += 2e-3
-        return case, f"arm{soft + 1}", 2e-3
-    if kind == "W":
-        case["arms"][soft]["grasp"]["W"][1] += 3e-4
-        return case, f"arm{soft + 1}", 3e-4
-    case["arms"][soft]["base"]["v"][0] += 1e-2  # moves the tip along
-    return case, f"arm{soft + 1}", 1e-2
+    base, grasp = case["arms"][soft]["base"], case["arms"][soft]["grasp"]
+    # a velocity along x moves the tip along
+    numbers, k, gap = {"position": (base["p"], 1, 2e-3), "velocity": (base["v"], 0, 1e-2), "W": (grasp["W"], 1, 3e-4)}[
+        kind
+    ]
+    numbers[k] += gap
+    return case, f"arm{soft + 1}", gap
 
 
 @pytest.mark.parametrize("kind", ["position", "velocity", "W"])
