@@ -73,12 +73,9 @@ def busy(progress: bool, doing: str, begin: str = "the first time takes longest"
     """
     if not isinstance(progress, bool | None):
         raise ModelError(f"progress: expected True or False, got {type(progress).__name__}")
-    if not progress:
+    with reporting(progress, doing, begin, lambda _: (1.0, "done")) as tell:
         yield
-        return
-    with progress_bar(doing, begin) as show:
-        yield
-        show(1.0, "done")
+        tell(None)
 
 
 def of_time(whole: float) -> Callable[[float], tuple[float, str]]:

@@ -98,11 +98,11 @@ def read_input(path: Path, most: int = typed.LARGEST_FILE) -> tuple[bytes, str]:
     return (read_stdin(most), "stdin") if is_standard(path) else (typed.read_bytes(path, most), str(path))
 
 
-def refuse_standard(path: Path | None, option: str) -> None:
-    """Refuse `-` for options that name a folder to write.
+def refuse_standard(out: Path | None) -> None:
+    """Refuse `-` for `--out` where it names a folder to write.
 
     Raises:
-        ResultError: the path is `-`; the message names the option.
+        ResultError: the path is `-`.
     """
-    if is_standard(path):
-        raise ResultError(f"{option}: expected a folder, got '-' (stdout), which takes single files only")
+    if is_standard(out):
+        raise ResultError("--out: expected a folder, got '-' (stdout), which takes single files only")

@@ -59,7 +59,7 @@ def export_c(
     Raises:
         HoldfastError: the input is invalid, or this chain or controller does not support a function.
     """
-    refuse_standard(out, "--out")
+    refuse_standard(out)
     folder = Path("code") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes, packages)
     compiled = compile(scenario.chain)

@@ -191,7 +191,7 @@ def _named(meta: ResultMeta) -> hf.ClosedChain:
     needed = ("threaded", "pitch", 1.0), ("by_hand", "motion", subspace), ("compliant", "stiffness", none)
     grasps, grasp_kinds = {}, dict[str, Any](meta.grasps)
     for name, kind in grasp_kinds.items():  # Grasp refuses unknown kinds
-        own = {key: value for flag, key, value in needed if getattr(GRASP_KINDS.get(kind), flag, False)}
+        own: dict[str, Any] = {key: value for flag, key, value in needed if getattr(GRASP_KINDS.get(kind), flag, False)}
         grasps[name] = hf.Grasp(kind, hf.Pose.identity(), **own)
     return hf.ClosedChain(arms, hf.HeldObject(1.0, np.eye(3)), grasps)
 
@@ -212,7 +212,7 @@ def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, 
         ResultError: there is no result, a folder is named twice, there are too many, or a folder cannot be written.
         MissingExtra: matplotlib is not installed.
     """
-    refuse_standard(out, "--out")
+    refuse_standard(out)
     names = labels(results, MOST_COMPARED)
     runs = [chain_for_figures(folder, trust_xacro) for folder in results]
     place = out or (results[0] if len(runs) == 1 else COMPARISON)

@@ -62,7 +62,7 @@ def simulate(
     """
     if resume and overwrite:
         raise ResultError("--resume continues a result, --overwrite replaces it; try one of them")
-    refuse_standard(out, "--out")
+    refuse_standard(out)
     folder = Path("results") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes, packages)
     requested = {name: x for name, x in (("sample_time", sample_time), ("delay", delay)) if x is not None}

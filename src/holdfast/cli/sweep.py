@@ -49,7 +49,7 @@ def sweep(
     Raises:
         HoldfastError: the input is invalid, the scene cannot be swept, or the folder cannot be used.
     """
-    refuse_standard(out, "--out")
+    refuse_standard(out)
     is_folder = not is_standard(target) and os.path.isdir(target)
     if is_folder and (out is not None or changes or packages):
         option = "--set" if changes else "--package" if packages else "--out"

@@ -66,7 +66,9 @@ def sweep_scene(
     checks.instance(scenario, Scenario, "sweep_scene: scenario", SceneError)
     plan = scene_plan(scenario)
     how: dict[str, Any] = {"workers": workers, "cluster": cluster, "ahead": ahead, "progress": progress}
-    return carry_out(plan, store, kept=_kept(scenario), **how)
+    records, files = kept_files(scenario.sources)
+    files = {SCENE: scenario.text.encode(), ROBOTS_FILE: msgspec.json.encode(records) + b"\n", **files}
+    return carry_out(plan, store, files=files, **how)
 
 
 def load_sweep(folder: str | PathLike[str]) -> Sweep:
@@ -215,9 +217,3 @@ def _sample(name: str, data: Any, scenario: Scenario, at: Location) -> Any:
         there = ", ".join(poses)
         raise (at / name).refuse(f"near_pose: expected one of the scene's poses ({there}), got a parameter without")
     return NearPose(pose, data.turn, data.shift)
-
-
-def _kept(scenario: Scenario) -> dict[str, bytes]:
-    """Return the files that make a folder self-contained: the text of the scene and its robots."""
-    records, files = kept_files(scenario.sources)
-    return {SCENE: scenario.text.encode(), ROBOTS_FILE: msgspec.json.encode(records) + b"\n", **files}

@@ -133,13 +133,13 @@ def plan_of(
     count: int,
     duration: float,
     step: float,
-    outputs: Sequence[str] = OUTPUTS,
-    seed: int = 0,
-    chunk: int = 1000,
-    scheme: str = "rk4",
-    least_margin: float = -float("inf"),
-    stop_at_limits: bool = False,
-    largest_drift: float | None = None,
+    outputs: Sequence[str],
+    seed: int,
+    chunk: int,
+    scheme: str,
+    least_margin: float,
+    stop_at_limits: bool,
+    largest_drift: float | None,
 ) -> Plan:
     """Return the plan of a sweep; the arguments are those of `sweep`.
 

@@ -137,11 +137,11 @@ def carry_out(
     plan: Plan,
     store: str | PathLike[str],
     *,
-    workers: int | Executor = 1,
-    cluster: str | None = None,
-    ahead: int = 16,
-    progress: bool | Callable[[Progress], object] | None = None,
-    kept: Mapping[str, bytes] | None = None,
+    workers: int | Executor,
+    cluster: str | None,
+    ahead: int,
+    progress: bool | Callable[[Progress], object] | None,
+    files: Mapping[str, bytes] | None = None,
 ) -> Sweep:
     """Compute the runs of a plan that are missing in a folder; see `sweep`.
 
@@ -152,7 +152,7 @@ def carry_out(
         cluster: as for `sweep`.
         ahead: as for `sweep`.
         progress: as for `sweep`.
-        kept: contents of additional files to store, by name.
+        files: contents of additional files to store, by name.
 
     Raises:
         StateError, ResultError, MissingExtra: as for `sweep`.
@@ -162,7 +162,7 @@ def carry_out(
     whole_number("ahead", ahead, MOST_WORKERS)
     place = Store(file_path(store, "store"), plan)
     try:
-        plan = plan.settled(place.prepare(lambda: find_generic_rank(plan), kept or {}).generic_rank)
+        plan = plan.settled(place.prepare(lambda: find_generic_rank(plan), files or {}).generic_rank)
         missing = [k for k in range(plan.chunk_count) if not place.holds(k)]
         left = sum(end - begin for begin, end in map(plan.bounds, missing))
         computed = computed_chunks(_tasks(plan, place.plan_sha256, missing), workers, cluster, ahead, len(missing))

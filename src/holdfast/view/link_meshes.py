@@ -132,9 +132,10 @@ def notes_on(missing: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
 
 
 def _of_primitive(solid: Primitive, scale: float) -> LinkMesh:
-    make = {"box": _box, "cylinder": meshes.cylinder, "capsule": meshes.capsule, "sphere": meshes.sphere}[solid.kind]
-    mesh = make(*(scale * length for length in solid.size)).at(solid.pose)
-    return LinkMesh(mesh, None if solid.colour == "accent" else COLOURS[solid.colour])
+    lengths = [scale * length for length in solid.size]
+    make = {"cylinder": meshes.cylinder, "capsule": meshes.capsule, "sphere": meshes.sphere}
+    mesh = meshes.box(np.array(lengths)) if solid.kind == "box" else make[solid.kind](*lengths)
+    return LinkMesh(mesh.at(solid.pose), None if solid.colour == "accent" else COLOURS[solid.colour])
 
 
 def piece_of(visual: Visual, read: Callable[[str], Mesh]) -> LinkMesh:
@@ -164,7 +165,3 @@ def _from_file(shape: MeshFile, read: Callable[[str], Mesh]) -> Mesh:
     if not (np.abs(vertices) <= FARTHEST).all():
         raise MeshFault(f"{shape.filename}: scale: expected vertices within {FARTHEST:g} m, got one beyond")
     return Mesh(vertices, found.faces[:, ::-1] if mirrored else found.faces)
-
-
-def _box(x: float, y: float, z: float) -> Mesh:
-    return meshes.box((x, y, z))

@@ -149,7 +149,7 @@ def playback_of_run(
     )  # fmt: skip
 
 
-def playback_of_instant(at: Instant, title: str, visuals: DrawnSurfaces | None = None) -> Playback:
+def playback_of_instant(at: Instant, title: str) -> Playback:
     """Return a playback of one frame: a state, its torques, and the result of forward dynamics."""
     chain, state, found = at.chain, at.state, at.result
     margin = np.full(len(chain.arms), np.inf)
@@ -160,7 +160,7 @@ def playback_of_instant(at: Instant, title: str, visuals: DrawnSurfaces | None =
         at.t, state.q, place.bases, place.below, state.object_pose, place.tips, found.grasp_wrench, internal, margin,
         found.condition, place.strength, at.tau,
     )  # fmt: skip
-    surfaces, notes = _surfaces(chain, visuals)
+    surfaces, notes = _surfaces(chain, None)
     return Playback(chain, title, *(np.array([part]) for part in parts), visuals=surfaces, notes=notes)
 
 
