@@ -8,12 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.assembly.starts import (
-    preferred_configuration,
-    preferred_configurations,
-    preferred_positions,
-    starting_configurations,
-)
+from holdfast.assembly import starts
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ClosureError, ModelError
@@ -59,7 +54,7 @@ def assembled_on_trunk(
     """
     given = dict(q) if isinstance(q, Mapping) else q
     own = given.pop(TRUNK, None) if isinstance(given, dict) else None
-    wanted, preferred = _trunk_configuration(chain, own), preferred_configurations(chain, given)
+    wanted, preferred = _trunk_configuration(chain, own), starts.preferred_configurations(chain, given)
     if base_pose is not None and not chain.floats:
         raise ModelError("assemble: base_pose: expected none, as the trunk's base does not float; try trunk.base")
     base = (Pose.identity() if base_pose is None else checks.pose(base_pose, "base_pose")) if chain.floats else None
@@ -82,9 +77,9 @@ def _trunk_configuration(chain: ClosedChain, given: Any) -> Array:
     """Return the trunk's preferred joint positions: the given ones, the middle of the limits, or 0 without limits."""
     assert chain.trunk is not None
     if given is not None:
-        return preferred_positions(given, chain.trunk.joint_count, TRUNK)
+        return starts.preferred_positions(given, chain.trunk.joint_count, TRUNK)
     serial = chain.trunk.serial
-    return np.zeros(0) if serial is None else preferred_configuration(serial)
+    return np.zeros(0) if serial is None else starts.preferred_configuration(serial)
 
 
 def _with_trunk_at(chain: ClosedChain, at: State, preferred: Mapping[str, Any], close_arms: CloseArms) -> State:
@@ -102,7 +97,7 @@ def _trunk_moved(chain: ClosedChain, guess: State, hold_object: bool) -> Iterato
     if serial is None:
         return
     found = []
-    for start in starting_configurations(serial, guess.q[own], TRUNK_STARTS):
+    for start in starts.starting_configurations(serial, guess.q[own], TRUNK_STARTS):
         q = np.array(guess.q)
         q[own] = start
         try:

@@ -16,7 +16,6 @@ from holdfast.control.paths import ObjectPath, Target, path_function, quintic
 from holdfast.errors import ModelError
 from holdfast.gym import terms
 from holdfast.gym.task import BatchFunction, Phase, Task, spread, two_fingers
-from holdfast.gym.terms import joint_law, object_law
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -227,9 +226,9 @@ class CarryTask(Frozen, Task):
         """The control law, with the action as a parameter."""
         if self.commands == "object":
             given = self.acceleration, self.internal_force, self.internal_force_span, self.joint_damping
-            return object_law(self.chain, *given)
+            return terms.object_law(self.chain, *given)
         assert self.joint_torque is not None
-        return joint_law(self.chain, self.joint_torque, self.internal_force, self.joint_damping)
+        return terms.joint_law(self.chain, self.joint_torque, self.internal_force, self.joint_damping)
 
     def target(self, t: Scalar, given: Given) -> Target:
         """Return pose, twist and acceleration of the path at a time [s]."""

@@ -20,7 +20,6 @@ from holdfast.errors import ModelError
 from holdfast.gym import terms
 from holdfast.gym.episodes import Episodes
 from holdfast.gym.task import BatchFunction, Phase, Task, spread, two_hands
-from holdfast.gym.terms import joint_law
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -252,7 +251,7 @@ class HandOverTask(Frozen, Task):
     def _rollout(self, chain: ClosedChain) -> Rollout:
         assert self.joint_torque is not None
         internal_force = self.internal_force if len(chain.grasps) > 1 else 0.0
-        return compile_rollout(chain, joint_law(chain, self.joint_torque, internal_force, self.joint_damping))
+        return compile_rollout(chain, terms.joint_law(chain, self.joint_torque, internal_force, self.joint_damping))
 
     def _evaluation(self, phase: int) -> BatchFunction:
         inputs = self.argument_shapes(self.chains[phase]) | {name: x.shape for name, x in self.frames.items()}

@@ -26,7 +26,6 @@ from holdfast.model.spring import Spring, SpringEnd
 from holdfast.model.trunk import Trunk
 from holdfast.scenario import scene
 from holdfast.scenario.joints import inertia_and_shape, pose
-from holdfast.scenario.scene import BaseMotionTable, SwayTable, WrenchTable
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, cos, sin
@@ -238,13 +237,13 @@ class Pushes:
         return [float(t) for t in (*self.begins, *self.ends) if np.isfinite(t)]
 
 
-def swaying_base(data: BaseMotionTable, rest: Pose, at: Location) -> SwayingBase:
+def swaying_base(data: scene.BaseMotionTable, rest: Pose, at: Location) -> SwayingBase:
     """Return a base's motion.
 
     Raises:
         SceneError: `smooth_start` is too short, or a number is impossible.
     """
-    still = SwayTable(amplitude=(0.0, 0.0, 0.0), frequency=(0.0, 0.0, 0.0))
+    still = scene.SwayTable(amplitude=(0.0, 0.0, 0.0), frequency=(0.0, 0.0, 0.0))
     turn, shift = data.turn or still, data.shift or still
     with at.refusals():
         return SwayingBase(
@@ -256,7 +255,7 @@ def swaying_base(data: BaseMotionTable, rest: Pose, at: Location) -> SwayingBase
         )
 
 
-def pushes(data: Sequence[WrenchTable], at: Location) -> Pushes:
+def pushes(data: Sequence[scene.WrenchTable], at: Location) -> Pushes:
     """Return the wrenches on the object.
 
     Raises:

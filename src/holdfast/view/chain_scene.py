@@ -19,19 +19,9 @@ from holdfast.robots.visuals import arm_length, chain_length, equivalent_box, vi
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import UP, Pose
 from holdfast.spatial.scalar import Array
-from holdfast.view import figure_style, meshes
+from holdfast.view import figure_style, markers, meshes
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.link_meshes import LinkMesh, meshes_of, surface_of_object
-from holdfast.view.markers import (
-    ArrowScale,
-    arrow_scale,
-    box_lines,
-    coil,
-    cone_colour,
-    cone_lines,
-    one_two_five,
-    struts,
-)
 from holdfast.view.playback import Playback, spring_ends
 from holdfast.view.scene_writer import RGB, SceneWriter
 
@@ -52,9 +42,9 @@ class ChainScene:
         scale: scale of the arrows, which may be changed between two frames.
     """
 
-    def __init__(self, writer: SceneWriter, playback: Playback, scale: ArrowScale | None = None) -> None:
+    def __init__(self, writer: SceneWriter, playback: Playback, scale: markers.ArrowScale | None = None) -> None:
         """Draw everything that does not change; `show` draws the rest. By default the scale is the playback's own."""
-        self.playback, self.scale = playback, scale or arrow_scale(playback)
+        self.playback, self.scale = playback, scale or markers.arrow_scale(playback)
         self._writer = writer
         chain = playback.chain
         self._size = self._widest = chain_length(chain)
@@ -97,13 +87,13 @@ class ChainScene:
             for i, segments in enumerate(self._coils(k)):
                 self._writer.redraw(f"/springs/{i}", segments)
             for name, reserve in self._reserves.items():
-                self._writer.paint(f"/object/cones/{_node(name)}", cone_colour(float(reserve[k])))
+                self._writer.paint(f"/object/cones/{_node(name)}", markers.cone_colour(float(reserve[k])))
 
     def _coils(self, k: int) -> list[Array]:
         """Return the lines of every spring, and of every bushing from tip to contact, in frame k, world axes."""
         playback, chain, held = self.playback, self.playback.chain, Pose.from_wxyz_xyz(self.playback.object_pose[k])
         ends = [(playback.tip[k, chain.names.index(n)], (held @ chain.grasps[n].frame).p) for n in chain.bushings]
-        return [coil(a, b, COIL_RADIUS * self._size) for a, b in (*spring_ends(playback, k), *ends)]
+        return [markers.coil(a, b, COIL_RADIUS * self._size) for a, b in (*spring_ends(playback, k), *ends)]
 
     def _point(self, name: str, k: int) -> None:
         """Set the arrows of one arm, which start at its tip; the internal force is drawn beside the force."""
@@ -190,14 +180,14 @@ class ChainScene:
         thin = LINE_THICKNESS * self._size
         writer.frame("/object", Pose.identity())
         writer.mesh("/object/body", surface, OBJECT_GREY, OBJECT_OPACITY)
-        lines = np.concatenate([outline, struts(chain, edges, box)])
+        lines = np.concatenate([outline, markers.struts(chain, edges, box)])
         if len(lines):
             writer.lines("/object/edges", lines, LINE_GREY, thin)
         for name, grasp in chain.grasps.items():
             writer.frame(f"/object/contacts/{_node(name)}", grasp.frame, AXES_LENGTH * self._size)
             if grasp.contact is not None:
-                lines = cone_lines(grasp.contact.mu, CONE_HEIGHT * self._size, grasp.frame)
-                writer.lines(f"/object/cones/{_node(name)}", lines, cone_colour(1.0), thin)
+                lines = markers.cone_lines(grasp.contact.mu, CONE_HEIGHT * self._size, grasp.frame)
+                writer.lines(f"/object/cones/{_node(name)}", lines, markers.cone_colour(1.0), thin)
         return [name for name, grasp in chain.grasps.items() if grasp.contact is not None]
 
     def _draw_ground(self) -> None:
@@ -216,7 +206,7 @@ class ChainScene:
         middle = middle + ((bases @ up).min() - middle @ up) * up
         turn = rotation.exp(rotation.align(UP, up))
         span = 2.0 * float(np.linalg.norm(bases - middle, axis=1).max()) + 2.0 * self._widest
-        cell = one_two_five(span / 25)
+        cell = markers.one_two_five(span / 25)
         self._writer.grid("/ground", Pose(turn, middle), float(np.ceil(span / (10 * cell)) * 10 * cell), cell)
 
 
@@ -271,7 +261,7 @@ def drawn_object(held: HeldObject) -> tuple[meshes.Mesh, Array, Array, Pose]:
     surface = surface_of_object(held)
     if surface is None or isinstance(surface, MeshFault):
         edges, box = equivalent_box(held)
-        return meshes.box(edges).at(box), box_lines(edges) @ box.R.T + box.p, edges, box
+        return meshes.box(edges).at(box), markers.box_lines(edges) @ box.R.T + box.p, edges, box
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     return surface, outline(held), high - low, Pose(np.eye(3), 0.5 * (low + high))
 
