@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import holdfast as hf
-from holdfast.cli.processor import processor
+from holdfast.cli.doctor import processor
 from holdfast.robots import panda
 
 STEP, STEPS, ROUNDS, MANY = 1e-3, 500, 5, 1000

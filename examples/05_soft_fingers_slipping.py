@@ -14,7 +14,7 @@ import holdfast as hf
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.robots.mechanisms import CONTACT, three_finger_hand
 from holdfast.view.figure_style import DPI
-from holdfast.view.margin_figure import friction_margin_figure
+from holdfast.view.plots import friction_margin_figure
 
 OUT = Path(__file__).parent / "out"
 FIRM, WEAK = 2.0, 0.2  # normal force of each finger, at the beginning and at the end [N]

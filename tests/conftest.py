@@ -23,6 +23,19 @@ def own_cache(tmp_path_factory):
         yield
 
 
+@pytest.fixture
+def cli(capsys):
+    """Return a function that calls the program, requires its exit code, and returns what it prints, as (out, err)."""
+    from holdfast.cli import main
+
+    def call(*arguments, code=0):
+        capsys.readouterr()
+        assert main([*map(str, arguments)]) == code
+        return capsys.readouterr()
+
+    return call
+
+
 def pytest_collection_finish():
     """Leave ten thousand tests and their modules out of every later search for garbage: they stay to the end."""
     gc.collect()

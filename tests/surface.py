@@ -4,21 +4,9 @@ from importlib import import_module
 from typing import Any
 
 THEMES = (
-    "assembly",
-    "codegen",
-    "compiled",
-    "control",
-    "dynamics",
-    "forces",
-    "gym",
-    "identification",
-    "interop",
-    "io",
-    "plot",
-    "robots",
-    "simulation",
-    "sweeps",
-)
+    "assembly", "codegen", "compiled", "control", "dynamics", "forces", "gym", "identification", "interop", "io",
+    "plot", "robots", "simulation", "sweeps",
+)  # fmt: skip
 
 
 def names_of(theme: str) -> dict[str, Any]:

@@ -6,7 +6,8 @@ import inspect
 import statistics
 import subprocess
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,7 @@ CORE |= {"compiler", "compiled", "control", "simulation", "assembly"}
 LARGEST_CIRCLE = 3  # modules that import each other, some of them inside functions
 HEAVY = {"scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath"}
 HEAVY |= {"pandas", "pyarrow", "xarray", "IPython", "jax", "gymnasium"}
+SAME_EVERYWHERE = {"ROWS", "VISUALS", "FLANGE"}  # parallel tables of the built-in robots
 
 
 @functools.cache
@@ -203,6 +205,28 @@ def test_names_of_rooms():
     vague = {"utils", "util", "core", "helpers", "misc", "common", "manager"}
     assert not {path.stem for path in FILES} & vague
     assert not {path.parent.name for path in FILES} & vague
+
+
+def capitalised_names(tree: ast.Module) -> Iterator[str]:
+    """Yield the public classes, constants, type aliases and type variables that a module defines itself."""
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef):
+            names = [node.name]
+        else:
+            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+            names = [part.id for target in targets if target for part in ast.walk(target) if isinstance(part, ast.Name)]
+        yield from (name for name in names if name[0].isupper())
+
+
+def test_one_name_has_one_meaning():
+    """No class, constant, type alias or type variable has the name of another one, unless it means the same."""
+    modules = defaultdict(list)
+    for path in FILES:
+        for name in {*capitalised_names(parsed(path))}:
+            modules[name].append(path.relative_to(ROOT).as_posix())
+    repeated = {name: found for name, found in modules.items() if len(found) > 1}
+    assert {name: found for name, found in sorted(repeated.items()) if name not in SAME_EVERYWHERE} == {}
+    assert repeated.keys() >= SAME_EVERYWHERE
 
 
 def public_definitions(tree: ast.Module):

@@ -8,7 +8,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from holdfast.cli.processor import processor
+from holdfast.cli.doctor import processor
 
 PACKAGES = ("holdfast", "numpy", "llvmlite")
 

@@ -19,20 +19,20 @@ class StateError(HoldfastError, ValueError):
 
 
 class StepTooLongError(StateError):
-    """A fixed time step that cannot follow how fast a joint settles: what it showed would be the scheme's doing.
+    """A fixed time step is too long for a joint that settles quickly: the result would be an artefact of the scheme.
 
     Attributes:
         joint: the joint that settles too fast, as 'arm/joint'.
-        step: a step that works [s]; not a number where none was found.
+        step: a step that works [s]; NaN if none was found.
     """
 
     def __init__(self, message: str, joint: str = "", step: float = math.nan) -> None:
-        """Take the message, and what a program needs to try again."""
+        """Store the message and the data needed to retry."""
         super().__init__(message)
         self.joint, self.step = joint, step
 
     def __reduce__(self) -> tuple[type[StepTooLongError], tuple[str, str, float]]:
-        """Return what a pickle is made from."""
+        """Return the constructor and its arguments, for pickling."""
         return type(self), (str(self), self.joint, self.step)
 
 
@@ -41,7 +41,7 @@ class CallError(HoldfastError, TypeError):
 
 
 class UnknownName(HoldfastError, AttributeError):
-    """A package or an object has no such name; the message gives the nearest one that it has."""
+    """A package or an object has no such name; the message suggests the nearest one that it has."""
 
 
 class ClosureError(HoldfastError):
@@ -65,7 +65,7 @@ class ResultError(HoldfastError):
 
 
 class FrozenError(HoldfastError, AttributeError, TypeError):
-    """Something that stays as it is was to be changed; the message says how to get what was meant."""
+    """An immutable object was to be changed; the message names the alternative."""
 
 
 class MissingExtra(HoldfastError, ImportError):
@@ -73,7 +73,7 @@ class MissingExtra(HoldfastError, ImportError):
 
 
 class DeprecatedNameWarning(FutureWarning):
-    """A name that goes with the next minor version; the message names its replacement."""
+    """A name that the next minor version drops; the message names its replacement."""
 
 
 def warn_renamed(old: str, new: str, until: str) -> None:
@@ -89,4 +89,4 @@ def warn_renamed(old: str, new: str, until: str) -> None:
 
 
 class ModelWarning(UserWarning):
-    """A robot's file was read, but not as it stands: each line names an element, and what became of it."""
+    """Parts of a robot's file were ignored or changed; each line names an element and what was done with it."""

@@ -1,4 +1,4 @@
-"""Wrong names in a user's code become errors of ours: of a package's contents, and of arguments."""
+"""Errors that suggest the right name for a wrong one or a wrong call, and the lazy loading of public names."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import lazy_loader
 
 from holdfast.errors import CallError, UnknownName
 
-MOST_NAMED = 40  # names in a message that lists what is known
+MOST_LISTED = 40  # names in a message that lists what is known
 RENAMED = {
     "squeeze": "internal_force",
     "squeeze_span": "internal_force_span",
     "internal": "internal_force",
     "undriven": "passive",
 }
-Kind = TypeVar("Kind", bound=type)
+Class = TypeVar("Class", bound=type)
 Called = TypeVar("Called", bound=Callable[..., Any])
 
 
@@ -34,8 +34,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = near or [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.8)]
     if near:
         return f" Did you mean '{near[0]}'?"
-    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
-    return f" Known: {', '.join(known[:MOST_NAMED]) or 'none'}{more}."
+    more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
+    return f" Known: {', '.join(known[:MOST_LISTED]) or 'none'}{more}."
 
 
 def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
@@ -46,7 +46,7 @@ def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
 def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return `__getattr__`, `__dir__` and `__all__` of a package whose public names its stub lists; see `lazy_loader`.
 
-    A function is made `called` where it is defined, so that the package and its module have the same one.
+    A function is wrapped by `called` in the module that defines it, too, so that both have the same object.
 
     Args:
         package: name of the package.
@@ -67,8 +67,8 @@ def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], 
     return get, names.copy, names
 
 
-def named(cls: Kind) -> Kind:
-    """Return a class whose attributes are named in the error for one that it does not have."""
+def named(cls: Class) -> Class:
+    """Return a class after making the error for an attribute that it does not have suggest the nearest one."""
     if "__getattr__" not in vars(cls):
         cls.__getattr__ = _unknown_attribute  # type: ignore[attr-defined]
     return cls
@@ -81,18 +81,17 @@ def _unknown_attribute(of: Any, name: str) -> NoReturn:
 
 
 def unknown_attribute(of: Any, name: str) -> UnknownName:
-    """Return the error for an attribute that an object does not have; Python's own questions get a plain one."""
+    """Return the error for an attribute that an object does not have, with a suggestion unless the name is private."""
     known = [] if name.startswith("_") else [each for each in dir(of) if not each.startswith("_")]
     hint = did_you_mean(name, known) if known else ""
     return UnknownName(f"'{type(of).__name__}' object has no attribute '{name}'{'.' * bool(hint)}{hint}")
 
 
 def called(of: Called) -> Called:
-    """Return a function whose wrong calls raise errors of ours; of a class, its constructor and public methods.
+    """Return a function, or a class with its constructor and public methods, whose wrong calls raise a `CallError`.
 
-    A call is wrong if its arguments do not fit the signature. Nothing is done to other calls.
-
-    Attributes that such a class does not have raise an `UnknownName`.
+    A call is wrong if its arguments do not fit the signature; other calls are passed on unchanged. Attributes that such
+    a class does not have raise an `UnknownName`.
 
     Raises:
         CallError: a name is unknown, an argument is missing or given twice, or there are too many.
@@ -107,10 +106,10 @@ def called(of: Called) -> Called:
 
 
 def no_arguments(what: str, given: tuple[Any, ...]) -> None:
-    """Refuse arguments of a call that has none, because it reads fixed arrays.
+    """Refuse arguments of a call that takes none, because it reads fixed arrays.
 
     Raises:
-        CallError: there are some.
+        CallError: there are arguments.
     """
     if given:
         raise CallError(f"{what}: expected no arguments, got {len(given)}; try writing into its arrays before the call")
@@ -136,9 +135,9 @@ def wrong_call(
 
     Args:
         signature: the signature.
-        name: what is called, for the message.
-        args: arguments by place.
-        given: arguments by name.
+        name: name of the function, for the message.
+        args: positional arguments.
+        given: keyword arguments.
     """
     try:
         signature.bind(*args, **given)

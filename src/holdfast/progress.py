@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from holdfast.errors import ModelError
 
-T = TypeVar("T")
+Report = TypeVar("Report")
 
 SILENCE = 10.0  # seconds between lines of progress if no bar can be drawn
 REFRESH = 0.2  # seconds between two updates of a notebook's bar
@@ -30,12 +30,12 @@ def say(line: str) -> bool:
 
 @contextmanager
 def reporting(
-    progress: bool | Callable[[T], object] | None,
+    progress: bool | Callable[[Report], object] | None,
     doing: str,
     begin: str,
-    shown: Callable[[T], tuple[float, str]],
+    shown: Callable[[Report], tuple[float, str]],
     time_left: bool = True,
-) -> Iterator[Callable[[T], object]]:
+) -> Iterator[Callable[[Report], object]]:
     """Yield the function to call with the progress: that of the caller, or one that moves a bar.
 
     Args:
@@ -73,12 +73,9 @@ def busy(progress: bool, doing: str, begin: str = "the first time takes longest"
     """
     if not isinstance(progress, bool | None):
         raise ModelError(f"progress: expected True or False, got {type(progress).__name__}")
-    if not progress:
+    with reporting(progress, doing, begin, lambda _: (1.0, "done")) as tell:
         yield
-        return
-    with progress_bar(doing, begin) as show:
-        yield
-        show(1.0, "done")
+        tell(None)
 
 
 def of_time(whole: float) -> Callable[[float], tuple[float, str]]:

@@ -14,7 +14,8 @@ import pytest
 
 import holdfast.cli.simulate as command
 from holdfast import ClosedChain, HoldfastError, load_scene
-from holdfast.cli import INTERRUPTED, main
+from holdfast.cli import main
+from holdfast.cli.streams import EXIT_INTERRUPTED
 from tests.acceptance.test_random_scenes import sound
 from tests.scenario.mutated_scenes import mutated, prepare
 
@@ -66,7 +67,7 @@ def end(scene: Path, seed: int, capsys: pytest.CaptureFixture[str]) -> str:
         said, out = "", scene.parent / f"result{seed}"
         code = main(["simulate", str(scene), "--out", str(out), "--no-plots"])
         assert_printed(scene, code, capsys)
-        if out.exists() and code != INTERRUPTED:
+        if out.exists() and code != EXIT_INTERRUPTED:
             sound(out, seed)
         assert out.exists() or code, seed
     if seed % SEEN == 0:

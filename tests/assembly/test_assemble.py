@@ -5,22 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import (
-    Arm,
-    ClosedChain,
-    ClosureError,
-    Grasp,
-    HeldObject,
-    Joint,
-    Link,
-    ModelError,
-    Pose,
-    State,
-    StateError,
-    close,
-    diagnose,
-    forward_dynamics,
-)
+import holdfast as hf
 from holdfast.assembly.assemble import assemble
 from holdfast.assembly.nearest_configuration import distance
 from holdfast.dynamics import closure
@@ -31,18 +16,18 @@ from holdfast.spatial import rotation
 from tests.control.two_pandas import ELBOW_UP, LEFT, RIGHT
 from tests.systems.problems import largest_gaps
 
-BOX = HeldObject.box(3.0, 0.3, 0.2, 0.2)
+BOX = hf.HeldObject.box(3.0, 0.3, 0.2, 0.2)
 CLOSED = 1e-10
 STATIONARY = 1e-8  # slope of the distance along any self-motion
-MENDED = Pose.from_wxyz_xyz([0.5**0.5, 0, 0.5**0.5, 0, 0, 0, 0])
+MENDED = hf.Pose.from_wxyz_xyz([0.5**0.5, 0, 0.5**0.5, 0, 0, 0, 0])
 APART = {"panda": 0.55, "iiwa14": 0.75, "ur5e": 0.6, "gen3": 0.55}  # [m]
 
 
 def facing(robot: str, kinds=("rigid", "rigid")):
     """Return two robots on either side of the box, and grasps on its end faces."""
-    turned = Pose(rotation.exp(np.array([0.0, 0.0, np.pi])), np.array([APART[robot], 0.0, 0.0]))
-    arms = {"left": ROBOTS[robot](Pose.translation(-APART[robot], 0.0, 0.0)), "right": ROBOTS[robot](turned)}
-    return arms, BOX, {"left": Grasp(kinds[0], LEFT), "right": Grasp(kinds[1], RIGHT)}
+    turned = hf.Pose(rotation.exp(np.array([0.0, 0.0, np.pi])), np.array([APART[robot], 0.0, 0.0]))
+    arms = {"left": ROBOTS[robot](hf.Pose.translation(-APART[robot], 0.0, 0.0)), "right": ROBOTS[robot](turned)}
+    return arms, BOX, {"left": hf.Grasp(kinds[0], LEFT), "right": hf.Grasp(kinds[1], RIGHT)}
 
 
 def slope(chain, state, preferred, *, hold_object: bool) -> float:
@@ -72,7 +57,7 @@ def test_two_of_every_robot(robot, pose):
         assert state.object_pose.tolist() == pose
     preferred = np.tile(HOME[robot], 2)
     assert slope(chain, state, preferred, hold_object=pose is not None) <= STATIONARY
-    assert np.isfinite(forward_dynamics(chain, state, np.zeros(len(state.q))).qdd).all()
+    assert np.isfinite(hf.forward_dynamics(chain, state, np.zeros(len(state.q))).qdd).all()
 
 
 @pytest.mark.parametrize("kinds", [("rigid", "ball"), ("hinge", "rigid"), ("ball", "hinge")])
@@ -126,8 +111,8 @@ def test_the_same_every_time():
 def test_moved_as_a_whole():
     """Arms and object displaced together: the joints do not notice."""
     arms, box, grasps = facing("panda")
-    shift = Pose(rotation.exp(np.array([0.3, -0.2, 1.0])), np.array([1.0, 2.0, -0.5]))
-    pose = Pose.translation(0.0, 0.0, 0.7)
+    shift = hf.Pose(rotation.exp(np.array([0.3, -0.2, 1.0])), np.array([1.0, 2.0, -0.5]))
+    pose = hf.Pose.translation(0.0, 0.0, 0.7)
     here = assemble(arms, box, grasps, object_pose=pose).state
     moved = {name: arm.at(shift @ arm.base) for name, arm in arms.items()}
     there = assemble(moved, box, grasps, object_pose=shift @ pose).state
@@ -139,11 +124,11 @@ def test_mechanisms():
     chain, state = assemble(*stewart_platform())
     assert state.q == pytest.approx(np.zeros(18), abs=1e-9)
     assert state.object_pose == pytest.approx([1, 0, 0, 0, 0, 0, 0.45], abs=1e-9)
-    assert diagnose(chain, state).mobility == 6
+    assert hf.diagnose(chain, state).mobility == 6
     chain, state = assemble(*three_finger_hand())
     assert state.q == pytest.approx(np.tile(state.q[:4], 3), abs=1e-9)
     assert largest_gaps(closure(chain, state))[0] <= CLOSED
-    assert diagnose(chain, state).mobility == 6
+    assert hf.diagnose(chain, state).mobility == 6
 
 
 def test_an_arm_that_holds_nothing():
@@ -160,7 +145,7 @@ def test_report():
     chain, state = assembly
     report = assembly.report
     left = report.arms[0]
-    assert report.mobility == diagnose(chain, state).mobility == 8
+    assert report.mobility == hf.diagnose(chain, state).mobility == 8
     assert (report.rank, report.rows) == (12, 12)
     assert left.reach == pytest.approx(np.hypot(0.4, 0.7 - 0.333))
     # joints 2 to 7 are at most 0.316, 0.0825, sqrt(0.0825^2 + 0.384^2), 0.088 apart, the flange 0.107 on
@@ -178,17 +163,18 @@ def test_report():
 
 def test_report_of_dependent_rows():
     """Fewer independent rows than rows are pointed out."""
-    joints = [Joint(placement=Pose.translation(0.5 * (k > 0), 0.0, 0.0), position_limits=(-3.0, 3.0)) for k in range(3)]
-    planar = Arm(joints, [Link(1.0, inertia=np.eye(3))] * 3, Pose.translation(0.5, 0.0, 0.0))
-    arms = {"a": planar, "b": planar.at(Pose.translation(0.3, 0.0, 0.0))}
-    grasps = {"a": Grasp("rigid", Pose.translation(-0.1, 0, 0)), "b": Grasp("rigid", Pose.translation(0.1, 0, 0))}
-    assembly = assemble(arms, HeldObject.box(1, 0.2, 0.2, 0.2), grasps, q={"a": [0.5, 0.6, 0.7], "b": [0.6, 0.5, 0.6]})
+    along_x = lambda x: hf.Pose.translation(x, 0.0, 0.0)  # noqa: E731
+    joints = [hf.Joint(placement=along_x(x), position_limits=(-3.0, 3.0)) for x in (0.0, 0.5, 0.5)]
+    planar = hf.Arm(joints, [hf.Link(1.0, inertia=np.eye(3))] * 3, along_x(0.5))
+    grasps = {name: hf.Grasp("rigid", along_x(x)) for name, x in (("a", -0.1), ("b", 0.1))}
+    held, q = hf.HeldObject.box(1, 0.2, 0.2, 0.2), {"a": [0.5, 0.6, 0.7], "b": [0.6, 0.5, 0.6]}
+    assembly = assemble({"a": planar, "b": planar.at(along_x(0.3))}, held, grasps, q=q)
     assert "rows are dependent" in str(assembly.report)
 
 
 def test_too_far():
     """Every arm that no configuration brings there is named with what it lacks."""
-    with pytest.raises(ClosureError) as caught:
+    with pytest.raises(hf.ClosureError) as caught:
         assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 1, 1, 0.5])
     assert "arm 'left' is 0.742 m short" in str(caught.value)
     assert "arm 'right' is 0.192 m short" in str(caught.value)
@@ -197,11 +183,11 @@ def test_too_far():
 
 def test_within_reach_but_not_that_way():
     """An attitude that the joint limits forbid: the arm, and what is left of the gap."""
-    with pytest.raises(ClosureError, match=r"arm 'left' misses its grasp by 0.* Try"):
+    with pytest.raises(hf.ClosureError, match=r"arm 'left' misses its grasp by 0.* Try"):
         assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 0, 0, 0.3])
 
 
-def narrowed(robot: str, widest: float) -> Arm:
+def narrowed(robot: str, widest: float) -> hf.Arm:
     """Return a built-in robot whose joints turn no farther than so far from 0."""
     arm = ROBOTS[robot]()
     limits = np.clip(arm.position_limits, -widest, widest)
@@ -217,16 +203,16 @@ def test_other_configurations_are_tried(robot, widest, draws, kind):
     low, high = arm.position_limits.T
     configurations = random.uniform(low + 0.05 * (high - low), high - 0.05 * (high - low), (max(draws) + 1, len(low)))
     for k in draws:
-        grasps = {"arm": Grasp(kind, Pose.identity())}
+        grasps = {"arm": hf.Grasp(kind, hf.Pose.identity())}
         chain, state = assemble({"arm": arm}, BOX, grasps, object_pose=forward_kinematics(arm, configurations[k]).tip)
         assert largest_gaps(closure(chain, state))[0] <= CLOSED
         assert (np.minimum(state.q - low, high - state.q) >= (0.02 - 1e-9) * (high - low)).all()
 
 
-def sideways(robot: str = "panda") -> tuple[dict[str, Arm], HeldObject, dict[str, Grasp]]:
+def sideways(robot: str = "panda") -> tuple[dict[str, hf.Arm], hf.HeldObject, dict[str, hf.Grasp]]:
     """Return two robots on either side of the box whose tips point sideways, as a UR's `ee_link` does."""
     arms, box, grasps = facing(robot)
-    turn = Pose(rotation.exp(np.array([0.0, -np.pi / 2, 0.0])), np.zeros(3))
+    turn = hf.Pose(rotation.exp(np.array([0.0, -np.pi / 2, 0.0])), np.zeros(3))
     return {name: arm.with_tip(arm.tip @ turn) for name, arm in arms.items()}, box, grasps
 
 
@@ -250,12 +236,12 @@ def test_a_tip_that_points_sideways_cannot_reach():
     arms, box, grasps = sideways()
     pose = [1, 0, 0, 0, 0, 0, 1.05]
     wanted = r"misses its grasp .* 90 deg off .* try arm\.with_tip\(arm\.tip @"
-    with pytest.raises(ClosureError, match=wanted) as refused:
+    with pytest.raises(hf.ClosureError, match=wanted) as refused:
         assemble({"left": arms["left"]}, box, {"left": grasps["left"]}, object_pose=pose)
     assert len(str(refused.value)) < 600
-    alike = ClosedChain(arms, box, grasps)
-    with pytest.raises(ClosureError, match="Of 'left', 'right': the tip's z axis") as refused:
-        close(alike, State(np.tile(HOME["panda"], 2), np.zeros(14), pose), hold_object=True)
+    alike = hf.ClosedChain(arms, box, grasps)
+    with pytest.raises(hf.ClosureError, match="Of 'left', 'right': the tip's z axis") as refused:
+        hf.close(alike, hf.State(np.tile(HOME["panda"], 2), np.zeros(14), pose), hold_object=True)
     assert str(refused.value).count("deg off") == 1
     turned = arms["left"].with_tip(arms["left"].tip @ MENDED)
     assemble({"left": turned}, box, {"left": grasps["left"]}, object_pose=pose)
@@ -264,11 +250,11 @@ def test_a_tip_that_points_sideways_cannot_reach():
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"q": {"lft": np.zeros(7)}}, ModelError, "q: no arm 'lft'. Did you mean 'left'"),
-        ({"q": np.zeros(14)}, ModelError, "q: expected joint positions by arm name"),
-        ({"q": {"left": np.zeros(6)}}, StateError, "q of 'left': expected shape"),
-        ({"object_pose": [0, 0, 0.7]}, ModelError, "object_pose"),
-        ({"gravity": [0, 0]}, ModelError, "gravity"),
+        ({"q": {"lft": np.zeros(7)}}, hf.ModelError, "q: no arm 'lft'. Did you mean 'left'"),
+        ({"q": np.zeros(14)}, hf.ModelError, "q: expected joint positions by arm name"),
+        ({"q": {"left": np.zeros(6)}}, hf.StateError, "q of 'left': expected shape"),
+        ({"object_pose": [0, 0, 0.7]}, hf.ModelError, "object_pose"),
+        ({"gravity": [0, 0]}, hf.ModelError, "gravity"),
     ],
 )
 def test_bad_options(options, error, message):
@@ -280,7 +266,7 @@ def test_bad_options(options, error, message):
 def test_nothing_to_find():
     """Without grasps the object's pose has to be given."""
     arms, box, _ = facing("panda")
-    with pytest.raises(ModelError, match="expected at least one grasp"):
+    with pytest.raises(hf.ModelError, match="expected at least one grasp"):
         assemble(arms, box, {})
     assert assemble(arms, box, {}, object_pose=[1, 0, 0, 0, 0, 0, 0.7]).state.q == pytest.approx(
         np.tile(HOME["panda"], 2)

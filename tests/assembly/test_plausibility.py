@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.assembly.outward_normal import outward_normal
-from holdfast.assembly.plausibility import plausibility_notes
+from holdfast.assembly.plausibility import outward_normal, plausibility_notes
 from holdfast.cli import main
 from holdfast.errors import ModelWarning
 from holdfast.view import meshes

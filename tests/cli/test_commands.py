@@ -10,7 +10,6 @@ import pytest
 
 import holdfast
 from holdfast import ClosureError, SingularChainError
-from holdfast.cli import main
 from holdfast.cli import solve as solve_command
 from holdfast.dynamics import METHODS
 from tests.io.mutations import CASES, small_case
@@ -18,142 +17,115 @@ from tests.systems import two_collinear_stretched_6r
 
 FILE = str(Path(__file__).parents[1] / "data" / "cases.json")
 COMMANDS = (
-    "solve", "diagnose", "simulate", "sweep", "summary", "view", "plot", "export", "export-c", "methods", "doctor",
+    "solve", "diagnose", "simulate", "sweep", "summary", "plot", "view", "export", "export-c", "methods", "doctor",
 )  # fmt: skip
 
 
-def test_help(capsys):
+def test_help(cli):
     """Without arguments, and on request, every command is listed; exit 0."""
     for arguments in ([], ["--help"], ["-h"]):
-        assert main(arguments) == 0
-        out, err = capsys.readouterr()
+        out, err = cli(*arguments)
         assert err == ""
         assert all(command in out for command in COMMANDS)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_of_a_command(command, capsys):
+def test_help_of_a_command(command, cli):
     """Every command explains itself and its arguments."""
-    assert main([command, "--help"]) == 0
-    out = capsys.readouterr().out
+    out = cli(command, "--help").out
     assert f"holdfast {command}" in out
     assert "{None}" not in out
 
 
-def test_version(capsys):
+def test_version(cli):
     """The installed version."""
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"{holdfast.__version__}\n"
+    assert cli("--version").out == f"{holdfast.__version__}\n"
 
 
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
         (["slove", FILE], "no command 'slove'. Did you mean 'solve'?"),
-        (
-            ["fly"],
-            "no command 'fly'. Known: solve, diagnose, simulate, sweep, summary, plot, view, export, export-c,"
-            " methods, doctor.",
-        ),
+        (["fly"], f"no command 'fly'. Known: {', '.join(COMMANDS)}."),
         (["bench"], "no command 'bench'; try `python -m benchmarks.bench` in a clone of the repository"),
         (["solve"], "Missing from holdfast solve: FILE"),
         (["--verbose"], "Unrecognized options: --verbose"),
         (["methods", "extra"], "Unrecognized options: extra"),
     ],
 )
-def test_usage_errors(arguments, problem, capsys):
+def test_usage_errors(arguments, problem, cli):
     """Exit 2 and one line."""
-    assert main(arguments) == 2
-    out, err = capsys.readouterr()
+    out, err = cli(*arguments, code=2)
     assert out == ""
     assert err.startswith(f"holdfast: error: {problem}"), err
     assert err.count("\n") == 1
 
 
-def test_methods(capsys):
+def test_methods(cli):
     """Every algorithm with its equation, cost and range."""
-    assert main(["methods"]) == 0
-    out = capsys.readouterr().out
+    out = cli("methods").out
     for method in METHODS.values():
         (line,) = [line for line in out.splitlines() if f" {method.name} " in line]
         for text in (method.equation, method.cost, method.applies):
             assert text in line
 
 
-def test_doctor(capsys):
+def test_doctor(cli):
     """Versions, processor features, extras with the command that brings what is missing."""
-    assert main(["doctor"]) == 0
-    out = capsys.readouterr().out
-    for word in (
-        "holdfast",
-        "python",
-        "numpy",
-        "processor",
-        "avx2",
-        "avx512",
-        "fma",
-        "neon",
-        "machine code",
-        "cache",
-        "extra 'plot'",
-    ):
+    out = cli("doctor").out
+    libraries, features = ("holdfast", "python", "numpy"), ("processor", "avx2", "avx512", "fma", "neon")
+    for word in (*libraries, *features, "machine code", "cache", "extra 'plot'"):
         assert word in out
 
 
-def test_doctor_names_what_is_missing(capsys, monkeypatch):
+def test_doctor_names_what_is_missing(cli, monkeypatch):
     """A package that is not there is named with its extra."""
     from holdfast.cli import doctor
 
     monkeypatch.setattr(doctor, "_version", lambda package: None if package == "matplotlib" else "1.0")
-    assert main(["doctor"]) == 0
-    assert "missing matplotlib: pip install 'holdfast[plot]'" in capsys.readouterr().out
+    assert "missing matplotlib: pip install 'holdfast[plot]'" in cli("doctor").out
 
 
-def test_interrupted(capsys, monkeypatch):
+def test_interrupted(cli, monkeypatch):
     """Ctrl-C ends with 130 and no traceback."""
 
     def interrupted(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(solve_command, "chosen_cases", interrupted)
-    assert main(["solve", FILE]) == 130
-    assert capsys.readouterr().err == "holdfast: error: interrupted\n"
+    assert cli("solve", FILE, code=130).err == "holdfast: error: interrupted\n"
 
 
 @pytest.mark.parametrize("error", [ClosureError, SingularChainError])
-def test_physics_refused(error, capsys, monkeypatch):
+def test_physics_refused(error, cli, monkeypatch):
     """What physics refuses ends with 3; a message of several lines becomes one."""
 
     def refuse(*_):
         raise error("out of reach\n  by 0.1 m")
 
     monkeypatch.setattr(solve_command, "chosen_cases", refuse)
-    assert main(["solve", FILE]) == 3
-    assert capsys.readouterr().err == "holdfast: error: out of reach by 0.1 m\n"
+    assert cli("solve", FILE, code=3).err == "holdfast: error: out of reach by 0.1 m\n"
 
 
-def test_faults_are_named(monkeypatch, capsys):
+def test_faults_are_named(monkeypatch, cli):
     """An exception that is none of ours: one line with its type, its message and the place in this program, and 70."""
 
     def broken(*_):
         raise ZeroDivisionError("a fault")
 
     monkeypatch.setattr(solve_command, "chosen_cases", broken)
-    assert main(["solve", FILE]) == 70
-    said = capsys.readouterr().err
+    said = cli("solve", FILE, code=70).err
     assert said.startswith("holdfast: error: internal fault at cli/solve.py:")
     assert "ZeroDivisionError: a fault; please report" in said
     assert said.count("\n") == 1
     monkeypatch.setenv("HOLDFAST_TRACEBACK", "1")
-    assert main(["solve", FILE]) == 70
-    said = capsys.readouterr().err
+    said = cli("solve", FILE, code=70).err
     assert said.startswith("Traceback") and "internal fault at cli/solve.py:" in said
 
 
-def test_diagnose_all_cases(capsys):
+def test_diagnose_all_cases(cli):
     """Rank, mobility and whether forces are unique, of every stored case."""
-    assert main(["diagnose", FILE, "--format", "json"]) == 0
-    out, err = capsys.readouterr()
+    out, err = cli("diagnose", FILE, "--format", "json")
     assert err == ""
     for found, case in zip(json.loads(out), CASES, strict=True):
         assert found["name"] == case["name"]
@@ -164,20 +136,19 @@ def test_diagnose_all_cases(capsys):
         assert (found["indeterminate_forces"] == []) == case["tags"]["f_unique"]
 
 
-def test_diagnose_in_words(tmp_path, capsys):
+def test_diagnose_in_words(tmp_path, cli):
     """A singular configuration is a finding: exit 0, lost directions in words; an open grasp is refused."""
     singular = {key: value for key, value in two_collinear_stretched_6r(0).items() if key != "tags"}
     apart = small_case() | {"name": "open"}
     apart["arms"][0]["base"]["p"][0] += 0.1
     file = tmp_path / "cases.json"
     file.write_text(json.dumps([singular, apart]), encoding="utf-8")
-    assert main(["diagnose", str(file)]) == 0
-    out = capsys.readouterr().out
+    out = cli("diagnose", file).out
     assert "singular: rank 11 of 12" in out
     assert "cannot move its tip along" in out
     assert "open: refused: inconsistent: " in out
-    assert main(["diagnose", str(file), "--case", "open", "--format", "json"]) == 3
-    assert json.loads(capsys.readouterr().out)[0]["status"] == "refused"
+    refused = cli("diagnose", file, "--case", "open", "--format", "json", code=3).out
+    assert json.loads(refused)[0]["status"] == "refused"
 
 
 def program() -> list[str]:

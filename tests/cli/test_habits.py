@@ -21,41 +21,39 @@ def stdin(monkeypatch):
     return lambda content: monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
 
 
-def document(capsys, *arguments):
-    """Return what a command prints with --json: one document and nothing else."""
-    capsys.readouterr()
-    assert main([*map(str, arguments), "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+@pytest.fixture
+def document(cli):
+    """Return a function that returns what a command prints with --json: one document and nothing else."""
+    return lambda *arguments: json.loads(cli(*arguments, "--json").out)
 
 
-def test_a_scene_on_stdin_with_keys_set(stdin, tmp_path, monkeypatch, capsys):
+def test_a_scene_on_stdin_with_keys_set(stdin, tmp_path, monkeypatch, document, cli):
     """The run is that of the changed scene, whose text the folder keeps, so that it can be looked at later."""
     monkeypatch.chdir(tmp_path)
     stdin(EXAMPLE.read_bytes())
     command = ("simulate", "-", *SHORT, "--set", "object.mass=2.5", "--set", "arms.left.base.position.1=0.01")
-    found = document(capsys, *command, "--out", "run", "--no-plots")
+    found = document(*command, "--out", "run", "--no-plots")
     assert (found["result"], found["stopped"], found["summary"]["samples"]) == ("run", None, 3)
     chain = holdfast.load_scene("run/scene.toml").chain
     assert (chain.held_object.mass, chain.arms["left"].base.p.tolist()) == (2.5, [-0.55, 0.01, 0.0])
     assert holdfast.load_result("run").trajectory.t[-1] == 0.02
     stdin(EXAMPLE.read_bytes())
-    assert main([*command, "--out", "run", "--no-plots", "--resume"]) == 2
-    assert "nothing to resume: the run is complete" in capsys.readouterr().err
+    assert (
+        "nothing to resume: the run is complete" in cli(*command, "--out", "run", "--no-plots", "--resume", code=2).err
+    )
 
 
-def test_stdin_is_told_apart(stdin, capsys):
+def test_stdin_is_told_apart(stdin, document):
     """`diagnose -` takes a scene, and cases."""
     stdin(EXAMPLE.read_bytes())
-    (of_scene,) = document(capsys, "diagnose", "-")
+    (of_scene,) = document("diagnose", "-")
     assert (of_scene["rank"], of_scene["mobility"]) == (12, 8)
     with open(FILE, "rb") as file:
         content = file.read()
     stdin(content)
-    assert document(capsys, "diagnose", "-", "--case", "ball_3arm") == document(
-        capsys, "diagnose", FILE, "--case", "ball_3arm"
-    )
+    assert document("diagnose", "-", "--case", "ball_3arm") == document("diagnose", FILE, "--case", "ball_3arm")
     stdin(content)
-    assert document(capsys, "solve", "-", "--case", "ball_3arm")[0]["status"] == "ok"
+    assert document("solve", "-", "--case", "ball_3arm")[0]["status"] == "ok"
 
 
 def test_tables_on_stdout(result, tmp_path, capfdbinary):
@@ -69,23 +67,24 @@ def test_tables_on_stdout(result, tmp_path, capfdbinary):
 def test_a_page_on_stdout(result, tmp_path, capfdbinary):
     """Likewise."""
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
-    assert document(capfdbinary, "view", result, "--export", tmp_path / "a.html")["moments"] == 2
+    assert main(["view", str(result), "--export", str(tmp_path / "a.html"), "--json"]) == 0
+    assert json.loads(capfdbinary.readouterr().out)["moments"] == 2
     assert main(["view", str(result), "--export", "-"]) == 0
     assert capfdbinary.readouterr().out == (tmp_path / "a.html").read_bytes()
 
 
-def test_several_folders(result, tmp_path, capsys):
+def test_several_folders(result, document):
     """One document of all, in their order."""
     folders = [result, result]
-    assert [one["result"] for one in document(capsys, "summary", *folders)] == [str(result)] * 2
-    exported = document(capsys, "export", *folders, "--overwrite")
+    assert [one["result"] for one in document("summary", *folders)] == [str(result)] * 2
+    exported = document("export", *folders, "--overwrite")
     assert [one["samples"] for one in exported] == [3, 3]
     assert exported[0]["files"] == [str(result / "trajectory.csv")]
     written = json.loads((result / "summary.json").read_text())
-    assert document(capsys, "summary", result)[0]["summary"] == written
+    assert document("summary", result)[0]["summary"] == written
 
 
-def test_figures_of_several(result, tmp_path, monkeypatch, capsys):
+def test_figures_of_several(result, tmp_path, monkeypatch, document):
     """One set that compares them, in a place of its own; each run is called by what tells its folder apart."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(result, "one/run")
@@ -93,29 +92,26 @@ def test_figures_of_several(result, tmp_path, monkeypatch, capsys):
     seen = []
     monkeypatch.setattr("holdfast.cli.results.compare_runs", lambda runs: seen.append(list(runs)) or {})
     for out, place in (((), "results/comparison"), (("--out", "here"), "here")):
-        found = document(capsys, "plot", "one/run", "two/run", *out)
+        found = document("plot", "one/run", "two/run", *out)
         assert found == {"results": ["one/run", "two/run"], "files": []}
         assert (tmp_path / place).is_dir()
     assert seen == [["one/run", "two/run"]] * 2
 
 
 @pytest.mark.parametrize("command", ["plot", "view"])
-def test_several_that_cannot_be_told_apart(result, tmp_path, monkeypatch, capsys, command):
+def test_several_that_cannot_be_told_apart(result, tmp_path, monkeypatch, cli, command):
     """None, and the same one by two names, are refused before anything is drawn."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "link").symlink_to(result)
-    assert main([command]) == 2
-    assert "expected one or more" in capsys.readouterr().err
-    assert main([command, str(result), "link"]) == 2
-    assert "expected different ones, got link twice; try each once" in capsys.readouterr().err
-    assert main([command, *map(str, range(21))]) == 2
-    assert "together, got 21; try some of them" in capsys.readouterr().err
+    assert "expected one or more" in cli(command, code=2).err
+    assert "expected different ones, got link twice; try each once" in cli(command, result, "link", code=2).err
+    assert "together, got 21; try some of them" in cli(command, *map(str, range(21)), code=2).err
     assert [path.name for path in tmp_path.iterdir()] == ["link"]
 
 
-def test_documents_of_the_others(result, capsys, monkeypatch):
+def test_documents_of_the_others(result, document, monkeypatch):
     """Their keys are names that a reader knows."""
     monkeypatch.setattr("holdfast.cli.results.save_plots", lambda chain, run, folder: ["a.png"])
-    assert document(capsys, "plot", result) == {"results": [str(result)], "files": [str(result / "a.png")]}
-    assert {one["name"] for one in document(capsys, "methods")} == set(holdfast.dynamics.METHODS)
-    assert document(capsys, "doctor")["holdfast"] == holdfast.__version__
+    assert document("plot", result) == {"results": [str(result)], "files": [str(result / "a.png")]}
+    assert {one["name"] for one in document("methods")} == set(holdfast.dynamics.METHODS)
+    assert document("doctor")["holdfast"] == holdfast.__version__

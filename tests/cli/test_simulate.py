@@ -18,10 +18,9 @@ from tests.io.recorded import same_bits
 TEXT = EXAMPLE.read_text()
 
 
-def test_complete_run(scene, tmp_path, capsys):
+def test_complete_run(scene, tmp_path, cli):
     """A run ends with its summary and where to look; everything named is there."""
-    assert main(["simulate", str(scene)]) == 0
-    said = capsys.readouterr()
+    said = cli("simulate", scene)
     folder = Path("results") / "short"
     assert "energy balance" in said.out
     for name in ("summary.json", "grasp_wrenches.png", "closure_and_energy.png"):
@@ -33,8 +32,7 @@ def test_complete_run(scene, tmp_path, capsys):
     assert len(found.trajectory) == 11
     assert json.loads((folder / "summary.json").read_text())["worst_position_gap"] <= 1e-12
     # and not twice into the same folder unless told to
-    assert main(["simulate", str(scene)]) == 2
-    assert "--overwrite" in capsys.readouterr().err
+    assert "--overwrite" in cli("simulate", scene, code=2).err
     assert main(["simulate", str(scene), "--overwrite", "--no-plots"]) == 0
 
 
@@ -46,11 +44,10 @@ def test_complete_run(scene, tmp_path, capsys):
         ("[0.0, 0.0, 0.72]", "[0.0, 0.0, 2.0]", 3, "cannot close the chains"),
     ],
 )
-def test_refused(scene, capsys, old, new, code, message):
+def test_refused(scene, cli, old, new, code, message):
     """Bad input is 2, an unreachable object 3: one line on stderr, nothing written."""
     scene.write_text(scene.read_text().replace(old, new))
-    assert main(["simulate", str(scene)]) == code
-    said = capsys.readouterr()
+    said = cli("simulate", scene, code=code)
     *begun, error = said.err.splitlines()
     assert message in error
     assert all(line.startswith("simulating") for line in begun)
@@ -59,7 +56,7 @@ def test_refused(scene, capsys, old, new, code, message):
 
 
 @pytest.mark.slow
-def test_sampled(scene, capsys):
+def test_sampled(scene, cli):
     """Sample time and delay by an option or in the scene: the same run, both kept with it; bad ones are refused."""
     scene.write_text(TEXT.replace("duration = 2.0", "duration = 0.012").replace("begin = 0.2", "begin = 0.0"))
     options = ["--sample-time", "4e-3", "--delay", "1e-3", "--no-plots"]
@@ -70,23 +67,20 @@ def test_sampled(scene, capsys):
     same_bits(*(one.trajectory for one in runs))
     assert [one.meta.options for one in runs] == [{"sample_time": 4e-3, "delay": 1e-3}] * 2
     assert len(np.unique(runs[0].trajectory.tau, axis=0)) >= 3
-    capsys.readouterr()
     for bad, message in ((["--sample-time", "0"], "expected > 0"), (["--delay", "2"], "less than the duration")):
-        assert main(["simulate", str(scene), "--out", "bad", *bad]) == 2
-        assert message in capsys.readouterr().err
+        assert message in cli("simulate", scene, "--out", "bad", *bad, code=2).err
     assert not Path("bad").exists()
     scene.write_text(scene.read_text().replace("sample_time = 4e-3", "sample_time = -4e-3"))
-    assert main(["simulate", str(scene), "--out", "bad"]) == 2
-    assert "$.simulation.sample_time: expected > 0, got -0.004" in capsys.readouterr().err
+    assert "$.simulation.sample_time: expected > 0, got -0.004" in cli("simulate", scene, "--out", "bad", code=2).err
 
 
 @pytest.mark.slow
-def test_step_too_long(scene, capsys):
+def test_step_too_long(scene, cli):
     """Feedback that the step cannot follow: 3, and one line with the joint and a step that can."""
     text = TEXT.replace("internal_force = 20.0", "internal_force = 20.0\njoint_damping = 5000.0")
     scene.write_text(text.replace("begin = 0.2", "begin = 0.0").replace("duration = 2.0", "duration = 1.6"))
-    assert main(["simulate", str(scene), "--no-plots"]) == 3
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("simulating")]
+    said = cli("simulate", scene, "--no-plots", code=3).err
+    (line,) = [line for line in said.splitlines() if not line.startswith("simulating")]
     assert re.search(r"short.toml: stopped .* the step of 0.002 s is too long for joint '\w+/joint\d'", line), line
     step = re.search(r"try a step of (\S+) s$", line)
     assert step and float(step[1]) * 5000.0 < 2.0
@@ -108,30 +102,28 @@ def simulate_until(t_end, then):
     return simulation
 
 
-def test_interrupted(scene, capsys, monkeypatch):
+def test_interrupted(scene, cli, monkeypatch):
     """Ctrl-C: 130, and what was simulated until then is kept."""
     monkeypatch.setattr(command, "run_simulation", simulate_until(0.011, KeyboardInterrupt()))
-    assert main(["simulate", str(scene), "--out", "there", "--no-plots"]) == 130
-    assert "interrupted after t = 0.01 s; the results until then are in there" in capsys.readouterr().err
+    said = cli("simulate", scene, "--out", "there", "--no-plots", code=130).err
+    assert "interrupted after t = 0.01 s; the results until then are in there" in said
     found = load_result("there")
     assert found.trajectory.t[-1] == pytest.approx(0.01)
     assert found.note == "incomplete, up to t = 0.01 s of 0.02 s: interrupted"
 
 
-def test_interrupted_at_once(scene, capsys, monkeypatch):
+def test_interrupted_at_once(scene, cli, monkeypatch):
     """Ctrl-C before the first sample leaves nothing."""
     monkeypatch.setattr(command, "run_simulation", simulate_until(-1.0, KeyboardInterrupt()))
-    assert main(["simulate", str(scene)]) == 130
-    assert "nothing was written" in capsys.readouterr().err
+    assert "nothing was written" in cli("simulate", scene, code=130).err
     assert not Path("results").exists()
 
 
 @pytest.mark.slow
-def test_stopped_by_physics(scene, capsys, monkeypatch):
+def test_stopped_by_physics(scene, cli, monkeypatch):
     """A run that turns singular: 3, the last good time, and a result that can be read and seen."""
     monkeypatch.setattr(command, "run_simulation", simulate_until(0.011, SingularChainError("the rank drops")))
-    assert main(["simulate", str(scene)]) == 3
-    said = capsys.readouterr()
+    said = cli("simulate", scene, code=3)
     assert "stopped after t = 0.01 s: the rank drops" in said.err
     assert "look at" in said.out
     found = load_result("results/short")
@@ -140,19 +132,17 @@ def test_stopped_by_physics(scene, capsys, monkeypatch):
 
 
 @pytest.mark.slow
-def test_without_matplotlib(scene, capsys, monkeypatch):
+def test_without_matplotlib(scene, cli, monkeypatch):
     """Said before anything is simulated, with the command that brings it and the one that does without."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert main(["simulate", str(scene)]) == 2
-    said = capsys.readouterr()
+    said = cli("simulate", scene, code=2)
     assert said.err == (
         "holdfast: error: plots need matplotlib; try pip install 'holdfast[plot]', or --no-plots now and `holdfast plot"
         " RESULT` later\n"
     )
     assert said.out == ""
     assert not Path("results").exists()
-    assert main(["simulate", str(scene), "--no-plots"]) == 0
-    assert "look at results/short/summary.json" in capsys.readouterr().out
+    assert "look at results/short/summary.json" in cli("simulate", scene, "--no-plots").out
     assert load_result("results/short").complete
     assert main(["plot", "results/short"]) == 2
     monkeypatch.undo()
@@ -161,15 +151,14 @@ def test_without_matplotlib(scene, capsys, monkeypatch):
 
 
 @pytest.mark.slow
-def test_plots_that_fail_leave_the_result(scene, capsys, monkeypatch):
+def test_plots_that_fail_leave_the_result(scene, cli, monkeypatch):
     """Whatever happens to a plot, the run is on disk and its summary is told first."""
 
     def broken(*arguments):
         raise ResultError("results/short/torques.png: cannot be written: No space left on device")
 
     monkeypatch.setattr(command, "save_plots", broken)
-    assert main(["simulate", str(scene)]) == 2
-    said = capsys.readouterr()
+    said = cli("simulate", scene, code=2)
     assert "look at results/short/summary.json" in said.out
     assert "No space left on device" in said.err
     assert load_result("results/short").complete
@@ -180,11 +169,10 @@ WEAK = BALLS.replace("internal_force = 20.0", "internal_force = 5.0").replace("d
 
 
 @pytest.mark.slow
-def test_slip_stops_the_run(scene, capsys):
+def test_slip_stops_the_run(scene, cli):
     """An internal force that cannot carry the box: 3, the grasp and the time on stderr, the result kept."""
     scene.write_text(WEAK)
-    assert main(["simulate", str(scene), "--no-plots"]) == 3
-    said = capsys.readouterr()
+    said = cli("simulate", scene, "--no-plots", code=3)
     assert "slips at t = 0 s" in said.err
     assert "lowest margin, left" in said.out
     assert len(load_result("results/short").trajectory) == 1
@@ -193,27 +181,25 @@ def test_slip_stops_the_run(scene, capsys):
     assert summary["lowest_margin"]["left"][0] < 0
     # where the scene asks for it, the run goes on to its end and the table says what happened and when
     scene.write_text(WEAK.replace("step = 0.002", 'step = 0.002\non_slip = "record"'))
-    assert main(["simulate", str(scene), "--no-plots", "--overwrite"]) == 0
-    said = capsys.readouterr()
+    said = cli("simulate", scene, "--no-plots", "--overwrite")
     assert "grasp 'left' slips" in said.out
     assert "t = 0 s" in said.out
 
 
 @pytest.mark.slow
-def test_events_of_a_scene(scene, capsys):
+def test_events_of_a_scene(scene, cli):
     """An arm lets go and the table says so; without it the other carries on."""
     release = '\n[[events]]\ntype = "release"\nt = 0.005\narm = "right"\n'
     scene.write_text(TEXT.replace("duration = 2.0", "duration = 0.01") + release)
-    assert main(["simulate", str(scene), "--no-plots"]) == 0
-    assert "'right' lets go" in capsys.readouterr().out
+    assert "'right' lets go" in cli("simulate", scene, "--no-plots").out
     run = load_result("results/short").trajectory
     assert run.holding[-1].tolist() == [True, False]
     assert [one.kind for one in run.occurrences] == ["release"]
     assert (run.t[1:] > run.t[:-1]).all()
 
 
-def interrupted_in_the_middle(scene, monkeypatch):
-    """Press Ctrl-C in the middle of a run."""
+def interrupted_in_the_middle(scene, monkeypatch, cli):
+    """Press Ctrl-C in the middle of a run, and return what stderr says."""
     real = command.run_simulation
 
     def simulation(*arguments, on_sample, **options):
@@ -226,40 +212,35 @@ def interrupted_in_the_middle(scene, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(command, "run_simulation", simulation)
-        assert main(["simulate", str(scene), "--out", "left", "--no-plots"]) == 130
+        return cli("simulate", scene, "--out", "left", "--no-plots", code=130).err
 
 
 @pytest.mark.slow
-def test_resume(scene, capsys, monkeypatch):
+def test_resume(scene, cli, monkeypatch):
     """The same samples, the same summary; a second time it says that the run is complete."""
-    assert main(["simulate", str(scene), "--out", "whole", "--no-plots"]) == 0
-    table = capsys.readouterr().out.replace("whole", "left")
-    interrupted_in_the_middle(scene, monkeypatch)
-    assert "--resume" in capsys.readouterr().err
-    assert main(["simulate", str(scene), "--out", "left", "--resume", "--no-plots"]) == 0
-    assert capsys.readouterr().out == table
+    table = cli("simulate", scene, "--out", "whole", "--no-plots").out.replace("whole", "left")
+    assert "--resume" in interrupted_in_the_middle(scene, monkeypatch, cli)
+    assert cli("simulate", scene, "--out", "left", "--resume", "--no-plots").out == table
     same_bits(load_result("left").trajectory, load_result("whole").trajectory)
     assert Path("left/summary.json").read_bytes() == Path("whole/summary.json").read_bytes()
-    assert main(["simulate", str(scene), "--out", "left", "--resume"]) == 2
-    assert "left: nothing to resume: the run is complete, 11 samples up to t = 0.02 s" in capsys.readouterr().err
+    said = cli("simulate", scene, "--out", "left", "--resume", code=2).err
+    assert "left: nothing to resume: the run is complete, 11 samples up to t = 0.02 s" in said
 
 
 @pytest.mark.slow
-def test_resume_refused(scene, capsys, monkeypatch):
+def test_resume_refused(scene, cli, monkeypatch):
     """Another text of the scene is another run; what is there stays there."""
-    interrupted_in_the_middle(scene, monkeypatch)
-    capsys.readouterr()
+    interrupted_in_the_middle(scene, monkeypatch, cli)
     scene.write_text(scene.read_text().replace("internal_force = 20.0", "internal_force = 21.0"))
-    assert main(["simulate", str(scene), "--out", "left", "--resume"]) == 2
-    said = capsys.readouterr()
+    said = cli("simulate", scene, "--out", "left", "--resume", code=2)
     assert said.out == ""
     assert "these differ: the scene's text; try the original ones, or --overwrite" in said.err
     assert load_result("left").samples == 7
 
 
 @pytest.mark.slow
-def test_resume_of_nothing(scene, capsys):
+def test_resume_of_nothing(scene, cli):
     """Where nothing was flushed yet it begins."""
-    assert main(["simulate", str(scene), "--out", "none", "--resume", "--no-plots"]) == 0
-    assert "none: nothing to resume yet; the run starts from the beginning" in capsys.readouterr().err
+    said = cli("simulate", scene, "--out", "none", "--resume", "--no-plots").err
+    assert "none: nothing to resume yet; the run starts from the beginning" in said
     assert load_result("none").complete

@@ -132,13 +132,13 @@ def test_without_expected_answer(solve):
 
 
 @pytest.mark.slow
-def test_nothing_solved(solve, capsys):
+def test_nothing_solved(solve, cli):
     """Exit 3 if no answer is ok; the table says why."""
     code, (answer,) = solve(FILE, "--case", "hinge_2arm", "--method", "rccfd2")
     assert code == 3
     assert answer["reason"].startswith("not_applicable: rccfd2: ")
-    assert main(["solve", str(FILE), "--case", "hinge_2arm", "--method", "rccfd2"]) == 3
-    assert "rccfd2: refused: not_applicable: " in capsys.readouterr().out
+    table = cli("solve", FILE, "--case", "hinge_2arm", "--method", "rccfd2", code=3).out
+    assert "rccfd2: refused: not_applicable: " in table
 
 
 @pytest.mark.slow
@@ -165,14 +165,13 @@ def test_an_arm_without_inertia_is_singular(solve):
 def spoiled(kind: str) -> tuple[dict, str, float]:
     """Return a case that breaks a grasp, which arm's, and by how much."""
     case, soft = small_case(), arm_with("softfinger")
-    if kind == "position":
-        case["arms"][soft]["base"]["p"][1] += 2e-3
-        return case, f"arm{soft + 1}", 2e-3
-    if kind == "W":
-        case["arms"][soft]["grasp"]["W"][1] += 3e-4
-        return case, f"arm{soft + 1}", 3e-4
-    case["arms"][soft]["base"]["v"][0] += 1e-2  # moves the tip along
-    return case, f"arm{soft + 1}", 1e-2
+    base, grasp = case["arms"][soft]["base"], case["arms"][soft]["grasp"]
+    # a velocity along x moves the tip along
+    numbers, k, gap = {"position": (base["p"], 1, 2e-3), "velocity": (base["v"], 0, 1e-2), "W": (grasp["W"], 1, 3e-4)}[
+        kind
+    ]
+    numbers[k] += gap
+    return case, f"arm{soft + 1}", gap
 
 
 @pytest.mark.parametrize("kind", ["position", "velocity", "W"])
@@ -212,22 +211,20 @@ def test_a_tiny_inconsistency_is_rounding(solve):
         (["--metod", "kkt"], "Unrecognized options: --metod, kkt Perhaps you meant: --method"),
     ],
 )
-def test_unknown_names(options, problem, capsys):
+def test_unknown_names(options, problem, cli):
     """Exit 2, nothing on stdout, one line on stderr that helps."""
-    assert main(["solve", str(FILE), *options]) == 2
-    out, err = capsys.readouterr()
+    out, err = cli("solve", FILE, *options, code=2)
     assert out == ""
     assert err.startswith(f"holdfast: error: {problem}")
     assert err.count("\n") == 1
 
 
-def test_table_of_many(tmp_path, capsys):
+def test_table_of_many(tmp_path, cli):
     """One line an answer, no escape codes in a pipe, and how many were refused."""
     names = ("rigid_1arm_6R", "hinge_2arm", "ball_3arm")
     file = tmp_path / "cases.json"
     file.write_text(json.dumps([BY_NAME[name] for name in names]), encoding="utf-8")
-    assert main(["solve", str(file), "--method", "rccfd1"]) == 0
-    out, err = capsys.readouterr()
+    out, err = cli("solve", file, "--method", "rccfd1")
     assert err == ""
     assert "\x1b" not in out
     for name in names:
@@ -236,10 +233,9 @@ def test_table_of_many(tmp_path, capsys):
     assert f"refused: {refused} not_applicable; --case NAME or --format json states the reason" in out
 
 
-def test_table_of_one(capsys):
+def test_table_of_one(cli):
     """One answer in full: joints, forces at the grasps, units."""
-    assert main(["solve", str(FILE), "--case", "mixed_5arm_prismatic"]) == 0
-    out = capsys.readouterr().out
+    out = cli("solve", FILE, "--case", "mixed_5arm_prismatic").out
     case = BY_NAME["mixed_5arm_prismatic"]
     for unit in ("rad/s^2", "m/s^2", "[N]", "[N m]", "world axes"):
         assert unit in out
@@ -250,18 +246,16 @@ def test_table_of_one(capsys):
         assert arm["grasp"]["type"] in out
 
 
-def test_table_says_that_forces_are_not_unique(capsys):
+def test_table_says_that_forces_are_not_unique(cli):
     """Smallest forces are shown as such."""
-    assert main(["solve", str(FILE), "--case", "planar_2arm_6_6_omega_singular"]) == 0
-    out = capsys.readouterr().out
+    out = cli("solve", FILE, "--case", "planar_2arm_6_6_omega_singular").out
     assert "ok, f not unique" in out
     assert "the smallest ones" in out
 
 
-def test_names_are_printed_as_they_are(solve, tmp_path, capsys):
+def test_names_are_printed_as_they_are(solve, tmp_path, cli):
     """Square brackets, colons and letters beyond ASCII in a name are no markup."""
     case = small_case() | {"name": "[red]Prüfung :smile:[/red]"}
     file = tmp_path / "case.json"
     file.write_text(json.dumps(case), encoding="utf-8")
-    assert main(["solve", str(file)]) == 0
-    assert case["name"] in capsys.readouterr().out
+    assert case["name"] in cli("solve", file).out

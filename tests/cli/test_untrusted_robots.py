@@ -49,12 +49,11 @@ def result(folder):
     return folder / "result"
 
 
-def test_a_scene_expands_xacro_on_a_word_only(folder, capsys):
+def test_a_scene_expands_xacro_on_a_word_only(folder, cli):
     """`simulate` and `view` name the file and what to say; in Python it is the same."""
     scene = folder / "two.toml"
-    for command in (["simulate"], ["view"]):
-        assert main([*command, str(scene)]) == 2
-        said = capsys.readouterr().err
+    for command in ("simulate", "view"):
+        said = cli(command, scene, code=2).err
         assert "two.urdf.xacro: expanding xacro runs the Python code" in said and "--trust-xacro" in said
     with pytest.raises(SceneError, match="trust_xacro=True"):
         load_scene(scene)
@@ -65,30 +64,24 @@ def test_a_scene_expands_xacro_on_a_word_only(folder, capsys):
 
 
 @pytest.mark.slow
-def test_a_result_is_opened_without_expanding(folder, result, capsys):
+def test_a_result_is_opened_without_expanding(folder, result, cli):
     """`plot`, `view` and `export` draw the model that the result keeps, wherever the folder was moved."""
     shutil.move(folder / "robots", folder / "gone")
-    capsys.readouterr()
-    assert main(["plot", str(result), "--out", str(folder / "plots")]) == 0
-    assert main(["view", str(result), "--export", str(folder / "page.html")]) == 0
-    assert main(["export", str(result), "--format", "mcap"]) == 0
-    said = capsys.readouterr().err
-    assert "another model" not in said
+    for command in (["plot", "--out", folder / "plots"], ["view", "--export", folder / "page.html"]):
+        assert "another model" not in cli(*command, result).err
+    assert "another model" not in cli("export", result, "--format", "mcap").err
     assert not (folder / "proof").exists()
 
 
-def test_a_result_that_keeps_no_robot(folder, result, capsys):
+def test_a_result_that_keeps_no_robot(folder, result, cli):
     """A folder as 0.1 wrote it: its figures are drawn without the robot, and nothing is expanded without a word."""
     for record in json.loads((result / "meta.json").read_text())["robots"].values():
         (result / record["file"]).unlink(missing_ok=True)
     as_0_1(result, robots=None)
     assert load_result(result).samples == 5
-    capsys.readouterr()
-    assert main(["view", str(result), "--export", str(folder / "page.html")]) == 2
-    said = capsys.readouterr().err
+    said = cli("view", result, "--export", folder / "page.html", code=2).err
     assert "two.urdf.xacro" in said and "--trust-xacro" in said
-    assert main(["plot", str(result)]) == 0
-    said = capsys.readouterr()
+    said = cli("plot", result)
     assert "two.urdf.xacro" in said.err and "drawn without the robots' limits" in said.err
     assert said.out.count("look at") == 4
     assert not (folder / "proof").exists()
@@ -96,29 +89,23 @@ def test_a_result_that_keeps_no_robot(folder, result, capsys):
     assert (folder / "proof").exists()
 
 
-def test_a_result_names_files_of_its_own_only(result, capsys):
+def test_a_result_names_files_of_its_own_only(result, cli):
     """A meta.json cannot make anyone read, or remove, a file elsewhere."""
     meta = json.loads((result / "meta.json").read_text())
-    capsys.readouterr()
     for file in ("../two.toml", "/etc/hostname", ""):
         resigned(result, robots=meta["robots"] | {"left": {"file": file, "sha256": "", "folder": ""}})
-        assert main(["plot", str(result)]) == 2, file
-        assert f"{file} is not {'named by the manifest' if file else 'a file'}" in capsys.readouterr().err, file
+        assert f"{file} is not {'named by the manifest' if file else 'a file'}" in cli("plot", result, code=2).err
     for file in ("../two.toml", "/etc/hostname", "notes.txt", "robot_/../../two.urdf"):
         (result / "notes.txt").touch()
         empty = hashlib.sha256(b"").hexdigest()
         (result / "meta.json").write_text(signed(meta | {"files": meta["files"] | {file: empty}}))
-        assert main(["plot", str(result)]) == 2, file
-        assert f"names '{file}', no file of a result" in capsys.readouterr().err, file
+        assert f"names '{file}', no file of a result" in cli("plot", result, code=2).err
 
 
-def test_a_robot_exchanged_in_a_result(result, capsys):
+def test_a_robot_exchanged_in_a_result(result, cli):
     """A kept robot that is another one than was simulated is refused by name."""
     (kept,) = result.glob("robot_*.urdf")
     kept.write_text(TWO_ARMED.replace('<mass value="3"/>', '<mass value="4"/>'))
-    capsys.readouterr()
-    assert main(["plot", str(result)]) == 2
-    assert f"{kept.name} is damaged, or another file" in capsys.readouterr().err
+    assert f"{kept.name} is damaged, or another file" in cli("plot", result, code=2).err
     kept.unlink()
-    assert main(["plot", str(result)]) == 2
-    assert f"{kept.name} is missing" in capsys.readouterr().err
+    assert f"{kept.name} is missing" in cli("plot", result, code=2).err

@@ -8,25 +8,20 @@ import urllib.request
 
 import pytest
 
-from holdfast.cli import main
 from tests.cli.conftest import EXAMPLE
 
 pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
 
 
-def test_page_of_a_result(result, tmp_path, capsys):
+def test_page_of_a_result(result, tmp_path, cli):
     """One file, its size and number of frames on stdout; it is not overwritten unasked."""
-    capsys.readouterr()
     page = tmp_path / "page.html"
-    assert main(["view", str(result), "--export", str(page), "--rate", "100"]) == 0
-    said = capsys.readouterr()
+    said = cli("view", result, "--export", page, "--rate", "100")
     assert said.out == f"{page}: 0.8 MiB, 3 frames\n"
     assert said.err == ""
     assert "<title>two pandas lift a box</title>" in page.read_text()
-    assert main(["view", str(result), "--export", str(page)]) == 2
-    assert "try --overwrite" in capsys.readouterr().err
-    assert main(["view", str(result), "--export", str(page), "--overwrite", "--rate", "1"]) == 0
-    assert "2 frames" in capsys.readouterr().out
+    assert "try --overwrite" in cli("view", result, "--export", page, code=2).err
+    assert "2 frames" in cli("view", result, "--export", page, "--overwrite", "--rate", "1").out
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
@@ -38,40 +33,42 @@ def test_page_of_a_result(result, tmp_path, capsys):
         (("--no-overwrite", "--overwrite"), "--overwrite: expected once, got --no-overwrite and --overwrite"),
     ],
 )
-def test_an_option_twice(tmp_path, monkeypatch, capsys, again, said):
+def test_an_option_twice(tmp_path, monkeypatch, cli, again, said):
     """Neither the first nor the last is obeyed: both are named, and nothing is written."""
     monkeypatch.chdir(tmp_path)
-    assert main(["view", str(EXAMPLE), "--export", "a.html", *again]) == 2
-    assert capsys.readouterr().err == f"holdfast: error: {said}; try one of them, or two commands\n"
+    assert (
+        cli("view", EXAMPLE, "--export", "a.html", *again, code=2).err
+        == f"holdfast: error: {said}; try one of them, or two commands\n"
+    )
     assert not list(tmp_path.iterdir())
 
 
-def test_page_of_a_scene(tmp_path, capsys):
+def test_page_of_a_scene(tmp_path, cli):
     """The state in which a scene begins, with the forces of its controller's torques."""
     page = tmp_path / "page.html"
-    assert main(["view", str(EXAMPLE), "--export", str(page)]) == 0
-    assert ", 1 frame\n" in capsys.readouterr().out
+    assert ", 1 frame\n" in cli("view", EXAMPLE, "--export", page).out
     assert '"label":"left, internal","colour":"#0072B2","dashed":true,"values":[20.0]' in page.read_text()
 
 
-def test_a_page_of_several(result, tmp_path, capsys):
+def test_a_page_of_several(result, tmp_path, cli):
     """A run and a scene in one page, each under its own name."""
     page, scene = tmp_path / "page.html", tmp_path / "start.toml"
     shutil.copy(EXAMPLE, scene)
-    assert main(["view", str(result), str(scene), "--export", str(page)]) == 0
-    assert capsys.readouterr().out.endswith(" MiB, 2 runs, 3 frames\n")
+    assert cli("view", result, scene, "--export", page).out.endswith(" MiB, 2 runs, 3 frames\n")
     text = page.read_text()
     assert "<title>result, start.toml</title>" in text
     assert '"titles":["result","start.toml"]' in text
 
 
-def test_another_scene(result, tmp_path, capsys):
+def test_another_scene(result, tmp_path, cli):
     """A folder whose scene was exchanged is refused before anything is drawn."""
     shutil.copytree(result, tmp_path / "copy")
     scene = tmp_path / "copy" / "scene.toml"
     scene.write_text(scene.read_text().replace('"left"', '"first"'))
-    assert main(["view", str(tmp_path / "copy"), "--export", str(tmp_path / "page.html")]) == 2
-    assert "scene.toml is damaged, or another" in capsys.readouterr().err
+    assert (
+        "scene.toml is damaged, or another"
+        in cli("view", tmp_path / "copy", "--export", tmp_path / "page.html", code=2).err
+    )
     assert not (tmp_path / "page.html").exists()
 
 

@@ -31,6 +31,8 @@ RUN = {"python", "console", "toml", "xml"}
 SHOWN = {"text", "bibtex", "matlab", "cpp"}  # output, listings; C++ is built in `tests/codegen`
 FILE_NAME = re.compile(r"(?:#|<!--)\s*([\w/.-]+\.\w+)\b")
 UNREASONED = re.compile(r"skip: (?:next|start)(?! (?:if\(.*)?\"[^\"]{8,}\")")
+WIDEST = 88  # characters of a line of code on the site, so that no block scrolls sideways
+TEXT = {"{math}", "{glossary}", "{eval-rst}"}
 COMMAND = re.compile(r"^\$ (.*)\n", re.MULTILINE)
 
 
@@ -118,3 +120,10 @@ def test_blocks_are_known(page):
     assert not UNREASONED.findall(text)
     indented = [token.content for token in MarkdownIt("commonmark").parse(text) if token.type == "code_block"]
     assert all(block.startswith("make ") for block in indented), "an indented block never runs; try a fence"
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if DOCS in page.parents], ids=name)
+def test_code_fits(page):
+    """Every line of every fenced block is at most as wide as its column; equations and the glossary are no code."""
+    wide = [line for language, text in fences(page) if language not in TEXT for line in text.splitlines()]
+    assert [line for line in wide if len(line) > WIDEST] == []

@@ -19,7 +19,7 @@ NONE = "\N{EN DASH}"
 
 
 def structs(kind) -> list[type[msgspec.Struct]]:
-    """Return the structures inside a type such as `list[ArmData] | None`."""
+    """Return the structures inside a type such as `list[ArmTable] | None`."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return [kind]
     return [found for argument in typing.get_args(kind) for found in structs(argument)]
@@ -38,7 +38,7 @@ def reached(struct) -> set[type[msgspec.Struct]]:
     return {struct}.union(*(reached(found) for found in inside))
 
 
-STRUCTS = reached(scene.SceneData)
+STRUCTS = reached(scene.SceneTable)
 
 
 def holder(of: str) -> type[msgspec.Struct]:
@@ -47,12 +47,12 @@ def holder(of: str) -> type[msgspec.Struct]:
         (found,) = {struct for struct in STRUCTS if struct.__struct_config__.tag == tag[1]}
         return found
     if path := re.fullmatch(r"`(\w+)\.(\w+)`", of):
-        (outer,) = structs(typing.get_type_hints(scene.SceneData)[path[1]])
+        (outer,) = structs(typing.get_type_hints(scene.SceneTable)[path[1]])
         (found,) = structs(typing.get_type_hints(outer)[path[2]])
         return found
     names = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", of))))
     if not names:
-        return scene.SceneData
+        return scene.SceneTable
     held = [key for struct in STRUCTS for key in msgspec.structs.fields(struct) if key.name in names]
     (found,) = {struct for key in held for struct in structs(key.type)}
     return found

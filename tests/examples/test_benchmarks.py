@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-from types import ModuleType
-
 import mpmath
 import numpy as np
 import pytest
 
 import holdfast as hf
+from tests.examples.test_examples import EXAMPLES, script
 from tests.systems.n_four_bar import passing_times
 
-FOLDER = Path(__file__).parents[2] / "examples" / "benchmarks"
-
-
-def script(name: str) -> ModuleType:
-    """Return an example as a module."""
-    spec = importlib.util.spec_from_file_location(f"benchmark_{name}", FOLDER / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+FOLDER = EXAMPLES / "benchmarks"
 
 
 def test_all_are_listed():
@@ -38,7 +26,7 @@ def test_all_are_listed():
 @pytest.mark.slow
 def test_four_bar(capsys):
     """The published angle and eigenvalues to 1e-9, and those of the one equation of the linkage in 30 digits."""
-    four_bar = script("four_bar")
+    four_bar = script(FOLDER / "four_bar.py")
     found = four_bar.main()
     assert capsys.readouterr().out.count("published") == 3
     assert found["angle"] == pytest.approx(four_bar.ANGLE, abs=1e-10)
@@ -65,7 +53,7 @@ def test_four_bar(capsys):
 @pytest.mark.slow
 def test_andrews(capsys):
     """The published angles within 1e-9 of the largest, and the published accelerations at the start to 1e-13."""
-    andrews = script("andrews")
+    andrews = script(FOLDER / "andrews.py")
     chain, state = andrews.andrews()
     tau, _ = andrews.motor(0.0, state, None)
     start = hf.forward_dynamics(chain, state, tau)
@@ -80,7 +68,7 @@ def test_andrews(capsys):
 
 def test_bricard(capsys):
     """The printed sum, of a scheme of second order, to 5e-6; a freedom and a redundant row; energy is kept."""
-    found = script("bricard").main()
+    found = script(FOLDER / "bricard.py").main()
     assert "freedoms 1, redundant rows 1" in capsys.readouterr().out
     assert found["mobility"] == found["redundant"] == 1
     assert found["sum"] == pytest.approx(4.172189649307425, abs=5e-6)
@@ -91,7 +79,7 @@ def test_bricard(capsys):
 @pytest.mark.slow
 def test_n_four_bar_folds(capsys):
     """Two flat configurations, where two freedoms open, are passed when the parallelogram's one equation says so."""
-    run = script("n_four_bar").main(2.0)
+    run = script(FOLDER / "n_four_bar.py").main(2.0)
     assert "2 times flat" in capsys.readouterr().out
     assert run.stopped is None
     assert [(one.rank, one.generic_rank) for one in run.occurrences] == [(10, 12)] * 2
@@ -102,7 +90,7 @@ def test_n_four_bar_folds(capsys):
 @pytest.mark.long
 def test_n_four_bar():
     """After ten seconds within 5e-8 m of what the published places tend to."""
-    n_four_bar = script("n_four_bar")
+    n_four_bar = script(FOLDER / "n_four_bar.py")
     run = n_four_bar.main()
     assert run.stopped is None and len(run.occurrences) == 10
     assert np.abs([np.cos(run.q[-1, 0]), np.sin(run.q[-1, 0])] - n_four_bar.limit()).max() < 5e-8

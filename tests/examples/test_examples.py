@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -13,18 +14,23 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("[0-9][0-9]_*.py"))
 
 
+def script(path: Path) -> ModuleType:
+    """Return an example as a module."""
+    spec = importlib.util.spec_from_file_location(f"example_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture
 def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
     """Return a function that runs an example's main and returns its figures and what it printed."""
 
     def run(number: str, **options: Any) -> tuple[dict[str, Any], str]:
-        (script,) = EXAMPLES.glob(f"{number}_*.py")
-        spec = importlib.util.spec_from_file_location(f"example_{script.stem}", script)
-        assert spec is not None and spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        found = module.main(tmp_path, **options)
-        picture = (tmp_path / f"{script.stem}.png").read_bytes()
+        (path,) = EXAMPLES.glob(f"{number}_*.py")
+        found = script(path).main(tmp_path, **options)
+        picture = (tmp_path / f"{path.stem}.png").read_bytes()
         assert picture.startswith(b"\x89PNG") and len(picture) > 5000
         return found, capsys.readouterr().out
 
@@ -33,11 +39,11 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 def test_the_ladder():
     """Fifteen of them, none longer than a hundred lines, each in the table of the folder's README."""
-    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 16)]
+    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in range(1, 16)]
     table = (EXAMPLES / "README.md").read_text()
-    for script in SCRIPTS:
-        assert len(script.read_text().splitlines()) <= 100, script.name
-        assert f"]({script.name})" in table
+    for path in SCRIPTS:
+        assert len(path.read_text().splitlines()) <= 100, path.name
+        assert f"]({path.name})" in table
 
 
 def test_one_arm(run):

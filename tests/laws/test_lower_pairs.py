@@ -12,7 +12,7 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.io.typed import Location
 from holdfast.model.fingerprint import fingerprint
 from holdfast.scenario import parts
-from holdfast.scenario.scene import GraspData
+from holdfast.scenario.scene import GraspTable
 from holdfast.simulation.checkpoint import _grasp, _grasp_data
 from holdfast.spatial.spatial_vector import shift_twist
 from tests.oracles.differenced_positions import Mechanism, exact, rotation_about
@@ -330,7 +330,7 @@ def test_files():
         ({"kind": "screw", "pitch": -0.02}, hf.Grasp("screw", pitch=-0.02)),
         ({"kind": "subspace", "motion": twists}, hf.Grasp("subspace", motion=np.transpose(twists))),
     ):
-        read = parts.grasp(msgspec.convert({"arm": "left", **keys}, GraspData), Location("scene.toml"))
+        read = parts.grasp(msgspec.convert({"arm": "left", **keys}, GraspTable), Location("scene.toml"))
         assert fingerprint(read) == fingerprint(expected)
         arrays = {}
         name, kept = _grasp(_grasp_data("left", expected, arrays), arrays)

@@ -11,8 +11,8 @@ from holdfast import Arm, Friction, Grasp, Joint, Link, Pose
 from holdfast.io.typed import Location
 from holdfast.model.tip_direction import advice_for, tip_advice, tip_angle, way_to_tip
 from holdfast.robots import ROBOTS
-from holdfast.scenario import poses
-from holdfast.scenario.scene import PoseData
+from holdfast.scenario.joints import pose
+from holdfast.scenario.scene import PoseTable
 from holdfast.spatial import rotation
 
 ROD = Link(1.0, [0.0, 0.0, 0.1], np.diag([0.01, 0.01, 0.001]))
@@ -37,7 +37,7 @@ def mended(arm: Arm) -> list[Arm]:
     assert code
     assert angles
     roll, pitch, yaw = (float(angle) for angle in angles[1].split(","))
-    in_a_scene = arm.tip @ poses.pose(PoseData(rpy=(roll, pitch, yaw)), Location("scene"))
+    in_a_scene = arm.tip @ pose(PoseTable(rpy=(roll, pitch, yaw)), Location("scene"))
     return [eval(code[1], {"arm": arm, "hf": hf}), arm.with_tip(in_a_scene)]
 
 

@@ -20,7 +20,7 @@ from tests.scenario.test_build import MORE, SPRINGS, TEXT, through, with_schedul
 from tests.scenario.test_robot import scene as scene_of_urdf
 from tests.scenario.test_trunk_scenes import FLYER, TORSO
 from tests.systems import mutated_text
-from tests.systems.mutated_text import bytes_flipped, recoded
+from tests.systems.mutated_text import bytes_flipped, duplicated, recoded
 from tests.systems.random_scenes import random_scene
 
 SHORT = TEXT.replace("duration = 2.0", "duration = 0.002")
@@ -277,11 +277,6 @@ def mistyped(text: str, dice: random.Random) -> str:
 def deleted(text: str, dice: random.Random) -> str:
     """Return the text without its end, a line, a value, a key or a bracket."""
     return mutated_text.deleted(text, dice, VALUE, KEY, BRACKET)
-
-
-def duplicated(text: str, dice: random.Random) -> str:
-    """Return the text with lines repeated."""
-    return mutated_text.duplicated(text, dice)
 
 
 def shuffled(text: str, dice: random.Random) -> str:

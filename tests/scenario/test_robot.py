@@ -113,30 +113,28 @@ def test_refusals(old, new, message, folder):
     assert message in refusal(folder / "bad.toml", text.replace(old, new, 1))
 
 
-def test_result_keeps_its_robots(folder, tmp_path_factory, monkeypatch, capsys):
+def test_result_keeps_its_robots(folder, tmp_path_factory, monkeypatch, cli):
     """A result is shown from anywhere as it was simulated, whatever has become of the robot's file."""
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     monkeypatch.chdir(folder)
-    assert main(["simulate", "two.toml", "--out", str(elsewhere / "result"), "--no-plots"]) == 0
-    assert "note: robots/two.urdf:" in capsys.readouterr().err  # the hand's link without inertia
+    said = cli("simulate", "two.toml", "--out", elsewhere / "result", "--no-plots").err
+    assert "note: robots/two.urdf:" in said  # the hand's link without inertia
     assert [path.read_text() for path in (elsewhere / "result").glob("robot_*.urdf")] == [TWO_ARMED]
     monkeypatch.chdir(elsewhere)
     show = ["view", "result", "--export", "page.html", "--overwrite"]
-    assert main(show) == 0
-    said = capsys.readouterr()
+    said = cli(*show)
     assert "another model" not in said.err
     assert "note: arm 'left' is drawn with simple solids: " in said.err  # its finger's mesh is not there
     page = (elsewhere / "page.html").read_text()
     robot = folder / "robots" / "two.urdf"
     robot.write_text(TWO_ARMED.replace('<mass value="3"/>', '<mass value="4"/>'))
     shutil.move(elsewhere / "result", elsewhere / "moved")
-    assert main(["view", "moved", *show[2:]]) == 0
-    assert "another model" not in capsys.readouterr().err
+    assert "another model" not in cli("view", "moved", *show[2:]).err
     assert (elsewhere / "page.html").read_text() == page
 
 
-def test_result_that_keeps_no_robots(folder, tmp_path_factory, monkeypatch, capsys):
+def test_result_that_keeps_no_robots(folder, tmp_path_factory, monkeypatch, cli):
     """A folder of holdfast 0.1 knows where the robots were; if one has changed since, or has gone, that is said."""
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
     elsewhere = tmp_path_factory.mktemp("elsewhere")
@@ -145,12 +143,9 @@ def test_result_that_keeps_no_robots(folder, tmp_path_factory, monkeypatch, caps
     as_0_1(elsewhere / "result", robots=None)
     monkeypatch.chdir(elsewhere)
     show = ["view", "result", "--export", "page.html", "--overwrite"]
-    assert main(show) == 0
-    assert "another model" not in capsys.readouterr().err
+    assert "another model" not in cli(*show).err
     robot = folder / "robots" / "two.urdf"
     robot.write_text(TWO_ARMED.replace('<mass value="3"/>', '<mass value="4"/>'))
-    assert main(show) == 0
-    assert "no longer describes the simulated model" in capsys.readouterr().err
+    assert "no longer describes the simulated model" in cli(*show).err
     shutil.move(folder / "robots", folder / "gone")
-    assert main(show) == 2
-    assert f"{robot}: cannot be read: no such file" in capsys.readouterr().err
+    assert f"{robot}: cannot be read: no such file" in cli(*show, code=2).err

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.scenario.surroundings import Pushes, SwayingBase
+from holdfast.scenario.parts import Pushes, SwayingBase
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 

@@ -37,8 +37,8 @@ def parameters() -> dict[str, Any]:
 def small_sweep(store: Path, **options: Any) -> Sweep:
     """Return the sweep of 33 runs of four steps in chunks of five, as asked for besides."""
     chain, state = two_pandas()
-    own = {"parameters": parameters(), "count": 33, "chunk": 5, "duration": 4e-3, "step": 1e-3}
-    return hf.sweep(chain, law(), state=state, store=store, **(own | options))
+    own = {"state": state, "parameters": parameters(), "count": 33, "chunk": 5, "duration": 4e-3, "step": 1e-3}
+    return hf.sweep(chain, law(), store=store, **(own | options))
 
 
 def data(store: Path) -> dict[str, bytes]:

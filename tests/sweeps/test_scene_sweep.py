@@ -14,7 +14,7 @@ import holdfast as hf
 from holdfast.cli import main
 from holdfast.scenario.build import build_scene, require_sensible
 from holdfast.scenario.overrides import overridden, toml_text
-from holdfast.scenario.scene import SceneData
+from holdfast.scenario.scene import SceneTable
 from holdfast.sweeps import load_sweep, sweep_scene
 from holdfast.sweeps.of_scene import scene_plan
 from tests.cli.conftest import EXAMPLE
@@ -47,7 +47,7 @@ def scenario(*changes):
     """Return the scene with some of its keys changed."""
     raw = overridden(RAW, changes)
     require_sensible(raw, hf.io.typed.Location("scene"))
-    return build_scene(hf.io.typed.convert(raw, SceneData, "scene"), "scene", toml_text(raw))
+    return build_scene(hf.io.typed.convert(raw, SceneTable, "scene"), "scene", toml_text(raw))
 
 
 @pytest.fixture(scope="module")
@@ -77,19 +77,16 @@ def test_a_run_is_that_of_simulate(folder):
     assert found.object_twist[-1] == pytest.approx(expected.object_twist[-1], abs=1e-10)
 
 
-def test_again_from_the_folder_alone(folder, tmp_path, capsys):
+def test_again_from_the_folder_alone(folder, tmp_path, cli):
     """Its run is taken again to the bits of its row, as a result that other commands read; missing files come back."""
     expected = data(folder)
-    assert main(["sweep", str(folder), "--run", "5", "--json"]) == 0
-    place = json.loads(capsys.readouterr().out)["result"]
+    place = json.loads(cli("sweep", folder, "--run", "5", "--json").out)["result"]
     run = hf.load_result(place).trajectory
     row = [load_sweep(folder).column(title)[5] for title in load_sweep(folder).columns if "object_twist" in title]
     assert run.object_twist[-1].tolist() == row
-    assert main(["summary", place]) == 0
-    capsys.readouterr()
+    cli("summary", place)
     (folder / "runs_000001.parquet").unlink()
-    assert main(["sweep", str(folder), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(cli("sweep", folder, "--json").out)
     assert data(folder) == expected
     assert (found["runs"], found["statuses"]) == (7, {"RUNNING": 7})
     heights = load_sweep(folder).column("object_pose z [m]")
@@ -104,7 +101,7 @@ def test_the_run_is_shown(folder, tmp_path):
     assert (tmp_path / "page.html").stat().st_size > 100_000
 
 
-def test_robots_out_of_files_are_kept(tmp_path, capsys):
+def test_robots_out_of_files_are_kept(tmp_path, cli):
     """The folder needs neither the scene nor its URDF any more."""
     (tmp_path / "two.urdf").write_text(TWO_ARMED)
     arms = [{"name": "left", "urdf": {"file": "two.urdf", "tip": "left_hand", "lock_others": True}, "q": [0.1] * 4}]
@@ -120,9 +117,7 @@ def test_robots_out_of_files_are_kept(tmp_path, capsys):
     assert data(tmp_path / "store") == expected
     (robot,) = (tmp_path / "store").glob("robot_*.urdf")
     robot.write_text(TWO_ARMED.replace('mass value="', 'mass value="1'))
-    capsys.readouterr()
-    assert main(["sweep", str(tmp_path / "store")]) == 2
-    assert "robot" in capsys.readouterr().err
+    assert "robot" in cli("sweep", tmp_path / "store", code=2).err
 
 
 @pytest.mark.parametrize(
@@ -173,7 +168,9 @@ def test_refusals(changes, said):
 def test_no_sweep_in_the_scene():
     """A scene without the table says what to write."""
     with pytest.raises(hf.errors.SceneError, match=r"\[sweep\] with count = 100"):
-        scene_plan(build_scene(hf.io.typed.convert({k: x for k, x in RAW.items() if k != "sweep"}, SceneData, "scene")))
+        scene_plan(
+            build_scene(hf.io.typed.convert({k: x for k, x in RAW.items() if k != "sweep"}, SceneTable, "scene"))
+        )
 
 
 @pytest.mark.parametrize(
@@ -199,15 +196,14 @@ def test_no_sweep_in_the_scene():
         (["store", "--resume"], "resume"),
     ],
 )
-def test_misuse(arguments, said, folder, capsys, monkeypatch):
+def test_misuse(arguments, said, folder, cli, monkeypatch):
     """One line, exit code 2, nothing changed."""
     monkeypatch.chdir(folder.parent)
     (folder.parent / "a_file").touch()
     (folder.parent / "used").mkdir(exist_ok=True)
     (folder.parent / "used" / "notes.txt").touch()
     before = data(folder)
-    assert main(["sweep", *arguments]) == 2
-    lines = capsys.readouterr().err.splitlines()
+    lines = cli("sweep", *arguments, code=2).err.splitlines()
     assert len([line for line in lines if line.startswith("holdfast: error: ")]) == 1
     assert said in lines[-1]
     assert data(folder) == before
@@ -221,17 +217,16 @@ def test_misuse(arguments, said, folder, capsys, monkeypatch):
         ("scene.toml", "="),
     ],
 )
-def test_damaged_folders(name, content, folder, tmp_path, capsys):
+def test_damaged_folders(name, content, folder, tmp_path, cli):
     """What the folder keeps is checked as any input is."""
     for kept in ("scene.toml", "robots.json", "sweep.json"):
         (tmp_path / kept).write_bytes((folder / kept).read_bytes())
     (tmp_path / name).write_text(content)
-    assert main(["sweep", str(tmp_path), "--run", "1"]) == 2
-    assert name in capsys.readouterr().err
+    assert name in cli("sweep", tmp_path, "--run", "1", code=2).err
 
 
 @pytest.mark.parametrize("name", ["sweep.json", "runs_000001.parquet", "robots.json"])
-def test_damage_healed_by_the_command(name, folder, tmp_path, capsys):
+def test_damage_healed_by_the_command(name, folder, tmp_path, cli):
     """One flipped bit of a data page, of the manifest or of the list of robots is named; the command heals it."""
     place = tmp_path / "store"
     shutil.copytree(folder, place)
@@ -241,8 +236,7 @@ def test_damage_healed_by_the_command(name, folder, tmp_path, capsys):
     with pytest.raises(hf.ResultError, match=rf"{name} is damaged.*call `sweep` again"):
         load_sweep(place).column("object_pose z [m]")
     (tmp_path / "scene.toml").write_text(TEXT)
-    assert main(["sweep", str(tmp_path / "scene.toml"), "--out", str(place)]) == 0
-    capsys.readouterr()
+    cli("sweep", tmp_path / "scene.toml", "--out", place)
     assert data(place) == data(folder)
     assert load_sweep(place).column("run").tolist() == list(range(7))
 
@@ -258,7 +252,7 @@ def test_mutated_tables():
                 spoil(raw, dice)
         try:
             require_sensible(raw, hf.io.typed.Location("scene"))
-            table = hf.io.typed.convert({**RAW, **raw}, SceneData, "scene").sweep
+            table = hf.io.typed.convert({**RAW, **raw}, SceneTable, "scene").sweep
             scene_plan(replace(sound, sweep=table))
         except hf.errors.HoldfastError as error:
             said.append(str(error))

@@ -15,7 +15,7 @@ import holdfast as hf
 from holdfast.sweeps import Uniform, store
 from holdfast.sweeps.workers import computed_by_processes
 from tests.control.two_pandas import two_pandas
-from tests.sweeps.problems import data, law, parameters, small_sweep
+from tests.sweeps.problems import data, law, small_sweep
 
 pytest.importorskip("pyarrow", reason="needs pyarrow: pip install 'holdfast[parquet]'")
 
@@ -91,16 +91,21 @@ def test_chunks_in_wrong_places(undisturbed, tmp_path):
     assert small_sweep(store).column("run").tolist() == list(range(33))
 
 
-def test_what_a_crash_kept_out_of_the_manifest(undisturbed, tmp_path, monkeypatch):
-    """Chunks since the last commit are known by the log, unless a line or the file is damaged."""
-    monkeypatch.setattr(store.Store, "close", lambda self: self._lock.close())
+def interrupted_sweep(store, done):
+    """Compute a sweep until so many runs are done, when the caller's own function raises."""
 
     def stop(progress):
-        if progress.done >= 20:
+        if progress.done >= done:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        small_sweep(tmp_path, progress=stop)
+        small_sweep(store, progress=stop)
+
+
+def test_what_a_crash_kept_out_of_the_manifest(undisturbed, tmp_path, monkeypatch):
+    """Chunks since the last commit are known by the log, unless a line or the file is damaged."""
+    monkeypatch.setattr(store.Store, "close", lambda self: self._lock.close())
+    interrupted_sweep(tmp_path, 20)
     assert len(json.loads((tmp_path / "sweep.json").read_text())["files"]) == 0
     lines = (tmp_path / "log.jsonl").read_bytes().splitlines()
     lines[1] = lines[1].replace(b'"sha256": "', b'"sha256": "0')
@@ -121,13 +126,7 @@ def test_by_any_executor(undisturbed, tmp_path):
 
 def test_an_error_midway(undisturbed, tmp_path):
     """What was finished before the caller's own function raised is kept, and the folder is free again."""
-
-    def stop(progress):
-        if progress.done >= 10:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        small_sweep(tmp_path, progress=stop)
+    interrupted_sweep(tmp_path, 10)
     assert len(data(tmp_path)) == 2
     small_sweep(tmp_path)
     assert data(tmp_path) == data(undisturbed.folder)
@@ -147,19 +146,10 @@ def test_summaries(undisturbed, tmp_path):
 
 def test_failures_by_status(tmp_path):
     """A run whose grasps are far apart fails alone, and says so in its row."""
-    chain, state = two_pandas()
+    _, state = two_pandas()
     q = np.tile(state.q, (6, 1))
     q[4, 0] += 1.0
-    found = hf.sweep(
-        chain,
-        law(),
-        state=state,
-        parameters={"q": q, "stiffness": 1.0},
-        count=6,
-        duration=1e-3,
-        step=1e-3,
-        store=tmp_path,
-    )
+    found = small_sweep(tmp_path, parameters={"q": q, "stiffness": 1.0}, count=6, chunk=6, duration=1e-3)
     assert found.status_counts == {"RUNNING": 5, "OPEN": 1}
     assert found.column("run", status="OPEN").tolist() == [4]
     assert found.column("stopped [s]")[4] == 0.0
@@ -187,10 +177,8 @@ def test_failures_by_status(tmp_path):
 )
 def test_refusals(changed, error, said, tmp_path):
     """What does not fit is refused by name before anything is written."""
-    chain, state = two_pandas()
-    own = {"state": state, "parameters": parameters(), "count": 33, "duration": 4e-3, "step": 1e-3}
     with pytest.raises(error, match=said):
-        hf.sweep(chain, law(), store=tmp_path, **(own | changed))
+        small_sweep(tmp_path, **changed)
     assert not data(tmp_path)
 
 

@@ -14,6 +14,8 @@ from holdfast.simulation.instant import evaluate
 from holdfast.simulation.sample import Recorder, Sums
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.trajectory import Trajectory, stacked
+from holdfast.view.playback import Playback, playback_of_run
+from holdfast.view.scene_writer import Camera
 from tests.control.two_pandas import two_pandas
 
 FRICTION = {
@@ -39,3 +41,16 @@ def lifted(left: str = "softfinger", right: str = "ball", samples: int = 6) -> t
         margins = np.full((1, 2 + 3 * 14), np.inf)
         found.append(Recorder().sample(now, NO_GAPS, Sums(np.zeros(4), 0.0, np.zeros(6)), np.array([t]), margins))
     return chain, stacked(found)
+
+
+@functools.cache
+def played(title: str = "lifted") -> Playback:
+    """Return the playback of the run of `lifted`."""
+    return playback_of_run(*lifted(), title)
+
+
+def off_axis(view: Camera, points: np.ndarray) -> np.ndarray:
+    """Return the tangents of the angles at which a camera sees points off its axis, (points,)."""
+    ahead = (view.target - view.position) / np.linalg.norm(view.target - view.position)
+    seen = points - view.position
+    return np.linalg.norm(seen - np.outer(seen @ ahead, ahead), axis=1) / (seen @ ahead)

@@ -9,7 +9,7 @@ import pytest
 import holdfast as hf
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.view.chain_diagram import MOST_ARMS, MOST_JOINTS, chain_diagram
+from holdfast.view.chain_diagram import DRAWN_ARMS, DRAWN_JOINTS, chain_diagram
 from tests.control.two_pandas import two_pandas
 from tests.systems.trunk_problems import random_on_trunk
 
@@ -52,7 +52,7 @@ def test_trunks(floating):
     """The trunk's joints are there once, its floating base is a box, and the arms on it are named."""
     chain = random_on_trunk(3, 2, floating=floating).chain
     parts, words = drawn(chain)
-    shown = [j for js in chain.joints_of.values() for j in (js if len(js) <= MOST_JOINTS else [*js[:3], *js[-3:]])]
+    shown = [j for js in chain.joints_of.values() for j in (js if len(js) <= DRAWN_JOINTS else [*js[:3], *js[-3:]])]
     turning = sum(joint.turns for joint in shown)
     assert len(parts["circle"]) == turning
     assert len(parts["rect"]) == len(shown) - turning + bool(chain.grasps) + floating
@@ -62,5 +62,5 @@ def test_trunks(floating):
 def test_too_many_arms():
     """What could not be told apart is not drawn; the table is still there."""
     chain, _ = two_pandas()
-    many = replace(chain, arms={f"arm{k}": chain.arms["left"] for k in range(MOST_ARMS + 1)}, grasps={})
-    assert chain_diagram(many) == "" and many._repr_html_().count("<tr>") == MOST_ARMS + 3
+    many = replace(chain, arms={f"arm{k}": chain.arms["left"] for k in range(DRAWN_ARMS + 1)}, grasps={})
+    assert chain_diagram(many) == "" and many._repr_html_().count("<tr>") == DRAWN_ARMS + 3

@@ -66,11 +66,11 @@ def test_nothing_is_cut_off(runs, figures):
 
 def test_refusals(runs):
     """What is no mapping of runs, too few, and what does not know its chain."""
-    with pytest.raises(hf.errors.StateError, match="expected 2 to 20 runs by name, got 1"):
-        hf.plot.compare_runs({"soft": runs["soft"]})
-    with pytest.raises(hf.errors.StateError, match="got a list"):
-        hf.plot.compare_runs(list(runs.values()))
-    with pytest.raises(hf.errors.StateError, match="'b': expected a run, got a int"):
-        hf.plot.compare_runs({"a": runs["soft"], "b": 3})
-    with pytest.raises(hf.errors.StateError, match="chain"):
-        hf.plot.compare_runs({"a": runs["soft"], "b": replace(runs["soft"], setting=None)})
+    for given, said in (
+        ({"soft": runs["soft"]}, "expected 2 to 20 runs by name, got 1"),
+        (list(runs.values()), "got a list"),
+        ({"a": runs["soft"], "b": 3}, "'b': expected a run, got a int"),
+        ({"a": runs["soft"], "b": replace(runs["soft"], setting=None)}, "chain"),
+    ):
+        with pytest.raises(hf.errors.StateError, match=said):
+            hf.plot.compare_runs(given)

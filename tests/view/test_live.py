@@ -8,17 +8,15 @@ import pytest
 from holdfast.view import live
 from holdfast.view.live import Controls, readout, watch
 from holdfast.view.markers import ArrowScale, arrow_scale
-from holdfast.view.playback import playback_of_run
 from holdfast.view.scene_writer import viewer_server
-from tests.view.runs import lifted
+from tests.view.runs import played
 
 pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
 
 
 @pytest.fixture(scope="module")
 def playback():
-    chain, run = lifted()
-    return playback_of_run(chain, run, "lifted")
+    return played()
 
 
 @pytest.fixture

@@ -9,8 +9,7 @@ from holdfast.robots.visuals import equivalent_box
 from holdfast.spatial import rotation
 from holdfast.view.figure_style import DANGER, GREEN, rgb
 from holdfast.view.markers import arrow_scale, box_lines, cone_colour, cone_lines, struts
-from holdfast.view.playback import playback_of_run
-from tests.view.runs import lifted
+from tests.view.runs import played
 
 FRAME = Pose(rotation.exp(np.array([0.3, -0.8, 0.5])), np.array([0.2, -0.1, 0.4]))
 EDGES = np.array([0.3, 0.2, 0.1])
@@ -73,7 +72,7 @@ def test_cone_colours():
 
 def test_scale_is_round():
     """The largest force is 0.1 to 0.25 of an arm long, and 0.1 m are 1, 2 or 5 times a power of ten newtons."""
-    playback = playback_of_run(*lifted(), "lifted")
+    playback = played()
     scale = arrow_scale(playback)
     longest = scale.force * np.linalg.norm(playback.wrench[..., 3:], axis=-1).max()
     assert 0.1 < longest < 0.4

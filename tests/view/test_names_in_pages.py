@@ -13,10 +13,9 @@ import pytest
 import holdfast as hf
 from holdfast.errors import ModelError
 from holdfast.interop import to_mjcf
-from holdfast.view.chooser import with_chooser
 from holdfast.view.inline import InlinePage
 from holdfast.view.markers import arrow_scale
-from holdfast.view.page import export_page, panel_data, with_panel
+from holdfast.view.page import export_page, panel_data, with_chooser, with_panel
 from holdfast.view.playback import playback_of_run
 from holdfast.view.plots import figures, write_figures
 from tests.view.chromium import browser

@@ -11,15 +11,14 @@ from holdfast.errors import ModelError
 from holdfast.view.markers import arrow_scale
 from holdfast.view.page import HERE, export_page, page, panel_data, plots, with_panel
 from holdfast.view.playback import playback_of_run
-from tests.view.runs import lifted
+from tests.view.runs import lifted, played
 
 pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
 
 
 @pytest.fixture(scope="module")
 def playback():
-    chain, run = lifted()
-    return playback_of_run(chain, run, "lift </script> & carry")
+    return played("lift </script> & carry")
 
 
 def test_same_playback_same_file(playback, tmp_path):

@@ -16,7 +16,7 @@ from holdfast.view.cameras import cameras
 from holdfast.view.page import export_page
 from holdfast.view.playback import playback_of_run
 from tests.view.chromium import browser
-from tests.view.runs import lifted
+from tests.view.runs import lifted, played
 
 pytestmark = pytest.mark.slow
 
@@ -28,8 +28,7 @@ WRIST = "/arms/left/joint1/joint2/joint3/joint4"
 def at_times(tmp_path_factory):
     """The page of a run, and what it shows at the first and at the last moment, and back at the first."""
     folder = tmp_path_factory.mktemp("page")
-    chain, run = lifted()
-    playback = playback_of_run(chain, run, "lifted")
+    playback = played()
     export_page(playback, folder / "page.html")
     with browser(720, 400) as chromium:  # small: the processor draws it
         chromium.open(folder / "page.html")
@@ -187,8 +186,7 @@ WATCH = """() => new Promise(done => {
 
 def test_a_narrow_picture_and_equal_curves(tmp_path):
     """The eye goes as far away as the width asks for, and back with the window; of equal curves both are seen."""
-    chain, run = lifted()
-    playback = playback_of_run(chain, run, "lifted")
+    playback = played()
     export_page(playback, tmp_path / "page.html")
     first, root = cameras(playback)[0], "__viserMutable.camera.position.toArray()"
     near = np.linalg.norm(first.position)
@@ -207,8 +205,7 @@ def test_a_narrow_picture_and_equal_curves(tmp_path):
 
 def test_a_page_of_several(tmp_path):
     """Whoever chooses another run, by mouse or by its number, sees it at the same time from the same camera."""
-    chain, run = lifted()
-    first = playback_of_run(chain, run, "first")
+    first = played("first")
     export_page([first, replace(first, title="second", object_pose=first.object_pose[::-1])], tmp_path / "page.html")
     with browser(480, 300) as chromium:
         chromium.page.goto((tmp_path / "page.html").resolve().as_uri())

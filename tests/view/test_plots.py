@@ -11,9 +11,8 @@ from holdfast.simulation.events import Occurrence
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.view import figure_style, plots
-from holdfast.view.margin_figure import slips
-from holdfast.view.plots import figures
-from holdfast.view.spikes import usual_range
+from holdfast.view.figure_style import usual_range
+from holdfast.view.plots import figures, slips
 from holdfast.view.summary_table import rows, summary_table
 from tests.control.two_pandas import two_pandas
 from tests.view.runs import lifted
@@ -85,7 +84,7 @@ def test_arms_look_different():
     styles = [figure_style.arm_style(i) for i in range(20)]
     assert len(set(styles)) == 20
     assert len({colour for colour, _ in styles[:5]}) == 5
-    assert not {colour for colour, _ in styles} & {figure_style.DANGER, figure_style.INTERNAL}
+    assert not {colour for colour, _ in styles} & {figure_style.DANGER, figure_style.INTERNAL_COLOUR}
 
 
 def test_wrenches_are_the_runs():

@@ -10,14 +10,14 @@ from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
 from holdfast.robots.visuals import equivalent_box
 from holdfast.spatial import rotation
-from holdfast.view.base_travel import base_travel
 from holdfast.view.cameras import cameras, trunk_outline
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.figure_style import TRUNK_COLOUR, rgb
 from holdfast.view.page import plots
-from holdfast.view.playback import playback_of_run
+from holdfast.view.playback import base_travel, playback_of_run
 from holdfast.view.plots import figures
 from tests.systems.trunk_runs import still_base, swaying
+from tests.view.runs import off_axis
 from tests.view.test_chain_scene import Notebook
 
 
@@ -109,10 +109,7 @@ def test_cameras_see_the_trunk(shown):
             corner = (frame_of(playback, k) @ box @ hf.Pose.translation(*edges / 2)).p
             assert np.linalg.norm(outline - corner, axis=1).min() < 1e-12
         for view in cameras(playback)[:4]:
-            ahead = (view.target - view.position) / np.linalg.norm(view.target - view.position)
-            seen = outline - view.position
-            off_axis = np.linalg.norm(seen - np.outer(seen @ ahead, ahead), axis=1) / (seen @ ahead)
-            assert off_axis.max() < np.sqrt(2) * np.tan(np.radians(17.5))
+            assert off_axis(view, outline).max() < np.sqrt(2) * np.tan(np.radians(17.5))
 
 
 def test_curves_and_figures(shown):

@@ -1,8 +1,9 @@
-"""The function `assemble`, which makes a closed chain and a closed state of it from arms, an object and grasps."""
+"""The function `assemble`, which makes a closed chain and a closed state from arms, an object and grasps."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -10,10 +11,9 @@ import numpy as np
 
 from holdfast.assembly.limits import longest_reach, required_reach, room_left, with_room
 from holdfast.assembly.nearest_configuration import distance, nearest_configuration
-from holdfast.assembly.on_trunk import brought_on_trunk
+from holdfast.assembly.on_trunk import assembled_on_trunk
 from holdfast.assembly.reaching_configurations import reaching_configurations
 from holdfast.assembly.report import AssemblyReport, assembly_report
-from holdfast.assembly.slack import with_slack_bushings
 from holdfast.assembly.starts import object_guesses, preferred_configurations, starting_configurations
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError, ModelError
@@ -27,7 +27,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-STARTS = 96  # starting configurations for an arm whose preferred configuration does not lead to its grasp
+ARM_STARTS = 96  # starting configurations for an arm whose preferred configuration does not lead to its grasp
 MOST_CLOSED = 6  # number of reaching configurations from which the chain is closed
 LIKELIEST = 4  # number of guesses of the object's pose for which each arm is solved separately
 BEST = 3  # number of closed states whose configuration is optimised
@@ -101,19 +101,19 @@ def assemble(
         StateError: preferred positions have a wrong length.
         ClosureError: an arm cannot reach its grasp; the message gives its name, the missing distance and advice.
     """
-    whole = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {})
-    chain = with_slack_bushings(whole)
+    made = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {})
+    chain = with_slack_bushings(made)
     given = None if object_pose is None else checks.pose(object_pose, "object_pose")
     if given is None and not chain.grasps:
         raise ModelError("assemble: expected at least one grasp to find the object's pose, got none; try object_pose=")
     if chain.trunk is not None:
-        return Assembly(whole, brought_on_trunk(chain, q, given, base_pose, partial(_brought, given)))
+        return Assembly(made, assembled_on_trunk(chain, q, given, base_pose, partial(_assembled, given)))
     if base_pose is not None:
         raise ModelError("assemble: base_pose: expected none without a floating trunk; try arm.at(pose)")
-    return Assembly(whole, _brought(given, chain, q))
+    return Assembly(made, _assembled(given, chain, q))
 
 
-def _brought(given: Pose | None, chain: ClosedChain, q: Mapping[str, Any] | None) -> State:
+def _assembled(given: Pose | None, chain: ClosedChain, q: Mapping[str, Any] | None) -> State:
     """Return the closed state of arms without a trunk, with the object at its pose if one is given."""
     preferred = preferred_configurations(chain, q)
     if given is None:
@@ -150,7 +150,7 @@ def _starts_somewhere(chain: ClosedChain, preferred: Mapping[str, Array]) -> Ite
 def _reaching(chain: ClosedChain, name: str, object_pose: Pose, preferred: Mapping[str, Array]) -> Array:
     """Return configurations in which an arm reaches its grasp, (found, N), by distance from its preferred one."""
     arm = chain.arms[name]
-    starts = starting_configurations(arm, preferred[name], STARTS)
+    starts = starting_configurations(arm, preferred[name], ARM_STARTS)
     return reaching_configurations(arm, chain.grasps[name], object_pose, starts, preferred[name])
 
 
@@ -204,3 +204,17 @@ def _require_reach(chain: ClosedChain, pose: Pose) -> None:
             f"assemble: {'; '.join(short)}. Try an object pose or base poses closer to each other, another"
             " contact, or no object_pose to have one found"
         )
+
+
+def with_slack_bushings(chain: ClosedChain, names: Iterable[str] | None = None) -> ClosedChain:
+    """Return the chain with bushings replaced by rigid grasps; in its closed states, the bushings are unstretched.
+
+    Args:
+        chain: the chain.
+        names: names of the arms; None for all arms with bushings.
+    """
+    which = set(chain.bushings if names is None else names) & set(chain.bushings)
+    if not which:
+        return chain
+    grasps = {name: Grasp("rigid", grasp.frame) if name in which else grasp for name, grasp in chain.grasps.items()}
+    return replace(chain, grasps=grasps)

@@ -14,6 +14,8 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
+LIMIT_ROOM = 0.02  # desired distance from a limit, relative to the joint's range
+
 
 def longest_reach(arm: Arm) -> float:
     """Return an upper bound of the distance from the first joint to the tip in any configuration [m].
@@ -37,15 +39,12 @@ def shoulder(arm: Arm) -> Array:
     return (arm.base @ arm.joints[0].placement).p if arm.joints else arm.base.p
 
 
-ROOM = 0.02  # desired distance from a limit, relative to the joint's range
-
-
 def with_room(chain: ClosedChain, preferred: Mapping[str, Array]) -> ClosedChain:
     """Return the chain with limits narrowed by 2 % of each joint's range, if the preferred configuration allows it."""
     arms = {}
     for name, arm in chain.arms.items():
         low, high = arm.position_limits.T
-        wish, room = np.clip(preferred[name], low, high), ROOM * _spans(arm)
+        wish, room = np.clip(preferred[name], low, high), LIMIT_ROOM * _spans(arm)
         limits = zip(np.minimum(low + room, wish), np.maximum(high - room, wish), strict=True)
         joints = [replace(joint, position_limits=pair) for joint, pair in zip(arm.joints, limits, strict=True)]
         arms[name] = arm.of(joints)
@@ -53,11 +52,11 @@ def with_room(chain: ClosedChain, preferred: Mapping[str, Array]) -> ClosedChain
 
 
 def room_left(chain: ClosedChain, state: State) -> float:
-    """Return the smallest distance from a joint limit, relative to the joint's range and at most `ROOM`."""
+    """Return the smallest distance from a joint limit, relative to the joint's range and at most `LIMIT_ROOM`."""
     low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
     spans = np.concatenate([_spans(arm) for arm in chain.arms.values()])
     margin = np.minimum(state.q - low, high - state.q) / np.maximum(spans, 1e-300)
-    return float(np.clip(margin.min(initial=ROOM), 0.0, ROOM))
+    return float(np.clip(margin.min(initial=LIMIT_ROOM), 0.0, LIMIT_ROOM))
 
 
 def _spans(arm: Arm) -> Array:

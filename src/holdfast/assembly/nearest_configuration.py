@@ -28,13 +28,13 @@ from holdfast.spatial.spatial_vector import rotate, twist_shift
 from holdfast.state import State
 
 STATIONARY = 1e-11  # |N^T c| below which the iteration stops
-ROUNDS = 60
-LONGEST_STEP = 0.3  # rad, or fraction of the arms' reach, in one iteration
+MOST_NEWTON_STEPS = 60
+LONGEST_NEWTON_STEP = 0.3  # rad, or fraction of the arms' reach, in one iteration
 SHORTENINGS = 12
-PROBE = 1e-5  # size of the finite differences
+DIFFERENCE_SIZE = 1e-5  # size of the finite differences
 FLATTEST = 1e-6  # smallest curvature that is used
-DEPENDENT = 1e-10  # singular values below this, relative to the largest, count as zero
-ROUNDING = 1e-13  # rad, or fraction of the reach: shorter steps do not count as crossing a limit
+DEPENDENT_ROWS = 1e-10  # singular values below this, relative to the largest, count as zero
+SHORTEST_CROSSING = 1e-13  # rad, or fraction of the reach: shorter steps do not count as crossing a limit
 
 
 class _Newton(NamedTuple):
@@ -68,7 +68,7 @@ def nearest_configuration(chain: ClosedChain, state: State, preferred: Array, *,
         hold_object: keep the pose of the object; otherwise it is optimised, too.
     """
     sizes = unit_sizes(chain, state)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_NEWTON_STEPS):
         newton = _newton(chain, state, preferred, sizes, hold_object)
         if max(newton.slope, float(np.linalg.norm(newton.to_limits))) <= STATIONARY:
             break
@@ -119,12 +119,12 @@ def _newton(chain: ClosedChain, state: State, preferred: Array, sizes: Array, ho
         stopped = ~np.isnan(ends)
         whole = np.concatenate([rows, np.eye(n + 6)[stopped]])
         _, values, Vt = np.linalg.svd(whole)
-        basis = Vt[int((values > DEPENDENT * values.max(initial=0.0)).sum()) :].T
-        to_limits = np.linalg.lstsq(whole, np.r_[np.zeros(len(rows)), ends[stopped]], rcond=DEPENDENT)[0]
+        basis = Vt[int((values > DEPENDENT_ROWS * values.max(initial=0.0)).sum()) :].T
+        to_limits = np.linalg.lstsq(whole, np.r_[np.zeros(len(rows)), ends[stopped]], rcond=DEPENDENT_ROWS)[0]
         unstopped = basis @ _descent(chain, state, sizes, rows, whole, basis, slope)
         step = (unstopped + to_limits)[:n]
         share = np.where(step > 0, room[1], -room[0]) / np.maximum(np.abs(step), 1e-300)  # part of the step to a limit
-        share[stopped[:n] | (np.abs(step) <= ROUNDING)] = np.inf
+        share[stopped[:n] | (np.abs(step) <= SHORTEST_CROSSING)] = np.inf
         if not (share < 1).any():
             return _Newton(float(np.linalg.norm(basis.T @ slope)), unstopped, to_limits)
         first = int(np.argmin(share))
@@ -136,13 +136,13 @@ def _descent(
 ) -> Array:
     """Return the Newton step along the basis, reversed in directions of negative curvature, (d,)."""
     n = chain.joint_count
-    multipliers = np.linalg.lstsq(whole.T, -slope, rcond=DEPENDENT)[0][: len(rows)]
+    multipliers = np.linalg.lstsq(whole.T, -slope, rcond=DEPENDENT_ROWS)[0][: len(rows)]
 
     def pull(direction: Array) -> Array:
         there = moved(state, sizes * direction)
         return (position_rows(chain, there) * sizes).T @ multipliers
 
-    curvature = [(pull(PROBE * v) - pull(-PROBE * v)) / (2 * PROBE) for v in basis.T]
+    curvature = [(pull(DIFFERENCE_SIZE * v) - pull(-DIFFERENCE_SIZE * v)) / (2 * DIFFERENCE_SIZE) for v in basis.T]
     H = basis[:n].T @ basis[:n] + basis.T @ np.array(curvature).reshape(basis.shape[1], n + 6).T
     values, vectors = np.linalg.eigh(0.5 * (H + H.T))
     return -vectors @ (vectors.T @ (basis.T @ slope) / np.maximum(np.abs(values), FLATTEST))
@@ -158,7 +158,7 @@ def _shortened(
     n, step = chain.joint_count, newton.step
     apart = (state.q - preferred) / sizes[:n]
     before = 0.5 * float(apart @ apart)
-    step = step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
+    step = step * min(1.0, LONGEST_NEWTON_STEP / max(float(np.abs(step).max()), 1e-300))
     for _ in range(SHORTENINGS):
         try:
             trial = close(chain, moved(state, sizes * step), hold_object=hold_object)

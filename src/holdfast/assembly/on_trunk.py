@@ -8,12 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.assembly.starts import (
-    preferred_configuration,
-    preferred_configurations,
-    preferred_positions,
-    starting_configurations,
-)
+from holdfast.assembly import starts
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ClosureError, ModelError
@@ -23,11 +18,11 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-STARTS = 12  # starting configurations of a trunk if the arms do not reach from the preferred one
+TRUNK_STARTS = 12  # starting configurations of a trunk if the arms do not reach from the preferred one
 ENOUGH = 3  # number of such configurations found, of which the nearest is tried first
 
 # function of a chain without a trunk and of preferred configurations that returns a closed state
-Bring = Callable[[ClosedChain, Mapping[str, Any]], State]
+CloseArms = Callable[[ClosedChain, Mapping[str, Any]], State]
 
 
 def on_own_bases(chain: ClosedChain, state: State) -> tuple[ClosedChain, State]:
@@ -40,8 +35,8 @@ def on_own_bases(chain: ClosedChain, state: State) -> tuple[ClosedChain, State]:
     return alone, State(state.q[first:], state.qd[first:], state.object_pose, state.object_twist)
 
 
-def brought_on_trunk(
-    chain: ClosedChain, q: Mapping[str, Any] | None, object_pose: Pose | None, base_pose: Any, bring: Bring
+def assembled_on_trunk(
+    chain: ClosedChain, q: Mapping[str, Any] | None, object_pose: Pose | None, base_pose: Any, close_arms: CloseArms
 ) -> State:
     """Return a closed state of a chain with a trunk, at rest.
 
@@ -50,7 +45,7 @@ def brought_on_trunk(
         q: preferred joint positions by arm name, and of "trunk".
         object_pose: pose of the object; None to determine it.
         base_pose: pose of a floating base, which is not changed; None for the world's origin.
-        bring: closes a chain without a trunk.
+        close_arms: closes a chain without a trunk.
 
     Raises:
         ModelError: a pose is given for a base that does not float.
@@ -59,18 +54,18 @@ def brought_on_trunk(
     """
     given = dict(q) if isinstance(q, Mapping) else q
     own = given.pop(TRUNK, None) if isinstance(given, dict) else None
-    wanted, preferred = _trunk_configuration(chain, own), preferred_configurations(chain, given)
+    wanted, preferred = _trunk_configuration(chain, own), starts.preferred_configurations(chain, given)
     if base_pose is not None and not chain.floats:
         raise ModelError("assemble: base_pose: expected none, as the trunk's base does not float; try trunk.base")
     base = (Pose.identity() if base_pose is None else checks.pose(base_pose, "base_pose")) if chain.floats else None
     place = Pose.identity() if object_pose is None else object_pose
     guess = State(np.concatenate([wanted, *preferred.values()]), np.zeros(chain.joint_count), place, base_pose=base)
     try:
-        return _arms_brought(chain, guess, preferred, bring)
+        return _with_trunk_at(chain, guess, preferred, close_arms)
     except ClosureError as cause:
         for moved in _trunk_moved(chain, guess, object_pose is not None):
             try:
-                return _arms_brought(chain, moved, preferred, bring)
+                return _with_trunk_at(chain, moved, preferred, close_arms)
             except ClosureError:
                 continue
         raise ClosureError(
@@ -82,14 +77,14 @@ def _trunk_configuration(chain: ClosedChain, given: Any) -> Array:
     """Return the trunk's preferred joint positions: the given ones, the middle of the limits, or 0 without limits."""
     assert chain.trunk is not None
     if given is not None:
-        return preferred_positions(given, chain.trunk.joint_count, TRUNK)
+        return starts.preferred_positions(given, chain.trunk.joint_count, TRUNK)
     serial = chain.trunk.serial
-    return np.zeros(0) if serial is None else preferred_configuration(serial)
+    return np.zeros(0) if serial is None else starts.preferred_configuration(serial)
 
 
-def _arms_brought(chain: ClosedChain, at: State, preferred: Mapping[str, Any], bring: Bring) -> State:
+def _with_trunk_at(chain: ClosedChain, at: State, preferred: Mapping[str, Any], close_arms: CloseArms) -> State:
     """Return the closed state with the trunk in its given configuration."""
-    found = bring(on_own_bases(chain, at)[0], preferred)
+    found = close_arms(on_own_bases(chain, at)[0], preferred)
     first = chain.joint_count - len(found.q)
     q = np.concatenate([at.q[:first], found.q])
     return State(q, 0.0 * q, found.object_pose, base_pose=at.base_pose)
@@ -102,7 +97,7 @@ def _trunk_moved(chain: ClosedChain, guess: State, hold_object: bool) -> Iterato
     if serial is None:
         return
     found = []
-    for start in starting_configurations(serial, guess.q[own], STARTS):
+    for start in starts.starting_configurations(serial, guess.q[own], TRUNK_STARTS):
         q = np.array(guess.q)
         q[own] = start
         try:

@@ -7,20 +7,20 @@ from collections.abc import Iterator
 import numpy as np
 
 from holdfast import outer
-from holdfast.assembly.outward_normal import outward_normal
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
-from holdfast.model.visuals import Mesh
+from holdfast.model.visuals import Cylinder, Mesh, Sphere
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 DENSEST = 3e4  # [kg/m^3]; osmium has 2.3e4
-HEAVIEST = 30.0  # mass of an object, relative to that of the arms that hold it against gravity; robots lift their own
-LONGEST = 30.0  # length of an object, relative to that of the longest arm
-FEWEST = 5  # joints of an arm with a hand; cranks of mechanisms are pinned to an object with any attitude
-LIKE = 0.99  # least cosine between directions that are meant to be the same
+HEAVIEST_LOAD = 30.0  # mass of an object, relative to that of the arms that hold it; robots lift their own
+LONGEST_OBJECT = 30.0  # length of an object, relative to that of the longest arm
+HAND_JOINTS = 5  # joints of an arm with a hand; cranks of mechanisms are pinned to an object with any attitude
+SAME_DIRECTION = 0.99  # least cosine between directions that are meant to be the same
+ON_FACE = 1e-6  # distance from a face, relative to the size, below which a place lies on it
 
 
 def plausibility_notes(chain: ClosedChain, object_pose: Pose | None = None) -> tuple[str, ...]:
@@ -31,7 +31,7 @@ def plausibility_notes(chain: ClosedChain, object_pose: Pose | None = None) -> t
         notes.append(f"gravity: [{_few(g)}] points upward, along +z; it is the acceleration of a falling body, try -z")
     notes += _of_object(chain)
     for name, grasp in chain.grasps.items():
-        presses = grasp.contact is not None or (grasp.of_kind.oriented and len(chain.arms[name].joints) >= FEWEST)
+        presses = grasp.contact is not None or (grasp.of_kind.oriented and len(chain.arms[name].joints) >= HAND_JOINTS)
         notes += _of_grasp(name, grasp, chain.held_object) if presses else ()
     poses = {f"arm '{name}': base": arm.base for name, arm in chain.arms.items() if name not in chain.mounts}
     for what, pose in {**poses, **({} if object_pose is None else {"object: pose": object_pose})}.items():
@@ -52,11 +52,11 @@ def _of_object(chain: ClosedChain) -> Iterator[str]:
     box = f"a box of {_few(edges, ' x ')} m with its inertia"
     if isinstance(held.shape, Mesh) and (found := outer.size_notes(held)):
         yield from (f"object: {note}" for note in found)
-    elif edges.max() > LONGEST * longest > 0.0:
+    elif edges.max() > LONGEST_OBJECT * longest > 0.0:
         yield f"object: {box} is {edges.max() / longest:.0f} times as long as the longest arm: mm instead of m?"
     if (density := held.mass / float(edges.prod())) > DENSEST:
         yield f"object: {held.mass:g} kg in {box} are {density:.2g} kg/m^3, more than any metal: g instead of kg?"
-    elif moved and all(arm.joints for arm in arms) and chain.gravity.any() and held.mass > HEAVIEST * moved:
+    elif moved and all(arm.joints for arm in arms) and chain.gravity.any() and held.mass > HEAVIEST_LOAD * moved:
         yield f"object: {held.mass:g} kg are {held.mass / moved:.0f} times the mass of its arms: g instead of kg?"
 
 
@@ -66,7 +66,7 @@ def _of_grasp(name: str, grasp: Grasp, held: HeldObject) -> Iterator[str]:
     if normal is None:
         return
     outward, other = float(grasp.frame.R[:, 2] @ normal), _reordered(grasp.frame)
-    if other is not None and outward > -0.5 and float(other.R[:, 2] @ normal) < -LIKE:
+    if other is not None and outward > -0.5 and float(other.R[:, 2] @ normal) < -SAME_DIRECTION:
         yield f"grasp '{name}': {_meant(grasp.frame)}; then z would point into the object, as it should"
     elif outward > 0.5:
         yield (
@@ -78,7 +78,7 @@ def _of_grasp(name: str, grasp: Grasp, held: HeldObject) -> Iterator[str]:
 def _of_order(what: str, pose: Pose) -> Iterator[str]:
     """Yield a note on a pose that lies on its side, but would be upright if its quaternion's order was x, y, z, w."""
     other = _reordered(pose)
-    if other is not None and other.R[2, 2] > LIKE > abs(pose.R[2, 2]):
+    if other is not None and other.R[2, 2] > SAME_DIRECTION > abs(pose.R[2, 2]):
         yield f"{what}: {_meant(pose)}; then z would point upward"
 
 
@@ -96,3 +96,27 @@ def _meant(pose: Pose) -> str:
 
 def _few(numbers: Array | list[float], between: str = ", ") -> str:
     return between.join(f"{x + 0.0:.4g}" for x in numbers)
+
+
+def outward_normal(held: HeldObject, place: Array) -> Array | None:
+    """Return the outward normal (3,) of the object's surface at a place on it, None elsewhere and on edges.
+
+    The surface is that of the object's sphere or cylinder or, without a shape, of the box with its inertia.
+    """
+    if isinstance(held.shape, Sphere):
+        distance = float(np.linalg.norm(place))
+        return place / distance if abs(distance - held.shape.radius) < ON_FACE * held.shape.radius else None
+    if isinstance(held.shape, Cylinder):
+        sizes, axes = np.array([2 * held.shape.radius, held.shape.length]), np.eye(3)
+        across = np.array([place[0], place[1], 0.0])
+        radius = float(np.linalg.norm(across))
+        local, axes = np.array([radius, place[2]]), np.column_stack([across / (radius or 1.0), axes[:, 2]])
+    elif held.shape is None:
+        sizes, at = outer.equivalent_box(held)
+        local, axes = at.R.T @ (place - at.p), at.R
+    else:
+        return None
+    off = np.abs(local) - 0.5 * sizes
+    face = int(np.argmax(off))
+    inside = np.delete(off, face) < -ON_FACE * sizes.max()
+    return np.sign(local[face]) * axes[:, face] if abs(off[face]) < ON_FACE * sizes.max() and inside.all() else None

@@ -17,10 +17,10 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import skew
 
-ROUNDS = 80
+MOST_DAMPED_STEPS = 80
 REACHED = 1e-6  # rad, or fraction of the arm's length
-LONGEST_STEP = 0.5  # rad, or fraction of the arm's length, in one iteration
-SAME = 1e-3  # rad or m: configurations that differ by less are the same
+LONGEST_DAMPED_STEP = 0.5  # rad, or fraction of the arm's length, in one iteration
+SAME_CONFIGURATION = 1e-3  # rad or m: configurations that differ by less are the same
 NEAR_HALF_TURN = -0.99  # cosine of an angle near half a turn
 LEAST_DAMPING, MOST_DAMPING = 1e-8, 1e4
 
@@ -53,7 +53,7 @@ def reaching_configurations(
     damping = np.full(len(q), 1e-2)
     gap, J = _gap(arm, q, contact, size)
     gap, J = gap @ K.T, K @ J * scale
-    for _ in range(ROUNDS):
+    for _ in range(MOST_DAMPED_STEPS):
         active = (np.abs(gap).max(axis=1) > REACHED) & (damping < MOST_DAMPING)
         if not active.any():
             break
@@ -115,7 +115,7 @@ def _step(J: Array, gap: Array, damping: Array, lowest: Array, highest: Array) -
         step = -(J.transpose(0, 2, 1) @ np.linalg.solve(A, gap[:, :, None]))[:, :, 0]
         beyond = ((lowest & (step < 0)) | (highest & (step > 0))) & J.any(axis=1)
         if not beyond.any():
-            return step * np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+            return step * np.minimum(1.0, LONGEST_DAMPED_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
         J[np.broadcast_to(beyond[:, None, :], J.shape)] = 0.0
 
 
@@ -132,6 +132,6 @@ def _distinct(q: Array) -> Array:
     """Return the configurations without those that are nearly equal to an earlier one."""
     kept: list[Array] = []
     for one in q:
-        if all(np.abs(one - other).max() > SAME for other in kept):
+        if all(np.abs(one - other).max() > SAME_CONFIGURATION for other in kept):
             kept.append(one)
     return np.array(kept).reshape(len(kept), q.shape[1])

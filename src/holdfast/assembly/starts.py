@@ -120,10 +120,10 @@ def _middle_of_reach(chain: ClosedChain) -> Array:
 
 
 def preferred_positions(given: Any, count: int, name: str) -> Array:
-    """Return the joint positions that an arm or a trunk had best have, (count,).
+    """Return the given preferred joint positions of an arm or a trunk as an array, (count,).
 
     Raises:
-        StateError: of another number, not finite, or so far that nothing is near.
+        StateError: their number is wrong, or one is not finite or beyond `FARTHEST_PREFERRED`.
     """
     q = checks.numbers(given, (count,), f"q of '{name}'", StateError)
     if q.dtype != object and np.abs(q).max(initial=0.0) > FARTHEST_PREFERRED:

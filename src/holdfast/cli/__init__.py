@@ -12,10 +12,8 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.cli.streams import OUTPUT, READER_GONE, WatchedStdout, open_streams, say
+from holdfast.cli import streams
 from holdfast.errors import ClosureError, HoldfastError, MethodNotApplicable, SingularChainError
-
-BAD_INPUT, REFUSED, FAULT, NO_MEMORY, INTERRUPTED = 2, 3, 70, 71, 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,53 +26,49 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: arguments after the program's name; by default those of the process.
     """
-    if not open_streams():
-        complain("stdout: is closed; try >/dev/null")
-        return OUTPUT
-    with WatchedStdout() as stdout:
+    if not streams.open_streams():
+        streams.complain("stdout: is closed; try >/dev/null")
+        return streams.EXIT_OUTPUT
+    with streams.WatchedStdout() as stdout:
         code = _run(argv, stdout)
     if stdout.fault is None:
         return code
     if isinstance(stdout.fault, BrokenPipeError):
-        return READER_GONE
-    complain(f"stdout: cannot be written: {stdout.fault.strerror or stdout.fault}")
-    return OUTPUT
+        return streams.EXIT_READER_GONE
+    streams.complain(f"stdout: cannot be written: {stdout.fault.strerror or stdout.fault}")
+    return streams.EXIT_OUTPUT
 
 
-def _run(argv: Sequence[str] | None, stdout: WatchedStdout) -> int:
+def _run(argv: Sequence[str] | None, stdout: streams.WatchedStdout) -> int:
     """Run one command."""
     try:
         from holdfast.cli.commands import run
 
         return run(list(sys.argv[1:] if argv is None else argv))
     except HoldfastError as error:
-        complain(str(error))
-        return REFUSED if isinstance(error, (ClosureError, MethodNotApplicable, SingularChainError)) else BAD_INPUT
+        streams.complain(str(error))
+        impossible = isinstance(error, ClosureError | MethodNotApplicable | SingularChainError)
+        return streams.EXIT_REFUSED if impossible else streams.EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        complain("interrupted")
-        return INTERRUPTED
+        streams.complain("interrupted")
+        return streams.EXIT_INTERRUPTED
     except MemoryError:
-        complain("not enough memory; try fewer samples, frames or joints")
-        return NO_MEMORY
+        streams.complain("not enough memory; try fewer samples, frames or joints")
+        return streams.EXIT_NO_MEMORY
     except Exception as fault:
-        return _report(fault) if stdout.fault is None else OUTPUT
-
-
-def complain(problem: str) -> None:
-    """Print an error as one line on stderr, if stderr can be written."""
-    say(f"holdfast: error: {' '.join(problem.split())}")
+        return _report(fault) if stdout.fault is None else streams.EXIT_OUTPUT
 
 
 def _report(fault: Exception) -> int:
     """Report an exception other than a `HoldfastError`, with its place in the code."""
     if os.environ.get("HOLDFAST_TRACEBACK"):
-        say(traceback.format_exc())
+        streams.say(traceback.format_exc())
     root = Path(__file__).parent.parent
     frames = [f for f in traceback.extract_tb(fault.__traceback__) if Path(f.filename).is_relative_to(root)]
     last = frames[-1]
     place = f"{Path(last.filename).relative_to(root).as_posix()}:{last.lineno}"
-    complain(
+    streams.complain(
         f"internal fault at {place}: {type(fault).__name__}: {str(fault)[:300]}; please report this line and the"
         " command (HOLDFAST_TRACEBACK=1 shows more)"
     )
-    return FAULT
+    return streams.EXIT_FAULT

@@ -14,7 +14,7 @@ from typing import Any
 
 import tyro
 
-from holdfast.cli import BAD_INPUT, complain
+from holdfast.cli.streams import EXIT_BAD_INPUT, complain
 from holdfast.errors import SceneError
 from holdfast.model import checks
 
@@ -29,10 +29,11 @@ COMMANDS = {
     "view": "view",
     "export": "results",
     "export-c": "export_c",
-    "methods": "methods",
+    "methods": "solve",
     "doctor": "doctor",
 }
-MOVED = {"bench": "try `python -m benchmarks.bench` in a clone of the repository"}
+REPEATABLE = ("--set", "--function", "--of", "--by")  # options that may be given more than once
+MOVED_COMMANDS = {"bench": "try `python -m benchmarks.bench` in a clone of the repository"}
 
 
 def run(arguments: list[str]) -> int:
@@ -51,20 +52,13 @@ def run(arguments: list[str]) -> int:
             raise SceneError(f"expected a name that is not empty and contains no NUL, got {argument!r}")
     first = arguments[0] if arguments else "--help"
     if not first.startswith("-") and first not in COMMANDS:
-        raise SceneError(f"no command {first!r}{_instead(first)}")
+        advice = f"; {MOVED_COMMANDS[first]}" if first in MOVED_COMMANDS else f".{checks.did_you_mean(first, COMMANDS)}"
+        raise SceneError(f"no command {first!r}{advice}")
     _refuse_repeated(arguments)
     offered = _only_described if first in ("-h", "--help") else _later
     commands = {name: offered(name) for name in ([first] if first in COMMANDS else COMMANDS)}
     call = _parsed(arguments or ["--help"], commands)
     return call if isinstance(call, int) else call()
-
-
-def _instead(first: str) -> str:
-    """Return the end of the message about an unknown command."""
-    return f"; {MOVED[first]}" if first in MOVED else f".{checks.did_you_mean(first, COMMANDS)}"
-
-
-_REPEATABLE = ("--set", "--function", "--of", "--by")
 
 
 def _refuse_repeated(arguments: list[str]) -> None:
@@ -77,7 +71,7 @@ def _refuse_repeated(arguments: list[str]) -> None:
     for k, argument in enumerate(arguments):
         if argument == "--":
             break
-        if not argument.startswith("--") or argument.partition("=")[0] in _REPEATABLE:
+        if not argument.startswith("--") or argument.partition("=")[0] in REPEATABLE:
             continue
         name, equals, value = argument.partition("=")
         after = arguments[k + 1] if not equals and k + 1 < len(arguments) else ""
@@ -103,7 +97,7 @@ def _parsed(arguments: list[str], commands: dict[str, Callable[..., Any]]) -> Ca
         if not finished.code:
             return 0
         complain(_unboxed(boxed.getvalue()))
-        return BAD_INPUT
+        return EXIT_BAD_INPUT
 
 
 def _unboxed(message: str) -> str:

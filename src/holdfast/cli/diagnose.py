@@ -8,12 +8,11 @@ from dataclasses import asdict
 
 import numpy as np
 
-from holdfast.cli import REFUSED
-from holdfast.cli.console import stdout, with_progress
-from holdfast.cli.options import Changes, Diagnosed, Format, OptionalName, Packages, Switch
-from holdfast.cli.results import opened_scene
+from holdfast.cli.console import is_standard, read_stdin, stdout, with_progress
+from holdfast.cli.options import Changes, Diagnosed, Format, OptionalName, PackageFolders, Switch
+from holdfast.cli.results import opened_scene, refuse_scene_options
 from holdfast.cli.solve import chosen_cases, named_cases, print_json
-from holdfast.cli.standard import is_standard, read_stdin
+from holdfast.cli.streams import EXIT_REFUSED
 from holdfast.dynamics import consistency
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.diagnose import Diagnosis
@@ -31,7 +30,7 @@ def diagnose(
     json: Switch = False,
     changes: Changes = (),
     trust_xacro: Switch = False,
-    packages: Packages = (),
+    packages: PackageFolders = (),
 ) -> int:
     """Report mobility, rank, lost directions and indeterminate forces of a scene's initial state, or of problem cases.
 
@@ -59,12 +58,7 @@ def diagnose(
         scenario = opened_scene(file, trust_xacro, changes, packages, given)
         found = [(scenario.name, diagnosis_of(scenario.chain, scenario.state))]
     else:
-        if changes:
-            raise SceneError(f"--set: expected a scene, whose keys it sets, got the problem cases {file}")
-        if packages:
-            raise SceneError(
-                f"--package: expected a scene, whose robot files refer to it, got the problem cases {file}"
-            )
+        refuse_scene_options(changes, packages, f"the problem cases {file}")
         cases = chosen_cases(file, case) if given is None else named_cases(given, "stdin", case)
         found = [(problem.name, _diagnosis(problem)) for problem in with_progress(cases, "diagnosing")]
     if json or format == "json":
@@ -74,7 +68,7 @@ def diagnose(
         for name, outcome in found:
             text = outcome.report() if isinstance(outcome, Diagnosis) else f"refused: {outcome}"
             console.print(f"{name}: {text}", soft_wrap=True)
-    return 0 if any(isinstance(outcome, Diagnosis) for _, outcome in found) else REFUSED
+    return 0 if any(isinstance(outcome, Diagnosis) for _, outcome in found) else EXIT_REFUSED
 
 
 def _diagnosis(case: Case) -> Diagnosis | str:

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
-from holdfast.cli.console import print_document, stdout
-from holdfast.cli.options import Changes, Folder, Names, OptionalName, Packages, SceneFile, Switch
+from holdfast.cli.console import print_document, refuse_standard, stdout
+from holdfast.cli.options import Changes, Folder, Names, OptionalName, PackageFolders, SceneFile, Switch
 from holdfast.cli.results import opened_scene, scene_name
-from holdfast.cli.standard import refuse_standard
 from holdfast.cli.streams import say
 from holdfast.codegen.export import ExportedCode
 from holdfast.codegen.export import export_c as write_code
@@ -18,8 +17,8 @@ from holdfast.compiled.chain import CompiledChain, compile
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.scenario.build import Scenario
 
-CONTROL = "control"  # the function of the scene's controller
-BY_DEFAULT = ("forward_dynamics", "inverse_dynamics", "step", CONTROL)
+SCENE_CONTROL = "control"  # the function of the scene's controller
+BY_DEFAULT = ("forward_dynamics", "inverse_dynamics", "step", SCENE_CONTROL)
 
 
 def export_c(
@@ -36,7 +35,7 @@ def export_c(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
-    packages: Packages = (),
+    packages: PackageFolders = (),
 ) -> int:
     """Write a scene's dynamics, a time step and its controller as C or object files that run without Python.
 
@@ -60,17 +59,17 @@ def export_c(
     Raises:
         HoldfastError: the input is invalid, or this chain or controller does not support a function.
     """
-    refuse_standard(out, "--out")
+    refuse_standard(out)
     folder = Path("code") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes, packages)
     compiled = compile(scenario.chain)
     requested = list(function) or _those_there_are(scenario, compiled, scheme)
-    laws = {CONTROL: scenario.controller} if CONTROL in requested else {}
+    laws = {SCENE_CONTROL: scenario.controller} if SCENE_CONTROL in requested else {}
     made = write_code(
         compiled,
         folder,
         name=_prefix(scene_name(scene)) if name is None else name,
-        functions=[one for one in requested if one != CONTROL],
+        functions=[one for one in requested if one != SCENE_CONTROL],
         laws=laws,
         target=target,
         source=source,
@@ -91,7 +90,7 @@ def _those_there_are(scenario: Scenario, compiled: CompiledChain, scheme: str) -
     found = []
     for one in BY_DEFAULT:
         try:
-            if one == CONTROL:
+            if one == SCENE_CONTROL:
                 exported_law(one, scenario.controller, compiled)
             else:
                 motions = scenario.options.get("base_motion")

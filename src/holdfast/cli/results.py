@@ -1,4 +1,4 @@
-"""Reading scenes and result folders for commands; `holdfast plot`, `holdfast export` and `holdfast summary`."""
+"""Scenes and result folders as arguments of commands; `holdfast plot`, `holdfast export` and `holdfast summary`."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.cli import complain
-from holdfast.cli.console import print_document, stdout
-from holdfast.cli.folders import labels, require_one_place
+import holdfast as hf
+from holdfast.cli.console import is_standard, print_document, read_input, refuse_standard, stdout, write_stdout
 from holdfast.cli.options import Folder, OutFile, ResultFolders, Switch, TableFormat
-from holdfast.cli.standard import is_standard, read_input, refuse_standard, write_stdout
-from holdfast.cli.streams import say
+from holdfast.cli.streams import complain, say
 from holdfast.errors import ResultError, SceneError
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.io.export import export_csv, export_parquet, occurrences_path
@@ -23,26 +21,54 @@ from holdfast.io.files import make_folder, require_file
 from holdfast.io.result_meta import SCENE, ResultMeta
 from holdfast.io.result_reader import Result, load_result
 from holdfast.io.result_reader import setting_of as setting_in
-from holdfast.model.anchor import Anchor
-from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
-from holdfast.model.grasp import Grasp
 from holdfast.model.grasp_kinds import GRASP_KINDS
-from holdfast.model.held_object import HeldObject
-from holdfast.model.joint import Joint
-from holdfast.model.link import Link
 from holdfast.robots.packages import given_packages
-from holdfast.scenario.build import LARGEST_FILE, Scenario, parse_scene
+from holdfast.scenario.build import LARGEST_SCENE, Scenario, parse_scene
 from holdfast.scenario.robots import RobotFiles
 from holdfast.simulation.setting import Setting
 from holdfast.simulation.summary import summarise
-from holdfast.spatial.pose import Pose
-from holdfast.view.comparison import MOST_RUNS, compare_runs
+from holdfast.view.comparison import MOST_COMPARED, compare_runs
 from holdfast.view.plots import save_plots, write_figures
 from holdfast.view.summary_table import summary_table
 
-COMPARISON = Path("results") / "comparison"  # of figures of several runs, where no other place is named
+COMPARISON = Path("results") / "comparison"  # folder for the figures of several runs, unless --out names one
+
+
+def require_one_place(folders: Sequence[Path], out: Path | None) -> None:
+    """Refuse a command without a run, or with several runs for one output.
+
+    Raises:
+        ResultError: there is no run, or there are several.
+    """
+    if not folders:
+        raise ResultError("Missing: RESULT; expected one result folder or more")
+    if out is not None and len(folders) > 1:
+        raise ResultError(f"--out: expected one result folder, got {len(folders)}; try without it, or one by one")
+
+
+def labels(places: Sequence[Path], most: int, what: str = "RESULT") -> list[str]:
+    """Return for each place the shortest end of its path that distinguishes it from the others.
+
+    Args:
+        places: result folders or scenes.
+        most: largest number that can be shown together.
+        what: the kind of arguments that the command takes, for messages.
+
+    Raises:
+        ResultError: there are none, there are too many, or one is named twice.
+    """
+    if not places:
+        raise ResultError(f"Missing: {what}; expected one or more")
+    if len(places) > most:
+        raise ResultError(f"{what}: expected at most {most} together, got {len(places)}; try some of them")
+    parts = [place.resolve().parts for place in places]
+    for i, one in enumerate(parts):
+        if one in parts[:i]:
+            raise ResultError(f"{what}: expected different ones, got {places[i]} twice; try each once")
+    longest = max(map(len, parts))
+    length = next(k for k in range(1, longest + 1) if len({one[-k:] for one in parts}) == len(parts))
+    return ["/".join(one[-length:]) for one in parts]
 
 
 def opened_scene(
@@ -64,7 +90,7 @@ def opened_scene(
     Raises:
         SceneError, ClosureError: as for `load_scene`.
     """
-    text, source = read_input(path, LARGEST_FILE) if given is None else (given, "stdin")
+    text, source = read_input(path, LARGEST_SCENE) if given is None else (given, "stdin")
     files = RobotFiles(path.parent, trust_xacro, packages=_folders(packages))
     scenario = parse_scene(text, source, scene_name(path), files, changes)
     for note in scenario.notes:
@@ -85,6 +111,18 @@ def _folders(packages: Sequence[str]) -> dict[str, str]:
 def scene_name(path: Path) -> str:
     """Return the name of a scene that has none of its own."""
     return "stdin" if is_standard(path) else path.stem
+
+
+def refuse_scene_options(changes: Sequence[str], packages: Sequence[str], given: str) -> None:
+    """Refuse `--set` and `--package` for what is no scene.
+
+    Raises:
+        SceneError: one of them is given; the message says for what.
+    """
+    if changes:
+        raise SceneError(f"--set: expected a scene, whose keys it sets, got {given}")
+    if packages:
+        raise SceneError(f"--package: expected a scene, whose robot files refer to it, got {given}")
 
 
 def recorded(folder: Path, trust_xacro: bool = False) -> tuple[Setting, Result]:
@@ -114,7 +152,7 @@ def setting_of(result: Result, trust_xacro: bool = False) -> Setting:
     return found
 
 
-def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[ClosedChain, Result]:
+def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[hf.ClosedChain, Result]:
     """Return the chain of a run and the run; if its robots are not available, the chain has only their names.
 
     Raises:
@@ -133,7 +171,7 @@ def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[ClosedCh
     return chain, result
 
 
-def _named(meta: ResultMeta) -> ClosedChain:
+def _named(meta: ResultMeta) -> hf.ClosedChain:
     """Return a chain with the names and kinds of the arms, joints and grasps of a run, which suffices for figures.
 
     Raises:
@@ -146,24 +184,16 @@ def _named(meta: ResultMeta) -> ClosedChain:
             for joint, kind in zip(meta.joints, meta.joint_kinds, strict=False)
             if joint.startswith(f"{name}/")
         ]
-        joints = [Joint(kind, np.array([0.0, 0.0, 1.0]), Pose.identity(), name=joint) for joint, kind in kinds]
-        links = [Link(1.0, np.zeros(3), np.eye(3))] * len(joints)
-        arms[name] = Arm(joints, links) if joints else Anchor()
-    grasp_kinds: dict[str, Any] = dict(meta.grasps)
-    threaded = {name for name, row in GRASP_KINDS.items() if row.threaded}
-    by_hand = {name for name, row in GRASP_KINDS.items() if row.by_hand}
-    compliant = {name for name, row in GRASP_KINDS.items() if row.compliant}
-    grasps = {
-        name: Grasp(
-            kind,
-            Pose.identity(),
-            pitch=1.0 if kind in threaded else None,
-            motion=np.eye(6)[:, :1] if kind in by_hand else None,
-            stiffness=np.zeros(6) if kind in compliant else None,
-        )
-        for name, kind in grasp_kinds.items()
-    }
-    return ClosedChain(arms, HeldObject(1.0, np.eye(3)), grasps)
+        joints = [hf.Joint(kind, np.array([0.0, 0.0, 1.0]), hf.Pose.identity(), name=joint) for joint, kind in kinds]
+        links = [hf.Link(1.0, np.zeros(3), np.eye(3))] * len(joints)
+        arms[name] = hf.Arm(joints, links) if joints else hf.Anchor()
+    subspace, none = np.eye(6)[:, :1], np.zeros(6)
+    needed = ("threaded", "pitch", 1.0), ("by_hand", "motion", subspace), ("compliant", "stiffness", none)
+    grasps, grasp_kinds = {}, dict[str, Any](meta.grasps)
+    for name, kind in grasp_kinds.items():  # Grasp refuses unknown kinds
+        own: dict[str, Any] = {key: value for flag, key, value in needed if getattr(GRASP_KINDS.get(kind), flag, False)}
+        grasps[name] = hf.Grasp(kind, hf.Pose.identity(), **own)
+    return hf.ClosedChain(arms, hf.HeldObject(1.0, np.eye(3)), grasps)
 
 
 def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, trust_xacro: Switch = False) -> int:
@@ -182,8 +212,8 @@ def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, 
         ResultError: there is no result, a folder is named twice, there are too many, or a folder cannot be written.
         MissingExtra: matplotlib is not installed.
     """
-    refuse_standard(out, "--out")
-    names = labels(results, MOST_RUNS)
+    refuse_standard(out)
+    names = labels(results, MOST_COMPARED)
     runs = [chain_for_figures(folder, trust_xacro) for folder in results]
     place = out or (results[0] if len(runs) == 1 else COMPARISON)
     make_folder(place)

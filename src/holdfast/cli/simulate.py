@@ -6,12 +6,10 @@ import math
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from holdfast.cli import INTERRUPTED, REFUSED, complain
-from holdfast.cli.console import print_document, stdout
-from holdfast.cli.options import Changes, Folder, Packages, SceneFile, Seconds, Switch
+from holdfast.cli.console import print_document, refuse_standard, stdout
+from holdfast.cli.options import Changes, Folder, PackageFolders, SceneFile, Seconds, Switch
 from holdfast.cli.results import opened_scene, scene_name
-from holdfast.cli.standard import refuse_standard
-from holdfast.cli.streams import say
+from holdfast.cli.streams import EXIT_INTERRUPTED, EXIT_REFUSED, complain, say
 from holdfast.errors import ClosureError, MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
@@ -36,7 +34,7 @@ def simulate(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
-    packages: Packages = (),
+    packages: PackageFolders = (),
 ) -> int:
     """Simulate a scene and write a result folder.
 
@@ -64,7 +62,7 @@ def simulate(
     """
     if resume and overwrite:
         raise ResultError("--resume continues a result, --overwrite replaces it; try one of them")
-    refuse_standard(out, "--out")
+    refuse_standard(out)
     folder = Path("results") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes, packages)
     requested = {name: x for name, x in (("sample_time", sample_time), ("delay", delay)) if x is not None}
@@ -106,7 +104,7 @@ def simulate(
         print_document(_document(folder, summary, run.stopped, files))
     for name in () if json else drawn:
         _point_to(folder, name)
-    return 0 if run.stopped is None else REFUSED
+    return 0 if run.stopped is None else EXIT_REFUSED
 
 
 def _run(scenario: Scenario, writer: ResultWriter) -> Trajectory | None:
@@ -139,7 +137,7 @@ def _interrupted(scenario: Scenario, writer: ResultWriter, as_json: bool) -> int
     writer.finish(None, stopped="interrupted")
     if not writer.samples:
         complain("interrupted before the first step; nothing was written")
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     run = load_result(writer.folder).trajectory
     summary = summarise(scenario.chain, run)
     if as_json:
@@ -150,7 +148,7 @@ def _interrupted(scenario: Scenario, writer: ResultWriter, as_json: bool) -> int
         f"interrupted after t = {run.t[-1]:.6g} s; the results until then are in {writer.folder}, and --resume"
         " continues from there"
     )
-    return INTERRUPTED
+    return EXIT_INTERRUPTED
 
 
 def _require_plots() -> None:

@@ -1,4 +1,4 @@
-"""`holdfast solve`: solve problem cases by one or all algorithms, and print tables or the layout of the case file."""
+"""`holdfast solve`: forward dynamics of problem cases by one or all algorithms; `holdfast methods` lists these."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from holdfast.cli import REFUSED
-from holdfast.cli.console import stdout, with_progress
+from holdfast.cli.console import print_document, read_input, stdout, with_progress
 from holdfast.cli.options import CaseFile, Format, Name, OptionalName, Switch
-from holdfast.cli.standard import read_input
+from holdfast.cli.streams import EXIT_REFUSED
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.consistency import require_closed, require_rates
 from holdfast.dynamics.forward import forward_dynamics
@@ -277,7 +276,7 @@ def solve(
         print_json([answer.as_json() for answer in found])
     else:
         print_answers(found)
-    return 0 if any(answer.result is not None for answer in found) else REFUSED
+    return 0 if any(answer.result is not None for answer in found) else EXIT_REFUSED
 
 
 def _chosen_methods(name: str) -> list[str]:
@@ -286,3 +285,22 @@ def _chosen_methods(name: str) -> list[str]:
     if name not in METHODS:
         raise SceneError(f"no method {name!r}.{checks.did_you_mean(name, ['all', *METHODS])}")
     return [name]
+
+
+def methods(json: Switch = False) -> int:
+    """List the forward dynamics algorithms, with their equation, cost and applicability.
+
+    Args:
+        json: print one JSON document instead of a table.
+    """
+    if json:
+        keys = ("name", "equation", "cost", "applies")
+        print_document([{key: getattr(method, key) for key in keys} for method in METHODS.values()])
+        return 0
+    table = Table("method", "equation", "cost", "applies to")
+    for method in METHODS.values():
+        table.add_row(method.name, method.equation, method.cost, method.applies)
+    console = stdout()
+    console.print(table)
+    console.print("n joints in all, l arms, N joints an arm; 'sequential' is the default")
+    return 0

@@ -1,4 +1,4 @@
-"""Robust use of the standard streams, which may be closed, full, or a closed pipe."""
+"""The exit codes, and robust use of the standard streams, which may be closed, full, or a closed pipe."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import Any, Self, TextIO, cast
 
 from holdfast import progress
 
-OUTPUT, READER_GONE = 74, 141  # exit codes: EX_IOERR of sysexits.h; 128 + SIGPIPE
+EXIT_BAD_INPUT, EXIT_REFUSED, EXIT_FAULT, EXIT_NO_MEMORY, EXIT_INTERRUPTED = 2, 3, 70, 71, 130
+EXIT_OUTPUT, EXIT_READER_GONE = 74, 141  # EX_IOERR of sysexits.h; 128 + SIGPIPE
 
 
 def open_streams() -> bool:
@@ -36,6 +37,11 @@ def say(line: str) -> None:
     """Print a line on stderr; a stderr that cannot be written is silenced, as it would fail again at exit."""
     if not progress.say(line):
         _silence(sys.stderr)
+
+
+def complain(problem: str) -> None:
+    """Print an error as one line on stderr, if stderr can be written."""
+    say(f"holdfast: error: {' '.join(problem.split())}")
 
 
 class WatchedStdout:

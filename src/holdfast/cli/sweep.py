@@ -7,30 +7,28 @@ from pathlib import Path
 
 from rich.table import Table
 
-from holdfast.cli import INTERRUPTED, complain
-from holdfast.cli.console import print_document, stdout
-from holdfast.cli.options import Address, Changes, Folder, Number, Packages, Swept, Switch
+from holdfast.cli.console import is_standard, print_document, refuse_standard, stdout
+from holdfast.cli.options import Changes, Folder, PackageFolders, RunNumber, SchedulerAddress, Swept, Switch
 from holdfast.cli.results import opened_scene, scene_name
-from holdfast.cli.standard import is_standard, refuse_standard
-from holdfast.cli.streams import say
+from holdfast.cli.streams import EXIT_INTERRUPTED, complain, say
 from holdfast.errors import SceneError, StateError
 from holdfast.progress import progress_bar
 from holdfast.sweeps import Sweep, load_sweep, sweep_scene
 from holdfast.sweeps.of_scene import kept_scene
 
-LEVELS = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "largest": 1.0}
+SHOWN_LEVELS = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "largest": 1.0}
 
 
 def sweep(
     target: Swept,
     out: Folder = None,
     workers: int = 1,
-    cluster: Address = None,
-    run: Number = None,
+    cluster: SchedulerAddress = None,
+    run: RunNumber = None,
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
-    packages: Packages = (),
+    packages: PackageFolders = (),
 ) -> int:
     """Run or continue the sweep that a scene describes: many runs, whose results are written to a folder.
 
@@ -51,7 +49,7 @@ def sweep(
     Raises:
         HoldfastError: the input is invalid, the scene cannot be swept, or the folder cannot be used.
     """
-    refuse_standard(out, "--out")
+    refuse_standard(out)
     is_folder = not is_standard(target) and os.path.isdir(target)
     if is_folder and (out is not None or changes or packages):
         option = "--set" if changes else "--package" if packages else "--out"
@@ -72,7 +70,7 @@ def sweep(
             found = sweep_scene(scenario, folder, workers=workers, cluster=cluster, progress=report)
     except KeyboardInterrupt:
         complain(f"interrupted; what was finished is in {folder}, and the same command continues from there")
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     _report(found, json)
     return 0
 
@@ -93,9 +91,9 @@ def _again(found: Sweep, number: int, workers: int, cluster: str | None, as_json
 
 def _report(found: Sweep, as_json: bool) -> None:
     """Print how the runs ended, and the distributions of their recorded outputs."""
-    counts, rows = found.status_counts, found.table(list(LEVELS.values()))
+    counts, rows = found.status_counts, found.table(list(SHOWN_LEVELS.values()))
     if as_json:
-        kept = {"levels": list(LEVELS.values()), "quantiles": {title: x.tolist() for title, x in rows.items()}}
+        kept = {"levels": list(SHOWN_LEVELS.values()), "quantiles": {title: x.tolist() for title, x in rows.items()}}
         print_document({"sweep": str(found.folder), "runs": len(found), "statuses": counts, **kept})
         return
     console, statuses = stdout(), Table("status", "runs")
@@ -103,7 +101,7 @@ def _report(found: Sweep, as_json: bool) -> None:
         statuses.add_row(name.lower(), str(count))
     console.print(statuses)
     if rows:
-        table = Table("of running runs", *LEVELS)
+        table = Table("of running runs", *SHOWN_LEVELS)
         for title, x in rows.items():
             table.add_row(title, *(f"{value:.6g}" for value in x))
         console.print(table)

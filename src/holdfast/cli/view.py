@@ -8,21 +8,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from holdfast.cli.console import print_document, stdout
-from holdfast.cli.folders import labels
-from holdfast.cli.options import Changes, OutFile, Packages, Switch, Targets
-from holdfast.cli.results import opened_scene, recorded
-from holdfast.cli.standard import is_standard, write_stdout
+from holdfast.cli.console import is_standard, print_document, stdout, write_stdout
+from holdfast.cli.options import Changes, OutFile, PackageFolders, Switch, Targets
+from holdfast.cli.results import labels, opened_scene, recorded, refuse_scene_options
 from holdfast.cli.streams import say
-from holdfast.errors import ModelError, ResultError, SceneError, SingularChainError, StateError
+from holdfast.errors import ModelError, ResultError, SingularChainError, StateError
 from holdfast.io.typed import refusal
 from holdfast.scenario.build import Scenario
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.state import Inputs
-from holdfast.view.chooser import MOST_PAGES
 from holdfast.view.live import watch
-from holdfast.view.page import export_page
+from holdfast.view.page import MOST_PAGES, export_page
 from holdfast.view.playback import Playback, playback_of_instant, playback_of_run
 
 LAST_PORT = 65535
@@ -37,7 +34,7 @@ def view(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
-    packages: Packages = (),
+    packages: PackageFolders = (),
 ) -> int:
     """Show a run, or the initial state of a scene, in the browser; Ctrl-C ends it.
 
@@ -102,16 +99,12 @@ def _announce_json(address: str) -> None:
 def _playback(
     target: Path, rate: float, trust_xacro: bool, changes: Sequence[str], packages: Sequence[str]
 ) -> Playback:
-    if is_standard(target):
-        return _playback_of_scene(opened_scene(target, trust_xacro, changes, packages), target)
-    if not os.path.exists(target):  # Path.exists raises an error for names that are too long
+    piped = is_standard(target)
+    if not piped and not os.path.exists(target):  # Path.exists raises an error for names that are too long
         raise refusal(str(target), "no such file or folder; expected a result folder or a scene file")
-    if not os.path.isdir(target):
+    if piped or not os.path.isdir(target):
         return _playback_of_scene(opened_scene(target, trust_xacro, changes, packages), target)
-    if changes:
-        raise SceneError(f"--set: expected a scene, whose keys it sets, got the result folder {target}")
-    if packages:
-        raise SceneError(f"--package: expected a scene, whose robot files refer to it, got the result folder {target}")
+    refuse_scene_options(changes, packages, f"the result folder {target}")
     setting, result = recorded(target, trust_xacro)
     return _noted(playback_of_run(setting.chain, result.trajectory, setting.name, rate, setting.base_motion))
 

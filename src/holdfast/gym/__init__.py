@@ -4,9 +4,17 @@ Raises:
     MissingExtra: gymnasium is not installed.
 """
 
-from holdfast.gym.registration import register_ids
+from holdfast.errors import MissingExtra as _MissingExtra
 from holdfast.names import attach as _attach
 
-register_ids()
+try:
+    from gymnasium.envs.registration import register as _register
+    from gymnasium.envs.registration import registry as _registry
+except ImportError as cause:
+    raise _MissingExtra("holdfast.gym needs gymnasium; try pip install 'holdfast[gym]'") from cause
+
+for _task in ("Carry", "HandOver"):
+    if f"holdfast/{_task}-v0" not in _registry:
+        _register(f"holdfast/{_task}-v0", f"holdfast.gym:{_task}", vector_entry_point=f"holdfast.gym:{_task}Vector")
 
 __getattr__, __dir__, __all__ = _attach(__name__, __file__)

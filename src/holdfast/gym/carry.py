@@ -15,10 +15,7 @@ from holdfast.control.controller import ControlLaw
 from holdfast.control.paths import ObjectPath, Target, path_function, quintic
 from holdfast.errors import ModelError
 from holdfast.gym import terms
-from holdfast.gym.actions import joint_law, object_law
-from holdfast.gym.batch_function import BatchFunction
-from holdfast.gym.ready_made import two_fingers
-from holdfast.gym.task import Phase, Task, chain_and_state, spread, torques
+from holdfast.gym.task import BatchFunction, Phase, Task, spread, two_fingers
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -30,10 +27,9 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
 from holdfast.state import State
 
-MARGIN = 100.0  # N: bound of observed margins
-TENFOLD = 10.0  # bound of observed forces, as a multiple of that of internal forces
-BESIDE = 1e-6  # rad, m: largest distance of a path's beginning from the object
-ACCELERATION = 20.0  # rad/s^2, m/s^2: bound of observed accelerations
+OBSERVED_MARGIN = 100.0  # N: bound of observed margins
+LARGEST_START_GAP = 1e-6  # rad, m: largest distance of a path's beginning from the object
+OBSERVED_ACCELERATION = 20.0  # rad/s^2, m/s^2: bound of observed accelerations
 
 
 @called
@@ -144,15 +140,11 @@ class CarryTask(Frozen, Task):
 
     def __post_init__(self) -> None:
         put, what = object.__setattr__, "carry"
-        chain, state = chain_and_state(self.chain, self.state, two_fingers, what)
-        put(self, "chain", chain)
-        put(self, "state", state)
+        self._check_common(what, two_fingers)
         if self.commands not in ("object", "joint"):
             raise ModelError(f"{what}: commands: expected 'object' or 'joint', got {checks.short(self.commands)}")
-        self._check_common(what)
         for name, count in {"displacement": 3, "turn": 3, "acceleration": 6}.items():
             put(self, name, spread(getattr(self, name), count, f"{what}: {name}"))
-        put(self, "joint_torque", torques(self.joint_torque, chain, what))
         if self.path is not None:
             put(self, "path", path_function(self.path, f"{what}: path"))
             self._require_beginning(what)
@@ -172,7 +164,7 @@ class CarryTask(Frozen, Task):
             got = type(first).__name__
             raise ModelError(f"{what}: path: expected t -> control.paths.Target (pose, twist, acceleration), got {got}")
         gap = float(np.abs(terms.away(first.pose, self.state.object_frame)).max())
-        if not gap <= BESIDE:
+        if not gap <= LARGEST_START_GAP:
             raise ModelError(
                 f"{what}: path: expected one that begins where the object is, got one that begins {gap:.3g} (m or rad)"
                 " beside it; try RestToRest(state.object_frame, ...)"
@@ -186,16 +178,16 @@ class CarryTask(Frozen, Task):
     @property
     def observed(self) -> Mapping[str, Array]:
         """Bounds of the parts of an observation, in the order of the observation."""
-        twist, force = np.full(6, terms.TWIST), TENFOLD * self.largest_internal
+        twist, force = np.full(6, terms.OBSERVED_TWIST), terms.OBSERVED_FORCE * self.largest_internal
         return {
             "path": terms.pose_bounds(),
             "path_twist": 2.0 * twist,
-            "path_acceleration": np.full(6, ACCELERATION),
+            "path_acceleration": np.full(6, OBSERVED_ACCELERATION),
             "goal": terms.pose_bounds(),
             "twist": twist,
             "time": np.ones(1),
             "wrench": np.full(6 * len(self.chain.arms), force),
-            "margin": np.full(len(self.chain.grasps), MARGIN),
+            "margin": np.full(len(self.chain.grasps), OBSERVED_MARGIN),
             **terms.joint_bounds(self.chain),
         }
 
@@ -234,9 +226,9 @@ class CarryTask(Frozen, Task):
         """The control law, with the action as a parameter."""
         if self.commands == "object":
             given = self.acceleration, self.internal_force, self.internal_force_span, self.joint_damping
-            return object_law(self.chain, *given)
+            return terms.object_law(self.chain, *given)
         assert self.joint_torque is not None
-        return joint_law(self.chain, self.joint_torque, self.internal_force, self.joint_damping)
+        return terms.joint_law(self.chain, self.joint_torque, self.internal_force, self.joint_damping)
 
     def target(self, t: Scalar, given: Given) -> Target:
         """Return pose, twist and acceleration of the path at a time [s]."""

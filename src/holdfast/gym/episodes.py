@@ -15,9 +15,9 @@ from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems
 from holdfast.spatial.scalar import Array
 
-STATUSES = np.array([status.name for status in RolloutStatus], dtype=object)
+STATUS_NAMES = np.array([status.name for status in RolloutStatus], dtype=object)
 
-LARGEST = 1e9  # in SI units, as in scenes: far beyond what means anything, and its powers are numbers
+LARGEST_OPTION = 1e9  # in SI units, as in scenes: far beyond what means anything, and its powers are numbers
 
 
 class Episodes:
@@ -107,7 +107,7 @@ class Episodes:
         codes = np.zeros(self.count, dtype=int)
         for number, systems in enumerate(self.systems):
             codes = np.where(self.phase == number, systems.arrays["code"].astype(int), codes)
-        return info | {"status": STATUSES[codes]}
+        return info | {"status": STATUS_NAMES[codes]}
 
     def _options(self, options: Mapping[str, Any] | None) -> dict[str, Array]:
         """Return the values given instead of random ones, with a row for every episode."""
@@ -122,8 +122,9 @@ class Episodes:
             if x.shape not in (shapes[name], (self.count, *shapes[name])):
                 expected = checks.shapes_with_rows(shapes[name], self.count)
                 raise StateError(f"options: {name}: expected shape {expected}, got {x.shape}")
-            if x.size and np.abs(x).max() > LARGEST:
-                raise StateError(f"options: {name}: expected numbers up to {LARGEST:g}, got {checks.short(value)}")
+            if x.size and np.abs(x).max() > LARGEST_OPTION:
+                got = checks.short(value)
+                raise StateError(f"options: {name}: expected numbers up to {LARGEST_OPTION:g}, got {got}")
             found[name] = np.broadcast_to(x, (self.count, *shapes[name]))
         return found
 

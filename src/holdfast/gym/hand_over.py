@@ -18,11 +18,8 @@ from holdfast.dynamics.contact_places import tip_frames
 from holdfast.dynamics.impulse import grasp_here
 from holdfast.errors import ModelError
 from holdfast.gym import terms
-from holdfast.gym.actions import joint_law
-from holdfast.gym.batch_function import BatchFunction
 from holdfast.gym.episodes import Episodes
-from holdfast.gym.ready_made import two_hands
-from holdfast.gym.task import Phase, Task, chain_and_state, spread, torques
+from holdfast.gym.task import BatchFunction, Phase, Task, spread, two_hands
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -36,7 +33,6 @@ from holdfast.spatial.scalar import Array, array, where
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import State
 
-TENFOLD = 10.0  # bound of observed forces, as a multiple of that of internal forces
 GIVING, BOTH, TAKEN = range(3)  # phases
 
 
@@ -158,18 +154,14 @@ class HandOverTask(Frozen, Task):
 
     def __post_init__(self) -> None:
         put, what = object.__setattr__, "hand-over"
-        chain, state = chain_and_state(self.chain, self.state, two_hands, what)
-        put(self, "chain", chain)
-        put(self, "state", state)
-        put(self, "giver", _holding(chain, self.giver, "giver", ""))
-        put(self, "receiver", _holding(chain, self.receiver, "receiver", self.giver))
-        self._check_common(what)
+        self._check_common(what, two_hands)
+        put(self, "giver", _holding(self.chain, self.giver, "giver", ""))
+        put(self, "receiver", _holding(self.chain, self.receiver, "receiver", self.giver))
         for name in ("displacement", "turn"):
             put(self, name, spread(getattr(self, name), 3, f"{what}: {name}"))
-        joints = chain.arms[self.receiver].joints
+        joints = self.chain.arms[self.receiver].joints
         retreat = np.where([joint.turns for joint in joints], 0.15, 0.05) if self.retreat is None else self.retreat
         put(self, "retreat", spread(retreat, len(joints), f"{what}: retreat"))
-        put(self, "joint_torque", torques(self.joint_torque, chain, what))
         captures = "capture", "capture_angle", "capture_speed", "capture_rate"
         sizes = "duration", "largest_internal", "crushing_internal", "lost", "still"
         self._check_numbers(what, (*captures, *sizes), above=0.0)
@@ -185,7 +177,7 @@ class HandOverTask(Frozen, Task):
     @property
     def observed(self) -> Mapping[str, Array]:
         """Bounds of the parts of an observation, in the order of the observation."""
-        twist = np.full(6, terms.TWIST)
+        twist = np.full(6, terms.OBSERVED_TWIST)
         return {
             "gap": terms.pose_bounds(),
             "gap_twist": 2.0 * twist,
@@ -193,7 +185,7 @@ class HandOverTask(Frozen, Task):
             "twist": twist,
             "holds": np.ones(2),
             "time": np.ones(1),
-            "wrench": np.full(6 * len(self.chain.arms), TENFOLD * self.largest_internal),
+            "wrench": np.full(6 * len(self.chain.arms), terms.OBSERVED_FORCE * self.largest_internal),
             **terms.joint_bounds(self.chain),
         }
 
@@ -259,7 +251,7 @@ class HandOverTask(Frozen, Task):
     def _rollout(self, chain: ClosedChain) -> Rollout:
         assert self.joint_torque is not None
         internal_force = self.internal_force if len(chain.grasps) > 1 else 0.0
-        return compile_rollout(chain, joint_law(chain, self.joint_torque, internal_force, self.joint_damping))
+        return compile_rollout(chain, terms.joint_law(chain, self.joint_torque, internal_force, self.joint_damping))
 
     def _evaluation(self, phase: int) -> BatchFunction:
         inputs = self.argument_shapes(self.chains[phase]) | {name: x.shape for name, x in self.frames.items()}

@@ -1,22 +1,29 @@
-"""The base class of tasks: phases with their machine code, random values, observations; checks of attributes."""
+"""The base class of tasks: phases with their machine code, random values, checks of attributes, default chains."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from holdfast.assembly.assemble import assemble
+from holdfast.compiled.traced_chain import Given, traced
+from holdfast.compiler.kernel import BatchKernel
 from holdfast.compiler.program import Shape
+from holdfast.compiler.schedule import External
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
-from holdfast.gym.batch_function import BatchFunction
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.contact_frame import contact_frame
+from holdfast.model.grasp import Friction, Grasp, GraspName
+from holdfast.model.held_object import HeldObject
 from holdfast.questions.arrays import shapes, state_fields
+from holdfast.robots.panda import panda
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.spatial.frozen import frozen_property, read_only
 from holdfast.spatial.scalar import Array
@@ -27,6 +34,39 @@ if TYPE_CHECKING:
 
 TENTH = 0.1  # default torque at an action of 1, as a fraction of the effort limit
 UNLIMITED = 10.0  # N m or N: default torque at an action of 1 without an effort limit
+
+
+class BatchFunction:
+    """A function from named arrays to named arrays, written like a control law and compiled at its first call.
+
+    The results of a system are identical to the bit whatever the size of the batch.
+
+    Attributes:
+        function: the function for one system; it can also be called with numbers.
+        inputs: shapes of its arguments, by name.
+        outputs: shapes of its results, by name.
+    """
+
+    def __init__(
+        self, function: Callable[[Given], Mapping[str, Any]], inputs: Mapping[str, Shape], outputs: Mapping[str, Shape]
+    ) -> None:
+        self.function, self.inputs, self.outputs = function, dict(inputs), dict(outputs)
+        externals = {name: External(shape, "input") for name, shape in inputs.items()}
+        externals |= {name: External(shape, "output") for name, shape in outputs.items()}
+        self._kernel = BatchKernel(externals, lambda: traced(externals, function))
+
+    def __call__(self, count: int, given: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
+        """Return the results of the function for every system, (count, *shape) each.
+
+        Args:
+            count: number of systems.
+            given: arguments by name, (count, *shape) each, or (*shape) if all systems share it.
+            threads: number of threads.
+        """
+        arrays = {name: np.asarray(given[name], dtype=float, order="C") for name in self.inputs}
+        found = {name: np.empty((count, *shape)) for name, shape in self.outputs.items()}
+        self._kernel.run_arrays(arrays | found, count, threads)
+        return found
 
 
 class Phase(NamedTuple):
@@ -51,6 +91,7 @@ class Task(ABC):
         steps_per_action: number of integration steps in a control step.
         mass_spread: the payload's mass lies within 1 +- this times the model's.
         push: (6,) largest constant wrench [moment; force] on the object about C, world axes [N m, N].
+        joint_torque: (n,) torques at an action of 1 [N m or N].
         stop_at_limits: whether a joint beyond a limit of position, rate or effort ends an episode.
     """
 
@@ -60,6 +101,7 @@ class Task(ABC):
     steps_per_action: int
     mass_spread: float
     push: Any
+    joint_torque: Any
     stop_at_limits: bool
 
     @property
@@ -154,12 +196,30 @@ class Task(ABC):
         """Return the attributes for pickling; machine code is compiled again or loaded from the cache."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
 
-    def _check_common(self, what: str) -> None:
+    def _check_common(self, what: str, default: Callable[[], tuple[ClosedChain, State]]) -> None:
         """Check and convert in place the attributes that all tasks have.
 
+        Args:
+            what: name of the task, for messages.
+            default: function that returns the chain and the state of a task for which neither is given.
+
         Raises:
-            ModelError: an attribute is invalid; the message names it.
+            ModelError: an attribute is invalid, or only one of chain and state is given; the message names it.
+            StateError: the state does not belong to the chain.
         """
+        put = object.__setattr__
+        chain, state = default() if self.chain is None and self.state is None else (self.chain, self.state)
+        if not isinstance(chain, ClosedChain):
+            raise ModelError(f"{what}: chain: expected a ClosedChain beside a state, got {type(chain).__name__}")
+        if not isinstance(state, State):
+            raise ModelError(
+                f"{what}: state: expected a closed State of the chain, got {type(state).__name__}; try"
+                " chain, state = holdfast.assemble(...)"
+            )
+        require_fit(chain, state)
+        put(self, "chain", chain)
+        put(self, "state", state)
+        put(self, "joint_torque", torques(self.joint_torque, chain, what))
         self._check_numbers(what, ("step", "tolerance", "tolerance_angle"), above=0.0)
         self._check_numbers(what, ("effort_cost", "failure_cost", "mass_spread"), at_least=0.0)
         steps = self.steps_per_action
@@ -168,7 +228,7 @@ class Task(ABC):
         if self.mass_spread >= 1.0:
             got = f"{self.mass_spread:g}"
             raise ModelError(f"{what}: mass_spread: expected less than 1, as masses are positive, got {got}")
-        object.__setattr__(self, "push", spread(self.push, 6, f"{what}: push"))
+        put(self, "push", spread(self.push, 6, f"{what}: push"))
         checks.instance(self.stop_at_limits, (bool, np.bool_), f"{what}: stop_at_limits")
 
     def _check_numbers(self, what: str, names: Sequence[str], **bounds: float) -> None:
@@ -190,26 +250,6 @@ class Task(ABC):
         return checks.numbers(given, shape, "action", StateError)
 
 
-def chain_and_state(chain: Any, state: Any, default: Any, what: str) -> tuple[ClosedChain, State]:
-    """Return a task's chain and state, which are those of the default if neither is given.
-
-    Raises:
-        ModelError: only one of them is given, or one is of another type.
-        StateError: the state does not belong to the chain.
-    """
-    if chain is None and state is None:
-        return default()
-    if not isinstance(chain, ClosedChain):
-        raise ModelError(f"{what}: chain: expected a ClosedChain beside a state, got {type(chain).__name__}")
-    if not isinstance(state, State):
-        raise ModelError(
-            f"{what}: state: expected a closed State of the chain, got {type(state).__name__}; try"
-            " chain, state = holdfast.assemble(...)"
-        )
-    require_fit(chain, state)
-    return chain, state
-
-
 def spread(value: Any, count: int, what: str) -> Array:
     """Return largest deviations from a mean, (count,), none of which may be negative."""
     x = checks.numbers(value, (count,), what)
@@ -224,3 +264,22 @@ def torques(value: Any, chain: ClosedChain, what: str) -> Array:
         return spread(value, chain.joint_count, f"{what}: joint_torque")
     limits = joint_limits(chain).effort
     return read_only(np.where(np.isfinite(limits), TENTH * limits, UNLIMITED))
+
+
+def two_fingers() -> tuple[ClosedChain, State]:
+    """Return two arms that press a 3 kg box between rubber fingers."""
+    return _two_pandas(HeldObject.box(3.0, 0.3, 0.2, 0.2), "softfinger", Friction(mu=0.8, torsion_radius=0.02))
+
+
+def two_hands() -> tuple[ClosedChain, State]:
+    """Return two arms with rigid grasps of a 1 kg box, so that each could hold it alone."""
+    return _two_pandas(HeldObject.box(1.0, 0.3, 0.1, 0.1), "rigid", None)
+
+
+def _two_pandas(box: HeldObject, kind: GraspName, contact: Friction | None) -> tuple[ClosedChain, State]:
+    """Return two Pandas with armature that face each other, and that hold a box 0.3 m long at its ends."""
+    bases = {"left": (1, 0, 0, 0, -0.55, 0, 0), "right": (0, 0, 0, 1, 0.55, 0, 0)}
+    ends = {"left": contact_frame([-0.15, 0, 0], into=[1, 0, 0]), "right": contact_frame([0.15, 0, 0], into=[-1, 0, 0])}
+    arms = {name: panda(base, armature=0.3) for name, base in bases.items()}
+    grasps = {name: Grasp(kind, frame, contact=contact) for name, frame in ends.items()}
+    return assemble(arms, box, grasps, object_pose=(1, 0, 0, 0, 0, 0, 0.72))

@@ -1,17 +1,27 @@
-"""Parts of observations and rewards of tasks, as functions that can be compiled."""
+"""What actions command, and parts of observations and rewards, as functions that can be compiled.
+
+The control laws have the parameter `action`, which is constant in a control step and clipped to [-1, 1].
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from holdfast.control.computed_torque import computed_torque
+from holdfast.control.controller import ControlLaw
+from holdfast.control.grasp_forces import commanded_wrenches
+from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.contact_places import contact_places
 from holdfast.forces.force_split import motion_wrenches
 from holdfast.forces.margins import joint_limits
-from holdfast.gym.actions import clipped
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.joint import Joint
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.rotation import log
@@ -19,10 +29,72 @@ from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, 
 from holdfast.spatial.spatial_vector import shift_wrench, unrotate
 from holdfast.state import State
 
-FASTEST = 10.0  # rad/s or m/s: bound of observed rates of joints without a limit
-FARTHEST_SLIDE = 10.0  # m: bound of observed positions of prismatic joints without a limit
-TURN, SHIFT = np.pi, 2.0  # bounds of observed pose errors [rad, m]
-TWIST = 5.0  # bound of observed twists [rad/s, m/s]
+OBSERVED_RATE = 10.0  # rad/s or m/s: bound of observed rates of joints without a limit
+OBSERVED_SLIDE = 10.0  # m: bound of observed positions of prismatic joints without a limit
+OBSERVED_TURN, OBSERVED_SHIFT = np.pi, 2.0  # bounds of observed pose errors [rad, m]
+OBSERVED_FORCE = 10.0  # bound of observed forces, as a multiple of that of internal forces
+OBSERVED_TWIST = 5.0  # bound of observed twists [rad/s, m/s]
+
+
+def object_law(
+    chain: ClosedChain, acceleration: Array, internal_force: float, internal_force_span: float, joint_damping: float
+) -> ControlLaw:
+    """Return the law that gives the object an acceleration under an internal force; an action has 7 entries.
+
+    Computed torque for the object acceleration alpha = acceleration * a[:6] and the internal force
+    internal_force + internal_force_span * a[6].
+
+    Args:
+        chain: the controller's model of the chain.
+        acceleration: (6,) largest [omega_dot; v_dot] of C, world axes [rad/s^2, m/s^2].
+        internal_force: push of every arm along its contact normal at a[6] = 0 [N].
+        internal_force_span: force that a[6] = 1 adds to it [N].
+        joint_damping: damping of the joint motion that does not move any contact [1/s].
+    """
+
+    def torque(t: Scalar, now: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
+        a = clipped(given["action"])
+        alpha = acceleration * a[:6]
+        wrenches = commanded_wrenches(chain, now, alpha, internal_force + internal_force_span * a[6])
+        return computed_torque(chain, now, alpha, wrenches, joint_damping), memory
+
+    return _keyed(torque, 7, chain, acceleration, internal_force, internal_force_span, joint_damping)
+
+
+def joint_law(chain: ClosedChain, torque: Array, internal_force: float, joint_damping: float) -> ControlLaw:
+    """Return the law that adds an action's torques to gravity compensation and damping; an action has n entries.
+
+    tau = `GravityCompensation(chain, internal_force, joint_damping)` + torque * a.
+
+    Args:
+        chain: the controller's model of the chain.
+        torque: (n,) torques at an action of 1 [N m or N].
+        internal_force: push of every arm along its contact normal [N].
+        joint_damping: d in tau = -d qd [N m s/rad or N s/m].
+
+    Raises:
+        MethodNotApplicable: a trunk whose base floats under gravity.
+    """
+    weightless = GravityCompensation(chain, internal_force, joint_damping)
+
+    def law(t: Scalar, now: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
+        tau, _ = weightless(t, now, None)
+        return tau + torque * clipped(given["action"]), memory
+
+    return _keyed(law, chain.joint_count, chain, torque, internal_force, joint_damping)
+
+
+def clipped(action: Array) -> Array:
+    """Return actions clipped to [-1, 1]."""
+    return minimum(maximum(action, -1.0), 1.0)
+
+
+def _keyed(law: Callable[..., Any], size: int, *numbers: Any) -> ControlLaw:
+    """Return a law with the parameter `action` (size,), and a key for the cache if its numbers have a fingerprint."""
+    known = exact_fingerprint(list(numbers))
+    source = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    key = f"{law.__qualname__}/{known}/{source}" if known else ""
+    return ControlLaw(law, parameters={"action": (size,)}, key=key)
 
 
 def away(to: Pose, at: Pose) -> Array:
@@ -95,15 +167,15 @@ def joint_bounds(chain: ClosedChain) -> dict[str, Array]:
     """Return bounds of observed joint positions and rates: the limits or, without one, 2 pi, 10 m, 10 rad/s or m/s."""
     limits = joint_limits(chain)
     q = [_farthest(joint, *ends) for joint, *ends in zip(chain.all_joints, limits.low, limits.high, strict=True)]
-    return {"q": np.array(q), "qd": np.where(np.isfinite(limits.rate), limits.rate, FASTEST)}
+    return {"q": np.array(q), "qd": np.where(np.isfinite(limits.rate), limits.rate, OBSERVED_RATE)}
 
 
 def _farthest(joint: Joint, low: float, high: float) -> float:
     """Return the bound of the observed position of one joint."""
     end = max(abs(low), abs(high))
-    return float(end) if np.isfinite(end) else 2 * np.pi if joint.turns else FARTHEST_SLIDE
+    return float(end) if np.isfinite(end) else 2 * np.pi if joint.turns else OBSERVED_SLIDE
 
 
 def pose_bounds() -> Array:
     """Return bounds of a pose error, (6,) [rad, m]."""
-    return np.repeat([TURN, SHIFT], 3)
+    return np.repeat([OBSERVED_TURN, OBSERVED_SHIFT], 3)

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.assembly.assemble import assemble
+from holdfast.assembly.assemble import assemble, with_slack_bushings
 from holdfast.assembly.plausibility import plausibility_notes
-from holdfast.assembly.slack import with_slack_bushings
 from holdfast.control.controller import Controller
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closing import close
@@ -28,25 +27,23 @@ from holdfast.model.trunk import Trunk
 from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf.source import Source
 from holdfast.scenario import parts
-from holdfast.scenario.names import require_names
+from holdfast.scenario.joints import pose, require_names
 from holdfast.scenario.overrides import overridden, toml_text
-from holdfast.scenario.poses import pose
-from holdfast.scenario.robots import Robot, RobotFiles, robot
-from holdfast.scenario.scene import ArmData, ReleaseData, SceneData, SweepData
-from holdfast.scenario.surroundings import SwayingBase, pushes, swaying_base
-from holdfast.scenario.trunks import SceneTrunk, scene_trunk
+from holdfast.scenario.robots import Robot, RobotFiles, SceneTrunk, robot, scene_trunk
+from holdfast.scenario.scene import ArmTable, ReleaseTable, SceneTable, SweepTable
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.events import Attach, Event, Release, holding_after
 from holdfast.simulation.stops import step_times
 from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.state import Inputs, State
 
-LARGEST = 1e9
-LARGEST_FILE = 2 * 2**20  # [bytes]; takes seconds to read
-DEEPEST = 20  # levels of nesting; a scene needs seven
+LARGEST_NUMBER = 1e9
+LARGEST_SCENE = 2 * 2**20  # [bytes]; takes seconds to read
+MOST_LEVELS = 20  # levels of nesting; a scene needs seven
 MOST_ARMS, MOST_JOINTS = 64, 1000
-# passed on to `simulate`
-OPTIONS = ("on_slip", "on_limit", "on_singular", "scheme", "rtol", "atol", "largest_drift", "sample_time", "delay")
+SIMULATION_KEYS = (  # passed on to `simulate`
+    "on_slip", "on_limit", "on_singular", "scheme", "rtol", "atol", "largest_drift", "sample_time", "delay",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +75,7 @@ class Scenario:
     robots: dict[str, Robot]
     options: dict[str, Any] = field(default_factory=dict)
     trunk: SceneTrunk | None = None
-    sweep: SweepData | None = None
+    sweep: SweepTable | None = None
 
     def __repr__(self) -> str:
         """Return the name, the chain, and how long and in which steps it is simulated."""
@@ -127,7 +124,7 @@ def load_scene(
     """
     file = file_path(path, "path", SceneError)
     home = file.parent if folder is None else file_path(folder, "folder", SceneError)
-    text = typed.read_bytes(file, LARGEST_FILE)
+    text = typed.read_bytes(file, LARGEST_SCENE)
     return parse_scene(
         text, str(file), file.stem, RobotFiles(home, trust_xacro, robots or {}, given_packages(packages))
     )
@@ -153,14 +150,14 @@ def parse_scene(text: bytes, source: str, name: str, files: RobotFiles, changes:
     if changes:
         raw = overridden(raw, changes)
         require_sensible(raw, Location(source))
-    data = typed.convert(raw, SceneData, source)
+    data = typed.convert(raw, SceneTable, source)
     kept = toml_text(raw) if changes else text.decode("utf-8")
     return build_scene(data, source, kept, data.name or one_line(name, LONGEST_NAME), files)
 
 
 @np.errstate(all="ignore")  # overflows are reported by the checks that find them
 def build_scene(
-    data: SceneData, source: str = "scene", text: str = "", name: str = "scene", files: RobotFiles | None = None
+    data: SceneTable, source: str = "scene", text: str = "", name: str = "scene", files: RobotFiles | None = None
 ) -> Scenario:
     """Return the scenario of a scene's data.
 
@@ -178,9 +175,9 @@ def build_scene(
     trunk, robots = build_robots(data, files or RobotFiles(), at)
     chain, guess = build_chain(data, trunk, robots, at)
     search = any(arm.q is None and arm.name in chain.grasps for arm in data.arms)
-    led = [arm.name for arm in data.arms if not arm.anchor]  # moved to where bushings are unloaded; anchors stay
+    moved = [arm.name for arm in data.arms if not arm.anchor]  # to where their bushings are unloaded; anchors stay
     try:
-        state = closed(with_slack_bushings(chain, led), guess, search)
+        state = closed(with_slack_bushings(chain, moved), guess, search)
     except ClosureError as cause:
         raise ClosureError((at / "object" / "pose").message(str(cause))) from cause
     _require_velocities(chain, state, at)
@@ -190,7 +187,7 @@ def build_scene(
     return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options, trunk, data.sweep)
 
 
-def build_robots(data: SceneData, files: RobotFiles, at: Location) -> tuple[SceneTrunk | None, dict[str, Robot]]:
+def build_robots(data: SceneTable, files: RobotFiles, at: Location) -> tuple[SceneTrunk | None, dict[str, Robot]]:
     """Build the trunk, None if the scene has none, and the arms by name.
 
     Raises:
@@ -244,7 +241,7 @@ def _require_velocities(chain: ClosedChain, state: State, at: Location) -> None:
 
 
 def build_chain(
-    data: SceneData, trunk: SceneTrunk | None, robots: Mapping[str, Robot], at: Location
+    data: SceneTable, trunk: SceneTrunk | None, robots: Mapping[str, Robot], at: Location
 ) -> tuple[ClosedChain, State]:
     """Return the chain, and the state from which its grasps are to be closed, with joints at rest.
 
@@ -281,7 +278,7 @@ def build_chain(
     return chain, State(q, 0 * q, at_first, np.array(data.object.twist), *base)
 
 
-def build_mounts(arms: Sequence[ArmData], trunk: Trunk | None, at: Location) -> dict[str, str | int]:
+def build_mounts(arms: Sequence[ArmTable], trunk: Trunk | None, at: Location) -> dict[str, str | int]:
     """Return the trunk links on which arms are mounted, by the names of these arms.
 
     Raises:
@@ -306,14 +303,14 @@ def build_mounts(arms: Sequence[ArmData], trunk: Trunk | None, at: Location) -> 
     return mounts
 
 
-def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str, Any]:
+def build_options(data: SceneTable, chain: ClosedChain, at: Location) -> dict[str, Any]:
     """Return the keyword arguments of `simulate`: events, surroundings, scheme, policies.
 
     Raises:
         SceneError: with the path of the first fault.
     """
     how = data.simulation
-    pushed = pushes(data.wrenches, at / "wrenches")
+    pushed = parts.pushes(data.wrenches, at / "wrenches")
     swaying = build_base_motion(data, chain, at)
     with (at / "simulation").refusals():
         Tolerance(how.rtol, how.atol)
@@ -326,28 +323,28 @@ def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str
         "inputs": pushed if data.wrenches else None,
         # the jerk of a base jumps at the end of its smooth start
         "breakpoints": [*how.breakpoints, *pushed.breakpoints, *(base.smooth_start for base in swaying.values())],
-        **{name: getattr(how, name) for name in OPTIONS},
+        **{name: getattr(how, name) for name in SIMULATION_KEYS},
     }
 
 
-def build_base_motion(data: SceneData, chain: ClosedChain, at: Location) -> dict[str, SwayingBase]:
+def build_base_motion(data: SceneTable, chain: ClosedChain, at: Location) -> dict[str, parts.SwayingBase]:
     """Return the motions of bases in the world, by arm name; "trunk" for the trunk.
 
     Raises:
         SceneError: with the path of the first fault.
     """
     moving = {
-        arm.name: swaying_base(arm.base_motion, chain.arms[arm.name].base, at / "arms" / i / "base_motion")
+        arm.name: parts.swaying_base(arm.base_motion, chain.arms[arm.name].base, at / "arms" / i / "base_motion")
         for i, arm in enumerate(data.arms)
         if arm.base_motion is not None
     }
     if data.trunk is not None and data.trunk.base_motion is not None:
         assert chain.trunk is not None
-        moving[TRUNK] = swaying_base(data.trunk.base_motion, chain.trunk.base, at / TRUNK / "base_motion")
+        moving[TRUNK] = parts.swaying_base(data.trunk.base_motion, chain.trunk.base, at / TRUNK / "base_motion")
     return moving
 
 
-def build_events(data: SceneData, chain: ClosedChain, at: Location) -> list[Event]:
+def build_events(data: SceneTable, chain: ClosedChain, at: Location) -> list[Event]:
     """Return the events, after checking each against those before it.
 
     Raises:
@@ -355,7 +352,7 @@ def build_events(data: SceneData, chain: ClosedChain, at: Location) -> list[Even
     """
     made: list[tuple[int, Event]] = []
     for i, one in enumerate(data.events):
-        if isinstance(one, ReleaseData):
+        if isinstance(one, ReleaseTable):
             made.append((i, Release(one.t, one.arm)))
         else:
             made.append((i, Attach(one.t, one.arm, parts.grasp(one, at / i), one.here)))
@@ -367,7 +364,7 @@ def build_events(data: SceneData, chain: ClosedChain, at: Location) -> list[Even
     return [event for _, event in made]
 
 
-def require_sensible(raw: Any, at: Location, levels: int = DEEPEST) -> None:
+def require_sensible(raw: Any, at: Location, levels: int = MOST_LEVELS) -> None:
     """Refuse NaN, infinity, huge numbers and deep nesting, which are valid TOML but make no sense in a scene.
 
     Args:
@@ -379,11 +376,11 @@ def require_sensible(raw: Any, at: Location, levels: int = DEEPEST) -> None:
         SceneError: a value that is refused, with the path of the first one.
     """
     if not levels:
-        raise at.refuse(f"expected at most {DEEPEST} levels of tables and arrays")
+        raise at.refuse(f"expected at most {MOST_LEVELS} levels of tables and arrays")
     if isinstance(raw, float) and not math.isfinite(raw):
         raise at.refuse(f"expected a finite number, got {raw}")
-    if isinstance(raw, int | float) and abs(raw) > LARGEST:
-        raise at.refuse(f"expected a number up to {LARGEST:g} in SI units, got a larger one")
+    if isinstance(raw, int | float) and abs(raw) > LARGEST_NUMBER:
+        raise at.refuse(f"expected a number up to {LARGEST_NUMBER:g} in SI units, got a larger one")
     if isinstance(raw, dict):
         for key, value in raw.items():
             require_sensible(value, at / str(key), levels - 1)

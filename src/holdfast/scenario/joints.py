@@ -1,30 +1,70 @@
-"""Joints, links and rigid bodies that are defined in the scene itself rather than in a robot file."""
+"""Poses, names, and the joints, links and rigid bodies that a scene defines itself, without a robot file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
+from holdfast.io.files import one_line
 from holdfast.io.typed import Location
+from holdfast.model import checks
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Shape
-from holdfast.scenario.names import require_names
-from holdfast.scenario.poses import pose
-from holdfast.scenario.scene import BodyData, JointData, ObjectData
+from holdfast.scenario.scene import BodyTable, GraspTable, JointTable, ObjectTable, PoseTable
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
+NAME_PATTERN = re.compile(r"\w[\w.-]{0,63}")
 MASSLESS_INERTIA = np.zeros((3, 3))
-LIMITS = ("position_limits", "rate_limit", "effort_limit")
-DRIVE = ("armature", "damping", "friction", "stiffness", "rest")
+LIMIT_KEYS = ("position_limits", "rate_limit", "effort_limit")
+DRIVE_KEYS = ("armature", "damping", "friction", "stiffness", "rest")
 SOLIDS: Mapping[str, Callable[..., HeldObject]] = {
     solid.__name__: solid for solid in (HeldObject.box, HeldObject.sphere, HeldObject.cylinder)
 }
 
 
-def joints_and_links(data: Sequence[JointData], at: Location) -> tuple[list[Joint], list[Link]]:
+def require_names(names: Iterable[str], at: Location, *key: str, optional: bool = False) -> None:
+    """Refuse repeated names, and names with characters that would be ambiguous in a path 'arm/joint'.
+
+    Args:
+        names: names of the members of a list.
+        at: location of the list.
+        *key: keys that lead from a member to its name.
+        optional: whether a member may have no name, that is, an empty one.
+
+    Raises:
+        SceneError: a name that is refused, with the path of the first one.
+    """
+    first: dict[str, Location] = {}
+    for i, name in enumerate(names):
+        place = at / i
+        for part in key:
+            place = place / part
+        if optional and not name:
+            continue
+        if not NAME_PATTERN.fullmatch(name):
+            raise place.refuse(f"expected 1 to 64 letters, digits, '_', '-' and '.', got '{one_line(name, 60)}'")
+        if name in first:
+            raise place.refuse(f"'{name}' is already used at {first[name].path}")
+        first[name] = place
+
+
+def pose(data: PoseTable | GraspTable, at: Location) -> Pose:
+    """Return a pose; without an attitude its axes are parallel to the reference frame's."""
+    if data.quaternion is not None and data.rpy is not None:
+        raise at.refuse("expected quaternion or rpy, got both")
+    if data.quaternion is None:
+        with at.refusals():
+            return Pose.from_rpy(*(data.rpy or (0.0, 0.0, 0.0)), xyz=data.position)
+    with (at / "quaternion").refusals():
+        return checks.pose(np.array([*data.quaternion, *data.position]), "pose")
+
+
+def joints_and_links(data: Sequence[JointTable], at: Location) -> tuple[list[Joint], list[Link]]:
     """Return joints and the links that they move, from the base outward.
 
     Args:
@@ -42,7 +82,7 @@ def joints_and_links(data: Sequence[JointData], at: Location) -> tuple[list[Join
     return joints, [body(one.link, at / k / "link") for k, one in enumerate(data)]
 
 
-def body(data: BodyData, at: Location) -> Link:
+def body(data: BodyTable, at: Location) -> Link:
     """Return a rigid body; a body without mass needs no inertia.
 
     Raises:
@@ -54,7 +94,7 @@ def body(data: BodyData, at: Location) -> Link:
         return Link(data.mass, np.array(data.com), inertia_and_shape(data, at)[0], data.name)
 
 
-def inertia_and_shape(data: BodyData | ObjectData, at: Location) -> tuple[Array, Shape | None]:
+def inertia_and_shape(data: BodyTable | ObjectTable, at: Location) -> tuple[Array, Shape | None]:
     """Return the inertia about the mass centre, (3, 3) [kg m^2], and the shape of a sphere or a cylinder.
 
     Raises:
@@ -77,13 +117,13 @@ def inertia_and_shape(data: BodyData | ObjectData, at: Location) -> tuple[Array,
     return solid.inertia, solid.shape
 
 
-def _given(data: BodyData | ObjectData) -> list[str]:
+def _given(data: BodyTable | ObjectTable) -> list[str]:
     """Return the keys given for the mass distribution: a solid or an inertia."""
     return [key for key in (*SOLIDS, "inertia") if getattr(data, key) is not None]
 
 
-def _joint(data: JointData, at: Location) -> Joint:
-    limits = {key: given for key in LIMITS if (given := getattr(data, key)) is not None}
-    drive = {key: getattr(data, key) for key in DRIVE}
+def _joint(data: JointTable, at: Location) -> Joint:
+    limits = {key: given for key in LIMIT_KEYS if (given := getattr(data, key)) is not None}
+    drive = {key: getattr(data, key) for key in DRIVE_KEYS}
     with at.refusals():
         return Joint(data.kind, np.array(data.axis), pose(data, at), data.name, **limits, **drive)

@@ -14,7 +14,7 @@ from holdfast.io.typed import parse_toml, refusal
 from holdfast.model import checks
 
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-LABELS = ("name", "arm")  # keys whose value can select a table in a list, instead of its index
+SELECTOR_KEYS = ("name", "arm")  # keys whose value can select a table in a list, instead of its index
 
 
 def overridden(raw: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
@@ -56,7 +56,9 @@ def _position(place: Any, part: str, change: str, above: list[str]) -> str | int
         raise _refused(change, f"expected a table or a list at {where}, got {place!r}")
     if part.isdecimal() and part.isascii() and int(part[:9]) < len(place):
         return int(part[:9])
-    labels = {str(one[key]): k for k, one in enumerate(place) if isinstance(one, dict) for key in LABELS if key in one}
+    labels = {
+        str(one[key]): k for k, one in enumerate(place) if isinstance(one, dict) for key in SELECTOR_KEYS if key in one
+    }
     if part in labels:
         return labels[part]
     numbers = [str(k) for k in range(len(place))]

@@ -1,19 +1,23 @@
-"""Building the parts of a scene from their data: grasps, the object, springs, controllers."""
+"""Building the parts of a scene: grasps, the object, springs, controllers, swaying bases and external wrenches."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from holdfast.control.controller import Controller
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
-from holdfast.control.paths import RestToRest
+from holdfast.control.paths import RestToRest, quintic
 from holdfast.control.pose_spline import HALF_TURN, PoseSpline
 from holdfast.control.torque_schedule import TorqueSchedule
+from holdfast.errors import ModelError
 from holdfast.io.typed import Location
+from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
@@ -21,16 +25,18 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.spring import Spring, SpringEnd
 from holdfast.model.trunk import Trunk
 from holdfast.scenario import scene
-from holdfast.scenario.joints import inertia_and_shape
-from holdfast.scenario.poses import pose
+from holdfast.scenario.joints import inertia_and_shape, pose
 from holdfast.spatial import rotation
-from holdfast.state import State
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar, concatenate, cos, sin
+from holdfast.spatial.vector import cross
+from holdfast.state import Inputs, State
 
 GAINS = ("internal_force", "joint_damping", "stiffness", "damping")
 MOST_COEFFICIENTS = 20  # of a polynomial; terms of higher order are lost in rounding
 
 
-def grasp(data: scene.GraspData, at: Location) -> Grasp:
+def grasp(data: scene.GraspTable, at: Location) -> Grasp:
     """Return a grasp."""
     frame = pose(data, at)
     contact = limits = None
@@ -46,14 +52,14 @@ def grasp(data: scene.GraspData, at: Location) -> Grasp:
         return Grasp(data.kind, frame, contact, limits, data.pitch, motion, data.stiffness, data.damping)
 
 
-def spring(data: scene.SpringData, arms: Mapping[str, Arm], trunk: Trunk | None, at: Location) -> Spring:
+def spring(data: scene.SpringTable, arms: Mapping[str, Arm], trunk: Trunk | None, at: Location) -> Spring:
     """Return a spring whose ends are resolved to links of the arms or the trunk."""
     with at.refusals():
         a, b = (SpringEnd(end.body, end.point, end.link) for end in (data.a, data.b))
         return Spring(a, b, data.stiffness, data.length, data.damping).found(arms, trunk)
 
 
-def held_object(data: scene.ObjectData, at: Location) -> HeldObject:
+def held_object(data: scene.ObjectTable, at: Location) -> HeldObject:
     """Return the held object; if a solid is given, it has uniform density and its centre is at `com`."""
     com = np.array(data.com, dtype=float)
     with at.refusals():
@@ -62,7 +68,7 @@ def held_object(data: scene.ObjectData, at: Location) -> HeldObject:
 
 
 def controller(
-    data: scene.GravityCompensationData | scene.ObjectTrackingData | scene.TorqueScheduleData | None,
+    data: scene.GravityCompensationTable | scene.ObjectTrackingTable | scene.TorqueScheduleTable | None,
     chain: ClosedChain,
     state: State,
     at: Location,
@@ -75,12 +81,12 @@ def controller(
     """
     if data is None:
         return TorqueSchedule([0.0], [np.zeros((chain.joint_count, 1))])
-    if isinstance(data, scene.TorqueScheduleData):
+    if isinstance(data, scene.TorqueScheduleTable):
         return _schedule(data, chain, state, at)
     for key in GAINS:
         if getattr(data, key, 0.0) < 0:
             raise (at / key).refuse(f"expected >= 0, got {getattr(data, key):g}")
-    if isinstance(data, scene.GravityCompensationData):
+    if isinstance(data, scene.GravityCompensationTable):
         with at.refusals():
             return GravityCompensation(chain, data.internal_force, data.joint_damping)
     if not chain.grasps:
@@ -90,7 +96,7 @@ def controller(
         return ObjectTracking(chain, path.at, data.internal_force, data.stiffness, data.damping, data.joint_damping)
 
 
-def object_path(data: scene.PathData, state: State, at: Location) -> RestToRest | PoseSpline:
+def object_path(data: scene.PathTable, state: State, at: Location) -> RestToRest | PoseSpline:
     """Return the path of the object, which begins at its initial pose.
 
     Raises:
@@ -126,7 +132,7 @@ def object_path(data: scene.PathData, state: State, at: Location) -> RestToRest 
         return PoseSpline(poses, [data.begin, *(via.t for via in data.through)])
 
 
-def _schedule(data: scene.TorqueScheduleData, chain: ClosedChain, state: State, at: Location) -> TorqueSchedule:
+def _schedule(data: scene.TorqueScheduleTable, chain: ClosedChain, state: State, at: Location) -> TorqueSchedule:
     names, tables = chain.joint_names(), []
     for i, piece in enumerate(data.pieces):
         here = at / "pieces" / i / "torques"
@@ -143,3 +149,123 @@ def _schedule(data: scene.TorqueScheduleData, chain: ClosedChain, state: State, 
     beside = None if data.beside is None else controller(data.beside, chain, state, at / "beside")
     with (at / "pieces").refusals():
         return TorqueSchedule(np.array([piece.begin for piece in data.pieces]), tables, beside)
+
+
+QUICKEST_START = 1e-6  # [s]; a shorter start would be a jump
+HIGHEST_FREQUENCY = 1e4  # [Hz]; beyond any real base motion
+
+
+@dataclass(frozen=True, eq=False)
+class SwayingBase:
+    """A base that oscillates about a pose in six coordinates: x_k = s(t) a_k sin(2 pi f_k t + phase_k).
+
+    The coordinates are roll, pitch, yaw (about world axes through the base's origin, in this order) and the
+    shift along these axes; s = 10 y^3 - 15 y^4 + 6 y^5, y = t / smooth_start, so that the motion starts from rest.
+
+    Attributes:
+        rest: the pose about which the base oscillates.
+        amplitude: (6,) amplitudes a [rad, m].
+        frequency: (6,) frequencies f, up to 10 kHz in absolute value [Hz].
+        phase: (6,) phases [rad].
+        smooth_start: duration of the smooth start, at least 1e-6 [s].
+        traceable: whether the motion can be compiled into machine code.
+    """
+
+    traceable: ClassVar[bool] = True
+    rest: Pose
+    amplitude: Array
+    frequency: Array
+    phase: Array
+    smooth_start: float
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "frequency", "phase"):
+            object.__setattr__(self, name, checks.numbers(getattr(self, name), (6,), f"base motion: {name}"))
+        checks.number(self.smooth_start, "base motion: smooth_start", at_least=QUICKEST_START)
+        if (fastest := float(np.abs(self.frequency).max())) > HIGHEST_FREQUENCY:
+            raise ModelError(f"base motion: frequency: expected at most {HIGHEST_FREQUENCY:g} Hz, got {fastest:g}")
+
+    def __call__(self, t: Scalar) -> tuple[Pose, Array, Array]:
+        """Return pose, twist and acceleration (plain derivative) of the base at time t, world axes."""
+        x, rate, acceleration = self.coordinates(t)
+        (roll, pitch, _), p = x[:3], x[3:]
+        yaw_axis = np.array([0.0, 0.0, 1.0])
+        pitch_axis = rotation.from_euler_zyx(x[2], 0.0, 0.0)[:, 1]
+        roll_axis = rotation.from_euler_zyx(x[2], pitch, 0.0)[:, 0]
+        turning = rate[2] * yaw_axis
+        tilting = turning + rate[1] * pitch_axis
+        omega = tilting + rate[0] * roll_axis
+        omega_dot = acceleration[2] * yaw_axis + acceleration[1] * pitch_axis + acceleration[0] * roll_axis
+        omega_dot = omega_dot + rate[1] * cross(turning, pitch_axis) + rate[0] * cross(tilting, roll_axis)
+        pose = Pose(rotation.from_euler_zyx(x[2], pitch, roll) @ self.rest.R, self.rest.p + p)
+        return pose, concatenate([omega, rate[3:]]), concatenate([omega_dot, acceleration[3:]])
+
+    def coordinates(self, t: Scalar) -> tuple[Array, Array, Array]:
+        """Return the six coordinates, their rates and accelerations."""
+        s, ds, dds = quintic(t / self.smooth_start)
+        ds, dds = ds / self.smooth_start, dds / self.smooth_start**2
+        w = 2.0 * np.pi * self.frequency
+        sine, cosine = sin(w * t + self.phase), cos(w * t + self.phase)
+        return (
+            self.amplitude * s * sine,
+            self.amplitude * (ds * sine + s * w * cosine),
+            self.amplitude * (dds * sine + 2.0 * ds * w * cosine - s * w**2 * sine),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Pushes:
+    """External wrenches on the object, each acting for an interval of time.
+
+    Attributes:
+        wrenches: (pushes, 6) [moment; force] about C, world axes [N m, N].
+        begins: (pushes,) times at which they begin [s].
+        ends: (pushes,) times at which they end [s]; a wrench no longer acts at its end.
+    """
+
+    wrenches: Array
+    begins: Array
+    ends: Array
+
+    def __call__(self, t: float) -> Inputs:
+        """Return the wrench that acts at time t."""
+        return Inputs(object_wrench=self.wrenches[(self.begins <= t) & (t < self.ends)].sum(axis=0))
+
+    @property
+    def breakpoints(self) -> list[float]:
+        """Times at which the wrenches begin and end [s]."""
+        return [float(t) for t in (*self.begins, *self.ends) if np.isfinite(t)]
+
+
+def swaying_base(data: scene.BaseMotionTable, rest: Pose, at: Location) -> SwayingBase:
+    """Return a base's motion.
+
+    Raises:
+        SceneError: `smooth_start` is too short, or a number is impossible.
+    """
+    still = scene.SwayTable(amplitude=(0.0, 0.0, 0.0), frequency=(0.0, 0.0, 0.0))
+    turn, shift = data.turn or still, data.shift or still
+    with at.refusals():
+        return SwayingBase(
+            rest,
+            amplitude=np.array([*turn.amplitude, *shift.amplitude]),
+            frequency=np.array([*turn.frequency, *shift.frequency]),
+            phase=np.array([*turn.phase, *shift.phase]),
+            smooth_start=data.smooth_start,
+        )
+
+
+def pushes(data: Sequence[scene.WrenchTable], at: Location) -> Pushes:
+    """Return the wrenches on the object.
+
+    Raises:
+        SceneError: a wrench ends before it begins.
+    """
+    for i, push in enumerate(data):
+        if push.end is not None and push.end <= push.begin:
+            raise (at / i / "end").refuse(f"expected a time after the begin at {push.begin:g} s, got {push.end:g}")
+    return Pushes(
+        np.array([(*push.moment, *push.force) for push in data]).reshape(-1, 6),
+        np.array([push.begin for push in data]),
+        np.array([np.inf if push.end is None else push.end for push in data]),
+    )

@@ -1,4 +1,4 @@
-"""Building the arms of a scene: built-in robots, URDF files, joints defined in the scene, or anchors."""
+"""Building the arms and the trunk of a scene: built-in robots, URDF files, joints defined in the scene, or anchors."""
 
 from __future__ import annotations
 
@@ -16,18 +16,21 @@ from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.anchor import Anchor
 from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import TRUNK
 from holdfast.model.joint import Joint
+from holdfast.model.trunk import Trunk
 from holdfast.robots import ROBOTS
 from holdfast.robots.packages import given_packages
-from holdfast.robots.urdf import UrdfChain, urdf_chain
+from holdfast.robots.urdf import UrdfChain, UrdfTrunkChain, urdf_chain, urdf_trunk
 from holdfast.robots.urdf.source import Source, read_source
-from holdfast.scenario.joints import joints_and_links
-from holdfast.scenario.poses import pose
-from holdfast.scenario.scene import ArmData, TrunkData, UrdfData
+from holdfast.scenario.joints import body, joints_and_links, pose
+from holdfast.scenario.scene import ArmTable, TrunkTable, UrdfTable
+from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-ORIGINS = ("robot", "urdf", "joints", "anchor")
+ORIGIN_KEYS = ("robot", "urdf", "joints", "anchor")
+PLACE_KEYS = ("mount", "base", "base_motion")  # keys that an arm from the trunk's file cannot have
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,7 @@ class RobotFiles:
     kept: Mapping[str, Source] = field(default_factory=dict)
     packages: Mapping[str, str | PathLike[str]] = field(default_factory=dict)
 
-    def source(self, data: UrdfData, name: str) -> Source:
+    def source(self, data: UrdfTable, name: str) -> Source:
         """Return the URDF of an arm, or of the trunk.
 
         Raises:
@@ -82,7 +85,7 @@ class RobotFiles:
         return read_source(self.folder / data.file, data.xacro_args, self.trust_xacro, folders)
 
 
-def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
+def robot(data: ArmTable, files: RobotFiles, at: Location) -> Robot:
     """Return an arm at its base pose, and an initial guess of its joint positions.
 
     Args:
@@ -97,38 +100,37 @@ def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
     """
     require_one_origin(data, at)
     base = Pose.identity() if data.base is None else pose(data.base, at / "base")
+    source = links = None
     if data.urdf is not None:
         with file_refusals(at):
             source = files.source(data.urdf, data.name)
         links = chain_of_file(data.urdf, source, base, at)
-        found = Robot(links.arm, preferred_configuration(links.arm), source, links)
+        arm = links.arm
     elif data.joints is not None:
         parts = joints_and_links(data.joints, at / "joints")
         with at.refusals():
-            found = _standing(Arm(*parts, base=base, name=data.name))
-    elif data.anchor:
-        found = Robot(Anchor(base, data.name), np.zeros(0))
+            arm = Arm(*parts, base=base, name=data.name)
     else:
-        found = _standing(built_in(data.robot, base, at))
-    return finished(found, data, at)
+        arm = Anchor(base, data.name) if data.anchor else built_in(data.robot, base, at)
+    return finished(Robot(arm, preferred_configuration(arm), source, links), data, at)
 
 
-def require_one_origin(data: ArmData | TrunkData, at: Location) -> None:
+def require_one_origin(data: ArmTable | TrunkTable, at: Location) -> None:
     """Require exactly one of the keys that define an arm or a trunk; a floating trunk needs none of them.
 
     Raises:
         SceneError: none of these keys is given, or more than one.
     """
-    given = [origin for origin in ORIGINS if getattr(data, origin, None) not in (None, False)]
-    floats = isinstance(data, TrunkData) and data.floating is not None
+    given = [origin for origin in ORIGIN_KEYS if getattr(data, origin, None) not in (None, False)]
+    floats = isinstance(data, TrunkTable) and data.floating is not None
     if len(given) > 1 or not (given or floats):
-        *known, last = (origin for origin in ORIGINS if hasattr(data, origin))
-        also = " or floating" if isinstance(data, TrunkData) else ""
+        *known, last = (origin for origin in ORIGIN_KEYS if hasattr(data, origin))
+        also = " or floating" if isinstance(data, TrunkTable) else ""
         got = " and ".join(given) or "none of them"
         raise at.refuse(f"expected one of {', '.join(known)} and {last}{also}, got {got}")
 
 
-def finished(found: Robot, data: ArmData, at: Location) -> Robot:
+def finished(found: Robot, data: ArmTable, at: Location) -> Robot:
     """Return an arm with its tool and with the initial joint positions from the scene."""
     if data.tip is not None:
         arm, links = found.arm, found.links
@@ -163,7 +165,7 @@ def built_in(name: str | None, base: Pose, at: Location) -> Arm:
     return ROBOTS[name](base=base)
 
 
-def chain_of_file(data: UrdfData, source: Source, base: Pose, at: Location) -> UrdfChain:
+def chain_of_file(data: UrdfTable, source: Source, base: Pose, at: Location) -> UrdfChain:
     """Return the chain between two links of a file, with the armature and springs that the scene gives its joints.
 
     Raises:
@@ -186,7 +188,7 @@ def file_refusals(at: Location) -> Iterator[None]:
         raise type(cause)((at / "urdf").message(str(cause))) from cause
 
 
-def with_drives(data: UrdfData, chains: Sequence[Sequence[Joint]], at: Location) -> list[list[Joint]]:
+def with_drives(data: UrdfTable, chains: Sequence[Sequence[Joint]], at: Location) -> list[list[Joint]]:
     """Return the joints of chains with armature and springs from the scene instead of those of the file.
 
     Raises:
@@ -206,5 +208,150 @@ def with_drives(data: UrdfData, chains: Sequence[Sequence[Joint]], at: Location)
     return found
 
 
-def _standing(arm: Arm) -> Robot:
-    return Robot(arm, preferred_configuration(arm))
+@dataclass(frozen=True, eq=False)
+class SceneTrunk:
+    """The trunk of a scene.
+
+    Attributes:
+        trunk: the trunk at its base pose.
+        q: (n_t,) initial positions of its joints [rad or m].
+        base_pose: initial pose of a floating base; None if the base does not float.
+        base_twist: (6,) initial twist of a floating base; None if the base does not float.
+        mounts: trunk links on which the arms from its file are mounted, by arm name; arms fixed in the world are
+            missing.
+        arms: the arms from its file, by name.
+        source: URDF from which the trunk is loaded; None if it is not from a file.
+        links: how the links of the file map to the trunk; None if it is not from a file.
+    """
+
+    trunk: Trunk
+    q: Array
+    base_pose: Pose | None = None
+    base_twist: Array | None = None
+    mounts: Mapping[str, str | int] = field(default_factory=FrozenDict)
+    arms: Mapping[str, Robot] = field(default_factory=FrozenDict)
+    source: Source | None = None
+    links: UrdfTrunkChain | UrdfChain | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on what in the file was changed or ignored when it was loaded."""
+        found = self.links.found if isinstance(self.links, UrdfTrunkChain) else self.links
+        return () if found is None else found.notes
+
+
+def scene_trunk(data: TrunkTable, arms: Sequence[ArmTable], files: RobotFiles, at: Location) -> SceneTrunk:
+    """Return the trunk at its initial pose.
+
+    Args:
+        data: the trunk in the scene.
+        arms: arms of the scene, some of which may be loaded from the trunk's file.
+        files: where its URDF is found, if it has one.
+        at: location of the scene.
+
+    Raises:
+        SceneError: with the path of the first fault.
+        MissingExtra: its file is a xacro file, and xacrodoc is not installed.
+    """
+    here = at / TRUNK
+    require_one_origin(data, here)
+    base = pose(data.base, here / "base")
+    floating = None if data.floating is None else body(data.floating, here / "floating")
+    if floating is not None and floating.mass == 0.0:
+        raise (here / "floating" / "mass").refuse(
+            "expected > 0, since nothing else gives the floating body inertia, got 0"
+        )
+    if data.urdf is not None:
+        found = _of_file(data, base, floating is not None, arms, files, at)
+    elif data.joints is not None:
+        parts = joints_and_links(data.joints, here / "joints")
+        with here.refusals():
+            found = _at_rest(Trunk(*parts, base=base))
+    elif data.robot is not None:
+        found = _at_rest(_carrying(built_in(data.robot, base, here)))
+    else:
+        found = _at_rest(Trunk(base=base, floating=floating))
+    if floating is not None:
+        found = replace(found, trunk=replace(found.trunk, floating=floating))
+    found = replace(found, q=starting_positions(data.q, found.q, TRUNK, here))
+    return _where_it_floats(found, data, base, here)
+
+
+def _where_it_floats(found: SceneTrunk, data: TrunkTable, base: Pose, at: Location) -> SceneTrunk:
+    """Return the trunk with pose and twist of a floating base; refuse keys that do not apply to its base."""
+    if found.trunk.floating is None:
+        if data.twist is not None:
+            raise (at / "twist").refuse(
+                "expected none, as the trunk's base is fixed in the world; try floating, or base_motion"
+            )
+        return found
+    if data.base_motion is not None:
+        raise (at / "base_motion").refuse("expected none, as the trunk's base floats; try twist, its initial motion")
+    return replace(found, base_pose=base, base_twist=np.zeros(6) if data.twist is None else np.array(data.twist))
+
+
+def _at_rest(trunk: Trunk) -> SceneTrunk:
+    """Return a trunk with its joints at the preferred configuration."""
+    return SceneTrunk(trunk, np.zeros(0) if trunk.serial is None else preferred_configuration(trunk.serial))
+
+
+def _carrying(arm: Arm) -> Trunk:
+    return Trunk(arm.joints, arm.links, arm.base, visuals=arm.visuals)
+
+
+def _of_file(
+    data: TrunkTable, base: Pose, floats: bool, arms: Sequence[ArmTable], files: RobotFiles, at: Location
+) -> SceneTrunk:
+    """Return a trunk from a URDF file; see `scene_trunk`."""
+    urdf, here = data.urdf, at / TRUNK
+    assert urdf is not None
+    with file_refusals(here):
+        source = files.source(urdf, TRUNK)
+    if not urdf.tips:
+        if urdf.floating:
+            raise (here / "urdf" / "floating").refuse("expected tips of arms with it, got none; try trunk.floating")
+        links = chain_of_file(urdf, source, base, here)
+        return replace(_at_rest(_carrying(links.arm)), source=source, links=links)
+    if urdf.tip is not None:
+        raise (here / "urdf").refuse("expected tip or tips, got both")
+    if floats:
+        raise (here / "floating").refuse("expected none together with tips of a file; try urdf.floating")
+    _require_arms_of_file(urdf.tips, arms, at)
+    with file_refusals(here):
+        links = urdf_trunk(
+            source,
+            urdf.tips,
+            base=urdf.base,
+            floating=urdf.floating,
+            locked=urdf.locked,
+            lock_others=urdf.lock_others,
+            mount=None if urdf.floating else base,
+        )
+    found = links.found
+    names = list(found.arms)
+    own, *others = with_drives(urdf, [found.trunk.joints, *(arm.joints for arm in found.arms.values())], here)
+    trunk = replace(found.trunk, joints=own)
+    carried = {}
+    for name, joints in zip(names, others, strict=True):
+        (i,) = (i for i, arm in enumerate(arms) if arm.name == name)
+        arm = replace(found.arms[name], joints=joints)
+        alone = Robot(arm, preferred_configuration(arm), source, links.chains[name])
+        carried[name] = finished(alone, arms[i], at / "arms" / i)
+        if data.base_motion is not None and name not in found.mounts:
+            raise (here / "base_motion").refuse(
+                f"expected none, as arm '{name}' is mounted on the base that would move"
+            )
+    return replace(_at_rest(trunk), mounts=found.mounts, arms=FrozenDict(carried), source=source, links=links)
+
+
+def _require_arms_of_file(tips: Mapping[str, str], arms: Sequence[ArmTable], at: Location) -> None:
+    """Refuse tips of arms that the scene does not have, and arms that are also defined outside the trunk's file."""
+    places = {arm.name: i for i, arm in enumerate(arms)}
+    for name in tips:
+        if name not in places:
+            raise (at / TRUNK / "urdf" / "tips").refuse(f"no arm '{name}'.{checks.did_you_mean(name, places)}")
+        arm = arms[places[name]]
+        for key in (*ORIGIN_KEYS, *PLACE_KEYS):
+            if getattr(arm, key) not in (None, False):
+                where = at / "arms" / places[name] / key
+                raise where.refuse(f"expected none, as the arm is from the file of the trunk, {TRUNK}.urdf.tips")

@@ -11,56 +11,55 @@ from holdfast.model.grasp import GraspName
 from holdfast.simulation.adaptive import RTOL
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip
 
-Vector3 = tuple[float, float, float]
+Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Twist = tuple[float, float, float, float, float, float]
-Matrix3 = tuple[Vector3, Vector3, Vector3]
-ZEROS: Vector3 = (0.0, 0.0, 0.0)
+ZEROS: Triple = (0.0, 0.0, 0.0)
 
 
-class _Strict(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+class _Table(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """Base of all tables; unknown keys are errors."""
 
 
-class PoseData(_Strict):
+class PoseTable(_Table):
     """A pose: a position, and an attitude as a quaternion (w, x, y, z) or as roll, pitch, yaw."""
 
-    position: Vector3 = ZEROS
+    position: Triple = ZEROS
     quaternion: Quaternion | None = None
-    rpy: Vector3 | None = None
+    rpy: Triple | None = None
 
 
-class SwayData(_Strict):
+class SwayTable(_Table):
     """Three sine oscillations: a sin(2 pi f t + phase) along or about each world axis."""
 
-    amplitude: Vector3
-    frequency: Vector3
-    phase: Vector3 = ZEROS
+    amplitude: Triple
+    frequency: Triple
+    phase: Triple = ZEROS
 
 
-class BaseMotionData(_Strict):
+class BaseMotionTable(_Table):
     """A base that oscillates about its pose; the amplitude grows smoothly from zero within `smooth_start` seconds.
 
     `shift` is in m; `turn` is in rad: roll, pitch, yaw about the base's origin.
     """
 
-    shift: SwayData | None = None
-    turn: SwayData | None = None
+    shift: SwayTable | None = None
+    turn: SwayTable | None = None
     smooth_start: float = 0.5
 
 
-class _Solid(_Strict):
+class _Solid(_Table):
     """A mass, and a solid of uniform density centred at `com` or the inertia about `com`."""
 
     mass: float
-    box: Vector3 | None = None
+    box: Triple | None = None
     sphere: float | None = None
     cylinder: tuple[float, float] | None = None
-    inertia: Matrix3 | None = None
-    com: Vector3 = ZEROS
+    inertia: tuple[Triple, Triple, Triple] | None = None
+    com: Triple = ZEROS
 
 
-class BodyData(_Solid, kw_only=True):
+class BodyTable(_Solid, kw_only=True):
     """A rigid body: its mass and either a solid of uniform density centred at `com`, or the inertia about `com`.
 
     All are in the body's axes. The solid is a box with three edges, a sphere with a radius, or a cylinder about z with
@@ -70,13 +69,13 @@ class BodyData(_Solid, kw_only=True):
     name: str = ""
 
 
-class JointData(PoseData, kw_only=True):
+class JointTable(PoseTable, kw_only=True):
     """A joint and the link that it moves; the pose is of the link's frame at q = 0, in the previous link's frame."""
 
-    link: BodyData
+    link: BodyTable
     name: str = ""
     kind: Literal["revolute", "prismatic"] = "revolute"
-    axis: Vector3 = (0.0, 0.0, 1.0)
+    axis: Triple = (0.0, 0.0, 1.0)
     position_limits: tuple[float, float] | None = None
     rate_limit: float | None = None
     effort_limit: float | None = None
@@ -87,7 +86,7 @@ class JointData(PoseData, kw_only=True):
     rest: float = 0.0
 
 
-class UrdfData(_Strict):
+class UrdfTable(_Table):
     """An arm from a URDF or xacro file, see `load_urdf`; `file` is relative to the scene's folder.
 
     `armature` is the inertia of the drives reflected to their joints [kg m^2 or kg], which URDF cannot express.
@@ -105,7 +104,7 @@ class UrdfData(_Strict):
     rest: dict[str, float] = {}
 
 
-class TrunkUrdfData(UrdfData, kw_only=True):
+class TrunkUrdfTable(UrdfTable, kw_only=True):
     """A trunk from a URDF or xacro file: the joints from `base` to `tip`, or the joints shared by the arms in `tips`.
 
     `tips` maps the name of an arm to the link of its tip, see `load_urdf_trunk`. With `floating`, the base link and all
@@ -116,7 +115,7 @@ class TrunkUrdfData(UrdfData, kw_only=True):
     floating: bool = False
 
 
-class ArmData(_Strict):
+class ArmTable(_Table):
     """An arm: a built-in robot, a URDF, joints, or an anchor, with its base, its tool and its joint positions.
 
     An arm with a `mount` is mounted on that link of the trunk, and its `base` is in the link's frame. An arm that is
@@ -129,17 +128,17 @@ class ArmData(_Strict):
 
     name: str
     robot: str | None = None
-    urdf: UrdfData | None = None
-    joints: list[JointData] | None = None
+    urdf: UrdfTable | None = None
+    joints: list[JointTable] | None = None
     anchor: bool = False
     mount: str | int | None = None
-    base: PoseData | None = None
-    tip: PoseData | None = None
+    base: PoseTable | None = None
+    tip: PoseTable | None = None
     q: list[float] | None = None
-    base_motion: BaseMotionData | None = None
+    base_motion: BaseMotionTable | None = None
 
 
-class TrunkData(_Strict):
+class TrunkTable(_Table):
     """The trunk on which arms are mounted: a built-in robot's name, a URDF, or joints, possibly on a floating body.
 
     `base` is the pose of its base frame. For a floating base this is the initial pose, and `twist` its initial twist.
@@ -148,26 +147,26 @@ class TrunkData(_Strict):
     """
 
     robot: str | None = None
-    urdf: TrunkUrdfData | None = None
-    joints: list[JointData] | None = None
-    floating: BodyData | None = None
-    base: PoseData = msgspec.field(default_factory=PoseData)
+    urdf: TrunkUrdfTable | None = None
+    joints: list[JointTable] | None = None
+    floating: BodyTable | None = None
+    base: PoseTable = msgspec.field(default_factory=PoseTable)
     twist: Twist | None = None
     q: list[float] | None = None
-    base_motion: BaseMotionData | None = None
+    base_motion: BaseMotionTable | None = None
 
 
-class ObjectData(_Solid, kw_only=True):
+class ObjectTable(_Solid, kw_only=True):
     """The held object: its mass, a solid or an inertia about the mass centre, and its initial pose and twist.
 
-    The solid is as in `BodyData`; `twist` is the initial [omega; v of its origin], world axes.
+    The solid is as in `BodyTable`; `twist` is the initial [omega; v of its origin], world axes.
     """
 
-    pose: PoseData = msgspec.field(default_factory=PoseData)
+    pose: PoseTable = msgspec.field(default_factory=PoseTable)
     twist: Twist = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class ContactData(_Strict):
+class ContactTable(_Table):
     """Friction of a unilateral contact."""
 
     mu: float
@@ -175,118 +174,118 @@ class ContactData(_Strict):
     half_length: float | None = None
 
 
-class WrenchLimitsData(_Strict):
+class WrenchLimitsTable(_Table):
     """The largest moment [N m] and force [N] that a grasp can transmit."""
 
     moment: float | None = None
     force: float | None = None
 
 
-class GraspData(_Strict):
+class GraspTable(_Table):
     """A grasp: its kind, and its contact frame in the object's frame, with z pointing into the object."""
 
     arm: str
     kind: GraspName
-    position: Vector3 = ZEROS
+    position: Triple = ZEROS
     quaternion: Quaternion | None = None
-    rpy: Vector3 | None = None
+    rpy: Triple | None = None
     pitch: float | None = None
     motion: list[Twist] | None = None
     stiffness: list[float | list[float]] | None = None
     damping: list[float | list[float]] | None = None
-    contact: ContactData | None = None
-    wrench_limits: WrenchLimitsData | None = None
+    contact: ContactTable | None = None
+    wrench_limits: WrenchLimitsTable | None = None
 
 
-class AttachData(GraspData, kw_only=True, tag_field="type", tag="attach"):
+class AttachTable(GraspTable, kw_only=True, tag_field="type", tag="attach"):
     """An arm grasps the object at time `t`, at the given frame or, with `here`, where its tip is at that time."""
 
     t: float
     here: bool = False
 
 
-class ReleaseData(_Strict, tag_field="type", tag="release"):
+class ReleaseTable(_Table, tag_field="type", tag="release"):
     """An arm releases the object at time `t`."""
 
     t: float
     arm: str
 
 
-class SpringEndData(_Strict):
+class SpringEndTable(_Table):
     """An end of a spring: a point of "world", "object", or a link of an arm or of "trunk", in its frame [m]."""
 
     body: str
-    point: Vector3 = ZEROS
+    point: Triple = ZEROS
     link: str | int | None = None
 
 
-class SpringData(_Strict):
+class SpringTable(_Table):
     """A spring and damper between two points [N/m, m, N s/m]."""
 
-    a: SpringEndData
-    b: SpringEndData
+    a: SpringEndTable
+    b: SpringEndTable
     stiffness: float
     length: float = 0.0
     damping: float = 0.0
 
 
-class WrenchData(_Strict):
+class WrenchTable(_Table):
     """An external wrench on the object about its origin, world axes, from `begin` to `end`."""
 
-    force: Vector3 = ZEROS
-    moment: Vector3 = ZEROS
+    force: Triple = ZEROS
+    moment: Triple = ZEROS
     begin: float = 0.0
     end: float | None = None
 
 
-class ViaData(PoseData, kw_only=True):
+class ViaTable(PoseTable, kw_only=True):
     """A world pose through which the object passes at time `t`."""
 
     t: float
 
 
-class PathData(_Strict):
+class PathTable(_Table):
     """A smooth rest-to-rest motion of the object: a displacement and a rotation, or `through` poses; world axes."""
 
     duration: float | None = None
-    displacement: Vector3 = ZEROS
-    turn: Vector3 = ZEROS
-    through: list[ViaData] | None = None
+    displacement: Triple = ZEROS
+    turn: Triple = ZEROS
+    through: list[ViaTable] | None = None
     begin: float = 0.0
 
 
-class GravityCompensationData(_Strict, tag_field="type", tag="gravity_compensation"):
+class GravityCompensationTable(_Table, tag_field="type", tag="gravity_compensation"):
     """Balance gravity."""
 
     internal_force: float = 0.0
     joint_damping: float = 0.0
 
 
-class ObjectTrackingData(_Strict, tag_field="type", tag="object_tracking"):
+class ObjectTrackingTable(_Table, tag_field="type", tag="object_tracking"):
     """Move the object along a path by computed torque."""
 
-    path: PathData
+    path: PathTable
     internal_force: float = 0.0
     stiffness: float = 100.0
     damping: float = 20.0
     joint_damping: float = 10.0
 
 
-class PieceData(_Strict):
+class PieceTable(_Table):
     """Torques from `begin` to the next piece: polynomials c0 + c1 (t - begin) + ..., [c0, c1, ...] for each joint."""
 
     begin: float
     torques: list[list[float]]
 
 
-class TorqueScheduleData(_Strict, tag_field="type", tag="torque_schedule"):
+class TorqueScheduleTable(_Table, tag_field="type", tag="torque_schedule"):
     """Torques as given functions of time; they are added to those of the controller `beside`, if there is one."""
 
-    pieces: list[PieceData]
-    beside: GravityCompensationData | ObjectTrackingData | None = None
+    pieces: list[PieceTable]
+    beside: GravityCompensationTable | ObjectTrackingTable | None = None
 
 
-class SimulationData(_Strict):
+class SimulationTable(_Table):
     """Duration, step and scheme of the simulation, and the policies for slipping grasps and exceeded limits.
 
     Steps end at `breakpoints`, and in any case at the knots of a schedule, at events, and where wrenches begin or end.
@@ -308,56 +307,56 @@ class SimulationData(_Strict):
     breakpoints: list[float] = []
 
 
-Numbers = float | list[float | list[float]]
+ParameterNumbers = float | list[float | list[float]]
 
 
-class UniformData(_Strict, tag_field="type", tag="uniform"):
+class UniformTable(_Table, tag_field="type", tag="uniform"):
     """Every number is drawn uniformly between two bounds."""
 
-    low: Numbers
-    high: Numbers
+    low: ParameterNumbers
+    high: ParameterNumbers
 
 
-class NormalData(_Strict, tag_field="type", tag="normal"):
+class NormalTable(_Table, tag_field="type", tag="normal"):
     """Every number is drawn from a normal distribution."""
 
-    mean: Numbers
-    deviation: Numbers
+    mean: ParameterNumbers
+    deviation: ParameterNumbers
 
 
-class NearPoseData(_Strict, tag_field="type", tag="near_pose"):
+class NearPoseTable(_Table, tag_field="type", tag="near_pose"):
     """Poses near those in the scene, rotated and shifted by up to `turn` and `shift` along each of their own axes."""
 
     turn: float = 0.0
     shift: float = 0.0
 
 
-class SweepData(_Strict):
+class SweepTable(_Table):
     """Many runs of the scene by `holdfast sweep`: their number, the varied parameters, and the recorded outputs."""
 
     count: int
-    parameters: dict[str, UniformData | NormalData | NearPoseData | Numbers | Literal["scale"]]
+    parameters: dict[str, UniformTable | NormalTable | NearPoseTable | ParameterNumbers | Literal["scale"]]
     seed: int = 0
     chunk: int = 1000
     outputs: list[str] | None = None
 
 
-class SceneData(_Strict):
+class SceneTable(_Table):
     """A scene: the arms, their trunk if any, the held object, grasps, a controller, and the simulation settings.
 
     `packages` are the folders of packages by name to which robot files refer, relative to the scene's folder.
     """
 
-    arms: list[ArmData]
-    object: ObjectData
-    simulation: SimulationData
-    controller: GravityCompensationData | ObjectTrackingData | TorqueScheduleData | None = None
-    trunk: TrunkData | None = None
-    grasps: list[GraspData] = []
-    events: list[AttachData | ReleaseData] = []
-    wrenches: list[WrenchData] = []
-    springs: list[SpringData] = []
-    sweep: SweepData | None = None
+    arms: list[ArmTable]
+    object: ObjectTable
+    simulation: SimulationTable
+    controller: GravityCompensationTable | ObjectTrackingTable | TorqueScheduleTable | None = None
+    trunk: TrunkTable | None = None
+    grasps: list[GraspTable] = []
+    events: list[AttachTable | ReleaseTable] = []
+    wrenches: list[WrenchTable] = []
+    springs: list[SpringTable] = []
+    sweep: SweepTable | None = None
     packages: dict[str, str] = {}
-    gravity: Vector3 = STANDARD_GRAVITY
+    gravity: Triple = STANDARD_GRAVITY
     name: str = ""

@@ -5,5 +5,5 @@ from .distributions import Normal as Normal
 from .distributions import Uniform as Uniform
 from .of_scene import load_sweep as load_sweep
 from .of_scene import sweep_scene as sweep_scene
-from .progress import Progress as Progress
 from .result import Sweep as Sweep
+from .sweep import Progress as Progress

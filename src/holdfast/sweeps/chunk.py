@@ -23,7 +23,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.sweeps.plan import made_by
 
 
-class Task(NamedTuple):
+class Chunk(NamedTuple):
     """The data of a chunk for the process that computes it.
 
     Attributes:
@@ -70,7 +70,7 @@ class Computed(NamedTuple):
 _unpacked = lru_cache(maxsize=1)(pickle.loads)  # the last rollout of this process
 
 
-def compute(task: Task) -> Computed:
+def compute(task: Chunk) -> Computed:
     """Return the results of a chunk, which are the same bytes in every process.
 
     Raises:
@@ -89,7 +89,7 @@ def compute(task: Task) -> Computed:
     return Computed(task.number, data, counts, time.perf_counter() - start, os.getpid())
 
 
-def columns_of(record: RolloutRecord, task: Task) -> dict[str, Array]:
+def columns_of(record: RolloutRecord, task: Chunk) -> dict[str, Array]:
     """Return the columns of a chunk's file by title: the run, its end, the drawn values, and the outputs."""
     count, meta = len(record.systems), meta_of(Setting(record.systems.chain))
     found = {"run": np.arange(task.begin, task.begin + count)}

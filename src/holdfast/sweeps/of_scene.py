@@ -23,13 +23,12 @@ from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.scenario.build import Scenario, parse_scene
 from holdfast.scenario.robots import RobotFiles
-from holdfast.scenario.scene import NearPoseData, NormalData, UniformData
+from holdfast.scenario.scene import NearPoseTable, NormalTable, UniformTable
 from holdfast.sweeps.distributions import NearPose, Normal, Uniform
 from holdfast.sweeps.plan import OUTPUTS, Plan, plan_of
-from holdfast.sweeps.progress import Progress
 from holdfast.sweeps.result import Sweep
-from holdfast.sweeps.store import ROBOTS, SWEEP, SweepMeta, differences
-from holdfast.sweeps.sweep import carry_out
+from holdfast.sweeps.store import ROBOTS_FILE, SWEEP, SweepMeta, differences
+from holdfast.sweeps.sweep import Progress, carry_out
 
 OF_INSTALLATION = {"versions", "processor", "model_sha256", "law_sha256", "state_sha256"}  # may change its last bits
 # keys of `[simulation]` that rollouts support, and the names of their arguments
@@ -67,7 +66,9 @@ def sweep_scene(
     checks.instance(scenario, Scenario, "sweep_scene: scenario", SceneError)
     plan = scene_plan(scenario)
     how: dict[str, Any] = {"workers": workers, "cluster": cluster, "ahead": ahead, "progress": progress}
-    return carry_out(plan, store, kept=_kept(scenario), **how)
+    records, files = kept_files(scenario.sources)
+    files = {SCENE: scenario.text.encode(), ROBOTS_FILE: msgspec.json.encode(records) + b"\n", **files}
+    return carry_out(plan, store, files=files, **how)
 
 
 def load_sweep(folder: str | PathLike[str]) -> Sweep:
@@ -100,12 +101,12 @@ def kept_scene(folder: Path) -> Scenario:
     except Damage:  # chunks tell whether the scene is theirs
         if not SWEEP.strays(folder, 0):
             raise
-        files = {ROBOTS: None, SCENE: None}
+        files = {ROBOTS_FILE: None, SCENE: None}
     with advising(folder, SWEEP.again):
         try:
-            records = msgspec.json.decode(stored(folder, ROBOTS, files), type=dict[str, RobotRecord])
+            records = msgspec.json.decode(stored(folder, ROBOTS_FILE, files), type=dict[str, RobotRecord])
         except (msgspec.MsgspecError, UnicodeDecodeError) as cause:
-            raise Damage(f"{ROBOTS} is damaged: expected which arm is out of which file: {cause}") from cause
+            raise Damage(f"{ROBOTS_FILE} is damaged: expected which arm is out of which file: {cause}") from cause
         robots, text = kept_robots(folder, records), stored(folder, SCENE, files)
     return parse_scene(text, str(folder / SCENE), folder.name, RobotFiles(folder, False, robots))
 
@@ -199,11 +200,11 @@ def _law(scenario: Scenario, at: Location) -> tuple[ControlLaw | None, dict[str,
 
 def _sample(name: str, data: Any, scenario: Scenario, at: Location) -> Any:
     """Return the distribution of a parameter, or its value for all runs."""
-    if isinstance(data, UniformData):
+    if isinstance(data, UniformTable):
         return Uniform(data.low, data.high)
-    if isinstance(data, NormalData):
+    if isinstance(data, NormalTable):
         return Normal(data.mean, data.deviation)
-    if not isinstance(data, NearPoseData):
+    if not isinstance(data, NearPoseTable):
         return data
     chain, state = scenario.chain, scenario.state
     poses = {
@@ -216,9 +217,3 @@ def _sample(name: str, data: Any, scenario: Scenario, at: Location) -> Any:
         there = ", ".join(poses)
         raise (at / name).refuse(f"near_pose: expected one of the scene's poses ({there}), got a parameter without")
     return NearPose(pose, data.turn, data.shift)
-
-
-def _kept(scenario: Scenario) -> dict[str, bytes]:
-    """Return the files that make a folder self-contained: the text of the scene and its robots."""
-    records, files = kept_files(scenario.sources)
-    return {SCENE: scenario.text.encode(), ROBOTS: msgspec.json.encode(records) + b"\n", **files}

@@ -33,7 +33,7 @@ OUTPUTS = ("object_pose", "object_twist", "grasp_wrench", "worst_margin")
 MOST_RUNS = 10**12
 LARGEST_CHUNK = 10**6
 LARGEST_SEED = 2**63
-OWN = ("status", "stopped")  # columns that every sweep has
+END_ARRAYS = ("status", "stopped")  # columns that every sweep has
 TRIED = 64  # number of first runs, one of which must start on its grasps
 
 
@@ -133,13 +133,13 @@ def plan_of(
     count: int,
     duration: float,
     step: float,
-    outputs: Sequence[str] = OUTPUTS,
-    seed: int = 0,
-    chunk: int = 1000,
-    scheme: str = "rk4",
-    least_margin: float = -float("inf"),
-    stop_at_limits: bool = False,
-    largest_drift: float | None = None,
+    outputs: Sequence[str],
+    seed: int,
+    chunk: int,
+    scheme: str,
+    least_margin: float,
+    stop_at_limits: bool,
+    largest_drift: float | None,
 ) -> Plan:
     """Return the plan of a sweep; the arguments are those of `sweep`.
 
@@ -237,7 +237,9 @@ def parsed_outputs(outputs: Any) -> tuple[str, ...]:
     Raises:
         StateError: a name is not that of an attribute of `RolloutSystems`, or is given twice.
     """
-    known = [n for n, x in vars(RolloutSystems).items() if isinstance(x, property) and n not in (*OWN, "running")]
+    known = [
+        n for n, x in vars(RolloutSystems).items() if isinstance(x, property) and n not in (*END_ARRAYS, "running")
+    ]
     if not isinstance(outputs, str) and not checks.is_listed(outputs):
         raise StateError(f"outputs: expected names of arrays, got {checks.short(outputs)}")
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)

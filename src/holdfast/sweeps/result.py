@@ -214,7 +214,7 @@ class Sweep:
             ResultError: a file cannot be read or written.
             MissingExtra: matplotlib is not installed.
         """
-        from holdfast.view.distribution import plot_distribution
+        from holdfast.view.comparison import plot_distribution
 
         levels = np.linspace(0.0, 1.0, 1001)
         return plot_distribution(title, self.quantiles(title, levels, status), levels, path)

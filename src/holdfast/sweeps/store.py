@@ -33,17 +33,17 @@ from holdfast.io.stored_file import UNREADABLE, Damage, stored
 from holdfast.sweeps.chunk import Computed, parquet_modules
 from holdfast.sweeps.plan import Plan, digest_of
 
-LOG, LOCK, ROBOTS = "log.jsonl", "lock", "robots.json"
+LOG_FILE, LOCK_FILE, ROBOTS_FILE = "log.jsonl", "lock", "robots.json"
 SWEEP = Kind(
     name="sweep",
     manifest="sweep.json",
     versions=(2, 1),
     chunk="runs_{:06d}.parquet",
     data=("runs_[0-9]*.parquet",),
-    others=(LOG, LOCK, SCENE, ROBOTS, "robot_*.urdf"),
+    others=(LOG_FILE, LOCK_FILE, SCENE, ROBOTS_FILE, "robot_*.urdf"),
     again="call `sweep` again with the same arguments, or `holdfast sweep` with the scene, to recompute it",
 )
-PATIENCE = 5.0  # seconds between two commits; until then the log has the digests of further chunks
+COMMIT_INTERVAL = 5.0  # seconds between two commits; until then the log has the digests of further chunks
 
 
 class SweepMeta(Manifest, frozen=True, kw_only=True):
@@ -81,7 +81,7 @@ class Store:
         self.meta: SweepMeta | None = None
         self._writer, self._committed_at = StoreWriter(folder, SWEEP), -float("inf")
         self._made = not os.path.exists(folder)
-        self._written = [] if os.path.exists(folder / LOCK) else [LOCK]  # of a new folder
+        self._written = [] if os.path.exists(folder / LOCK_FILE) else [LOCK_FILE]  # of a new folder
         self._lock = _locked(folder)
         try:
             if (found := self._found()) is not None:
@@ -100,7 +100,7 @@ class Store:
         Raises:
             ResultError: the folder contains other files, or a damaged manifest and no chunk of this plan.
         """
-        names = {path.name for path in self.folder.iterdir()} - {LOCK, f"{SWEEP.manifest}.part"}
+        names = {path.name for path in self.folder.iterdir()} - {LOCK_FILE, f"{SWEEP.manifest}.part"}
         chunks = SWEEP.strays(self.folder, 0)
         if names and SWEEP.manifest not in names and not chunks:
             raise ResultError(f"{self.folder}: expected a sweep's folder or an empty one, got other files; try another")
@@ -154,11 +154,11 @@ class Store:
         line = {"chunk": computed.number, "sha256": self._writer.files[name], "seconds": computed.seconds}
         line |= {"process": computed.process, "at": time.time()}
         try:
-            with (self.folder / LOG).open("a", encoding="utf-8") as log:
+            with (self.folder / LOG_FILE).open("a", encoding="utf-8") as log:
                 log.write(json.dumps(line) + "\n")
         except OSError as cause:
-            raise ResultError(f"{self.folder / LOG}: cannot be written: {reason_of(cause)}") from cause
-        if time.monotonic() - self._committed_at >= PATIENCE:
+            raise ResultError(f"{self.folder / LOG_FILE}: cannot be written: {reason_of(cause)}") from cause
+        if time.monotonic() - self._committed_at >= COMMIT_INTERVAL:
             self.commit()
 
     def commit(self) -> Mapping[str, str | None]:
@@ -171,7 +171,7 @@ class Store:
 
     def withdraw(self) -> None:
         """Remove a new folder and its files if the call was refused before any run was computed."""
-        if LOCK not in self._written or SWEEP.strays(self.folder, 0):
+        if LOCK_FILE not in self._written or SWEEP.strays(self.folder, 0):
             return
         self.meta = None
         with suppress(OSError):
@@ -200,7 +200,7 @@ def _locked(folder: Path) -> IO[bytes]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = (folder / LOCK).open("ab")
+        lock = (folder / LOCK_FILE).open("ab")
     except (OSError, ValueError) as cause:  # ValueError: the path is invalid
         reason = reason_of(cause) if isinstance(cause, OSError) else str(cause)
         raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: cannot be written: {reason}") from cause
@@ -223,7 +223,7 @@ def _logged(folder: Path) -> dict[str, str | None]:
     """Return the digests of chunks in the log, where those are that a crash kept out of the manifest."""
     found: dict[str, str | None] = {}
     with suppress(OSError):
-        for line in (folder / LOG).read_bytes().splitlines():
+        for line in (folder / LOG_FILE).read_bytes().splitlines():
             with suppress(ValueError, RecursionError, TypeError, KeyError, AttributeError):  # damage: computed again
                 one = json.loads(line)
                 found[SWEEP.chunk.format(one["chunk"])] = str(one["sha256"])

@@ -7,26 +7,50 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from os import PathLike
 from typing import Any
 
 from holdfast.control.controller import ControlLaw
-from holdfast.errors import HoldfastError, StateError
+from holdfast.errors import HoldfastError
 from holdfast.io.files import file_path
-from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
 from holdfast.progress import reporting
 from holdfast.simulation.rollout.arguments import whole_number, whole_steps
+from holdfast.spatial.frozen import Frozen
 from holdfast.state import State
-from holdfast.sweeps.chunk import Computed, Task, parquet_modules
-from holdfast.sweeps.cluster import LOCAL, computed_by_cluster, require_dask
+from holdfast.sweeps.chunk import Chunk, parquet_modules
 from holdfast.sweeps.plan import OUTPUTS, Plan, find_generic_rank, made_by, plan_of
-from holdfast.sweeps.progress import Progress
 from holdfast.sweeps.result import Sweep
 from holdfast.sweeps.store import Store
-from holdfast.sweeps.workers import computed_by, computed_by_processes, computed_here
+from holdfast.sweeps.workers import MOST_WORKERS, computed_chunks, require_workers
 
-MOST_WORKERS = 4096
+
+@called
+@dataclass(frozen=True, eq=False)
+class Progress(Frozen):
+    """The progress of a sweep; as text it is one line.
+
+    Attributes:
+        done: number of runs whose results are in the store, including earlier ones.
+        count: number of runs of the sweep.
+        status_counts: number of runs computed by this call that ended with each status.
+        rate: rate of this call [runs/s].
+    """
+
+    done: int
+    count: int
+    status_counts: Mapping[str, int]
+    rate: float
+
+    def __str__(self) -> str:
+        """Return the number of finished runs, the rate, the remaining time, and the number of runs with each status."""
+        left = (
+            f", {(self.count - self.done) / self.rate:.0f} s left" if self.rate > 0 and self.done < self.count else ""
+        )
+        counts = ", ".join(f"{count} {name.lower()}" for name, count in sorted(self.status_counts.items()))
+        return f"{self.done} of {self.count} runs, {self.rate:.0f}/s{left}{f'; {counts}' if counts else ''}"
 
 
 def sweep(
@@ -113,11 +137,11 @@ def carry_out(
     plan: Plan,
     store: str | PathLike[str],
     *,
-    workers: int | Executor = 1,
-    cluster: str | None = None,
-    ahead: int = 16,
-    progress: bool | Callable[[Progress], object] | None = None,
-    kept: Mapping[str, bytes] | None = None,
+    workers: int | Executor,
+    cluster: str | None,
+    ahead: int,
+    progress: bool | Callable[[Progress], object] | None,
+    files: Mapping[str, bytes] | None = None,
 ) -> Sweep:
     """Compute the runs of a plan that are missing in a folder; see `sweep`.
 
@@ -128,19 +152,28 @@ def carry_out(
         cluster: as for `sweep`.
         ahead: as for `sweep`.
         progress: as for `sweep`.
-        kept: contents of additional files to store, by name.
+        files: contents of additional files to store, by name.
 
     Raises:
         StateError, ResultError, MissingExtra: as for `sweep`.
     """
     parquet_modules()
-    _require_workers(workers, cluster)
+    require_workers(workers, cluster)
     whole_number("ahead", ahead, MOST_WORKERS)
     place = Store(file_path(store, "store"), plan)
     try:
-        settled = plan.settled(place.prepare(lambda: find_generic_rank(plan), kept or {}).generic_rank)
-        _compute_missing(settled, place, workers, cluster, ahead, progress)
-        return Sweep(settled, place.folder, place.commit())
+        plan = plan.settled(place.prepare(lambda: find_generic_rank(plan), files or {}).generic_rank)
+        missing = [k for k in range(plan.chunk_count) if not place.holds(k)]
+        left = sum(end - begin for begin, end in map(plan.bounds, missing))
+        computed = computed_chunks(_tasks(plan, place.plan_sha256, missing), workers, cluster, ahead, len(missing))
+        start, counts, size = time.perf_counter(), Counter[str](), f"{left} runs"
+        with reporting(progress, "sweeping", size, lambda at: (at.done / at.count, str(at)), time_left=False) as tell:
+            for one in computed:
+                place.keep(one)
+                counts += one.status_counts
+                done, rate = plan.count - left + counts.total(), counts.total() / (time.perf_counter() - start)
+                tell(Progress(done, plan.count, dict(counts), rate))
+        return Sweep(plan, place.folder, place.commit())
     except HoldfastError:
         place.withdraw()
         raise
@@ -148,62 +181,7 @@ def carry_out(
         place.close()
 
 
-def _require_workers(workers: Any, cluster: Any) -> None:
-    """Refuse invalid workers, and an executor together with a cluster.
-
-    Raises:
-        StateError: there are such arguments; the message names them.
-        MissingExtra: a cluster is given, but distributed is not installed.
-    """
-    by_executor = isinstance(workers, Executor) or hasattr(workers, "submit")
-    if not by_executor:
-        whole_number("workers", workers, MOST_WORKERS)
-    if cluster is None:
-        return
-    if not isinstance(cluster, str) or not cluster:
-        raise StateError(
-            f"cluster: expected an address such as 'tcp://10.0.0.1:8786', or 'local', got {checks.short(cluster)}"
-        )
-    if by_executor or (cluster != LOCAL and workers != 1):
-        raise StateError(
-            f"workers: expected none beside cluster={checks.short(cluster)}, which has its own, got"
-            f" {checks.short(workers)}; try one of both, or cluster='local'"
-        )
-    require_dask()
-
-
-def _compute_missing(
-    plan: Plan,
-    place: Store,
-    workers: Any,
-    cluster: str | None,
-    ahead: int,
-    progress: bool | Callable[[Progress], object] | None,
-) -> None:
-    sizes = {k: end - begin for k in range(plan.chunk_count) for begin, end in [plan.bounds(k)]}
-    missing = [k for k in sizes if not place.holds(k)]
-    start, counts = time.perf_counter(), Counter[str]()
-    there = plan.count - sum(sizes[k] for k in missing)
-    size = f"{plan.count - there} runs"
-    with reporting(progress, "sweeping", size, lambda at: (at.done / at.count, str(at)), time_left=False) as tell:
-        for computed in _computed(_tasks(plan, place.plan_sha256, missing), workers, cluster, ahead, len(missing)):
-            place.keep(computed)
-            counts += computed.status_counts
-            rate = counts.total() / (time.perf_counter() - start)
-            tell(Progress(there + counts.total(), plan.count, dict(counts), rate))
-
-
-def _computed(tasks: Iterator[Task], workers: Any, cluster: str | None, ahead: int, count: int) -> Iterator[Computed]:
-    if cluster is not None:
-        return computed_by_cluster(cluster, workers, tasks, ahead) if count else iter(())
-    if not isinstance(workers, int):
-        return computed_by(workers, tasks, ahead)
-    if workers == 1 or count == 0:
-        return computed_here(tasks)
-    return computed_by_processes(tasks, workers)
-
-
-def _tasks(plan: Plan, digest: str, missing: Sequence[int]) -> Iterator[Task]:
+def _tasks(plan: Plan, digest: str, missing: Sequence[int]) -> Iterator[Chunk]:
     """Yield chunks on demand, so that few of them are in memory."""
     rollout, drawn = pickle.dumps(plan.rollout), plan.drawn()
     every = whole_steps(plan.duration, plan.step)
@@ -211,4 +189,4 @@ def _tasks(plan: Plan, digest: str, missing: Sequence[int]) -> Iterator[Task]:
     for k in missing:
         begin, end = plan.bounds(k)
         rows = plan.rows(begin, end)
-        yield Task(k, begin, rollout, rows, drawn, run, plan.outputs, digest, made_by())
+        yield Chunk(k, begin, rollout, rows, drawn, run, plan.outputs, digest, made_by())

@@ -1,4 +1,4 @@
-"""What people see: figures and tables."""
+"""Figures, pages and playbacks of runs, and tables of their summaries."""
 
 from holdfast.names import attach as _attach
 

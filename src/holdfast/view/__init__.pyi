@@ -1,4 +1,4 @@
-"""What people see: figures, pages and playbacks; `holdfast.plot` is its public name."""
+"""Figures, pages and playbacks of runs; `holdfast.plot` is its public name."""
 
 from .comparison import compare_runs as compare_runs
 from .page import export_page as export_page

@@ -15,13 +15,12 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
 from holdfast.view.markers import box_lines
-from holdfast.view.playback import Playback
+from holdfast.view.playback import Playback, spring_ends
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
-from holdfast.view.spring_ends import spring_ends
 
 SEEN_OF = 5  # number of frames that must fit into the picture
-MARGIN = 1.1  # size of the picture relative to its content
-AROUND = 0.05  # thickness of links around the lines through their joints, relative to the longest
+PICTURE_MARGIN = 1.1  # size of the picture relative to its content
+LINK_THICKNESS = 0.05  # thickness of links around the lines through their joints, relative to the longest
 
 
 def upward(chain: ClosedChain) -> Array:
@@ -43,7 +42,7 @@ def cameras(playback: Playback) -> list[Camera]:
     if trunk is not None:
         points = np.concatenate([points, *(trunk_outline(trunk, playback, k) for k in chosen)])
         lengths += [] if trunk.serial is None else [arm_length(trunk.serial)]
-    around = AROUND * max(lengths)
+    around = LINK_THICKNESS * max(lengths)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     held = playback.object_pose[chosen, 4:].mean(axis=0)
     directions = {
@@ -72,7 +71,7 @@ def _fitted(name: str, direction: Array, up: Array, points: Array, target: Array
     right = right / np.linalg.norm(right)
     seen = points - target
     beside = np.maximum(np.abs(seen @ right), np.abs(seen @ cross(back, right))) + around
-    distance = float((MARGIN * beside / np.tan(FIELD_OF_VIEW / 2) + seen @ back).max())
+    distance = float((PICTURE_MARGIN * beside / np.tan(FIELD_OF_VIEW / 2) + seen @ back).max())
     return Camera(name, target + distance * back, target)
 
 

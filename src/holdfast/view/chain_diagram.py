@@ -1,4 +1,4 @@
-"""A chain's structure as a drawing: bases, joints, grasps and object in a row for each arm, whatever its state."""
+"""A drawing of a chain's structure: for each arm a row with its base, joints and grasp, and the object."""
 
 from __future__ import annotations
 
@@ -9,40 +9,40 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.view.figure_style import TRUNK_COLOUR, arm_style
 
-MOST_ARMS, MOST_JOINTS = 16, 8  # more arms are not drawn, of more joints the first and the last
-ROW, STEP, RADIUS, LETTER = 34, 24, 6, 7  # pixels
-KIND, OBJECT = 90, 64  # widths of a grasp's kind and of the object [pixels]
+DRAWN_ARMS, DRAWN_JOINTS = 16, 8  # chains with more arms are not drawn; of more joints, the first and the last
+ROW_HEIGHT, JOINT_WIDTH, RADIUS, LETTER_WIDTH = 34, 24, 6, 7  # pixels
+KIND_WIDTH, OBJECT_WIDTH = 90, 64  # widths of a grasp's kind and of the object [pixels]
 GREY = "#8a8a92"
 
 
 def chain_diagram(chain: ClosedChain) -> str:
     """Return an SVG image of a chain's structure; empty for more arms than can be told apart.
 
-    An arm goes from its base, hatched where it stands on the ground, by its joints to the object: circles turn, squares
-    slide. A diamond is its grasp. Arms on a trunk begin at the trunk's upright line.
+    An arm extends from its base, which is hatched if it is fixed in the world, over its joints to the object. Circles
+    are revolute joints, squares prismatic ones, and a diamond is the grasp. Arms on a trunk begin at its vertical line.
     """
     arms = list(chain.arms)
-    if not 0 < len(arms) <= MOST_ARMS:
+    if not 0 < len(arms) <= DRAWN_ARMS:
         return ""
-    rows = {name: ROW * (0.5 + k) for k, name in enumerate(arms)}
-    height = ROW * len(arms)
+    rows = {name: ROW_HEIGHT * (0.5 + k) for k, name in enumerate(arms)}
+    height = ROW_HEIGHT * len(arms)
     left = 0.0 if chain.trunk is None else 30.0 + _length(chain.trunk.joints)
-    start = left + 20.0 + LETTER * max(map(len, arms))
+    start = left + 20.0 + LETTER_WIDTH * max(map(len, arms))
     longest = max(_length(arm.joints) for arm in chain.arms.values())
-    contact = start + longest + KIND
+    contact = start + longest + KIND_WIDTH
     parts = [] if chain.trunk is None else _trunk(chain, left, height, rows)
     holding = [rows[name] for name in chain.grasps]
     if holding:
-        top, bottom = min(holding) - 0.4 * ROW, max(holding) + 0.4 * ROW
+        top, bottom = min(holding) - 0.4 * ROW_HEIGHT, max(holding) + 0.4 * ROW_HEIGHT
         parts.append(
-            f'<rect x="{contact}" y="{top:g}" width="{OBJECT}" height="{bottom - top:g}" rx="4" fill="{GREY}"'
+            f'<rect x="{contact}" y="{top:g}" width="{OBJECT_WIDTH}" height="{bottom - top:g}" rx="4" fill="{GREY}"'
             f' fill-opacity="0.25" stroke="{GREY}"/>'
         )
         mass = f"{chain.held_object.mass:.4g} kg" if isinstance(chain.held_object.mass, float) else ""
-        parts.append(_text(contact + OBJECT / 2, 0.5 * (top + bottom) + 4, mass, "middle"))
+        parts.append(_text(contact + OBJECT_WIDTH / 2, 0.5 * (top + bottom) + 4, mass, "middle"))
     for index, name in enumerate(arms):
         parts += _arm(chain, name, arm_style(index)[0], left, start, rows[name], contact)
-    width = contact + OBJECT + 4
+    width = contact + OBJECT_WIDTH + 4
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" role="img" width="{width:g}" height="{height:g}"'
         f' viewBox="0 0 {width:g} {height:g}" font-family="sans-serif" font-size="12" fill="currentColor">'
@@ -53,7 +53,7 @@ def chain_diagram(chain: ClosedChain) -> str:
 def _arm(chain: ClosedChain, name: str, colour: str, left: float, start: float, y: float, contact: float) -> list[str]:
     """Return an arm's row: its name, base, joints and grasp."""
     joints, grasp = chain.arms[name].joints, chain.grasps.get(name)
-    end = contact if grasp is not None else start + _length(joints) + 0.3 * STEP
+    end = contact if grasp is not None else start + _length(joints) + 0.3 * JOINT_WIDTH
     parts = [_line(start, y, end, y, colour), *_joints(joints, start, y, colour)]
     if name in chain.mounts:
         parts += [_line(left, y, start, y, TRUNK_COLOUR), _text(left + 6, y - 4, name)]
@@ -68,7 +68,7 @@ def _arm(chain: ClosedChain, name: str, colour: str, left: float, start: float, 
 
 
 def _trunk(chain: ClosedChain, left: float, height: float, rows: dict[str, float]) -> list[str]:
-    """Return the trunk: its base, its joints, and the upright line at which the arms on it begin."""
+    """Return the trunk: its base, its joints, and the vertical line at which the arms on it begin."""
     joints = () if chain.trunk is None else chain.trunk.joints
     mounted = [rows[name] for name in chain.mounts] or [height / 2]
     y, start = 0.5 * (min(mounted) + max(mounted)), left - _length(joints) - 14.0
@@ -84,19 +84,19 @@ def _trunk(chain: ClosedChain, left: float, height: float, rows: dict[str, float
 
 def _length(joints: Sequence[Joint]) -> float:
     """Return the width of a row of joints [pixels]."""
-    return STEP * (min(len(joints), MOST_JOINTS) + 0.5)
+    return JOINT_WIDTH * (min(len(joints), DRAWN_JOINTS) + 0.5)
 
 
 def _joints(joints: Sequence[Joint], start: float, y: float, colour: str) -> list[str]:
-    """Return the joints of a row from its base, as circles and squares; a number says how many are left out."""
-    ends = MOST_JOINTS // 2
-    shown = [*joints] if len(joints) <= MOST_JOINTS else [*joints[: ends - 1], None, None, *joints[-ends + 1 :]]
+    """Return the joints of a row, from its base, as circles and squares; a number counts those that are omitted."""
+    ends = DRAWN_JOINTS // 2
+    shown = [*joints] if len(joints) <= DRAWN_JOINTS else [*joints[: ends - 1], None, None, *joints[-ends + 1 :]]
     parts = []
     for k, joint in enumerate(shown):
-        x = start + STEP * (k + 0.75)
+        x = start + JOINT_WIDTH * (k + 0.75)
         if joint is None:
             if k == ends - 1:
-                parts.append(_text(x + STEP / 2, y - 5, f"+ {len(joints) - len(shown) + 2}", "middle"))
+                parts.append(_text(x + JOINT_WIDTH / 2, y - 5, f"+ {len(joints) - len(shown) + 2}", "middle"))
         else:
             half, look = RADIUS, f'fill="white" stroke="{colour}" stroke-width="2"/>'
             circle = f'<circle cx="{x:g}" cy="{y:g}" r="{half}" {look}'
@@ -106,7 +106,7 @@ def _joints(joints: Sequence[Joint], start: float, y: float, colour: str) -> lis
 
 
 def _ground(x: float, y: float, colour: str) -> str:
-    """Return a base that stands on the ground, hatched on its left."""
+    """Return a base that is fixed in the world, hatched on its left."""
     hatches = "".join(f"M{x - 5:g} {y + dy + 4:g}l5 -4" for dy in (-8, -3, 2, 7))
     return f'<path d="M{x:g} {y - 10:g}v20{hatches}" stroke="{colour}" stroke-width="2" fill="none"/>'
 

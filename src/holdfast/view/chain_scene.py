@@ -10,29 +10,28 @@ from holdfast.dynamics.arm.forward_kinematics import joint_placement
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK
+from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import Trunk
+from holdfast.model.visuals import Cylinder, Sphere
+from holdfast.robots.mesh_files.limits import MeshFault
 from holdfast.robots.visuals import arm_length, chain_length, equivalent_box, visuals_of, visuals_of_trunk
 from holdfast.spatial import rotation
-from holdfast.spatial.pose import Pose
+from holdfast.spatial.pose import UP, Pose
 from holdfast.spatial.scalar import Array
-from holdfast.view import figure_style, meshes
+from holdfast.view import figure_style, markers, meshes
 from holdfast.view.cameras import cameras, upward
-from holdfast.view.link_meshes import LinkMesh, meshes_of
-from holdfast.view.markers import ArrowScale, arrow_scale, coil, cone_colour, cone_lines, one_two_five, struts
-from holdfast.view.meshes import Mesh
-from holdfast.view.object_drawing import drawn_object
-from holdfast.view.playback import Playback
-from holdfast.view.scene_writer import Colour, SceneWriter
-from holdfast.view.spring_ends import spring_ends
+from holdfast.view.link_meshes import LinkMesh, meshes_of, surface_of_object
+from holdfast.view.playback import Playback, spring_ends
+from holdfast.view.scene_writer import RGB, SceneWriter
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
-UP = np.array([0.0, 0.0, 1.0])
-ROOT = f"/{TRUNK}"  # node of a trunk's base
+TRUNK_NODE = f"/{TRUNK}"  # node of a trunk's base
 OBJECT_OPACITY = 0.28
 # relative to the length of the longest arm
-SHAFT, BESIDE, AXES, CONE, LINE, COIL = 0.006, 0.03, 0.05, 0.09, 0.0025, 0.012
-FOOT_RADIUS, FOOT_HEIGHT, NAME_DEPTH, TOOL_RADIUS, PALM_RADIUS = 0.1, 0.008, 0.07, 0.012, 0.035
+SHAFT_RADIUS, COIL_RADIUS, TOOL_RADIUS, DISC_RADIUS, FOOT_RADIUS = 0.006, 0.012, 0.012, 0.035, 0.1
+INTERNAL_OFFSET, AXES_LENGTH, CONE_HEIGHT, LINE_THICKNESS = 0.03, 0.05, 0.09, 0.0025
+FOOT_HEIGHT, NAME_DEPTH = 0.008, 0.07
 
 
 class ChainScene:
@@ -43,9 +42,9 @@ class ChainScene:
         scale: scale of the arrows, which may be changed between two frames.
     """
 
-    def __init__(self, writer: SceneWriter, playback: Playback, scale: ArrowScale | None = None) -> None:
+    def __init__(self, writer: SceneWriter, playback: Playback, scale: markers.ArrowScale | None = None) -> None:
         """Draw everything that does not change; `show` draws the rest. By default the scale is the playback's own."""
-        self.playback, self.scale = playback, scale or arrow_scale(playback)
+        self.playback, self.scale = playback, scale or markers.arrow_scale(playback)
         self._writer = writer
         chain = playback.chain
         self._size = self._widest = chain_length(chain)
@@ -58,12 +57,12 @@ class ChainScene:
         self._draw_ground()
         self._reserves = {name: playback.reserve(name) for name in self._cones}
         for name in playback.holding:
-            colour, node, shaft = arm_colour(chain.names.index(name)), _node(name), SHAFT * self._size
+            colour, node, shaft = arm_colour(chain.names.index(name)), _node(name), SHAFT_RADIUS * self._size
             writer.arrows(f"/forces/{node}", 1, colour, shaft)
             writer.arrows(f"/moments/{node}", 2, colour, 0.7 * shaft)
-            writer.arrows(f"/internal_force/{node}", 1, figure_style.rgb(figure_style.INTERNAL), 0.8 * shaft)
+            writer.arrows(f"/internal_force/{node}", 1, figure_style.rgb(figure_style.INTERNAL_COLOUR), 0.8 * shaft)
         for i, segments in enumerate(self._coils(0)):
-            writer.lines(f"/springs/{i}", segments, LINE_GREY, LINE * self._size)
+            writer.lines(f"/springs/{i}", segments, LINE_GREY, LINE_THICKNESS * self._size)
         writer.set_camera(cameras(playback)[0], upward(chain))
         self.show(0)
 
@@ -73,7 +72,10 @@ class ChainScene:
         pose = playback.object_pose[k]
         with self._writer.at_once():
             bases = {_root(name): base for name, base in zip(chain.names, playback.base_pose[k], strict=True)}
-            for root, base in {**bases, **({} if chain.trunk is None else {ROOT: playback.trunk_pose[k]})}.items():
+            for root, base in {
+                **bases,
+                **({} if chain.trunk is None else {TRUNK_NODE: playback.trunk_pose[k]}),
+            }.items():
                 self._writer.place(root, base[:4], base[4:])
             for name, joints in chain.joints_of.items():
                 for node, joint, q in zip(self._joints[name], joints, playback.q[k, chain.joints[name]], strict=True):
@@ -85,13 +87,13 @@ class ChainScene:
             for i, segments in enumerate(self._coils(k)):
                 self._writer.redraw(f"/springs/{i}", segments)
             for name, reserve in self._reserves.items():
-                self._writer.paint(f"/object/cones/{_node(name)}", cone_colour(float(reserve[k])))
+                self._writer.paint(f"/object/cones/{_node(name)}", markers.cone_colour(float(reserve[k])))
 
     def _coils(self, k: int) -> list[Array]:
         """Return the lines of every spring, and of every bushing from tip to contact, in frame k, world axes."""
         playback, chain, held = self.playback, self.playback.chain, Pose.from_wxyz_xyz(self.playback.object_pose[k])
         ends = [(playback.tip[k, chain.names.index(n)], (held @ chain.grasps[n].frame).p) for n in chain.bushings]
-        return [coil(a, b, COIL * self._size) for a, b in (*spring_ends(playback, k), *ends)]
+        return [markers.coil(a, b, COIL_RADIUS * self._size) for a, b in (*spring_ends(playback, k), *ends)]
 
     def _point(self, name: str, k: int) -> None:
         """Set the arrows of one arm, which start at its tip; the internal force is drawn beside the force."""
@@ -102,7 +104,7 @@ class ChainScene:
         writer.point(f"/forces/{node}", np.array([[tip, tip + force]]))
         # a moment's arrow has two heads
         writer.point(f"/moments/{node}", np.array([[tip, tip + share * moment] for share in (1.0, 0.8)]))
-        beside = tip + BESIDE * self._size * _across(internal, -upward(playback.chain))
+        beside = tip + INTERNAL_OFFSET * self._size * _across(internal, -upward(playback.chain))
         writer.point(f"/internal_force/{node}", np.array([[beside, beside + self.scale.force * internal]]))
 
     def _draw_arm(self, index: int, name: str, arm: Arm) -> list[str]:
@@ -127,16 +129,16 @@ class ChainScene:
         """Draw the trunk, its base frame with axes, and return the names of its joints' nodes, base outward."""
         base, colour = Pose.from_wxyz_xyz(self.playback.trunk_pose[0]), figure_style.rgb(figure_style.TRUNK_COLOUR)
         visuals = meshes_of(visuals_of_trunk(self.playback.chain))
-        nodes = self._draw_links(ROOT, base, TRUNK, trunk.joints, visuals, colour)
+        nodes = self._draw_links(TRUNK_NODE, base, TRUNK, trunk.joints, visuals, colour)
         # outside the floating body, which would hide them
         inside = 0.0 if trunk.floating is None else float(equivalent_box(trunk.floating)[0].max()) / 2
-        self._writer.frame(f"{ROOT}/(axes)", Pose.identity(), inside + 3 * AXES * self._widest)
+        self._writer.frame(f"{TRUNK_NODE}/(axes)", Pose.identity(), inside + 3 * AXES_LENGTH * self._widest)
         if trunk.floating is None:
-            self._writer.mesh(f"{ROOT}/(own)", foot(self._widest, base.R.T @ upward(self.playback.chain)), colour)
+            self._writer.mesh(f"{TRUNK_NODE}/(own)", foot(self._widest, base.R.T @ upward(self.playback.chain)), colour)
         return nodes
 
     def _draw_links(
-        self, root: str, base: Pose, name: str, joints: Sequence[Joint], otherwise: list[list[LinkMesh]], colour: Colour
+        self, root: str, base: Pose, name: str, joints: Sequence[Joint], otherwise: list[list[LinkMesh]], colour: RGB
     ) -> list[str]:
         """Draw base and links with the playback's visuals or the given ones; return the names of the joints' nodes.
 
@@ -160,12 +162,12 @@ class ChainScene:
                 self._writer.mesh(f"{node}/({j})", whole, colour if shade is None else shade)
         return nodes[1:]
 
-    def _hand(self, arm: Arm) -> Mesh:
+    def _hand(self, arm: Arm) -> meshes.Mesh:
         """Return a thin tool from the last link's origin to a disc at the tip, in the last link's axes."""
         thin, length = TOOL_RADIUS * self._size, float(np.linalg.norm(arm.tip.p))
         # slightly beyond the tip, to avoid flicker with surfaces that end there
         disc = Pose(arm.tip.R, arm.tip.p - 0.4 * thin * arm.tip.R[:, 2])
-        parts = [meshes.cylinder(PALM_RADIUS * self._size, thin).at(disc)]
+        parts = [meshes.cylinder(DISC_RADIUS * self._size, thin).at(disc)]
         if length > 3 * thin:
             middle = Pose(rotation.exp(rotation.align(UP, arm.tip.p / length)), arm.tip.p / 2)
             parts.append(meshes.cylinder(thin, length - 2 * thin).at(middle))
@@ -175,17 +177,17 @@ class ChainScene:
         """Draw the object with its contact frames and friction cones; return the names of the arms with cones."""
         chain, writer = self.playback.chain, self._writer
         surface, outline, edges, box = drawn_object(chain.held_object)
-        thin = LINE * self._size
+        thin = LINE_THICKNESS * self._size
         writer.frame("/object", Pose.identity())
         writer.mesh("/object/body", surface, OBJECT_GREY, OBJECT_OPACITY)
-        lines = np.concatenate([outline, struts(chain, edges, box)])
+        lines = np.concatenate([outline, markers.struts(chain, edges, box)])
         if len(lines):
             writer.lines("/object/edges", lines, LINE_GREY, thin)
         for name, grasp in chain.grasps.items():
-            writer.frame(f"/object/contacts/{_node(name)}", grasp.frame, AXES * self._size)
+            writer.frame(f"/object/contacts/{_node(name)}", grasp.frame, AXES_LENGTH * self._size)
             if grasp.contact is not None:
-                lines = cone_lines(grasp.contact.mu, CONE * self._size, grasp.frame)
-                writer.lines(f"/object/cones/{_node(name)}", lines, cone_colour(1.0), thin)
+                lines = markers.cone_lines(grasp.contact.mu, CONE_HEIGHT * self._size, grasp.frame)
+                writer.lines(f"/object/cones/{_node(name)}", lines, markers.cone_colour(1.0), thin)
         return [name for name, grasp in chain.grasps.items() if grasp.contact is not None]
 
     def _draw_ground(self) -> None:
@@ -204,16 +206,16 @@ class ChainScene:
         middle = middle + ((bases @ up).min() - middle @ up) * up
         turn = rotation.exp(rotation.align(UP, up))
         span = 2.0 * float(np.linalg.norm(bases - middle, axis=1).max()) + 2.0 * self._widest
-        cell = one_two_five(span / 25)
+        cell = markers.one_two_five(span / 25)
         self._writer.grid("/ground", Pose(turn, middle), float(np.ceil(span / (10 * cell)) * 10 * cell), cell)
 
 
-def arm_colour(index: int) -> Colour:
+def arm_colour(index: int) -> RGB:
     """Return the colour of the arm at an index of the chain's order, 0 to 255."""
     return figure_style.rgb(figure_style.arm_style(index)[0])
 
 
-def foot(size: float, normal: Array) -> Mesh:
+def foot(size: float, normal: Array) -> meshes.Mesh:
     """Return a flat plate below a base.
 
     Args:
@@ -246,3 +248,39 @@ def _node(name: str) -> str:
     Nodes in parentheses are our own, so parentheses in names are others.
     """
     return name.replace("/", "\u2215").replace("(", "\u2768") or "\u2768"
+
+
+CIRCLE_LINES = 48  # lines of a circle
+
+
+def drawn_object(held: HeldObject) -> tuple[meshes.Mesh, Array, Array, Pose]:
+    """Return surface, outline (N, 2, 3), and edges (3,) and pose of the box around it, all in object axes [m].
+
+    An object whose surface is not known or cannot be read is drawn as the box with its inertia.
+    """
+    surface = surface_of_object(held)
+    if surface is None or isinstance(surface, MeshFault):
+        edges, box = equivalent_box(held)
+        return meshes.box(edges).at(box), markers.box_lines(edges) @ box.R.T + box.p, edges, box
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    return surface, outline(held), high - low, Pose(np.eye(3), 0.5 * (low + high))
+
+
+def outline(held: HeldObject) -> Array:
+    """Return lines (N, 2, 3) that show the attitude of a shape: circles, rims and sides; none for one from a file."""
+    match held.shape:
+        case Sphere(radius):
+            return np.concatenate([_circle(radius, axis, 0.0) for axis in range(3)])
+        case Cylinder(radius, length):
+            rims = [_circle(radius, 2, z) for z in (-length / 2, length / 2)]
+            starts = rims[0][:: CIRCLE_LINES // 4, 0]
+            return np.concatenate([*rims, np.stack([starts, starts + np.array([0.0, 0.0, length])], axis=1)])
+    return np.zeros((0, 2, 3))
+
+
+def _circle(radius: float, axis: int, height: float) -> Array:
+    """Return a circle about an axis, at a height along it, as lines (CIRCLE_LINES, 2, 3)."""
+    angles = np.linspace(0.0, 2 * np.pi, CIRCLE_LINES + 1)
+    points = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(CIRCLE_LINES + 1, height)])
+    points = np.roll(points, axis + 1, axis=1)
+    return np.stack([points[:-1], points[1:]], axis=1)

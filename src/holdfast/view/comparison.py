@@ -1,26 +1,28 @@
-"""Figures that overlay several runs: forces at the hands, the object's path, energies and closure."""
+"""Figures of several runs: their curves over each other, and the distribution of a number over many runs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from holdfast.errors import StateError
+from holdfast.io.files import file_path
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
-from holdfast.view.base_travel import base_travel
-from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, DANGER, arm_style, drawn_text, stacked_panels
-from holdfast.view.playback import torque_use
-from holdfast.view.plots import columns_of_panels, without_spikes, worst_gaps
+from holdfast.view import figure_style as style
+from holdfast.view.inline import Figures
+from holdfast.view.playback import base_travel, torque_use
+from holdfast.view.plots import worst_gaps
 
-MOST_RUNS = len(ARM_COLOURS) * len(ARM_LINES)  # runs with distinct styles
+MOST_COMPARED = len(style.ARM_COLOURS) * len(style.ARM_LINES)  # runs with distinct styles
 
-HAND_ROWS = FORCE, MOMENT, INTERNAL, MARGIN, TORQUE = (
+HAND_ROWS = FORCE_ROW, MOMENT_ROW, INTERNAL_ROW, MARGIN_ROW, TORQUE_ROW = (
     "force [N]", "moment [N m]", "internal [N]", "margin [N]", "torque [%]",
 )  # fmt: skip
-LIMITS = {MARGIN: 0.0, TORQUE: 100.0}
+LIMIT_LINES = {MARGIN_ROW: 0.0, TORQUE_ROW: 100.0}
 
 Runs = Mapping[str, Trajectory]
 Curves = dict[str, Sequence[Array | None]]  # (samples,) of each run, None for those without, by label
@@ -46,12 +48,11 @@ def compare_runs(runs: Runs) -> dict[str, Any]:
         MissingExtra: matplotlib is not installed.
         StateError: there are too few or too many runs, or a value is not a run with samples and a chain.
     """
-    from holdfast.view.inline import Figures
-
-    if not isinstance(runs, Mapping) or not 2 <= len(runs) <= MOST_RUNS:
+    if not isinstance(runs, Mapping) or not 2 <= len(runs) <= MOST_COMPARED:
         got = f"{len(runs)}" if isinstance(runs, Mapping) else f"a {type(runs).__name__}"
         raise StateError(
-            f"runs: expected 2 to {MOST_RUNS} runs by name, got {got}; try compare_runs({{'first': a, 'second': b}})"
+            f"runs: expected 2 to {MOST_COMPARED} runs by name, got {got}; try"
+            " compare_runs({'first': a, 'second': b})"
         )
     whole: dict[str, Trajectory] = {}
     for name, run in runs.items():
@@ -79,17 +80,17 @@ def _hands_figure(runs: Runs) -> Any:
     arms = _holding(runs)
     hands = {name: [_of_hand(run, name) for run in runs.values()] for name in arms}
     rows = [row for row in HAND_ROWS if any(of[row] is not None for of_runs in hands.values() for of in of_runs)]
-    with columns_of_panels(len(arms), 1.25 * len(rows), 0.4, rows) as (figure, columns):
+    with style.columns_of_panels(len(arms), 1.25 * len(rows), 0.4, rows) as (figure, columns):
         for name, column in zip(arms, columns, strict=True):
-            column[0].set_title(drawn_text(name))
+            column[0].set_title(style.drawn_text(name))
             for panel, row in zip(column, rows, strict=True):
                 _draw(panel, runs, [of[row] for of in hands[name]])
-                if row in LIMITS:
-                    panel.axhline(LIMITS[row], color=DANGER, linewidth=0.8)
-        without_spikes(figure, columns)
+                if row in LIMIT_LINES:
+                    panel.axhline(LIMIT_LINES[row], color=style.DANGER, linewidth=0.8)
+        style.without_spikes(figure, columns)
         for column in columns:  # after all curves are drawn, because the panels of a row share an axis
             for panel, row in zip(column, rows, strict=True):
-                panel.set_ylim(bottom=None if row == MARGIN else 0.0)
+                panel.set_ylim(bottom=None if row == MARGIN_ROW else 0.0)
         _name_runs(figure, runs)
     return figure
 
@@ -102,11 +103,11 @@ def _of_hand(run: Trajectory, name: str) -> dict[str, Array | None]:
     i = chain.names.index(name)
     margin, use = run.margin[:, i], torque_use(chain, name, run.tau)
     return {
-        FORCE: np.linalg.norm(run.grasp_wrench[:, i, 3:], axis=1),
-        MOMENT: np.linalg.norm(run.grasp_wrench[:, i, :3], axis=1),
-        INTERNAL: np.linalg.norm(run.internal_wrench[:, i, 3:], axis=1),
-        MARGIN: np.where(np.isfinite(margin), margin, np.nan) if np.isfinite(margin).any() else None,
-        TORQUE: None if use is None else 100 * use,
+        FORCE_ROW: np.linalg.norm(run.grasp_wrench[:, i, 3:], axis=1),
+        MOMENT_ROW: np.linalg.norm(run.grasp_wrench[:, i, :3], axis=1),
+        INTERNAL_ROW: np.linalg.norm(run.internal_wrench[:, i, 3:], axis=1),
+        MARGIN_ROW: np.where(np.isfinite(margin), margin, np.nan) if np.isfinite(margin).any() else None,
+        TORQUE_ROW: None if use is None else 100 * use,
     }
 
 
@@ -125,14 +126,14 @@ def _balance_figure(runs: Runs) -> Any:
     figure = _over_each_other(runs, {**parts, "position gap\n[m or rad]": [None] * len(runs)}, 4.6)
     gap = figure.axes[-1]
     for i, run in enumerate(runs.values()):
-        colour, line = arm_style(i)
+        colour, line = style.arm_style(i)
         gap.semilogy(*worst_gaps(run.t, run.position_gap[:, 1]), linestyle=line, color=colour)
     return figure
 
 
 def _over_each_other(runs: Runs, parts: Curves, height: float) -> Any:
     """Return a figure with panels below each other, by label, and in each of them the curves of all runs."""
-    with stacked_panels(height, list(parts)) as (figure, panels):
+    with style.stacked_panels(height, list(parts)) as (figure, panels):
         for panel, curves in zip(panels, parts.values(), strict=True):
             _draw(panel, runs, curves)
         _name_runs(figure, runs)
@@ -143,15 +144,13 @@ def _draw(panel: Any, runs: Runs, curves: Sequence[Array | None]) -> None:
     """Draw a curve of every run that has one, each narrower than those below, so that equal curves remain visible."""
     for i, ((name, run), found) in enumerate(zip(runs.items(), curves, strict=True)):
         if found is not None:
-            colour, line = arm_style(i)
-            width = 2.0 - 0.9 * i / (len(runs) - 1)
-            panel.plot(run.t, found, linestyle=line, color=colour, label=drawn_text(name), linewidth=width)
+            panel.plot(run.t, found, linewidth=2.0 - 0.9 * i / (len(runs) - 1), **style.labelled(i, name))
 
 
 def _name_runs(figure: Any, runs: Runs) -> None:
     """Add one legend of the runs for all panels."""
     found = {line.get_label(): line for panel in figure.axes for line in panel.lines}
-    names = [drawn_text(name) for name in runs]
+    names = [style.drawn_text(name) for name in runs]
     handles = [found[name] for name in names if name in found]
     longest = max(map(len, names))
     figure.legend(handles=handles, loc="outside upper center", ncols=max(1, min(4, 48 // (longest + 6))))
@@ -159,3 +158,28 @@ def _name_runs(figure: Any, runs: Runs) -> None:
 
 def _chain(run: Trajectory) -> Any:
     return run.require_setting().chain
+
+
+def plot_distribution(title: str, values: Array, levels: Array, path: str | PathLike[str] | None) -> Any:
+    """Return a matplotlib Figure of the share of runs below each value; infinite values are outside the axes.
+
+    Args:
+        title: title of the values, with their unit.
+        values: (levels,) quantiles, ascending.
+        levels: (levels,) levels of the quantiles, 0 to 1.
+        path: PNG file to write the figure to; None for no file.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+        ResultError: the file cannot be written.
+    """
+    place = None if path is None else file_path(path, "path")
+    with style.new_figure(style.COLUMN, 2.4) as figure:
+        panel = figure.subplots()
+        panel.step(values, levels, where="post", color=style.BLUE)
+        panel.set_ylim(0.0, 1.0)
+        panel.set_xlabel(style.drawn_text(title))
+        panel.set_ylabel("share of the runs")
+    if place is not None:
+        style.write_figure(figure, place)
+    return figure

@@ -1,4 +1,4 @@
-"""Data and text in HTML pages, in such a way that no name in them ends an element or hides what follows."""
+"""Data and text for HTML pages, encoded so that no name in them ends an element or hides what follows."""
 
 from __future__ import annotations
 

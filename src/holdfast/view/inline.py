@@ -20,7 +20,7 @@ from holdfast.view.embedded import escaped
 from holdfast.view.figure_style import draw_png
 from holdfast.view.plots import figures
 
-HEIGHT = 620  # height of a page in a notebook [pixels]
+PAGE_HEIGHT = 620  # height of a page in a notebook [pixels]
 INLINE_DPI = 110
 
 
@@ -53,7 +53,7 @@ class InlinePage:
     def _repr_html_(self) -> str:
         page = escaped(self.text)
         title = escaped(self.title)
-        return f'<iframe title="{title}" srcdoc="{page}" style="width:100%;height:{HEIGHT}px;border:0"></iframe>'
+        return f'<iframe title="{title}" srcdoc="{page}" style="width:100%;height:{PAGE_HEIGHT}px;border:0"></iframe>'
 
 
 def shown(page: str, title: str) -> InlinePage | Path:

@@ -19,9 +19,8 @@ from holdfast.robots.primitive import COLOURS, Primitive
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.view import meshes
-from holdfast.view.meshes import Mesh
 
-OBJECT = "object"
+OBJECT_NAME = "object"
 UNCOLOURED = (0.78, 0.78, 0.8, 1.0)
 SHRINK = 0.003
 
@@ -34,7 +33,7 @@ class LinkMesh(NamedTuple):
         colour: red, green and blue, 0 to 255; None for the colour of the arm.
     """
 
-    mesh: Mesh
+    mesh: meshes.Mesh
     colour: tuple[int, int, int] | None
 
 
@@ -42,7 +41,7 @@ class UrdfMeshes(NamedTuple):
     """The visuals of the base and the links of a URDF.
 
     Attributes:
-        pieces: N + 1 lists of surfaces, base to tip; None if a mesh is missing, or there are no visuals.
+        link_meshes: N + 1 lists of surfaces, base to tip; None if a mesh is missing, or there are no visuals.
         missing: names of the meshes that cannot be read, and the reasons.
     """
 
@@ -71,7 +70,7 @@ def meshes_of_urdf(
     """
 
     @cache
-    def read(filename: str) -> Mesh:
+    def read(filename: str) -> meshes.Mesh:
         return read_mesh(filename, folder, packages)
 
     found: list[list[LinkMesh]] = []
@@ -108,7 +107,7 @@ def meshes_in_files(chain: ClosedChain) -> tuple[dict[str, list[list[LinkMesh]]]
     return link_meshes, missing
 
 
-def surface_of_object(held: HeldObject) -> Mesh | MeshFault | None:
+def surface_of_object(held: HeldObject) -> meshes.Mesh | MeshFault | None:
     """Return the surface of an object, or the reason why it cannot be read; None if the object has no shape."""
     if held.shape is None:
         return None
@@ -125,19 +124,20 @@ def notes_on(missing: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
     """Return a sentence for each arm, "trunk" or "object" with unreadable meshes, which names the first of them."""
     found = []
     for name, (first, *others) in missing.items():
-        what = name if name in (TRUNK, OBJECT) else f"arm '{name}'"
+        what = name if name in (TRUNK, OBJECT_NAME) else f"arm '{name}'"
         more = f", and {len(others)} more" if others else ""
         found.append(f"{what} is drawn with simple solids: {first}{more}")
     return tuple(found)
 
 
 def _of_primitive(solid: Primitive, scale: float) -> LinkMesh:
-    make = {"box": _box, "cylinder": meshes.cylinder, "capsule": meshes.capsule, "sphere": meshes.sphere}[solid.kind]
-    mesh = make(*(scale * length for length in solid.size)).at(solid.pose)
-    return LinkMesh(mesh, None if solid.colour == "accent" else COLOURS[solid.colour])
+    lengths = [scale * length for length in solid.size]
+    make = {"cylinder": meshes.cylinder, "capsule": meshes.capsule, "sphere": meshes.sphere}
+    mesh = meshes.box(np.array(lengths)) if solid.kind == "box" else make[solid.kind](*lengths)
+    return LinkMesh(mesh.at(solid.pose), None if solid.colour == "accent" else COLOURS[solid.colour])
 
 
-def piece_of(visual: Visual, read: Callable[[str], Mesh]) -> LinkMesh:
+def piece_of(visual: Visual, read: Callable[[str], meshes.Mesh]) -> LinkMesh:
     """Return the surface and colour of a visual; `read` returns the surface in a file of a given name."""
     shape = visual.shape
     match shape:
@@ -155,7 +155,7 @@ def piece_of(visual: Visual, read: Callable[[str], Mesh]) -> LinkMesh:
     return LinkMesh(mesh.at(visual.pose), (red, green, blue))
 
 
-def _from_file(shape: MeshFile, read: Callable[[str], Mesh]) -> Mesh:
+def _from_file(shape: MeshFile, read: Callable[[str], meshes.Mesh]) -> meshes.Mesh:
     """Return the surface in a mesh file, scaled."""
     found = read(shape.filename)
     mirrored = np.prod(np.sign(shape.scale)) < 0
@@ -163,8 +163,4 @@ def _from_file(shape: MeshFile, read: Callable[[str], Mesh]) -> Mesh:
         vertices = found.vertices * shape.scale
     if not (np.abs(vertices) <= FARTHEST).all():
         raise MeshFault(f"{shape.filename}: scale: expected vertices within {FARTHEST:g} m, got one beyond")
-    return Mesh(vertices, found.faces[:, ::-1] if mirrored else found.faces)
-
-
-def _box(x: float, y: float, z: float) -> Mesh:
-    return meshes.box((x, y, z))
+    return meshes.Mesh(vertices, found.faces[:, ::-1] if mirrored else found.faces)

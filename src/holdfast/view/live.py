@@ -10,11 +10,10 @@ import numpy as np
 
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.chain_scene import ChainScene
-from holdfast.view.chooser import different_playbacks
 from holdfast.view.embedded import escaped
 from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_style
 from holdfast.view.markers import ArrowScale, common_scale
-from holdfast.view.page import legend, meter, plots
+from holdfast.view.page import different_playbacks, legend, meter, plots
 from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import Camera, SceneWriter, viewer_server
 

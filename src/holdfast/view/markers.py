@@ -55,7 +55,7 @@ def _direction(vector: Array) -> Array:
 SPOKES, RIM = 12, 48
 # margins relative to mu f_n, and their colours
 RESERVES = (0.05, 0.25, 0.5)
-COLOURS = (rgb(DANGER), rgb(ORANGE), rgb(GREEN))
+RESERVE_COLOURS = (rgb(DANGER), rgb(ORANGE), rgb(GREEN))
 SHADES = 32  # so that colours do not change in every frame of a recording
 
 
@@ -81,11 +81,12 @@ def cone_colour(reserve: float) -> tuple[int, int, int]:
         reserve: margin relative to mu f_n, 0 to 1.
     """
     step = round(SHADES * reserve) / SHADES
-    red, green, blue = (round(float(np.interp(step, RESERVES, channel))) for channel in zip(*COLOURS, strict=True))
+    channels = zip(*RESERVE_COLOURS, strict=True)
+    red, green, blue = (round(float(np.interp(step, RESERVES, channel))) for channel in channels)
     return red, green, blue
 
 
-LONGEST = 0.25  # length of the arrow relative to the longest arm
+LONGEST_ARROW = 0.25  # length of the arrow relative to the longest arm
 
 
 class ArrowScale(NamedTuple):
@@ -117,7 +118,7 @@ def arrow_scale(playback: Playback) -> ArrowScale:
         float(np.linalg.norm(playback.wrench[..., 3:], axis=-1).max(initial=0.0)),
         float(np.linalg.norm(playback.wrench[..., :3], axis=-1).max(initial=0.0)) / lever,
     )
-    force = one_two_five(LONGEST * size / largest) if largest > 0 else 1.0
+    force = one_two_five(LONGEST_ARROW * size / largest) if largest > 0 else 1.0
     return ArrowScale(force, one_two_five(force / lever))
 
 

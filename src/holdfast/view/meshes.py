@@ -1,4 +1,4 @@
-"""Triangle meshes of simple bodies. Faces turn counter-clockwise seen from outside; edges are sharp."""
+"""Triangle meshes of simple solids, with sharp edges and with faces that are counter-clockwise from outside."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def box(edges: Array | tuple[float, float, float]) -> Mesh:
 
 
 def cylinder(radius: float, length: float) -> Mesh:
-    """Return a cylinder about the z axis, its middle in the origin [m]."""
+    """Return a cylinder about the z axis, centred at the origin [m]."""
     h = length / 2
     return revolved([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
 
@@ -49,11 +49,11 @@ def sphere(radius: float) -> Mesh:
 
 
 def capsule(radius: float, length: float) -> Mesh:
-    """Return a cylinder about the z axis with round ends that stand out by the radius [m].
+    """Return a cylinder about the z axis with hemispheres at its ends.
 
     Args:
-        radius: of cylinder and ends.
-        length: between the centres of the ends.
+        radius: radius of cylinder and hemispheres [m].
+        length: distance between the centres of the hemispheres [m].
     """
     quarter = np.linspace(0.0, np.pi / 2, SEGMENTS // 4 + 1)
     upper = list(zip(radius * np.cos(quarter), radius * np.sin(quarter) + length / 2, strict=True))
@@ -61,11 +61,11 @@ def capsule(radius: float, length: float) -> Mesh:
 
 
 def revolved(profile: list[tuple[float, float]], smooth: bool = False) -> Mesh:
-    """Return the surface of a profile turned about the z axis.
+    """Return the surface of revolution of a profile about the z axis.
 
     Args:
-        profile: points (radius, z) [m], upward along the outside.
-        smooth: whether the profile's corners are round; sharp otherwise.
+        profile: points (radius, z) of the profile, from bottom to top [m].
+        smooth: whether the bands of the surface share their vertices, so that they are shaded as one curved surface.
     """
     angles = np.linspace(0.0, 2 * np.pi, SEGMENTS, endpoint=False)
     circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(SEGMENTS)])
@@ -89,7 +89,7 @@ def revolved(profile: list[tuple[float, float]], smooth: bool = False) -> Mesh:
 
 
 def _triangles(here: Array, there: Array, band: tuple[tuple[float, float], tuple[float, float]]) -> list[list[Array]]:
-    """Return the triangles between two rings; where a ring is a point, those with no area are left out."""
+    """Return the triangles between two rings, without those of zero area if a ring is a point."""
     lower = [[here, there, there + SEGMENTS]] if band[0][0] > 0 else []
     upper = [[here, there + SEGMENTS, here + SEGMENTS]] if band[1][0] > 0 else []
     return lower + upper

@@ -10,18 +10,16 @@ from typing import Any
 import numpy as np
 
 from holdfast.dynamics.near_singular import NEAR, NEARING, chain_strength
+from holdfast.errors import ModelError
 from holdfast.io.files import file_path, write_atomically
 from holdfast.spatial.scalar import Array
-from holdfast.view.base_travel import base_travel
 from holdfast.view.cameras import cameras
 from holdfast.view.chain_scene import ChainScene
-from holdfast.view.chooser import different_playbacks, with_chooser
 from holdfast.view.embedded import data_element, escaped
-from holdfast.view.figure_style import BLACK, NOISE, TRUNK_COLOUR, part_colour
+from holdfast.view.figure_style import BLACK, NOISE, TRUNK_COLOUR, part_colour, usual_range
 from holdfast.view.markers import ArrowScale, common_scale
-from holdfast.view.playback import RATE, Playback
+from holdfast.view.playback import FRAME_RATE, Playback, base_travel
 from holdfast.view.scene_writer import SceneWriter, viewer_server
-from holdfast.view.spikes import usual_range
 
 
 def export_page(playback: Playback | Sequence[Playback], path: str | PathLike[str]) -> None:
@@ -64,7 +62,7 @@ def page(playback: Playback, scale: ArrowScale | None = None) -> str:
             recording.insert_sleep(float(playback.t[k] - playback.t[k - 1]))
             scene.show(k)
         if len(playback) > 1:
-            recording.insert_sleep(1 / RATE)  # otherwise the player would be at the beginning when it ends
+            recording.insert_sleep(1 / FRAME_RATE)  # otherwise the player would be at the beginning when it ends
         return with_panel(recording.as_html(), playback, scene.scale)
 
 
@@ -183,3 +181,46 @@ def _curve(label: str, colour: str, values: Array, dashed: bool = False) -> dict
 def _rounded(values: Array, digits: int = DIGITS) -> list[float | None]:
     """Return values rounded for display; None for values that are not finite."""
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values]
+
+
+MOST_PAGES = 12  # browsers draw at most 16 players at once
+
+
+def different_playbacks(given: Any) -> list[Playback]:
+    """Return one or several playbacks as a list for a chooser.
+
+    Raises:
+        ModelError: a value is not a playback, there are none or too many, or two have the same title.
+    """
+    playbacks = list(given) if isinstance(given, list | tuple) else [given]
+    for one in playbacks:
+        if not isinstance(one, Playback):
+            raise ModelError(
+                f"playback: expected a playback, got a {type(one).__name__}; try playback_of_run(chain, run)"
+            )
+    if not 1 <= len(playbacks) <= MOST_PAGES:
+        raise ModelError(f"playbacks: expected 1 to {MOST_PAGES}, got {len(playbacks)}; try several files")
+    titles = [one.title for one in playbacks]
+    for k, title in enumerate(titles):
+        if title in titles[:k]:
+            raise ModelError(
+                f"playbacks: expected a title of its own for each, got '{title}' twice; try"
+                " dataclasses.replace(playback, title=...)"
+            )
+    return playbacks
+
+
+def with_chooser(pages: Sequence[str], titles: Sequence[str]) -> str:
+    """Return a page that shows one of several pages; a change of page keeps time and camera.
+
+    Args:
+        pages: the result of `page` for each playback.
+        titles: titles of the playbacks, all different.
+    """
+    data = data_element("pages", {"titles": list(titles), "pages": list(pages)})
+    style, script = ((HERE / f"chooser.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escaped(", ".join(titles))}</title>'
+        f"<style>{style}</style></head><body><nav></nav><main></main>"
+        f"{data}<script>{script}</script></body></html>\n"
+    )

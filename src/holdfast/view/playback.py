@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.dynamics.closed.spring_wrenches import elongations
 from holdfast.dynamics.near_singular import arm_strength
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ModelError
@@ -23,10 +24,10 @@ from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
-from holdfast.view.link_meshes import OBJECT, LinkMesh, meshes_in_files, notes_on, surface_of_object
+from holdfast.view.link_meshes import OBJECT_NAME, LinkMesh, meshes_in_files, notes_on, surface_of_object
 
-Visuals = Mapping[str, Sequence[Sequence[LinkMesh]]]
-RATE = 30.0  # frames per second
+DrawnSurfaces = Mapping[str, Sequence[Sequence[LinkMesh]]]
+FRAME_RATE = 30.0  # frames per second
 SMALLEST_HOLD = 1e-9  # N
 MOST_FRAMES = 20_000  # more take minutes to draw, and as long to load
 
@@ -70,7 +71,7 @@ class Playback:
     condition: Array
     strength: Array
     tau: Array
-    visuals: Visuals = field(default_factory=dict)
+    visuals: DrawnSurfaces = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -110,9 +111,9 @@ def playback_of_run(
     chain: ClosedChain,
     run: Trajectory,
     title: str = "run",
-    rate: float = RATE,
+    rate: float = FRAME_RATE,
     base_motion: Mapping[str, BaseMotion] | None = None,
-    visuals: Visuals | None = None,
+    visuals: DrawnSurfaces | None = None,
 ) -> Playback:
     """Return the playback of a run: the samples nearest to `rate` frames per second, without interpolation.
 
@@ -148,7 +149,7 @@ def playback_of_run(
     )  # fmt: skip
 
 
-def playback_of_instant(at: Instant, title: str, visuals: Visuals | None = None) -> Playback:
+def playback_of_instant(at: Instant, title: str) -> Playback:
     """Return a playback of one frame: a state, its torques, and the result of forward dynamics."""
     chain, state, found = at.chain, at.state, at.result
     margin = np.full(len(chain.arms), np.inf)
@@ -159,15 +160,15 @@ def playback_of_instant(at: Instant, title: str, visuals: Visuals | None = None)
         at.t, state.q, place.bases, place.below, state.object_pose, place.tips, found.grasp_wrench, internal, margin,
         found.condition, place.strength, at.tau,
     )  # fmt: skip
-    surfaces, notes = _surfaces(chain, visuals)
+    surfaces, notes = _surfaces(chain, None)
     return Playback(chain, title, *(np.array([part]) for part in parts), visuals=surfaces, notes=notes)
 
 
-def _surfaces(chain: ClosedChain, visuals: Visuals | None) -> tuple[Visuals, tuple[str, ...]]:
+def _surfaces(chain: ClosedChain, visuals: DrawnSurfaces | None) -> tuple[DrawnSurfaces, tuple[str, ...]]:
     """Return the surfaces of arms and trunk, and sentences about meshes that cannot be read."""
     found, missing = meshes_in_files(chain) if visuals is None else (visuals, {})
     surface = surface_of_object(chain.held_object)
-    of_object = {OBJECT: (str(surface),)} if isinstance(surface, MeshFault) else {}
+    of_object = {OBJECT_NAME: (str(surface),)} if isinstance(surface, MeshFault) else {}
     return found, notes_on({**missing, **of_object})
 
 
@@ -212,3 +213,37 @@ def samples_at(t: Array, rate: float) -> Array:
     after = np.clip(np.searchsorted(t, wanted), 1, max(len(t) - 1, 1))
     nearest = np.where(wanted - t[after - 1] <= t[np.minimum(after, len(t) - 1)] - wanted, after - 1, after)
     return np.unique(np.minimum(nearest, len(t) - 1))
+
+
+def spring_ends(playback: Playback, k: int) -> list[tuple[Array, Array]]:
+    """Return both ends (3,) of every spring of the chain at moment k, world axes [m]."""
+    chain = playback.chain
+    if not chain.springs:
+        return []
+    bases = dict(zip(chain.names, playback.base_pose[k], strict=True))
+    moved = chain.with_bases({name: pose for name, pose in bases.items() if name not in chain.mounts})
+    below = playback.trunk_pose[k]
+    if moved.trunk is not None and not chain.floats:
+        moved = replace(moved, trunk=replace(moved.trunk, base=below))
+    state = State(
+        playback.q[k], 0.0 * playback.q[k], playback.object_pose[k], base_pose=below if chain.floats else None
+    )
+    return [(s.a.position, s.b.position) for s in elongations(moved, state, Inputs().shaped(moved))]
+
+
+class BaseTravel(NamedTuple):
+    """The displacement of a base from its initial pose.
+
+    Attributes:
+        shift: (frames, 3) displacement of its origin, world axes [m].
+        turn: (frames, 3) rotation vector from its initial attitude, world axes [rad].
+    """
+
+    shift: Array
+    turn: Array
+
+
+def base_travel(poses: Array) -> BaseTravel:
+    """Return the displacements of poses (frames, 7), wxyz_xyz, from the first one."""
+    attitudes = [rotation.from_quaternion(pose[:4]) for pose in poses]
+    return BaseTravel(poses[:, 4:] - poses[0, 4:], np.array([rotation.log(R @ attitudes[0].T) for R in attitudes]))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from itertools import repeat
+from collections.abc import Mapping
 from os import PathLike
 from typing import Any
 
@@ -16,20 +14,19 @@ from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style as style
-from holdfast.view.base_travel import base_travel
-from holdfast.view.figure_style import COLUMN, COMPONENTS, arm_style, drawn_text, new_figure, stacked_panels
-from holdfast.view.margin_figure import friction_margin_figure
-from holdfast.view.spikes import cut_spikes
+from holdfast.view.playback import base_travel
 
-ARMS_ABREAST = 4
-POINTS = 300  # as many as a column can show
+POINTS = 300  # as many as the width of a figure can show
 SMALLEST_GAP = 1e-18  # where a logarithmic axis shows a gap of 0
+MOST_TIMED_SLIPS = 4  # largest number of instants of slip whose times are written beside them
+NARROWEST_BAND = 1e-6  # width of a range of margins from which it is drawn, relative to the axis
+BEYOND = 1e9  # N: further than any axis goes
 
 
 def figures(chain: ClosedChain, run: Trajectory) -> dict[str, Any]:
     """Return the figures that have something to show, by name.
 
-    Without a limited grasp there are no margins, with one arm that holds no shares.
+    Margins need a grasp with a limit, load shares two arms that hold the object.
 
     Raises:
         MissingExtra: matplotlib is not installed.
@@ -55,10 +52,10 @@ def save_plots(chain: ClosedChain, run: Trajectory, folder: str | PathLike[str])
     Args:
         chain: the chain that was simulated.
         run: its run.
-        folder: where to.
+        folder: the folder.
 
     Raises:
-        StateError: what is no run, or not of this chain.
+        StateError: `run` is not a run of this chain.
         MissingExtra: matplotlib is not installed.
         ResultError: a file cannot be written.
     """
@@ -81,8 +78,8 @@ def write_figures(drawn: Mapping[str, Any], folder: str | PathLike[str]) -> list
 def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     """Return a figure of the grasp wrenches, one column of panels per arm that holds.
 
-    Force and moment of the arm on the object about the contact, world axes, and the norms
-    of the force's motion and internal parts. If all moments are zero, they have no panels.
+    The panels show force and moment of the arm on the object about the contact, world axes, and the norms of the
+    force's motion and internal parts. If all moments are zero, they have no panels.
 
     Args:
         chain: the chain that was simulated.
@@ -96,67 +93,38 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     """
     held = [i for i in range(len(chain.names)) if run.holding[:, i].any()]
     internal = run.internal_wrench[..., 3:]
-    norms = (np.linalg.norm(part, axis=2) for part in (run.grasp_wrench[..., 3:] - internal, internal))
-    parts = list(zip(("motion part", "internal part"), norms, ("-", "--"), (style.BLACK, style.INTERNAL), strict=True))
+    norms = [np.linalg.norm(part, axis=2) for part in (run.grasp_wrench[..., 3:] - internal, internal)]
+    looks = (("motion part", "-", style.BLACK), ("internal part", "--", style.INTERNAL_COLOUR))
     size = np.abs(run.grasp_wrench).max(axis=(0, 1), initial=0.0)
     rows = {"force [N]": 3, "moment [N m]": 0} if size[:3].max() > style.NOISE * size[3:].max() else {"force [N]": 3}
-    with columns_of_panels(len(held), 1.4 * (len(rows) + 1), 0.3, (*rows, "|force| [N]")) as (figure, columns):
+    with style.columns_of_panels(len(held), 1.4 * (len(rows) + 1), 0.3, (*rows, "|force| [N]")) as (figure, columns):
         for i, (*wrench, split) in zip(held, columns, strict=True):
             wrench[0].set_title(_title(chain, i))
             for panel, first in zip(wrench, rows.values(), strict=True):
-                for axis, (label, colour, line) in enumerate(COMPONENTS):
+                for axis, (label, colour, line) in enumerate(style.COMPONENTS):
                     panel.plot(run.t, run.grasp_wrench[:, i, first + axis], line, color=colour, label=label)
-            for label, norm, line, colour in parts:
+            for norm, (label, line, colour) in zip(norms, looks, strict=True):
                 split.plot(run.t, norm[:, i], line, color=colour, label=label)
         handles = [*columns[0][0].lines, *columns[0][-1].lines] if held else []
-        without_spikes(figure, columns)
-        for *_, split in columns:  # once all are drawn: those of a row have one axis
+        style.without_spikes(figure, columns)
+        for *_, split in columns:  # after all curves are drawn, because the panels of a row share an axis
             split.set_ylim(bottom=0)
         if held:
             figure.legend(handles=handles, loc="outside upper center", ncols=5, columnspacing=1.0)
     return figure
 
 
-@contextmanager
-def columns_of_panels(
-    count: int, height: float, extra_height: float, labels: Sequence[str]
-) -> Iterator[tuple[Any, list[Any]]]:
-    """Yield a figure and, for each of several arms, a column of panels over time; columns stand four abreast.
-
-    Args:
-        count: of arms.
-        height: of a column [inches].
-        extra_height: height added for legends [inches].
-        labels: of the panels of a column, from above.
-    """
-    abreast, rows = min(max(count, 1), ARMS_ABREAST), len(labels)
-    bands = -(-max(count, 1) // abreast)
-    with new_figure(COLUMN * max(1.0, abreast / 2), height * bands + extra_height) as figure:
-        panels = figure.subplots(rows * bands, abreast, sharex=True, sharey="row", squeeze=False)
-        columns = [panels[rows * (k // abreast) :, k % abreast][:rows] for k in range(count)]
-        yield figure, columns
-        for k, column in enumerate(columns):
-            column[-1].set_xlabel("time [s]")
-            column[-1].tick_params(labelbottom=True)
-            for panel, label in zip(column, labels, strict=True) if k % abreast == 0 else ():
-                panel.set_ylabel(label)
-        for panel in panels.flat:
-            if not panel.lines:
-                panel.set_axis_off()
-        figure.align_ylabels()
-
-
 def _title(chain: ClosedChain, arm: int) -> str:
-    """Return an arm's name and, if it begins with one, its grasp's kind."""
+    """Return an arm's name and, if it has one in the initial state, the kind of its grasp."""
     name = chain.names[arm]
-    return drawn_text(name) + (f" ({chain.grasps[name].kind})" if name in chain.grasps else "")
+    return style.drawn_text(name) + (f" ({chain.grasps[name].kind})" if name in chain.grasps else "")
 
 
 def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
-    """Return a figure of the drives' torques, and of their share of the limits, one column per arm and for a trunk.
+    """Return a figure of the joint torques and of their share of the limits, one column per arm and for a trunk.
 
-    An arm has its colour, its joints differ by shade and dash. Of an arm with more than seven joints the seven that
-    come nearest to their limits (or, without limits, with the largest torques) are told apart, the others are grey.
+    The joints of an arm differ in the shade of its colour and in dash. Of more than seven joints, the seven that come
+    nearest to their limits (without limits, those with the largest torques) are distinguished; the others are grey.
 
     Args:
         chain: the chain that was simulated.
@@ -170,36 +138,17 @@ def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
     """
     driven = [name for name, joints in chain.joints_of.items() if joints]
     named = 0.13 * max((min(len(chain.joints_of[name]), len(style.JOINT_DASHES)) for name in driven), default=0)
-    with columns_of_panels(len(driven), 3.0 + named, 0.2, (_label(chain), "share of limit [%]")) as (figure, columns):
+    labels = (_label(chain), "share of limit [%]")
+    with style.columns_of_panels(len(driven), 3.0 + named, 0.2, labels) as (figure, columns):
         for name, (torque, share) in zip(driven, columns, strict=True):
-            torque.set_title(drawn_text(name))
+            torque.set_title(style.drawn_text(name))
             _draw(chain, run, name, torque, share)
-            share.legend(handles=_told_apart(torque), loc="upper center", bbox_to_anchor=(0.5, -0.4), borderaxespad=0)
-        without_spikes(figure, columns, ((), (0.0, 100.0)))
-        for _, share in columns:  # once all are drawn: those of a row have one axis
+            told_apart = [line for line in torque.lines if not line.get_label().startswith("_")]
+            share.legend(handles=told_apart, loc="upper center", bbox_to_anchor=(0.5, -0.4), borderaxespad=0)
+        style.without_spikes(figure, columns, ((), (0.0, 100.0)))
+        for _, share in columns:  # after all curves are drawn, because the panels of a row share an axis
             share.set_ylim(0, max(105.0, share.get_ylim()[1]))
     return figure
-
-
-def _told_apart(panel: Any) -> list[Any]:
-    return [line for line in panel.lines if not line.get_label().startswith("_")]
-
-
-def without_spikes(
-    figure: Any, columns: Sequence[Sequence[Any]], shown: Sequence[Sequence[float]] | None = None
-) -> None:
-    """Cut the axis of each row of panels to what is usual, and explain the arrows, if there are any, in a legend.
-
-    Args:
-        figure: the figure.
-        columns: of panels; those of a row share their axis.
-        shown: of each row, values that its axis contains.
-    """
-    rows = zip(*columns, strict=True)
-    handles = [cut_spikes(row, values) for row, values in zip(rows, shown or repeat(()), strict=False)]
-    found = [handle for handle in handles if handle is not None]
-    if found:
-        figure.legend(handles=found[:1], loc="outside lower right")
 
 
 def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: Any) -> None:
@@ -214,7 +163,7 @@ def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: An
         colour, line, label = style.OTHERS, "-", "_"
         if k in first:
             colour, line = style.joint_style(style.part_colour(chain, name), first.index(k), len(first))
-            label = drawn_text(joint.name or f"joint{k + 1}")
+            label = style.drawn_text(joint.name or f"joint{k + 1}")
         torque.plot(run.t, tau[:, k], linestyle=line, color=colour, label=label)
         if limited[k]:
             share.plot(run.t, use[:, k], linestyle=line, color=colour, label=label)
@@ -230,9 +179,7 @@ def _label(chain: ClosedChain) -> str:
 
 
 def base_motion_figure(run: Trajectory) -> Any:
-    """Return a figure of a floating base: how far it has come and turned from where it was first, and how fast it is.
-
-    World axes; the turn is the rotation vector from the first attitude.
+    """Return a figure of a floating base: shift and rotation from its initial pose, and its velocity, world axes.
 
     Args:
         run: a run of a chain whose base floats.
@@ -245,16 +192,16 @@ def base_motion_figure(run: Trajectory) -> Any:
     """
     travel = base_travel(run.base_pose)
     labels = ("shift [m]", "turn [rad]", "velocity [m/s]", "turning [rad/s]")
-    with stacked_panels(5.6, labels) as (figure, panels):
+    with style.stacked_panels(5.6, labels) as (figure, panels):
         for panel, values in zip(panels, (*travel, run.base_twist[:, 3:], run.base_twist[:, :3]), strict=True):
-            for axis, (name, colour, line) in enumerate(COMPONENTS):
+            for axis, (name, colour, line) in enumerate(style.COMPONENTS):
                 panel.plot(run.t, values[:, axis], line, color=colour, label=name)
         figure.legend(handles=panels[0].lines, loc="outside upper center", ncols=3, columnspacing=1.0)
     return figure
 
 
 def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:
-    """Return a figure of the part of the net force on the object that each arm carries, and of that force.
+    """Return a figure of the share of the net force on the object that each arm carries, and of that force.
 
     Args:
         chain: the chain that was simulated.
@@ -269,15 +216,14 @@ def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:
     net = np.linalg.norm(run.grasp_wrench[..., 3:].sum(axis=1), axis=1)
     defined = run.load_share.any(axis=1, keepdims=True)  # there is a net force
     shares = np.where(defined, 100 * run.load_share, np.nan)
-    with stacked_panels(3.2, ("load share [%]", "net force [N]"), (1.6, 1)) as (figure, (share, force)):
+    with style.stacked_panels(3.2, ("load share [%]", "net force [N]"), (1.6, 1)) as (figure, (share, force)):
         for i, name in enumerate(chain.names):
             if run.holding[:, i].any():
-                colour, line = arm_style(i)
-                share.plot(run.t, shares[:, i], linestyle=line, color=colour, label=drawn_text(name))
+                share.plot(run.t, shares[:, i], **style.labelled(i, name))
         share.set_ylim(*_wide_enough(shares))
         force.plot(run.t, net, "-", color=style.BLACK)
         force.set_ylim(0, 1.08 * net.max() or 1.0)
-        without_spikes(figure, [(share, force)], ((0.0, 100.0), (0.0,)))
+        style.without_spikes(figure, [(share, force)], ((0.0, 100.0), (0.0,)))
         if share.lines:
             figure.legend(handles=share.lines, loc="outside upper center", ncols=4, columnspacing=1.0)
     return figure
@@ -303,7 +249,7 @@ def closure_and_energy_figure(run: Trajectory) -> Any:
         MissingExtra: matplotlib is not installed.
     """
     labels = ("position gap\n[m or rad]", "velocity gap\n[m/s or rad/s]", "energy [J]", "imbalance [J]")
-    with stacked_panels(6.4, labels, (1, 1, 1.6, 1)) as (figure, (position, velocity, energy, balance)):
+    with style.stacked_panels(6.4, labels, (1, 1, 1.6, 1)) as (figure, (position, velocity, energy, balance)):
         for panel, gaps in ((position, run.position_gap), (velocity, run.velocity_gap)):
             panel.semilogy(*worst_gaps(run.t, gaps[:, 0]), "--", color=style.VERMILLION, label="after the step")
             panel.semilogy(*worst_gaps(run.t, gaps[:, 1]), "-", color=style.BLUE, label="after projection")
@@ -316,10 +262,10 @@ def closure_and_energy_figure(run: Trajectory) -> Any:
 
 
 def worst_gaps(t: Array, gaps: Array) -> tuple[Array, Array]:
-    """Return the largest gap of every short stretch of time, and the stretch's end."""
+    """Return the ends of at most `POINTS` short intervals of time, and the largest gap within each."""
     if len(t) < 2:
         return t, np.maximum(gaps, SMALLEST_GAP)
-    # the first sample came from no step
+    # the first sample is not the result of a step
     first = np.unique(np.linspace(1, len(t), min(len(t) - 1, POINTS), endpoint=False).astype(int))
     last = np.append(first[1:], len(t)) - 1
     return t[last], np.maximum(np.maximum.reduceat(gaps, first), SMALLEST_GAP)
@@ -337,3 +283,82 @@ def _energies(run: Trajectory) -> list[tuple[Array, str, str, str]]:
         if done.any():
             curves.append((done, line, colour, name))
     return curves
+
+
+def friction_margin_figure(chain: ClosedChain, run: Trajectory) -> Any:
+    """Return a figure of the margin of every grasp with a limit, and of the instants of slip.
+
+    Where the grasp forces are not unique, a band shows the possible margins.
+
+    Args:
+        chain: the chain that was simulated.
+        run: its run.
+
+    Returns:
+        A matplotlib Figure.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+    """
+    limited = [i for i in range(len(chain.names)) if np.isfinite(run.margin[:, i]).any()]
+    with style.new_figure(style.COLUMN, 2.6) as figure:
+        panel = figure.subplots()
+        panel.axhspan(-BEYOND, 0.0, color=style.DANGER, alpha=0.12, linewidth=0, zorder=0)
+        panel.axhline(0.0, color=style.DANGER, linewidth=0.8)
+        for i in limited:
+            margin = np.where(np.isfinite(run.margin[:, i]), run.margin[:, i], np.nan)
+            panel.plot(run.t, margin, **style.labelled(i, chain.names[i]))
+        low, high = _range(run.margin)
+        for i in limited:
+            worst, best = (np.clip(m[:, i], -BEYOND, BEYOND) for m in (run.worst_margin, run.best_margin))
+            if (best - worst > NARROWEST_BAND * (high - low)).any():
+                panel.fill_between(run.t, worst, best, color=style.arm_style(i)[0], alpha=0.15, linewidth=0)
+        _mark_slips(panel, run, slips(chain, run), low, high)
+        panel.set_ylabel("margin of the grasp [N]")
+        panel.set_xlabel("time [s]")
+        if limited:
+            figure.legend(loc="outside upper center", ncols=4, columnspacing=1.0)
+    return figure
+
+
+def _mark_slips(panel: Any, run: Trajectory, found: list[tuple[str, float]], low: float, high: float) -> None:
+    """Set the axes to the margins from low to high, with room above for the instants of slip, and draw these."""
+    begin, end = float(run.t[0]), float(run.t[-1])
+    line = 0.16 * (high - low)
+    top = high + line * (0.5 + min(len(found), MOST_TIMED_SLIPS))
+    panel.set_ylim(low - 0.5 * line, top)
+    panel.set_xlim(begin, end + 0.02 * ((end - begin) or 1.0))
+    for k, (name, t) in enumerate(found):
+        panel.axvline(t, color=style.DANGER, linewidth=0.8, linestyle="--")
+        if k < MOST_TIMED_SLIPS:
+            late = t > 0.6 * end + 0.4 * begin
+            panel.annotate(
+                f"{style.drawn_text(name)} gives way at {t:.4g} s", (t, top - k * line), (-3 if late else 3, -1),
+                textcoords="offset points", ha="right" if late else "left", va="top", fontsize=7, color=style.DANGER,
+            )  # fmt: skip
+
+
+def slips(chain: ClosedChain, run: Trajectory) -> list[tuple[str, float]]:
+    """Return arm and time [s] of every instant at which a grasp's margin becomes negative, in order of time.
+
+    They are taken from the run's log; without one, the margin is interpolated linearly between the samples.
+    """
+    logged = [(one.name, one.t) for one in run.occurrences if one.kind == "violation" and one.quantity == "grasp"]
+    if logged:
+        return logged
+    found = []
+    for i, name in enumerate(chain.names):
+        margin = run.margin[:, i]
+        if margin[0] < 0:
+            found.append((name, float(run.t[0])))
+        for k in np.flatnonzero((margin[:-1] >= 0) & (margin[1:] < 0)):
+            share = margin[k] / (margin[k] - margin[k + 1]) if np.isfinite(margin[k]) else 1.0
+            found.append((name, float(run.t[k] + share * (run.t[k + 1] - run.t[k]))))
+    return sorted(found, key=lambda slip: slip[1])
+
+
+def _range(margin: Array) -> tuple[float, float]:
+    """Return the smallest and the largest finite margin, extended to contain 0; they always differ."""
+    known = margin[np.isfinite(margin)]
+    low, high = float(known.min(initial=0.0)), float(known.max(initial=0.0))
+    return (low, high) if high > low else (low, low + 1.0)

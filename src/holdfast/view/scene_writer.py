@@ -18,7 +18,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view.meshes import Mesh
 
-Colour = tuple[int, int, int]
+RGB = tuple[int, int, int]
 FIELD_OF_VIEW = np.radians(35.0)  # angle between the upper and lower edges of the picture
 
 
@@ -67,14 +67,14 @@ class SceneWriter:
             name, show_axes=axes > 0, axes_length=axes, axes_radius=0.04 * axes, origin_radius=0.06 * axes, **_pose(at)
         )
 
-    def mesh(self, name: str, mesh: Mesh, colour: Colour, opacity: float | None = None) -> None:
+    def mesh(self, name: str, mesh: Mesh, colour: RGB, opacity: float | None = None) -> None:
         """Add a surface, opaque by default; a translucent one is visible from both sides."""
         self._nodes[name] = self.server.scene.add_mesh_simple(
             name, mesh.vertices, mesh.faces, color=colour, opacity=opacity,
             side="front" if opacity is None else "double",
         )  # fmt: skip
 
-    def lines(self, name: str, segments: Array, colour: Colour, thickness: float) -> None:
+    def lines(self, name: str, segments: Array, colour: RGB, thickness: float) -> None:
         """Add straight lines (N, 2, 3) of the given thickness [m]."""
         self._nodes[name] = self.server.scene.add_line_segments(name, segments, colour, thickness=thickness)
 
@@ -93,7 +93,7 @@ class SceneWriter:
         """Add a label that always faces the camera."""
         self.server.scene.add_label(name, text, position=position, anchor="bottom-center")
 
-    def arrows(self, name: str, count: int, colour: Colour, shaft: float) -> None:
+    def arrows(self, name: str, count: int, colour: RGB, shaft: float) -> None:
         """Add arrows of length zero; `point` sets their ends.
 
         Args:
@@ -130,7 +130,7 @@ class SceneWriter:
                 self._sent[name + part] = data
                 setattr(node, part, np.frombuffer(data, dtype=np.float32))
 
-    def paint(self, name: str, colour: Colour) -> None:
+    def paint(self, name: str, colour: RGB) -> None:
         """Change the colour of lines."""
         self._nodes[name].colors = np.array(colour, dtype=np.uint8)
 
@@ -144,7 +144,7 @@ def viewer_server(port: int = 0) -> Iterator[Any]:
     """Run a viser server that is reachable from this machine only, and stop it at the end of the context.
 
     Args:
-        port: to listen at; 0 for any that is free.
+        port: port of the server; 0 for any free port.
 
     Raises:
         MissingExtra: viser is not installed.

@@ -28,7 +28,7 @@ from holdfast import (
 )
 from holdfast.compiler.errors import CompileError
 from holdfast.dynamics import closure, kinetic_energy
-from holdfast.scenario.surroundings import SwayingBase
+from holdfast.scenario.parts import SwayingBase
 from holdfast.simulation import Rollout, RolloutStatus, RolloutSystems, Trajectory
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
