@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from os import PathLike
 from typing import Any
 
@@ -10,15 +9,16 @@ import numpy as np
 
 from holdfast.errors import ResultError
 from holdfast.identification.recording import FREE_BODIES, Recording
-from holdfast.io.columns import ACCELERATION, POSE, TWIST, WRENCH
+from holdfast.io.columns import array_columns
 from holdfast.io.files import file_path, one_line, reason_of
 from holdfast.io.result_reader import load_result
+from holdfast.io.save_run import meta_of
 from holdfast.io.table_reader import read_table
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.setting import Setting
+from holdfast.simulation.trajectory import RUN_ARRAYS
 from holdfast.state import Inputs
-
-OF_MOTION = {"pose": POSE, "twist": TWIST, "acceleration": ACCELERATION}
 
 
 def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inputs | None = None) -> Recording:
@@ -49,11 +49,10 @@ def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inp
     table = read_table(path)
     if "t" not in table:
         raise ResultError(f"{path}: expected a column 't [s]'.{checks.did_you_mean('t', table)}")
-    joints, wrench = chain.joint_names(), [part.name for part in WRENCH]
-    titles: dict[str, list[str]] = {name: [f"{name} {joint}" for joint in joints] for name in ("q", "qd", "qdd", "tau")}
-    titles["wrist_wrench"] = [f"wrist_wrench {arm} {part}" for arm, part in product(chain.names, wrench)]
-    for body, (what, parts) in product(FREE_BODIES if chain.floats else FREE_BODIES[:1], OF_MOTION.items()):
-        titles[f"{body}_{what}"] = [f"{body}_{what} {part.name}" for part in parts]
+    free = [f"{body}_{what}" for body in FREE_BODIES for what in ("pose", "twist", "acceleration")]
+    meta, names = meta_of(Setting(chain)), ("q", "qd", "qdd", "tau", "wrist_wrench", *free[: 6 if chain.floats else 3])
+    shapes = {name: RUN_ARRAYS[name].shape(chain) for name in names}
+    titles = {name: [column.name for column in array_columns(name, shapes[name], meta)] for name in names}
     others = set(table) - {column for columns in titles.values() for column in columns}
     found: dict[str, Any] = {}
     for name, columns in titles.items():
@@ -64,9 +63,7 @@ def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inp
             raise ResultError(
                 f"{path}: expected a column '{absent[0]}'.{checks.did_you_mean(absent[0], sorted(others))}"
             )
-        found[name] = np.column_stack([table[column] for column in columns])
-    if "wrist_wrench" in found:
-        found["wrist_wrench"] = found["wrist_wrench"].reshape(-1, len(chain.arms), 6)
+        found[name] = np.column_stack([table[column] for column in columns]).reshape(-1, *shapes[name])
     return Recording(table["t"], **found, inputs=inputs)
 
 

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from holdfast.errors import MissingExtra
-from holdfast.io.columns import PER_ARM, PER_JOINT, WRENCHES, columns, labels_of, rows
+from holdfast.io.columns import NO_UNIT, array_columns, columns, rows
 from holdfast.io.result_meta import ResultMeta
 from holdfast.io.save_run import meta_of
+from holdfast.questions.arrays import Row, Shape
 from holdfast.simulation.rollout.record import RolloutRecord
 from holdfast.simulation.setting import Setting
-from holdfast.simulation.trajectory import Trajectory, array_names
+from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory, array_names
 from holdfast.spatial.scalar import Array
 
 
@@ -51,7 +52,7 @@ def frame_of_record(record: RolloutRecord) -> Any:
     times, count = len(record.t), len(record.systems)
     by_title = {}
     for name, array in record.arrays.items():
-        titles = labels_of(name, array.shape[2:], meta)
+        titles = [column.title for column in array_columns(name, array.shape[2:], meta)]
         entries = np.moveaxis(array, 0, 1).reshape(count * times, -1).T
         by_title |= dict(zip(titles, entries, strict=True))
     index = pandas.MultiIndex.from_product([range(count), record.t], names=["system", "t [s]"])
@@ -75,19 +76,25 @@ def _data_set(arrays: Mapping[str, Array], over: Mapping[str, Array], meta: Resu
     coordinates: dict[str, Any] = {**over, "joint": meta.joints, "arm": meta.arms}
     variables = {}
     for name, array in arrays.items():
-        axes = _axes(name, array.shape[len(over) :], meta)
+        row, shape = RUN_ARRAYS.get(name), array.shape[len(over) :]
         called = f"{name}_of_system" if name in over else name
-        variables[called] = ((*over, *axes), array, {"unit": meta.units.get(name, "SI")})
+        said = {"unit": "SI"} if row is None else {"unit": _unit(row), "long_name": row.meaning}
+        variables[called] = ((*over, *_axes(name, shape, coordinates)), array, said)
     return xarray.Dataset(variables, coordinates)
 
 
-def _axes(name: str, shape: tuple[int, ...], meta: ResultMeta) -> list[str]:
+def _axes(name: str, shape: Shape, coordinates: Mapping[str, Any]) -> list[str]:
     """Return the names of an array's axes after time and system."""
-    if name in PER_JOINT and shape == (len(meta.joints),):
-        return ["joint"]
-    if name in (*WRENCHES, *PER_ARM) and shape[:1] == (len(meta.arms),):
-        return ["arm", *(["moment_force"] if len(shape) > 1 else [])]
+    first = RUN_ARRAYS[name].axes[:1] if name in RUN_ARRAYS else ()
+    along = {("n",): "joint", ("arms",): "arm"}.get(first)
+    if along and shape[:1] == (len(coordinates[along]),):
+        return [along, "moment_force"][: len(shape)]
     return [f"{name}_{k}" for k in range(len(shape))]
+
+
+def _unit(row: Row) -> str:
+    """Return the unit of an array, or those of its entries."""
+    return ", ".join(dict.fromkeys(unit or NO_UNIT for _, unit in row.entries)) or row.unit or NO_UNIT
 
 
 def _meta_of_record(record: RolloutRecord) -> ResultMeta:

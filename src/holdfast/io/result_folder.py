@@ -49,7 +49,7 @@ from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.summary import Summary
-from holdfast.simulation.trajectory import UNITS, Trajectory, array_names
+from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory
 
 CHUNK = 1000  # samples that wait until they are flushed
 PATIENCE = 5.0  # seconds after which fewer are
@@ -320,7 +320,7 @@ def run_meta(
         joints=chain.joint_names(),
         joint_kinds=[joint.kind for joint in chain.all_joints],
         work_terms=list(WORK_TERMS),
-        units={name: UNITS[name] for name in array_names()},
+        units={name: row.text for name, row in RUN_ARRAYS.items()},
         duration=float(duration),
         step=float(step),
         options=options,

@@ -71,7 +71,7 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
         grasps: the kind of grasp by arm, at the start.
         joints, joint_kinds: `arm/joint` and revolute or prismatic, in the arrays' order.
         work_terms: the columns of `work`.
-        units: by array.
+        units: shape, meaning and unit of each array, as documentation.
         duration, step: as requested [s].
         options: further requests.
         samples: number of samples in the folder.
@@ -117,6 +117,7 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
 
 _PROGRESS = ("samples", "chunks", "last_time", "checkpoint", "no_checkpoint", "complete", "stopped", "occurrences")
 _ANYWHERE = ("scene_folder", "robots", "files", "sha256")  # files may have moved; what they say is in the model
+_WORDING = ("units",)  # of the documentation
 
 
 def read_meta(folder: Path) -> ResultMeta:
@@ -137,7 +138,7 @@ _DESCRIPTIONS = {"scene_sha256": "the scene's text", "model_sha256": "the model 
 def differences(there: ResultMeta, here: ResultMeta) -> list[str]:
     """Return in words what makes two runs different ones; progress does not, nor do folders."""
     mine, other = (dict(_leaves(msgspec.to_builtins(meta))) for meta in (here, there))
-    passed = (*_PROGRESS, *_ANYWHERE)
+    passed = (*_PROGRESS, *_ANYWHERE, *_WORDING)
     found = [key for key in mine | other if key.split(".")[0] not in passed and mine.get(key) != other.get(key)]
     return [_DESCRIPTIONS.get(key) or f"{key} ({other.get(key)!r} there, {mine.get(key)!r} here)" for key in found]
 
