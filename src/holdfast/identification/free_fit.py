@@ -16,15 +16,19 @@ import numpy as np
 from holdfast.identification.equations import Equations
 from holdfast.identification.motion_noise import JointNoise
 from holdfast.identification.noise import channel_sizes, estimated, least_noise, noise_of_columns, whitener
-from holdfast.identification.unknowns import Unknowns
+from holdfast.identification.unknowns import PayloadUnknowns
 from holdfast.spatial.scalar import Array
 
 HARDLY = 0.01  # initial guess of the noise, relative to the measurements
-MOST_ROUNDS = 60  # alternations of weights and estimate
+MOST_REWEIGHTINGS = 60  # alternations of weights and estimate
 DAMPED = 20  # rounds after which the noise changes by half as much only
 SETTLED = 1e-4  # relative change of the noise at which they end
-UNTOLD = 1e-11  # singular values below this, relative to the largest one, are rounding
-MOST_STEPS, LINEAR_STEPS, NO_STEP = 30, 2, 1e-12  # of Gauss-Newton; without unknown gravity; the step at which it ends
+LEAST_SINGULAR_VALUE = 1e-11  # singular values below this, relative to the largest one, are rounding
+GAUSS_NEWTON_STEPS, LINEAR_STEPS, LEAST_STEP = (
+    30,
+    2,
+    1e-12,
+)  # of Gauss-Newton; without unknown gravity; the step at which it ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +62,7 @@ class FreeFit:
 
 
 def free_fit(
-    system: Equations, unknowns: Unknowns, kinds: Array, given: Array | None, motion: Sequence[JointNoise]
+    system: Equations, unknowns: PayloadUnknowns, kinds: Array, given: Array | None, motion: Sequence[JointNoise]
 ) -> FreeFit:
     """Return the unconstrained estimate; see `estimate`."""
     sizes = channel_sizes(system.measured, kinds)
@@ -67,7 +71,7 @@ def free_fit(
     fit = _weighted(system, unknowns, unknowns.model, np.maximum(HARDLY * sizes, least) if given is None else given, [])
     if motion:
         least = np.maximum(least, white_noise(system.measured, kinds, motion))
-    for count in range(MOST_ROUNDS):
+    for count in range(MOST_REWEIGHTINGS):
         noise = fit.noise
         if given is None:
             residuals = fit.rows @ unknowns.features(fit.x)[0]
@@ -90,7 +94,9 @@ def white_noise(measured: Array, kinds: Array, motion: Sequence[JointNoise]) -> 
     return np.sqrt([found[kinds == kind].mean() for kind in kinds])
 
 
-def _weighted(system: Equations, unknowns: Unknowns, x: Array, noise: Array, motion: Sequence[JointNoise]) -> FreeFit:
+def _weighted(
+    system: Equations, unknowns: PayloadUnknowns, x: Array, noise: Array, motion: Sequence[JointNoise]
+) -> FreeFit:
     """Return the estimate with weights for given noise, and for that of the motion, at the previous estimate x."""
     known = None
     if motion:
@@ -104,13 +110,13 @@ def _weighted(system: Equations, unknowns: Unknowns, x: Array, noise: Array, mot
     return FreeFit(least_squares(R, unknowns, x), rows, W, R, noise, share)
 
 
-def least_squares(R: Array, unknowns: Unknowns, x: Array) -> Array:
+def least_squares(R: Array, unknowns: PayloadUnknowns, x: Array) -> Array:
     """Return the unknowns with the least sum of squares |R features(x)|^2 that are nearest to given ones."""
     sizes = unknowns.linear_sizes
-    for _ in range(MOST_STEPS if unknowns.tilted else LINEAR_STEPS):
+    for _ in range(GAUSS_NEWTON_STEPS if unknowns.tilted else LINEAR_STEPS):
         values, slopes = unknowns.features(x)
-        step = np.linalg.lstsq(R @ slopes * sizes, -(R @ values), rcond=UNTOLD)[0]
+        step = np.linalg.lstsq(R @ slopes * sizes, -(R @ values), rcond=LEAST_SINGULAR_VALUE)[0]
         x = x + step * sizes
-        if float(np.abs(step).max()) < NO_STEP:
+        if float(np.abs(step).max()) < LEAST_STEP:
             break
     return x

@@ -9,8 +9,8 @@ from holdfast.identification.smoothing import encoder_step
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
-FEWEST = 20  # samples by whose differences noise is found
-LEAST = 1e-6  # lower bound of the noise, relative to a channel's size
+FEWEST_DIFFERENCED = 20  # samples by whose differences noise is found
+LEAST_NOISE = 1e-6  # lower bound of the noise, relative to a channel's size
 UNEVEN = 0.2  # lower bound of a channel's relative noise, as a fraction of the typical one; limits its weight
 
 
@@ -28,12 +28,12 @@ def channel_sizes(measured: Array, kinds: Array) -> Array:
 def least_noise(measured: Array, sizes: Array) -> Array:
     """Return the least standard deviations, (channels,), that float64 or a sensor's steps leave."""
     steps = np.array([encoder_step(column) for column in measured.T])
-    return np.maximum(LEAST * sizes, steps / np.sqrt(12.0))
+    return np.maximum(LEAST_NOISE * sizes, steps / np.sqrt(12.0))
 
 
 def noise_of_columns(x: Array) -> Array:
     """Return the white noise in columns (samples, k) that are smooth otherwise, (k,), by their sixth differences."""
-    if len(x) < FEWEST:
+    if len(x) < FEWEST_DIFFERENCED:
         return np.zeros(x.shape[1])
     rough = np.median(np.abs(np.diff(x, n=6, axis=0)), axis=0)
     return rough / (0.6745 * np.sqrt(924.0))  # the median of normal noise; the sum of the squared weights

@@ -17,19 +17,17 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.inertia import PARAMETERS
 from holdfast.spatial.scalar import Array
 
-NAMES = ("mass", "com x", "com y", "com z", *(f"inertia {name[1:]}" for name in PARAMETERS[4:]))
-UNITS = ("kg", *["m"] * 3, *["kg m^2"] * 6)
-AXES = ("moment x", "moment y", "moment z", "force x", "force y", "force z")
+PARAMETER_NAMES = ("mass", "com x", "com y", "com z", *(f"inertia {name[1:]}" for name in PARAMETERS[4:]))
+WRENCH_AXES = ("moment x", "moment y", "moment z", "force x", "force y", "force z")
 ENTRIES = np.triu_indices(3)  # of I among the parameters
 
 
 @dataclass(frozen=True, eq=False)
-class Unknowns:
+class PayloadUnknowns:
     """The unknowns of a chain, and their values in the model.
 
     Attributes:
         names: names of the entries of xi.
-        units: units of the entries of xi.
         sizes: typical sizes of the entries of xi, by which they are scaled.
         model: xi of the model, and x, since c is 0; offsets and tilt are 0.
         gravity: (3,) gravity of the model.
@@ -39,7 +37,6 @@ class Unknowns:
     """
 
     names: tuple[str, ...]
-    units: tuple[str, ...]
     sizes: Array
     model: Array
     gravity: Array
@@ -52,7 +49,7 @@ class Unknowns:
         """Typical sizes of the entries of x, in which first moments replace the mass centre."""
         return np.concatenate([self.sizes[:1], self.sizes[0] * self.sizes[1:4], self.sizes[4:]])
 
-    def sized(self, mass: float, radius: float) -> Unknowns:
+    def sized(self, mass: float, radius: float) -> PayloadUnknowns:
         """Return the unknowns with the sizes of a body of a mass and a radius of gyration."""
         own = [mass, *[radius] * 3, *[mass * radius**2] * 6]
         return replace(self, sizes=np.concatenate([own, self.sizes[10:]]))
@@ -93,7 +90,7 @@ class Unknowns:
         return values, np.vstack([np.eye(10, p), of_products, of_b, np.zeros((1, p)), of_g])
 
 
-def unknowns_of(chain: ClosedChain, settings: Settings, wrench_sizes: Array) -> Unknowns:
+def unknowns_of(chain: ClosedChain, settings: Settings, wrench_sizes: Array) -> PayloadUnknowns:
     """Return the unknowns of a chain.
 
     Args:
@@ -101,20 +98,19 @@ def unknowns_of(chain: ClosedChain, settings: Settings, wrench_sizes: Array) -> 
         settings: which unknowns are requested.
         wrench_sizes: (6,) typical sizes of a sensor offset [N m, N].
     """
-    body, names, units = chain.held_object, list(NAMES), list(UNITS)
+    body, names = chain.held_object, list(PARAMETER_NAMES)
     m, radius = body.mass, float(np.sqrt(np.trace(body.inertia) / (2.0 * body.mass)))
     sizes = [m, *[radius] * 3, *[m * radius**2] * 6]
     model = [m, 0.0, 0.0, 0.0, *body.inertia[ENTRIES]]
     holding = list(chain.grasps) if settings.sensor_bias else []
     for name in holding:
-        names += [f"sensor offset of '{name}', {axis}" for axis in AXES]
-        units += ["N m"] * 3 + ["N"] * 3
+        names += [f"sensor offset of '{name}', {axis}" for axis in WRENCH_AXES]
         sizes += wrench_sizes.tolist()
     across = np.zeros((2, 3))
     if settings.gravity:
         across = np.linalg.svd(chain.gravity[None, :])[2][1:]
         names += ["gravity's tilt, first", "gravity's tilt, second"]
-        units, sizes = [*units, "rad", "rad"], [*sizes, 1.0, 1.0]
+        sizes += [1.0, 1.0]
     model += [0.0] * (len(names) - 10)
     arrays = (np.array(sizes), np.array(model), chain.gravity, across)
-    return Unknowns(tuple(names), tuple(units), *arrays, 6 * len(holding), settings.gravity)
+    return PayloadUnknowns(tuple(names), *arrays, 6 * len(holding), settings.gravity)
