@@ -5,10 +5,10 @@ import pytest
 
 from holdfast import Arm, ModelError, Pose
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.robots import HOME, PANDA_HOME, ROBOTS, panda
+from holdfast.robots import HOME, ROBOTS, panda
+from holdfast.robots.built_in import BUILT_IN, builtin_of, home_of
 from holdfast.robots.link_table import signed_axes
 from holdfast.robots.panda import FR3_ARMATURE
-from holdfast.robots.recognise import BUILT_IN, builtin_of, home_of
 from holdfast.spatial import rotation
 from tests.robots.arm_dynamics import mass_jacobian_bias
 from tests.robots.published import PUBLISHED
@@ -76,7 +76,7 @@ def test_the_pandas_published_geometry():
     np.testing.assert_allclose(tip.p, [0.088, 0.0, 0.926], atol=1e-15)
     np.testing.assert_array_equal(tip.R, np.diag([1.0, -1.0, -1.0]))
     hand = Pose(rotation.exp(np.array([0.0, 0.0, -np.pi / 4])), np.array([0.0, 0.0, 0.1034]))
-    tip = forward_kinematics(panda(tip=hand), PANDA_HOME).tip
+    tip = forward_kinematics(panda(tip=hand), HOME["panda"]).tip
     np.testing.assert_allclose(tip.p, [0.3069, 0.0, 0.4869], atol=5e-5)
     np.testing.assert_allclose(tip.R, np.diag([1.0, -1.0, -1.0]), atol=1e-15)
     assert [joint.effort_limit for joint in panda().joints] == [87.0] * 4 + [12.0] * 3
@@ -87,8 +87,8 @@ def test_armature_adds_to_the_diagonal():
     """One number or seven; only the diagonal of M changes."""
     still = np.zeros(7)
     for given in (0.25, FR3_ARMATURE):
-        added = mass_jacobian_bias(panda(armature=given), PANDA_HOME, still)[0]
-        added = added - mass_jacobian_bias(panda(), PANDA_HOME, still)[0]
+        added = mass_jacobian_bias(panda(armature=given), HOME["panda"], still)[0]
+        added = added - mass_jacobian_bias(panda(), HOME["panda"], still)[0]
         np.testing.assert_allclose(added, np.diag(np.broadcast_to(given, 7)), atol=1e-15)
 
 

@@ -6,7 +6,7 @@ import pytest
 from holdfast import Arm, Joint, Link, ModelError, Pose
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.robots import HOME, ROBOTS, stewart_platform, three_finger_hand
-from holdfast.robots.primitive import COLOURS, Primitive, rod, sphere
+from holdfast.robots.primitive import LINK_COLOURS, Primitive, rod, sphere
 from holdfast.robots.visuals import visuals_of
 
 
@@ -74,7 +74,7 @@ def test_rod_stands_between_its_ends():
     half = 0.5 * solid.size[1] * solid.pose.R[:, 2]
     assert solid.pose.p - half == pytest.approx(one)
     assert solid.pose.p + half == pytest.approx(other)
-    assert solid.colour in COLOURS
+    assert solid.colour in LINK_COLOURS
 
 
 @pytest.mark.parametrize(

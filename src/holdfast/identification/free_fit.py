@@ -24,11 +24,8 @@ MOST_REWEIGHTINGS = 60  # alternations of weights and estimate
 DAMPED = 20  # rounds after which the noise changes by half as much only
 SETTLED = 1e-4  # relative change of the noise at which they end
 LEAST_SINGULAR_VALUE = 1e-11  # singular values below this, relative to the largest one, are rounding
-GAUSS_NEWTON_STEPS, LINEAR_STEPS, LEAST_STEP = (
-    30,
-    2,
-    1e-12,
-)  # of Gauss-Newton; without unknown gravity; the step at which it ends
+GAUSS_NEWTON_STEPS, LINEAR_STEPS = 30, 2  # if gravity is unknown; if it is known
+LEAST_STEP = 1e-12  # at which they end
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,14 +46,13 @@ def notes_on_estimate(found: Estimate, motion: list[JointNoise], system: Equatio
         )
     if not found.settled:
         notes.append("weights and estimate did not converge together; deviations are rough; try noise=")
-    if found.autocorrelation.significant and found.misfit > ROUNDING_MISFIT and found.motion_share < MOSTLY:
-        times = float(np.sqrt(found.autocorrelation.widening))
+    after = found.autocorrelation
+    if after.significant and found.misfit > ROUNDING_MISFIT and found.motion_share < MOSTLY:
+        times = float(np.sqrt(after.widening))
         widened = (
             f"deviations are increased {times:.2g} times" if times > 1.05 else "deviations are those of white noise"
         )
-        notes.append(
-            f"residuals of neighbouring samples are correlated ({found.autocorrelation.of_neighbours:.2f}): {widened}"
-        )
+        notes.append(f"residuals of neighbouring samples are correlated ({after.of_neighbours:.2f}): {widened}")
     if found.motion_share > SEEN:
         largest = max(one.spline.noise for one in motion)
         notes.append(

@@ -12,7 +12,7 @@ from typing import Any
 from holdfast.errors import MissingExtra, SceneError
 from holdfast.interop.mjcf_elements import EFFECTS
 from holdfast.io.files import read_bounded, reason_of
-from holdfast.robots.urdf.document import LARGEST_FILE, Element, parse_document
+from holdfast.robots.urdf.document import LARGEST_URDF, Element, parse_document
 
 MOST = 2**24  # largest count in an element: pixels, heights, copies, keys
 MOST_COPIES = 10_000
@@ -86,7 +86,7 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any, tuple[st
 def _require_mjcf(given: Any, is_text: bool, source: str) -> tuple[str, ...]:
     """Return notes on unknown elements; refuse files that cannot be read, and formats that MuJoCo would accept."""
     try:
-        text = given.strip("\ufeff \t\r\n") if is_text else read_bounded(Path(given), LARGEST_FILE)
+        text = given.strip("\ufeff \t\r\n") if is_text else read_bounded(Path(given), LARGEST_URDF)
     except OSError as cause:
         name = source if source.isprintable() else repr(source)
         raise SceneError(f"{name}: cannot be read: {reason_of(cause)}") from cause
@@ -138,7 +138,7 @@ def _bounded_mjcf(text: bytes | str, source: str, folder: Path) -> list[Element]
                 continue
             if len(documents) == MOST_INCLUDED:
                 raise element.refuse(f"expected at most {MOST_INCLUDED} included files, got more")
-            documents.append(parse_document(read_bounded(path, LARGEST_FILE), str(path)))
+            documents.append(parse_document(read_bounded(path, LARGEST_URDF), str(path)))
     return documents
 
 

@@ -44,7 +44,7 @@ from holdfast.io.store_writer import StoreWriter, require_free
 from holdfast.io.stored_file import advising, arrays_text, json_text, read_arrays, sha256
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
-from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.source import UrdfSource
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.occurrence import Occurrence
@@ -69,7 +69,7 @@ class ResultWriter:
         meta: ResultMeta,
         scene_text: str,
         *,
-        robots: Mapping[str, Source] | None = None,
+        robots: Mapping[str, UrdfSource] | None = None,
         overwrite: bool = False,
         files: Mapping[str, bytes] | None = None,
         advice: str = "--resume, --overwrite, or another --out",
@@ -102,7 +102,7 @@ class ResultWriter:
 
     @classmethod
     def resume(
-        cls, folder: Path, meta: ResultMeta, scene_text: str, *, robots: Mapping[str, Source] | None = None
+        cls, folder: Path, meta: ResultMeta, scene_text: str, *, robots: Mapping[str, UrdfSource] | None = None
     ) -> Self:
         """Return a writer that adds to the run in a folder what comes after its checkpoint, `start`.
 

@@ -11,7 +11,7 @@ import msgspec
 from holdfast.errors import ResultError
 from holdfast.io.store import Kind, Manifest, read_manifest
 from holdfast.io.stored_file import sha256, stored
-from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.source import UrdfSource
 from holdfast.simulation.occurrence import Occurrence
 
 META, SCENE, SUMMARY = "meta.json", "scene.toml", "summary.json"
@@ -149,7 +149,7 @@ def _leaves(data: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
     return [leaf for k, v in pairs for leaf in (_leaves(v, k + ".") if isinstance(v, dict) else [(k, v)])]
 
 
-def kept_files(sources: Mapping[str, Source]) -> tuple[dict[str, RobotRecord], dict[str, bytes]]:
+def kept_files(sources: Mapping[str, UrdfSource]) -> tuple[dict[str, RobotRecord], dict[str, bytes]]:
     """Return what meta.json records of the robots, by arm, and the files to write; arms of one robot share one."""
     records, files = {}, {}
     for arm, source in sources.items():
@@ -161,7 +161,7 @@ def kept_files(sources: Mapping[str, Source]) -> tuple[dict[str, RobotRecord], d
     return records, files
 
 
-def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, Source]:
+def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, UrdfSource]:
     """Return the URDF of each arm that is from a file, as it was simulated.
 
     Raises:
@@ -171,5 +171,5 @@ def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, S
     for arm, record in records.items():
         content = stored(folder, record.file, {record.file: record.sha256})
         meshes = Path(record.folder) if record.folder else None
-        found[arm] = Source(str(folder / record.file), content, meshes, packages=record.packages)
+        found[arm] = UrdfSource(str(folder / record.file), content, meshes, packages=record.packages)
     return found

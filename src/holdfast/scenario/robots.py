@@ -20,7 +20,7 @@ from holdfast.model.joint import Joint
 from holdfast.robots import ROBOTS
 from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf import UrdfChain, urdf_chain
-from holdfast.robots.urdf.source import Source, read_source
+from holdfast.robots.urdf.source import UrdfSource, read_source
 from holdfast.scenario.joints import joints_and_links
 from holdfast.scenario.poses import pose
 from holdfast.scenario.scene import ArmData, TrunkData, UrdfData
@@ -43,7 +43,7 @@ class Robot:
 
     arm: Arm
     q: Array
-    source: Source | None = None
+    source: UrdfSource | None = None
     links: UrdfChain | None = None
 
     @property
@@ -65,10 +65,10 @@ class RobotFiles:
 
     folder: Path = Path()
     trust_xacro: bool = False
-    kept: Mapping[str, Source] = field(default_factory=dict)
+    kept: Mapping[str, UrdfSource] = field(default_factory=dict)
     packages: Mapping[str, str | PathLike[str]] = field(default_factory=dict)
 
-    def source(self, data: UrdfData, name: str) -> Source:
+    def source(self, data: UrdfData, name: str) -> UrdfSource:
         """Return the URDF of an arm, or of the trunk.
 
         Raises:
@@ -163,7 +163,7 @@ def built_in(name: str | None, base: Pose, at: Location) -> Arm:
     return ROBOTS[name](base=base)
 
 
-def chain_of_file(data: UrdfData, source: Source, base: Pose, at: Location) -> UrdfChain:
+def chain_of_file(data: UrdfData, source: UrdfSource, base: Pose, at: Location) -> UrdfChain:
     """Return the chain between two links of a file, with the armature and springs that the scene gives its joints.
 
     Raises:

@@ -14,7 +14,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK
 from holdfast.model.trunk import Trunk
 from holdfast.robots.urdf import UrdfChain, UrdfTrunkChain, urdf_trunk
-from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.source import UrdfSource
 from holdfast.scenario import robots
 from holdfast.scenario.joints import body, joints_and_links
 from holdfast.scenario.poses import pose
@@ -48,7 +48,7 @@ class SceneTrunk:
     base_twist: Array | None = None
     mounts: Mapping[str, str | int] = field(default_factory=FrozenDict)
     arms: Mapping[str, robots.Robot] = field(default_factory=FrozenDict)
-    source: Source | None = None
+    source: UrdfSource | None = None
     links: UrdfTrunkChain | UrdfChain | None = None
 
     @property

@@ -326,9 +326,9 @@ _ROWS = {
 }
 # the arrays of a trajectory, in order
 RUN_ARRAYS: Mapping[str, Row] = {one.name: _ROWS[one.name] for one in fields(Trajectory) if one.type == "Array"}
-_ATTRIBUTES = "    Attributes:\n"
+_SECTION = "    Attributes:\n"
 Trajectory.__doc__ = (Trajectory.__doc__ or "").replace(
-    _ATTRIBUTES, _ATTRIBUTES + "".join(f"        {name}: {row.text}.\n" for name, row in RUN_ARRAYS.items())
+    _SECTION, _SECTION + "".join(f"        {name}: {row.text}.\n" for name, row in RUN_ARRAYS.items())
 )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from holdfast.model.held_object import HeldObject
 from holdfast.model.visuals import Cylinder, Sphere
-from holdfast.robots.mesh_files.limits import MeshFault
+from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.robots.visuals import equivalent_box
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.robots.mesh_files.mesh import Mesh
+from holdfast.robots.mesh_files.mesh import TriangleMesh as Mesh
 from holdfast.robots.mesh_files.solid import solid
 from holdfast.spatial import rotation
 from holdfast.view import meshes

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.robots.mesh_files.limits import MeshFault
-from holdfast.robots.mesh_files.mesh import Mesh
+from holdfast.robots.mesh_files.mesh import MeshFault
+from holdfast.robots.mesh_files.mesh import TriangleMesh as Mesh
 from holdfast.robots.mesh_files.solid import solid
 from holdfast.view import meshes
 from tests.robots.mesh_files.written import stl_bytes

@@ -25,7 +25,7 @@ from holdfast.spatial.vector import product
 
 SLIGHT = 1e-4  # of a body's largest principal moment: by so much the inertia of one of its links may be impossible
 
-Welded = dict[str, Pose]  # pose in the body's frame, by link name
+LinkPoses = dict[str, Pose]  # pose in the body's frame, by link name
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class WeldedBody:
 
     step: PassedJoint
     placement: Pose
-    links: Welded
+    links: LinkPoses
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +58,13 @@ class FoldedChain:
 
     base: str
     path: list[PassedJoint]
-    on_base: Welded
+    on_base: LinkPoses
     bodies: tuple[WeldedBody, ...]
     tip: Pose
     floats: bool = False
 
     @property
-    def moving(self) -> tuple[Welded, ...]:
+    def moving(self) -> tuple[LinkPoses, ...]:
         """The links of each body that moves, base to tip."""
         return (*([self.on_base] if self.floats else []), *(body.links for body in self.bodies))
 
@@ -93,7 +93,7 @@ def fold(base: str, path: list[PassedJoint], locks: Locks, *, floats: bool = Fal
     return FoldedChain(base, path, on_base, tuple(bodies), at, floats)
 
 
-def _weld_branches(links: Welded, passed: set[str], locks: Locks) -> None:
+def _weld_branches(links: LinkPoses, passed: set[str], locks: Locks) -> None:
     """Add the links that are attached to those of a body by fixed and locked joints off the path."""
     waiting = list(links)
     while waiting:
@@ -106,7 +106,7 @@ def _weld_branches(links: Welded, passed: set[str], locks: Locks) -> None:
             waiting.append(beyond)
 
 
-def moving_branches(links: Welded, passed: Container[str], locks: Locks) -> list[UrdfJoint]:
+def moving_branches(links: LinkPoses, passed: Container[str], locks: Locks) -> list[UrdfJoint]:
     """Return the movable joints off the path on a body, at any depth. O(links)."""
     found, waiting, seen = [], list(links), set(links)
     while waiting:
@@ -122,7 +122,7 @@ def moving_branches(links: Welded, passed: Container[str], locks: Locks) -> list
     return found
 
 
-def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool, notes: list[str]) -> Link:
+def welded_link(robot: UrdfRobot, links: LinkPoses, moved: str, physical: bool, notes: list[str]) -> Link:
     """Return the links of a body combined to one link.
 
         m = sum m_i,  c = sum m_i c_i / m,  J = sum R_i J_i R_i^T + m_i (d_i.d_i 1 - d_i d_i^T)
@@ -145,7 +145,7 @@ def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool, not
 
 
 def inertia_parts(
-    robot: UrdfRobot, links: Welded, physical: bool, notes: list[str]
+    robot: UrdfRobot, links: LinkPoses, physical: bool, notes: list[str]
 ) -> list[tuple[float, Array, Array]]:
     """Return the mass, mass centre and inertia about it of each link that has them, in the frame of the links' poses.
 

@@ -17,12 +17,12 @@ from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
 from holdfast.robots.urdf.path import Locks, checked_locks, ends, known_link, path_between, resting_position
 from holdfast.robots.urdf.refusals import hanging, refuse_loose, shared
-from holdfast.robots.urdf.robot import MOVING, UrdfRobot
-from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.robot import MOVING_KINDS, UrdfRobot
+from holdfast.robots.urdf.source import UrdfSource
 from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
 
-OF_JOINT = ("position_limits", "rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
+JOINT_FIELDS = ("position_limits", "rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class UrdfChain:
 
 
 def urdf_chain(
-    path_or_text: str | PathLike[str] | Source,
+    path_or_text: str | PathLike[str] | UrdfSource,
     *,
     base: str | None = None,
     tip: str | None = None,
@@ -138,11 +138,11 @@ def _joint(body: WeldedBody) -> Joint:
         raise joint.fault
     with joint.element.refusals():
         return Joint(
-            kind=MOVING[joint.kind],  # pyright: ignore[reportArgumentType]
+            kind=MOVING_KINDS[joint.kind],  # pyright: ignore[reportArgumentType]
             axis=joint.axis if down else 0.0 - joint.axis,
             placement=_plain(body.placement),
             name=joint.name,
-            **{quantity: getattr(joint, quantity) for quantity in OF_JOINT},
+            **{quantity: getattr(joint, quantity) for quantity in JOINT_FIELDS},
         )
 
 
@@ -256,18 +256,9 @@ def load_urdf(
         ModelError: the mount is not a pose.
         MissingExtra: the file is a `.xacro` file, and xacrodoc is not installed.
     """
-    chain = urdf_chain(
-        path_or_text,
-        base=base,
-        tip=tip,
-        locked=locked,
-        lock_others=lock_others,
-        mount=mount,
-        physical=physical,
-        xacro_args=xacro_args,
-        trust_xacro=trust_xacro,
-        packages=packages,
-    )
+    options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
+    options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
+    chain = urdf_chain(path_or_text, base=base, tip=tip, **options)
     show_notes(chain.arm.notes)
     return chain.arm
 

@@ -11,7 +11,7 @@ from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots.urdf.bodies import FoldedChain
 from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.path import Locks
-from holdfast.robots.urdf.robot import MOVING, WORLD, UrdfJoint, UrdfRobot
+from holdfast.robots.urdf.robot import MOVING_KINDS, WORLD_LINK, UrdfJoint, UrdfRobot
 
 SAME_PLACE = 1e-6  # [m] distance below which the origins of two frames are at the same place
 UPRIGHT = 0.1  # [rad] largest angle between z and the direction to the tip
@@ -41,7 +41,7 @@ def _locked_notes(locks: Locks, within: list[UrdfJoint]) -> list[str]:
     """Return notes on joints whose lock is no plain answer to `lock_others`."""
     notes = []
     for joint in within:
-        if joint.kind not in MOVING and not joint.is_fixed and locks.passes_over(joint):
+        if joint.kind not in MOVING_KINDS and not joint.is_fixed and locks.passes_over(joint):
             notes.append(joint.element.message(f"{joint.kind}, locked in the pose of its <origin>"))
         elif joint.mimic is None or joint.name in locks.given or (q := locks.position(joint)) is None:
             continue
@@ -84,7 +84,7 @@ def coupling_notes(
     world = -2 if floats else 0
     notes = []
     for coupling in robot.couplings:
-        places = {world if link == WORLD and link not in at else at.get(link, -1) for link in coupling.links}
+        places = {world if link == WORLD_LINK and link not in at else at.get(link, -1) for link in coupling.links}
         moving = {k for k in places if k > 0 or (floats and k == 0)}
         acts = any(joint in joints for joint in coupling.joints)
         if acts or (moving and len(places) > 1) or len(coupling.links | coupling.joints) < 2:

@@ -13,7 +13,7 @@ from holdfast.robots.urdf.path import Locks, PassedJoint, checked_locks
 from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.refusals import refuse_unsupported
 from holdfast.robots.urdf.robot import UrdfRobot
-from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.source import UrdfSource
 from holdfast.spatial.pose import Pose
 
 
@@ -29,7 +29,7 @@ class UrdfOptions(TypedDict, total=False):
     packages: Mapping[str, str | PathLike[str]] | None
 
 
-def read_robot(path_or_text: str | PathLike[str] | Source, options: UrdfOptions) -> UrdfRobot:
+def read_robot(path_or_text: str | PathLike[str] | UrdfSource, options: UrdfOptions) -> UrdfRobot:
     """Return the links and joints in a file.
 
     Raises:

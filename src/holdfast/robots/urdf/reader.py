@@ -1,9 +1,10 @@
-"""The reader of URDF files, which returns a tree of links and joints."""
+"""The reader of URDF files, which returns a tree of links and joints; planar joints become three joints."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import Any, TypeVar
 
@@ -13,21 +14,39 @@ import holdfast.robots.urdf.attributes as attributes
 from holdfast.errors import SceneError
 from holdfast.model import checks
 from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
-from holdfast.robots.urdf.extensions import Extensions, gazebo, gravity, with_extensions
-from holdfast.robots.urdf.planar import taken_apart
-from holdfast.robots.urdf.robot import MOVING, PLANAR, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
-from holdfast.robots.urdf.source import Source, read_source
-from holdfast.robots.urdf.transmissions import drive, ros2_control, transmission
+from holdfast.robots.urdf.extensions import (
+    Extensions,
+    drive,
+    gazebo,
+    gravity,
+    ros2_control,
+    transmission,
+    with_extensions,
+)
+from holdfast.robots.urdf.robot import (
+    MOVING_KINDS,
+    PLANAR,
+    UNSUPPORTED,
+    Mimic,
+    UrdfInertial,
+    UrdfJoint,
+    UrdfLink,
+    UrdfRobot,
+)
+from holdfast.robots.urdf.source import UrdfSource, read_source
 from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, unread_notes
 from holdfast.spatial.inertia import turned
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import cross
 
 SMALLEST_RADIUS = 1e-8  # [m] of gyration; iCub's exporter writes 1e-35 to 1e-18 kg m^2 instead of zeros
+UNREAD_OF_PLANAR = ("limit", "dynamics", "mimic")
 Named = TypeVar("Named", UrdfLink, UrdfJoint)
 
 
 def read_urdf(
-    path_or_text: str | PathLike[str] | Source,
+    path_or_text: str | PathLike[str] | UrdfSource,
     *,
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
@@ -176,7 +195,7 @@ def _link(element: Element) -> UrdfLink:
 
 def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
     """Return the mass, mass centre and inertia in link axes; an inertia that is only rounding becomes 0."""
-    mass = attributes.number(element.required("mass"), "value", size=attributes.LARGEST)
+    mass = attributes.number(element.required("mass"), "value", size=attributes.LARGEST_VALUE)
     moments = element.required("inertia")
     J = _symmetric(moments)
     if J.any() and np.abs(J).max() <= mass * SMALLEST_RADIUS**2:
@@ -189,7 +208,8 @@ def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
 def _symmetric(moments: Element) -> Array:
     """Return the (3, 3) inertia matrix; entries below the diagonal are optional, and must agree with those above."""
     xx, xy, xz, yy, yz, zz = (
-        attributes.number(moments, key, size=attributes.LARGEST) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        attributes.number(moments, key, size=attributes.LARGEST_VALUE)
+        for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
     for mirror, key, value in (("iyx", "ixy", xy), ("izx", "ixz", xz), ("izy", "iyz", yz)):
         if (again := attributes.number(moments, mirror, value)) != value:
@@ -207,11 +227,11 @@ def _joint(element: Element) -> UrdfJoint:
     axis = np.array([1.0, 0.0, 0.0])
     drive: dict[str, Any] = {}
     try:
-        if kind in MOVING:
+        if kind in MOVING_KINDS:
             drive["mimic"] = _mimic(element)
-        if kind in MOVING or kind == PLANAR:
+        if kind in MOVING_KINDS or kind == PLANAR:
             axis = _axis(element, notes)
-        if kind in MOVING:
+        if kind in MOVING_KINDS:
             drive |= {**_dynamics(element), **_limits(element, kind, notes)}
     except SceneError as fault:
         drive["fault"] = fault
@@ -233,7 +253,7 @@ def _kind(element: Element) -> str:
     kind = attributes.name(element, "type")
     if element.tag != "joint":
         return f"{element.tag.partition(':')[0]}:{kind}"  # a type of Drake's own
-    known = (*MOVING, PLANAR, "fixed", *UNSUPPORTED)
+    known = (*MOVING_KINDS, PLANAR, "fixed", *UNSUPPORTED)
     if kind not in known:
         raise element.refuse(
             f"type: expected one of {', '.join(known)}, got {quoted(kind)}.{checks.did_you_mean(kind, known)}"
@@ -302,3 +322,37 @@ def _bound(limit: Element, key: str, notes: list[str]) -> float:
     if value < 0:
         raise limit.refuse(f"{key}: expected >= 0, got {value!r}")
     return value
+
+
+def taken_apart(joint: UrdfJoint) -> tuple[list[UrdfJoint], list[UrdfLink]]:
+    """Return the three joints with one degree of freedom that replace a planar joint, and two massless links between.
+
+    A planar joint 'name' becomes the prismatic joints 'name.1' and 'name.2' and the revolute joint 'name.3' about the
+    normal. The prismatic joints are along the child's x and y for a normal along z, along y and z for x, and along z
+    and x for y; for any other normal, they are along the nearest such directions in the plane.
+    """
+    normal, name, element = joint.axis, joint.name, joint.element
+    along = np.eye(3)[(int(np.argmax(np.abs(normal))) + 1) % 3]
+    first = along - (normal @ along) * normal
+    first = first / np.linalg.norm(first)
+    unread = [tag for tag in UNREAD_OF_PLANAR if element.first(tag) is not None]
+    notes = [*joint.notes, element.message("planar, read as two prismatic joints and a revolute joint")]
+    notes += [element.message(f"{', '.join(unread)}: ignored for a planar joint")] if unread else []
+    between = [f"{name}.1", f"{name}.2"]
+    links = [joint.parent, *between, joint.child]
+    moves = [("prismatic", first), ("prismatic", cross(normal, first)), ("continuous", normal)]
+    joints = [
+        replace(
+            joint,
+            name=f"{name}.{k + 1}",
+            kind=kind,
+            parent=links[k],
+            child=links[k + 1],
+            origin=joint.origin if k == 0 else Pose.identity(),
+            axis=axis + 0.0,
+            notes=tuple(notes) if k == 0 else (),
+        )
+        for k, (kind, axis) in enumerate(moves)
+    ]
+    weightless = UrdfInertial(0.0, np.zeros(3), np.zeros((3, 3)), element)
+    return joints, [UrdfLink(link, weightless, element, ()) for link in between]

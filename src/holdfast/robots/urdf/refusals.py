@@ -8,7 +8,7 @@ from typing import NamedTuple
 from holdfast.robots.urdf.bodies import FoldedChain, moving_branches
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint, path_between, resting_position
-from holdfast.robots.urdf.robot import MOVING, UrdfJoint
+from holdfast.robots.urdf.robot import MOVING_KINDS, UrdfJoint
 
 MOST_REASONS = 8  # reasons in one message
 MOST_HELD = 40  # joints in the advice of one message
@@ -17,7 +17,7 @@ MOST_HELD = 40  # joints in the advice of one message
 def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
     """Refuse joints on the path with several degrees of freedom, and joints that mimic others."""
     for joint, down in path:
-        if not joint.is_fixed and joint.kind not in MOVING:
+        if not joint.is_fixed and joint.kind not in MOVING_KINDS:
             end, link = ("base", joint.child) if down else ("tip", joint.child)
             raise joint.element.refuse(
                 f"type: expected a joint with one degree of freedom between base and tip, got {quoted(joint.kind)};"
@@ -84,7 +84,7 @@ def _unlocked(leader: str) -> str:
 
 def refuse_loose(locks: Locks, loose: list[LooseJoint]) -> None:
     """Raise one error for all joints that must be locked, with the arguments that lock them."""
-    if odd := [one for one in loose if one.joint.kind not in MOVING]:
+    if odd := [one for one in loose if one.joint.kind not in MOVING_KINDS]:
         raise odd[0].joint.element.refuse(
             f"type: expected a joint that can be locked, since it {odd[0].why}, got {quoted(odd[0].joint.kind)};"
             " try load_urdf with a base beyond it, and its mount"
