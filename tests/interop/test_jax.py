@@ -1,6 +1,7 @@
 """Forward dynamics in JAX: the machine code's numbers, gradients by finite differences, vmaps, scans, refusals."""
 
 import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 import holdfast as hf
 from holdfast.compiled import CompiledChain
 from holdfast.compiled.structure import Options
-from holdfast.interop import jax_function, to_jax
+from holdfast.interop import to_jax
 from holdfast.questions.question import QUESTIONS
 from tests.derivatives.chains import random_chain
 from tests.longer import mostly_slow
@@ -86,7 +87,7 @@ def test_gradient_by_every_argument(problem, route, monkeypatch):
     """Values are those of a call from Python; gradients as finite differences have them, none along a quaternion."""
     fast, values = problem
     if route == "callback":
-        monkeypatch.setattr(jax_function, "available_route", lambda: route)
+        monkeypatch.setattr(import_module("holdfast.interop.to_jax"), "available_route", lambda: route)
     f = to_jax(fast, of=OF, parameters=PARAMETERS)
     assert f.route == route
     found = jax.jit(f)(**values)

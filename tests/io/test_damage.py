@@ -86,7 +86,7 @@ def write_unfinished(folder: Path, other: bool) -> None:
 
     with pytest.MonkeyPatch.context() as patched, suppress(Died):
         patched.setattr("holdfast.io.result_folder.CHUNK", 3)
-        patched.setattr("holdfast.io.result_folder.PATIENCE", np.inf)
+        patched.setattr("holdfast.io.result_folder.LONGEST_WAIT", np.inf)
         if other:
             chain, state = unlimited()
             patched.setattr("tests.io.remembering.unlimited", lambda: (replace(chain, gravity=[0.0, 0.0, -9.0]), state))
@@ -138,7 +138,7 @@ def write_record(folder: Path, other: bool, overwrite: bool = False) -> None:
     starts = elsewhere(*problem("one"), 3 if other else 2)
     systems = rollout.start(**{name: x[-2:] for name, x in starts.items()})
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("holdfast.io.record_writer.PATIENCE", 0.0)
+        patched.setattr("holdfast.io.record_writer.LONGEST_WAIT", 0.0)
         rollout.run(systems, 0.003, 0.001, record=("q", "status"), folder=folder, overwrite=overwrite)
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from holdfast import Attach, MissingExtra, ResultError, simulate
 from holdfast.io.columns import columns, rows
-from holdfast.io.export import export_csv, export_parquet
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
+from holdfast.io.tables import export_csv, export_parquet
 from holdfast.simulation.trajectory import stacked
 from tests.io.recorded import filled
 from tests.systems.trunk_runs import still_base

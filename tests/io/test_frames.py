@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.io import frames
+from holdfast.io import tables
 from tests.io.test_export import read_csv
 from tests.simulation.rollout.problems import arrays
 from tests.simulation.rollout.test_statuses import gantries, given
@@ -62,7 +62,7 @@ def test_without_them(record, monkeypatch):
     def nothing(name, *_):
         raise ImportError(name)
 
-    monkeypatch.setattr(frames, "import_module", nothing)
+    monkeypatch.setattr(tables, "import_module", nothing)
     for one in (record, record.trajectory(0)):
         with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[pandas\]'"):
             one.to_pandas()

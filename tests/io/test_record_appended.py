@@ -33,13 +33,13 @@ def initial():
 @pytest.fixture
 def at_once(monkeypatch):
     """Let every record be flushed by itself."""
-    monkeypatch.setattr(record_writer, "PATIENCE", 0.0)
+    monkeypatch.setattr(record_writer, "LONGEST_WAIT", 0.0)
 
 
 @pytest.mark.parametrize("patience", [0.0, 60.0])
 def test_same_bits(initial, tmp_path, monkeypatch, patience):
     """In how many pieces it was written makes no difference, nor does reading it or saving it elsewhere."""
-    monkeypatch.setattr(record_writer, "PATIENCE", patience)
+    monkeypatch.setattr(record_writer, "LONGEST_WAIT", patience)
     rollout, systems = initial
     kept = rollout.run(systems, 0.013, 0.001, **OPTIONS)
     record = rollout.run(systems, 0.013, 0.001, folder=tmp_path / "new" / "record", **OPTIONS)
@@ -145,7 +145,7 @@ def test_killed(initial, tmp_path):
         import holdfast as hf
         from holdfast.io import record_writer
         from tests.simulation.rollout.problems import elsewhere, problem, swinging
-        record_writer.PATIENCE = 0.0
+        record_writer.LONGEST_WAIT = 0.0
         chain, state = problem("one")
         rollout = swinging("one")
         rollout.run(rollout.start(**elsewhere(chain, state, 4)), 1000.0, 0.001, folder="record", record=["q"])

@@ -43,7 +43,7 @@ def whole(tmp_path_factory):
 def small_chunks(monkeypatch):
     """Flush the first sample, and then every third; never by the clock."""
     monkeypatch.setattr(result_folder, "CHUNK", 3)
-    monkeypatch.setattr(result_folder, "PATIENCE", np.inf)
+    monkeypatch.setattr(result_folder, "LONGEST_WAIT", np.inf)
 
 
 @pytest.mark.parametrize("sample", [1, 9])

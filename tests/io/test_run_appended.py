@@ -26,7 +26,7 @@ def heave(t):
 @pytest.mark.parametrize("moving", [False, True])
 def test_same_as_saved(tmp_path, monkeypatch, moving):
     """Samples, options, summary and motions of bases are those that `run.save` writes."""
-    monkeypatch.setattr(result_folder, "PATIENCE", 0.0)
+    monkeypatch.setattr(result_folder, "LONGEST_WAIT", 0.0)
     options = {"base_motion": {"arm1": heave}} if moving else {}
     run = hf.simulate(CHAIN, STATE, hang, 0.005, 0.001, folder=tmp_path / "on", **options)
     run.save(tmp_path / "saved")

@@ -18,11 +18,11 @@ from holdfast.cli.standard import is_standard, read_input, refuse_standard, writ
 from holdfast.cli.streams import say
 from holdfast.errors import ResultError, SceneError
 from holdfast.interop.mcap_writer import write_mcap
-from holdfast.io.export import export_csv, export_parquet, occurrences_path
 from holdfast.io.files import make_folder, require_file
 from holdfast.io.result_meta import SCENE, ResultMeta
 from holdfast.io.result_reader import Result, load_result
 from holdfast.io.result_reader import setting_of as setting_in
+from holdfast.io.tables import export_csv, export_parquet, occurrences_path
 from holdfast.model.anchor import Anchor
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain

@@ -13,7 +13,7 @@ from holdfast.io.columns import array_columns
 from holdfast.io.files import file_path, one_line, reason_of
 from holdfast.io.result_reader import Result, load_result
 from holdfast.io.save_run import meta_of
-from holdfast.io.table_reader import read_table
+from holdfast.io.tables import read_table
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called

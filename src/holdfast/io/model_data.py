@@ -28,7 +28,7 @@ from holdfast.model.trunk import Trunk
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Sphere, Visual, Visuals
 from holdfast.spatial.pose import Pose
 
-KINDS = {
+MODEL_CLASSES = {
     kind.__name__: kind
     for kind in (
         Anchor, Arm, Box, Capsule, ClosedChain, Cylinder, Friction, Grasp, HeldObject, Joint, Link, Visuals, Mesh, Pose,
@@ -37,7 +37,7 @@ KINDS = {
 }  # fmt: skip
 IS = "is"  # the key under which data say what they are
 MAPPING = "mapping"
-UNBOUNDED = {"inf": math.inf, "-inf": -math.inf}  # JSON has no infinities
+INFINITIES = {"inf": math.inf, "-inf": -math.inf}  # JSON has no infinities
 
 
 _NO_MODEL = (msgspec.DecodeError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
@@ -93,8 +93,8 @@ def _made(data: Any) -> Any:
     kind, parts = data.get(IS), {name: part for name, part in data.items() if name != IS}
     if kind == MAPPING:
         return {name: _made(part) for name, part in parts.get("of", {}).items()}
-    if kind in UNBOUNDED:
-        return UNBOUNDED[kind]
-    if kind not in KINDS:
-        raise ResultError(f"expected one of {', '.join(KINDS)}, got {str(kind)[:60]!r}")
-    return KINDS[kind](**{name: _made(part) for name, part in parts.items()})
+    if kind in INFINITIES:
+        return INFINITIES[kind]
+    if kind not in MODEL_CLASSES:
+        raise ResultError(f"expected one of {', '.join(MODEL_CLASSES)}, got {str(kind)[:60]!r}")
+    return MODEL_CLASSES[kind](**{name: _made(part) for name, part in parts.items()})

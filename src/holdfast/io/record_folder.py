@@ -1,12 +1,13 @@
-"""Reading of a record of a rollout from its folder; `record_writer` describes the files."""
+"""Reading a record of a rollout from its folder, each array when it is first used; `record_writer` writes the files."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -15,19 +16,112 @@ from holdfast.errors import ResultError, StateError
 from holdfast.io.files import file_path
 from holdfast.io.model_data import model_of
 from holdfast.io.result_meta import MODEL
-from holdfast.io.store import read_manifest, times_of_chunks
-from holdfast.io.stored_arrays import RECORD, STATUSES, RecordMeta, StoredArrays, read_piece
-from holdfast.io.stored_file import Damage, read_arrays, stored
+from holdfast.io.store import (
+    CHANGED,
+    Damage,
+    FolderKind,
+    Manifest,
+    advising,
+    read_arrays,
+    read_manifest,
+    stored,
+    times_of_chunks,
+)
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.rollout import Rollout
-from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems
+from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
 
+RECORD = FolderKind(
+    name="record",
+    manifest="record.json",
+    versions=(2,),
+    chunk="records_{:06d}.npz",
+    data=("records_[0-9]*.npz", "systems_[0-9]*.npz", "record.npz"),
+    others=(MODEL,),
+    again="the same rollout with overwrite=True computes it again; numpy.load reads the files before",
+)
+ROLLOUT_STATUSES = list(RolloutStatus)
 OLD = "record.npz"  # manifest and systems of holdfast 0.1
+
+
+class RecordMeta(Manifest, frozen=True, kw_only=True):
+    """How a record was made.
+
+    Attributes:
+        holdfast: the version that wrote it.
+        step: h [s]; None of a record that was put together from arrays.
+        every: steps from one record to the next.
+        duration: requested duration [s].
+        options: of `Rollout.step`.
+        names: of the recorded arrays.
+        pieces: number of records in each piece.
+        complete: whether the rollout reached its end.
+    """
+
+    format: str = RECORD.format
+    format_version: int = RECORD.versions[0]
+    holdfast: str = ""
+    step: float | None = None
+    every: int = 1
+    duration: float = 0.0
+    options: dict[str, Any] = msgspec.field(default_factory=dict)
+    names: list[str] = msgspec.field(default_factory=list)
+    pieces: list[int] = msgspec.field(default_factory=list)
+    complete: bool = True
+
+    @property
+    def systems(self) -> str:
+        """Name of the file with the systems at the start and at the last piece."""
+        return f"systems_{len(self.pieces):06d}.npz"
+
+
+class StoredArrays(Mapping[str, Array]):
+    """The recorded arrays by name, (records, systems, ...); an array that has been read stays in memory.
+
+    Attributes:
+        folder: the folder of the record.
+        meta: its manifest.
+        names: names of the arrays.
+    """
+
+    def __init__(self, folder: Path, meta: RecordMeta) -> None:
+        self.folder, self.meta, self.names = folder, meta, tuple(meta.names)
+        self._read: dict[str, Array] = {}
+
+    def __getitem__(self, name: str) -> Array:
+        """Return an array, all pieces of it.
+
+        Raises:
+            ResultError: the folder has changed since it was opened.
+        """
+        if name not in self.names:
+            raise KeyError(name)
+        if name not in self._read:
+            self._read[name] = read_only(np.concatenate([arrays[name] for _, arrays in self.parts()]))
+        return self._read[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def parts(self) -> Iterator[tuple[Array, dict[str, Array]]]:
+        """Yield times and arrays piece by piece, of which one at a time is in memory.
+
+        Raises:
+            ResultError: the folder has changed since it was opened.
+        """
+        for k in range(len(self.meta.pieces)):
+            with advising(self.folder, CHANGED):
+                piece = read_piece(self.folder, k, self.meta)
+            yield piece
 
 
 def load_record(folder: str | PathLike[str], rollout: Rollout | None = None) -> RolloutRecord:
@@ -57,6 +151,44 @@ def load_record(folder: str | PathLike[str], rollout: Rollout | None = None) -> 
             if now == meta:
                 raise Damage(f"{place}: {damage}; {RECORD.again}") from damage
             meta = now  # the rollout went on
+
+
+def read_piece(folder: Path, k: int, meta: RecordMeta, systems: int | None = None) -> tuple[Array, dict[str, Array]]:
+    """Return the times and the arrays of piece k, of so many systems.
+
+    Raises:
+        Damage: they are not there, or have another number of records.
+    """
+    name, count = RECORD.chunk.format(k), meta.pieces[k]
+    arrays, number = read_arrays(folder, name, meta.files, "piece")
+    found = {title: arrays[f"record.{title}"] for title in meta.names if f"record.{title}" in arrays}
+    t = arrays.get("t", np.zeros(0))
+    if (
+        number != k
+        or len(found) < len(meta.names)
+        or t.shape != (count,)
+        or any(x.shape[:1] != (count,) or systems not in (None, *x.shape[1:2]) for x in found.values())
+    ):
+        raise Damage(f"{name} is damaged: it lacks arrays, or has them in other shapes")
+    return t, {title: as_recorded(title, x) for title, x in found.items()}
+
+
+def plain(x: Array) -> Array:
+    """Return an array of numbers; of statuses their numbers, since reading objects from a file would run code."""
+    return x if x.dtype != object else np.vectorize(ROLLOUT_STATUSES.index, otypes=[np.int64])(x)
+
+
+def as_recorded(name: str, x: Array) -> Array:
+    """Return an array that `plain` has written.
+
+    Raises:
+        Damage: it has no such statuses.
+    """
+    if name != "status":
+        return x
+    if x.dtype != np.int64 or not np.isin(x, np.arange(len(ROLLOUT_STATUSES))).all():
+        raise Damage("status: no such numbers")
+    return np.array(ROLLOUT_STATUSES)[x]
 
 
 def _manifest(place: Path) -> RecordMeta:
@@ -140,7 +272,7 @@ def _systems(arrays: dict[str, Array], name: str, chain: ClosedChain) -> Rollout
         and all(x.ndim and len(x) in (1, len(begin)) for x in inputs.values())
         and all(x.dtype == np.float64 for x in (*carried.values(), begin, length))
         and carried["q"].shape[1:] == (chain.joint_count,)
-        and np.isin(code, np.arange(len(STATUSES))).all()
+        and np.isin(code, np.arange(len(ROLLOUT_STATUSES))).all()
     ):
         raise Damage("systems: arrays are missing, or have other shapes: damaged")
     systems = RolloutSystems(chain, carried, begin, length)

@@ -16,14 +16,12 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from holdfast.io.files import file_path
+from holdfast.io.files import file_path, replaced_folder
 from holdfast.io.model_data import model_text
-from holdfast.io.replaced_folder import replaced_folder
-from holdfast.io.result_folder import PATIENCE
+from holdfast.io.record_folder import RECORD, RecordMeta, StoredArrays, plain
+from holdfast.io.result_folder import LONGEST_WAIT
 from holdfast.io.result_meta import MODEL
-from holdfast.io.store_writer import StoreWriter, require_free
-from holdfast.io.stored_arrays import RECORD, RecordMeta, StoredArrays, plain
-from holdfast.io.stored_file import arrays_text
+from holdfast.io.store import StoreWriter, arrays_text, require_free
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.spatial.scalar import Array
@@ -77,7 +75,7 @@ class RecordWriter:
     def is_due(self, waiting: Sequence[tuple[float, Mapping[str, Array]]]) -> bool:
         """Return whether waiting records are to be written: none is on disk yet, or they are many, or old."""
         size = len(waiting) * (8 + sum(x.nbytes for x in waiting[-1][1].values()))
-        return size >= LARGEST_PIECE or time.monotonic() - self._flushed_at >= PATIENCE
+        return size >= LARGEST_PIECE or time.monotonic() - self._flushed_at >= LONGEST_WAIT
 
     def append(
         self, t: Array, arrays: Mapping[str, Array], last: RolloutSystems, stopped: Array, complete: bool

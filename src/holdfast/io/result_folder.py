@@ -9,7 +9,7 @@
     model.json            of a run made in Python instead of a scene: its chain
     bases.npz             of such a run: how bases moved; bases_planned.npz until it has ended
 
-A chunk counts once meta.json, replaced atomically, names it (`store_writer`). docs/results.md is the format in full.
+A chunk counts once meta.json, replaced atomically, names it (`store`). docs/results.md is the format in full.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from holdfast.errors import ResultError
-from holdfast.io.result_chunk import chunk_name, chunk_text, read_chunk
 from holdfast.io.result_meta import (
     BASES,
     META,
@@ -36,12 +35,14 @@ from holdfast.io.result_meta import (
     SUMMARY,
     CheckpointRecord,
     ResultMeta,
+    chunk_name,
+    chunk_text,
     differences,
     kept_files,
+    read_chunk,
     read_meta,
 )
-from holdfast.io.store_writer import StoreWriter, require_free
-from holdfast.io.stored_file import advising, arrays_text, json_text, read_arrays, sha256
+from holdfast.io.store import StoreWriter, advising, arrays_text, json_text, read_arrays, require_free, sha256
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
 from holdfast.robots.urdf.source import UrdfSource
@@ -52,7 +53,7 @@ from holdfast.simulation.summary import Summary
 from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory
 
 CHUNK = 1000  # samples that wait until they are flushed
-PATIENCE = 5.0  # seconds after which fewer are
+LONGEST_WAIT = 5.0  # seconds after which fewer are
 
 
 class ResultWriter:
@@ -146,7 +147,7 @@ class ResultWriter:
         Raises:
             ResultError: they cannot be written.
         """
-        if len(self._waiting) >= CHUNK or time.monotonic() - self._flushed_at >= PATIENCE:
+        if len(self._waiting) >= CHUNK or time.monotonic() - self._flushed_at >= LONGEST_WAIT:
             self.flush()
 
     def flush(self) -> None:

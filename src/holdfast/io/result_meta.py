@@ -1,23 +1,24 @@
-"""meta.json of a result folder: which run it is, how much of it is there, and which robots it was simulated with."""
+"""The files of a result folder: meta.json, chunks of samples, and the robots that were simulated."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from holdfast.errors import ResultError
-from holdfast.io.store import Kind, Manifest, read_manifest
-from holdfast.io.stored_file import sha256, stored
+from holdfast.io.store import Damage, FolderKind, Manifest, arrays_text, read_arrays, read_manifest, sha256, stored
 from holdfast.robots.urdf.source import UrdfSource
 from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.trajectory import OF_TRUNK, Trajectory, array_names, stacked
 
 META, SCENE, SUMMARY = "meta.json", "scene.toml", "summary.json"
 MODEL, BASES, PLANNED = "model.json", "bases.npz", "bases_planned.npz"  # of a run made in Python
-INTERRUPTED = "interrupted"  # the one `stopped` after which a run can go on
-RESULT = Kind(
+WAS_INTERRUPTED = "interrupted"  # the one `stopped` after which a run can go on
+RESULT = FolderKind(
     name="result",
     manifest=META,
     versions=(3, 2),
@@ -112,7 +113,7 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
     @property
     def ended(self) -> bool:
         """Whether nothing can come after: the run is complete, or physics stopped it."""
-        return self.complete or self.stopped not in (None, INTERRUPTED)
+        return self.complete or self.stopped not in (None, WAS_INTERRUPTED)
 
 
 _PROGRESS = ("samples", "chunks", "last_time", "checkpoint", "no_checkpoint", "complete", "stopped", "occurrences")
@@ -173,3 +174,37 @@ def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, U
         meshes = Path(record.folder) if record.folder else None
         found[arm] = UrdfSource(str(folder / record.file), content, meshes, packages=record.packages)
     return found
+
+
+def chunk_name(k: int) -> str:
+    """Return the file name of chunk k."""
+    return RESULT.chunk.format(k)
+
+
+def chunk_text(samples: Sequence[Trajectory]) -> bytes:
+    """Return samples as the bytes of a chunk."""
+    chunk = stacked(samples)
+    log = [{"sample": i, **asdict(line)} for i, one in enumerate(samples) for line in one.occurrences]
+    return arrays_text({name: getattr(chunk, name) for name in array_names()}, "occurrences", log)
+
+
+def read_chunk(folder: Path, k: int, meta: ResultMeta) -> Trajectory:
+    """Return the samples of chunk k that belong to the run.
+
+    Raises:
+        Damage: samples are missing or damaged.
+    """
+    count = meta.chunks[k]
+    arrays, log = read_arrays(folder, chunk_name(k), meta.files, "occurrences")
+    if lacking := [name for name in array_names() if name not in (*arrays, *OF_TRUNK)]:
+        raise Damage(f"{chunk_name(k)} lacks {', '.join(lacking)}")
+    for name, array in arrays.items():
+        if array.shape[:1] < (count,):
+            raise Damage(f"{chunk_name(k)} holds shape {array.shape} of '{name}', expected {count} samples")
+    try:
+        lines = msgspec.convert(log, list[dict[str, Any]])
+        occurrences = msgspec.convert([line for line in lines if line["sample"] < count], tuple[Occurrence, ...])
+    except (msgspec.ValidationError, KeyError, TypeError) as cause:
+        raise Damage(f"{chunk_name(k)}: occurrences: {cause}") from cause
+    ours: dict[str, Any] = {name: arrays[name][:count] for name in array_names() if name in arrays}
+    return Trajectory(**ours, occurrences=occurrences)

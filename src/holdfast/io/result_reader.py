@@ -14,7 +14,6 @@ import numpy as np
 from holdfast.errors import ResultError, StateError
 from holdfast.io.files import file_path
 from holdfast.io.model_data import model_of
-from holdfast.io.result_chunk import read_chunk
 from holdfast.io.result_meta import (
     BASES,
     MODEL,
@@ -24,10 +23,10 @@ from holdfast.io.result_meta import (
     SUMMARY,
     ResultMeta,
     kept_robots,
+    read_chunk,
     read_meta,
 )
-from holdfast.io.store import times_of_chunks
-from holdfast.io.stored_file import CHANGED, Damage, advising, read_arrays, stored
+from holdfast.io.store import CHANGED, Damage, advising, read_arrays, stored, times_of_chunks
 from holdfast.model.fingerprint import fingerprint
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import RecordedBase, Setting

@@ -21,7 +21,7 @@ from holdfast.model import checks
 
 T = TypeVar("T")
 
-LARGEST_FILE = 32 * 2**20  # [bytes]
+LARGEST_TEXT = 32 * 2**20  # [bytes]
 # Keys of a path `a.b.c`: tomllib takes memory by the square of their number, and a scene needs seven.
 _PATH_OF_KEYS = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""")
 
@@ -69,7 +69,7 @@ class Location:
             raise self.refuse(problem or str(cause)) from cause
 
 
-def read_bytes(path: Path, most: int = LARGEST_FILE) -> bytes:
+def read_bytes(path: Path, most: int = LARGEST_TEXT) -> bytes:
     """Return a file's bytes.
 
     Args:

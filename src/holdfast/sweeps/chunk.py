@@ -15,7 +15,7 @@ import numpy as np
 from holdfast.errors import ResultError
 from holdfast.io.columns import array_columns
 from holdfast.io.save_run import meta_of
-from holdfast.io.table_reader import pyarrow
+from holdfast.io.tables import pyarrow
 from holdfast.simulation.rollout.record import RolloutRecord
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.setting import Setting
