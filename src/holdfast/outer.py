@@ -10,8 +10,7 @@ from typing import Any
 _MODULES = {
     "codegen.export": ("export_c",),
     "interop.mcap_writer": ("write_mcap",),
-    "io.record_folder": ("parts_of_record",),
-    "io.record_writer": ("RecordWriter", "save_record"),
+    "io.record_folder": ("RecordWriter", "parts_of_record", "save_record"),
     "io.save_run": ("AppendedRun", "save_run"),
     "io.tables": (
         "data_set_of_record",
@@ -23,7 +22,7 @@ _MODULES = {
     ),
     "robots.built_in": ("home_of",),
     "robots.mesh_files.solid": ("held_object_from_mesh", "size_notes"),
-    "robots.urdf.held_object": ("held_object_from_urdf",),
+    "robots.urdf.bodies": ("held_object_from_urdf",),
     "robots.visuals": ("equivalent_box",),
     "view.chain_diagram": ("chain_diagram",),
     "view.inline": ("Figures", "html_of_run", "html_of_summary", "shown"),

@@ -138,7 +138,7 @@ def write_record(folder: Path, other: bool, overwrite: bool = False) -> None:
     starts = elsewhere(*problem("one"), 3 if other else 2)
     systems = rollout.start(**{name: x[-2:] for name, x in starts.items()})
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("holdfast.io.record_writer.LONGEST_WAIT", 0.0)
+        patched.setattr("holdfast.io.record_folder.LONGEST_WAIT", 0.0)
         rollout.run(systems, 0.003, 0.001, record=("q", "status"), folder=folder, overwrite=overwrite)
 
 

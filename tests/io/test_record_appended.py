@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.io import record_writer
+from holdfast.io import record_folder
 from tests.compiler.programs import same_bits
 from tests.simulation.rollout.problems import elsewhere, problem, swinging
 
@@ -33,13 +33,13 @@ def initial():
 @pytest.fixture
 def at_once(monkeypatch):
     """Let every record be flushed by itself."""
-    monkeypatch.setattr(record_writer, "LONGEST_WAIT", 0.0)
+    monkeypatch.setattr(record_folder, "LONGEST_WAIT", 0.0)
 
 
 @pytest.mark.parametrize("patience", [0.0, 60.0])
 def test_same_bits(initial, tmp_path, monkeypatch, patience):
     """In how many pieces it was written makes no difference, nor does reading it or saving it elsewhere."""
-    monkeypatch.setattr(record_writer, "LONGEST_WAIT", patience)
+    monkeypatch.setattr(record_folder, "LONGEST_WAIT", patience)
     rollout, systems = initial
     kept = rollout.run(systems, 0.013, 0.001, **OPTIONS)
     record = rollout.run(systems, 0.013, 0.001, folder=tmp_path / "new" / "record", **OPTIONS)
@@ -125,7 +125,7 @@ def test_changed_while_read(initial, tmp_path):
 @pytest.mark.slow
 def test_memory_does_not_grow(initial, tmp_path, monkeypatch):
     """Ten times the records take as much memory, less their times."""
-    monkeypatch.setattr(record_writer, "LARGEST_PIECE", 2**16)
+    monkeypatch.setattr(record_folder, "LARGEST_PIECE", 2**16)
     rollout, systems = initial
     peaks = []
     for k, duration in enumerate((0.01, 0.2, 2.0)):  # the first is not measured
@@ -143,9 +143,9 @@ def test_killed(initial, tmp_path):
     """kill -9 at any moment leaves whole records, those of an undisturbed rollout."""
     program = """
         import holdfast as hf
-        from holdfast.io import record_writer
+        from holdfast.io import record_folder
         from tests.simulation.rollout.problems import elsewhere, problem, swinging
-        record_writer.LONGEST_WAIT = 0.0
+        record_folder.LONGEST_WAIT = 0.0
         chain, state = problem("one")
         rollout = swinging("one")
         rollout.run(rollout.start(**elsewhere(chain, state, 4)), 1000.0, 0.001, folder="record", record=["q"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.io import record_writer, result_folder
+from holdfast.io import record_folder, result_folder
 from tests.compiler.programs import same_bits
 from tests.io.mutations import small_case
 from tests.io.signing import resigned
@@ -81,7 +81,7 @@ def test_half_way(made, tmp_path, monkeypatch, cause):
     def fail(*_):
         raise cause
 
-    monkeypatch.setattr(record_writer, "arrays_text", fail)
+    monkeypatch.setattr(record_folder, "arrays_text", fail)
     with pytest.raises((hf.ResultError, KeyboardInterrupt, MemoryError)):
         record.save(folder, overwrite=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from holdfast import SceneError
-from holdfast.robots.urdf import Box, Capsule, Cylinder, Mesh, Sphere, urdf_chain, urdf_visuals
+from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Sphere
+from holdfast.robots.urdf import urdf_chain, urdf_visuals
 from tests.robots.two_armed import TWO_ARMED
 
 ARM = {"base": "torso", "tip": "left_grasp", "lock_others": True}

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
 from holdfast.errors import ModelError
-from holdfast.identification.unknowns import PayloadUnknowns
+from holdfast.identification.equations import PayloadUnknowns
 from holdfast.model import checks
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen

@@ -24,11 +24,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from holdfast.errors import StateError
-from holdfast.identification.equations import Equations
+from holdfast.identification.equations import Equations, PayloadUnknowns
 from holdfast.identification.feasible_bodies import best_feasible, is_feasible
 from holdfast.identification.free_fit import FreeFit, free_fit
 from holdfast.identification.motion_noise import JointNoise
-from holdfast.identification.unknowns import PayloadUnknowns
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 

@@ -14,13 +14,12 @@ from holdfast.dynamics.contact_places import tip_frames
 from holdfast.errors import ModelError, StateError
 from holdfast.identification.base_parameters import parts_kept, sentences
 from holdfast.identification.completed import completed, differentiated
-from holdfast.identification.equations import Equations, Settings, equations
+from holdfast.identification.equations import Equations, PayloadUnknowns, Settings, equations, unknowns_of
 from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.feasible_bodies import is_feasible
 from holdfast.identification.motion_noise import motion_noise
 from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
 from holdfast.identification.recording import Recording, recording_of
-from holdfast.identification.unknowns import PayloadUnknowns, unknowns_of
 from holdfast.io.result_reader import Result
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain

@@ -7,8 +7,8 @@ import numpy as np
 from holdfast.dynamics.consistency import closure
 from holdfast.identification.equations import Equations
 from holdfast.identification.estimate import Estimate
+from holdfast.identification.free_fit import noise_of_columns
 from holdfast.identification.motion_noise import JointNoise
-from holdfast.identification.noise import noise_of_columns
 from holdfast.identification.recording import Recording
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array

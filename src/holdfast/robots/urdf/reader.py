@@ -10,19 +10,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-import holdfast.robots.urdf.attributes as attributes
 from holdfast.errors import SceneError
 from holdfast.model import checks
+from holdfast.robots.urdf import attributes, extensions
 from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
-from holdfast.robots.urdf.extensions import (
-    Extensions,
-    drive,
-    gazebo,
-    gravity,
-    ros2_control,
-    transmission,
-    with_extensions,
-)
 from holdfast.robots.urdf.robot import (
     MOVING_KINDS,
     PLANAR,
@@ -78,7 +69,7 @@ def read_urdf(
         raise root.refuse("expected <robot> as the outermost element")
     stated = _by_name([_joint(element) for element in root.children if element.tag in ("joint", "drake:joint")])
     found = _extensions(root, _by_name([_link(element) for element in root.children if element.tag == "link"]), stated)
-    bodies, hinges = with_extensions(found)
+    bodies, hinges = extensions.with_extensions(found)
     notes = (*source.notes, *unread_notes(root), *found.notes.get("", ()))
     parts = [taken_apart(joint) if joint.kind == PLANAR else ([joint], []) for joint in hinges]
     links = _by_name([*bodies, *(link for _, between in parts for link in between)])
@@ -91,31 +82,31 @@ def read_urdf(
     return robot
 
 
-def _extensions(root: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> Extensions:
+def _extensions(root: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> extensions.Extensions:
     """Return what the file says of links and joints outside of their own elements."""
     named = [(frame.attributes.get("name", ""), frame) for frame in root.children if frame.tag == "frame"]
-    found = Extensions(links, joints, {name: frame.attributes.get("link", "") for name, frame in named})
+    found = extensions.Extensions(links, joints, {name: frame.attributes.get("link", "") for name, frame in named})
     for element in root.children:
         if VOCABULARY["robot"].effect(element.tag) == "refused":
             found.couple(element)
         elif element.tag == "gazebo":
-            gazebo(found, element)
-            drive(found, element, element.attributes.get("reference", ""))
+            extensions.gazebo(found, element)
+            extensions.drive(found, element, element.attributes.get("reference", ""))
         elif element.tag == "transmission":
-            transmission(found, element, {})
+            extensions.transmission(found, element, {})
         elif element.tag == "ros2_control":
-            ros2_control(found, element)
+            extensions.ros2_control(found, element)
         elif element.tag == "sensor":
             found.note("", hidden_notes(element))
         elif element.tag == "mujoco":
             found.note("", [*extension_notes(element, "mujoco"), *_of_compiler(element)])
     for joint in joints.values():
-        drive(found, joint.element, joint.name)
+        extensions.drive(found, joint.element, joint.name)
     for link in links.values():
         for element in link.element.children:
             if element.tag in VOCABULARY["link"].extensions:
                 with found.faults_of([link.name]):
-                    gravity(found, element, link.name)
+                    extensions.gravity(found, element, link.name)
     return found
 
 

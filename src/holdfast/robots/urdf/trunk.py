@@ -12,12 +12,18 @@ from holdfast.model.trunk import BASE, Trunk
 from holdfast.robots.arms_on_trunk import ArmsOnTrunk, branching, mount_name, shared_counts
 from holdfast.robots.notes import show_notes
 from holdfast.robots.urdf.bodies import FoldedChain, fold, welded_link
-from holdfast.robots.urdf.chain import UrdfChain, chain_of, joints_and_links
-from holdfast.robots.urdf.chain_notes import coupling_notes, read_within
+from holdfast.robots.urdf.chain import (
+    UrdfChain,
+    UrdfOptions,
+    chain_of,
+    joints_and_links,
+    locks_of,
+    mount_of,
+    read_robot,
+)
+from holdfast.robots.urdf.chain_checks import coupling_notes, hanging, read_within, refuse_loose
 from holdfast.robots.urdf.document import listed, quoted
-from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
 from holdfast.robots.urdf.path import Locks, PassedJoint, known_link, path_between
-from holdfast.robots.urdf.refusals import hanging, refuse_loose
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.source import UrdfSource
 from holdfast.robots.urdf.visuals import visuals_of_bodies
