@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any, TypedDict, Unpack
 
+import holdfast.robots.urdf.chain_checks as chain_checks
 from holdfast.errors import CallError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -14,7 +15,6 @@ from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.names import did_you_mean
 from holdfast.robots.notes import show_notes
-from holdfast.robots.urdf import chain_checks
 from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, welded_link
 from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.path import (

@@ -10,9 +10,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+import holdfast.robots.urdf.attributes as attributes
+import holdfast.robots.urdf.extensions as extensions
 from holdfast.errors import SceneError
 from holdfast.model import checks
-from holdfast.robots.urdf import attributes, extensions
 from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
 from holdfast.robots.urdf.robot import (
     MOVING_KINDS,

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import holdfast.robots.urdf.attributes as attributes
 from holdfast.errors import SceneError
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Rgba, Shape, Sphere, Visual, Visuals
 from holdfast.robots.packages import PackageFolders
-from holdfast.robots.urdf import attributes
 from holdfast.robots.urdf.document import Element
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.spatial.pose import Pose
