@@ -177,18 +177,9 @@ def test_refusals(rolled, solved):
 BY = ("tau", "gravity", "object_pose")
 
 
-@pytest.fixture(scope="module")
-def problem():
-    """A compiled chain of two arms, and its state and torques."""
-    p = random_chain(1)
-    s = p.state
-    arguments = {"q": s.q, "qd": s.qd, "tau": np.asarray(p.tau), "object_pose": s.object_pose}
-    return hf.compile(p.chain), arguments | {"object_twist": s.object_twist}
-
-
-def test_products(problem):
+def test_products(solved):
     """Both products are those of the matrix."""
-    fast, arguments = problem
+    fast, arguments = solved
     J = jacobian_operator(fast, by=BY, **arguments)
     whole = fast.forward_dynamics_jacobian(**arguments, of=["qdd"], by=list(BY))
     matrix = np.hstack([whole["qdd", name] for name in BY])
@@ -199,9 +190,9 @@ def test_products(problem):
     assert np.allclose(J.T @ y, matrix.T @ y, rtol=1e-10, atol=1e-10 * np.abs(matrix).max())
 
 
-def test_least_squares(problem):
+def test_least_squares(solved):
     """Torques for given accelerations are found without a matrix; what remains is none."""
-    fast, arguments = problem
+    fast, arguments = solved
     rest = {name: x for name, x in arguments.items() if name != "tau"}
     wanted = fast.forward_dynamics(**arguments).qdd
 
@@ -217,9 +208,9 @@ def test_least_squares(problem):
     assert np.abs(found.fun).max() < 1e-6 * np.abs(wanted).max()
 
 
-def test_refusals_of_the_operator(problem):
+def test_refusals_of_the_operator(solved):
     """Names that are not there, and a state that is not whole."""
-    fast, arguments = problem
+    fast, arguments = solved
     for options, words in (({"of": "qd"}, "no 'qd'"), ({"by": ["tao"]}, "no 'tao'"), ({"by": "tau"}, "by")):
         with pytest.raises(hf.StateError, match=words):
             jacobian_operator(fast, **options, **arguments)

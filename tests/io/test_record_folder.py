@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.io import record_folder, result_folder
+from holdfast.io import record_folder, result_meta, store
 from tests.compiler.programs import same_bits
 from tests.io.mutations import small_case
 from tests.io.signing import resigned
@@ -88,7 +88,7 @@ def test_half_way(made, tmp_path, monkeypatch, cause):
     def fail(*_):
         raise cause
 
-    monkeypatch.setattr(record_folder, "arrays_text", fail)
+    monkeypatch.setattr(store, "arrays_text", fail)
     with pytest.raises((hf.ResultError, KeyboardInterrupt, MemoryError)):
         record.save(folder, overwrite=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
@@ -158,7 +158,7 @@ def test_a_run_half_way(made, tmp_path, monkeypatch):
     (folder / "notes.txt").write_text("mine")
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     with monkeypatch.context() as patched:
-        patched.setattr(result_folder, "chunk_text", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
+        patched.setattr(result_meta, "chunk_text", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
         with pytest.raises(hf.ResultError, match="run: cannot be written: No space left"):
             run.save(folder, overwrite=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before

@@ -1,14 +1,13 @@
 """A table holds every number of a run, under names and units that other programs can show."""
 
-import builtins
 import csv
+import sys
 import tracemalloc
 
 import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import Attach, MissingExtra, ResultError, simulate
 from holdfast.io import tables
 from holdfast.io.columns import columns, rows
 from holdfast.io.result_folder import ResultWriter, run_meta
@@ -118,15 +117,8 @@ def test_parquet(saved, tmp_path):
 
 def test_without_pyarrow(saved, tmp_path, monkeypatch):
     """The extra that brings it is named, and nothing is written."""
-    real = builtins.__import__
-
-    def without(name, *rest):
-        if name.startswith("pyarrow"):
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(MissingExtra, match=r"pip install 'holdfast\[parquet\]'"):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[parquet\]'"):
         export_parquet(saved[0], tmp_path / "run.parquet")
     assert not list(tmp_path.glob("*.parquet*"))
 
@@ -137,11 +129,11 @@ def test_a_broken_export_leaves_what_was_there(saved, tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("earlier")
     (result.folder / "chunk_0001.npz").write_bytes(b"torn")
-    with pytest.raises(ResultError, match=r"chunk_0001.npz is damaged"):
+    with pytest.raises(hf.ResultError, match=r"chunk_0001.npz is damaged"):
         export_csv(result, path)
     assert path.read_text() == "earlier"
     assert [p.name for p in tmp_path.iterdir() if p.is_file()] == ["run.csv"]
-    with pytest.raises(ResultError, match="cannot be written"):
+    with pytest.raises(hf.ResultError, match="cannot be written"):
         export_csv(result, tmp_path / "nowhere" / "run.csv")
 
 
@@ -161,9 +153,9 @@ def test_what_happened_below_a_trunk(tmp_path):
     """A run on a trunk has columns of its base: the arrays, and the impulse that it takes when an arm grips."""
     p = still_base(9, 2, floating=False, arms={"arms": 2, "grasps": "rigid", "joints": 7})
     name = next(iter(p.chain.mounts))
-    chain, grips = p.chain.without_grasp(name), Attach(0.002, name, p.chain.grasps[name], here=True)
+    chain, grips = p.chain.without_grasp(name), hf.Attach(0.002, name, p.chain.grasps[name], here=True)
     writer = ResultWriter(tmp_path / "run", run_meta(chain, "gripping", 0.004, 0.002), "")
-    run = simulate(
+    run = hf.simulate(
         chain, p.state, lambda t, s, m: (p.tau, m), 0.004, 0.002, events=[grips], on_sample=writer.add
     )  # fmt: skip
     writer.finish(None)

@@ -23,15 +23,7 @@ from holdfast.interop.mjcf_bodies import (
 )
 from holdfast.interop.mjcf_couplings import Moving, checked_couplings
 from holdfast.interop.mjcf_model import compiled_mjcf
-from holdfast.interop.mjcf_tree import (
-    bodies_between,
-    body_name,
-    find_base,
-    find_tip,
-    joint_kind,
-    joint_name,
-    joints_of,
-)
+from holdfast.interop.mjcf_tree import bodies_between, body_name, find_base, find_tip, joint_kind, joint_name, joints_of
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.trunk import BASE, Trunk

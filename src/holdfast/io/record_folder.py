@@ -22,24 +22,12 @@ import msgspec
 import numpy as np
 
 from holdfast.errors import ResultError, StateError
+from holdfast.io import store
 from holdfast.io.files import file_path, replaced_folder
 from holdfast.io.model_data import model_of, model_text
 from holdfast.io.result_folder import LONGEST_WAIT
 from holdfast.io.result_meta import MODEL
-from holdfast.io.store import (
-    CHANGED,
-    Damage,
-    FolderKind,
-    Manifest,
-    StoreWriter,
-    advising,
-    arrays_text,
-    read_arrays,
-    read_manifest,
-    require_free,
-    stored,
-    times_of_chunks,
-)
+from holdfast.io.store import Damage, stored
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
@@ -50,7 +38,7 @@ from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems
 from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
 
-RECORD = FolderKind(
+RECORD = store.FolderKind(
     name="record",
     manifest="record.json",
     versions=(2,),
@@ -64,7 +52,7 @@ OLD = "record.npz"  # manifest and systems of holdfast 0.1
 LARGEST_PIECE = 16 * 2**20  # bytes that wait until they are flushed
 
 
-class RecordMeta(Manifest, frozen=True, kw_only=True):
+class RecordMeta(store.Manifest, frozen=True, kw_only=True):
     """How a record was made.
 
     Attributes:
@@ -133,7 +121,7 @@ class StoredArrays(Mapping[str, Array]):
             ResultError: the folder has changed since it was opened.
         """
         for k in range(len(self.meta.pieces)):
-            with advising(self.folder, CHANGED):
+            with store.advising(self.folder, store.CHANGED):
                 piece = read_piece(self.folder, k, self.meta)
             yield piece
 
@@ -174,10 +162,10 @@ def _manifest(place: Path) -> RecordMeta:
         ResultError: there is none, it is damaged, or its format is another one.
     """
     if os.path.exists(place / RECORD.manifest) or not os.path.isfile(place / OLD):
-        return read_manifest(place, RECORD, RecordMeta)
+        return store.read_manifest(place, RECORD, RecordMeta)
     files: dict[str, str | None] = {path.name: None for path in place.iterdir()}
     try:
-        return msgspec.convert(read_arrays(place, OLD, files, "meta")[1] | {"files": files}, RecordMeta)
+        return msgspec.convert(store.read_arrays(place, OLD, files, "meta")[1] | {"files": files}, RecordMeta)
     except (Damage, TypeError, msgspec.ValidationError) as cause:
         raise Damage(f"{place}: {OLD} is damaged: {cause}; {RECORD.again}") from cause
 
@@ -191,10 +179,10 @@ def _loaded(place: Path, meta: RecordMeta, rollout: Rollout | None) -> RolloutRe
     """
     if not meta.pieces:
         raise ResultError(f"{place}: no records yet: the rollout has just begun, or ended before its first flush")
-    arrays, _ = read_arrays(place, OLD if OLD in meta.files else meta.systems, meta.files, "meta")
+    arrays, _ = store.read_arrays(place, OLD if OLD in meta.files else meta.systems, meta.files, "meta")
     chain = model_of(stored(place, MODEL, meta.files), str(place / MODEL))
     systems, stopped = _systems(arrays, "last", chain), arrays["stopped"]
-    times, damage = times_of_chunks(RECORD, meta.pieces, lambda k: read_piece(place, k, meta, len(systems)))
+    times, damage = store.times_of_chunks(RECORD, meta.pieces, lambda k: read_piece(place, k, meta, len(systems)))
     if damage:
         lost = sum(meta.pieces[len(times) :])
         raise Damage(f"{damage}; {lost} of {sum(meta.pieces)} records are lost")
@@ -263,7 +251,7 @@ def read_piece(folder: Path, k: int, meta: RecordMeta, systems: int | None = Non
         Damage: they are not there, or have another number of records.
     """
     name, count = RECORD.chunk.format(k), meta.pieces[k]
-    arrays, number = read_arrays(folder, name, meta.files, "piece")
+    arrays, number = store.read_arrays(folder, name, meta.files, "piece")
     found = {title: arrays[f"record.{title}"] for title in meta.names if f"record.{title}" in arrays}
     t = arrays.get("t", np.zeros(0))
     if (
@@ -297,7 +285,7 @@ def plain(x: Array) -> Array:
 def save_record(record: RolloutRecord, folder: str | PathLike[str], overwrite: bool = False) -> Path:
     """Write a record as a folder, and return the folder; see `RolloutRecord.save`."""
     place = file_path(folder, "folder")
-    require_free(place, RECORD, overwrite, "overwrite=True")
+    store.require_free(place, RECORD, overwrite, "overwrite=True")
     with replaced_folder(place, RECORD.owns) as new:
         writer = RecordWriter(new, record.arguments)
         for part in record.parts():
@@ -338,8 +326,8 @@ class RecordWriter:
             ResultError: it is in use.
         """
         self.folder = file_path(folder, "folder")
-        require_free(self.folder, RECORD, overwrite, "overwrite=True")
-        self._store = StoreWriter(self.folder, RECORD)
+        store.require_free(self.folder, RECORD, overwrite, "overwrite=True")
+        self._store = store.StoreWriter(self.folder, RECORD)
         self._arguments, self._meta, self._times = arguments, meta_of_record(arguments), list[Array]()
         self._flushed_at = -np.inf
 
@@ -372,11 +360,13 @@ class RecordWriter:
         old, pieces = self._meta, [*self._meta.pieces, len(t)]
         self._store.write(
             RECORD.chunk.format(len(old.pieces)),
-            arrays_text({"t": t} | _under("record", arrays), "piece", len(old.pieces)),
+            store.arrays_text({"t": t} | _under("record", arrays), "piece", len(old.pieces)),
         )
         meta = msgspec.structs.replace(old, pieces=pieces, names=[*arrays], complete=complete)
         first = {} if self._arguments is None else _of(self._arguments.systems, "first")
-        self._store.write(meta.systems, arrays_text({"stopped": stopped} | _of(last, "last") | first, "meta", None))
+        self._store.write(
+            meta.systems, store.arrays_text({"stopped": stopped} | _of(last, "last") | first, "meta", None)
+        )
         self._store.commit(meta, (old.systems,))
         self._meta, self._last, self._stopped = msgspec.structs.replace(meta, files=self._store.files), last, stopped
         self._times.append(t)

@@ -26,22 +26,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from holdfast.errors import ResultError
-from holdfast.io.result_meta import (
-    BASES,
-    META,
-    PLANNED,
-    RESULT,
-    SCENE,
-    SUMMARY,
-    CheckpointRecord,
-    ResultMeta,
-    chunk_name,
-    chunk_text,
-    differences,
-    kept_files,
-    read_chunk,
-    read_meta,
-)
+from holdfast.io import result_meta
+from holdfast.io.result_meta import RESULT, ResultMeta
 from holdfast.io.store import StoreWriter, advising, arrays_text, json_text, read_arrays, require_free, sha256
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
@@ -93,8 +79,8 @@ class ResultWriter:
         self.folder, self._store = folder, StoreWriter(folder, RESULT)
         self.start: Checkpoint | None = None
         scene = scene_text.encode("utf-8")
-        records, kept = kept_files(robots or {})
-        self._files = {SCENE: scene, **kept, **(files or {})}
+        records, kept = result_meta.kept_files(robots or {})
+        self._files = {result_meta.SCENE: scene, **kept, **(files or {})}
         self._meta = replace(meta, scene_sha256=sha256(scene), robots=records)
         self._waiting: list[Trajectory] = []
         self._reported = 0  # occurrences
@@ -162,7 +148,7 @@ class ResultWriter:
             return
         self._store.begin(self._meta, self._files)
         k, count = len(self._meta.chunks), len(self._waiting)
-        self._store.write(chunk_name(k), chunk_text(self._waiting))
+        self._store.write(result_meta.chunk_name(k), result_meta.chunk_text(self._waiting))
         flushed = replace(
             self._with_checkpoint(),
             samples=self.samples + count,
@@ -199,12 +185,14 @@ class ResultWriter:
             return
         self._store.begin(self._meta, {})
         if bases is not None:
-            self._store.write(BASES, bases)
+            self._store.write(result_meta.BASES, bases)
         if summary is not None:
-            self._store.write(SUMMARY, json_text(asdict(summary)))
+            self._store.write(result_meta.SUMMARY, json_text(asdict(summary)))
         last = list(occurrences[self._reported :])
         ended = replace(self._meta, complete=stopped is None, stopped=stopped, occurrences=last)
-        self._commit(replace(ended, checkpoint=None) if ended.ended else ended, () if bases is None else (PLANNED,))
+        self._commit(
+            replace(ended, checkpoint=None) if ended.ended else ended, () if bases is None else (result_meta.PLANNED,)
+        )
 
     def _with_checkpoint(self) -> ResultMeta:
         """Return the meta that names the last checkpoint, after writing it."""
@@ -215,7 +203,9 @@ class ResultWriter:
             arrays, data = checkpoint.to_data()
         except ResultError as cause:  # a memory that cannot be written is no reason to lose samples
             return replace(self._meta, checkpoint=None, no_checkpoint=str(cause))
-        record = CheckpointRecord(f"checkpoint_{samples:04d}.npz", samples)  # a name for each, so that none is replaced
+        record = result_meta.CheckpointRecord(
+            f"checkpoint_{samples:04d}.npz", samples
+        )  # a name for each, so that none is replaced
         self._store.write(record.file, arrays_text(arrays, "data", data))
         return replace(self._meta, checkpoint=record)
 
@@ -243,9 +233,9 @@ def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint, St
     Raises:
         ResultError: the run has ended, is damaged, or is another one.
     """
-    if not (folder / META).exists() and not RESULT.strays(folder, 0):
+    if not (folder / result_meta.META).exists() and not RESULT.strays(folder, 0):
         return None
-    found = read_meta(folder)
+    found = result_meta.read_meta(folder)
     if not found.samples:
         return None
     _require_open(folder, found, meta)
@@ -257,14 +247,14 @@ def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint, St
         checkpoint = Checkpoint.from_data(*read_arrays(folder, found.checkpoint.file, found.files, "data"))
         kept = _up_to(found.checkpoint.samples, folder, found)
     store = StoreWriter(folder, RESULT, found.files)
-    store.commit(kept, [*map(chunk_name, range(len(kept.chunks), len(found.chunks))), SUMMARY])
+    store.commit(kept, [*map(result_meta.chunk_name, range(len(kept.chunks), len(found.chunks))), result_meta.SUMMARY])
     store.remove_unnamed((*RESULT.data, "*.part"))
     return kept, checkpoint, store
 
 
 def _require_open(folder: Path, found: ResultMeta, meta: ResultMeta) -> None:
     """Refuse a run that is another one, or that has ended."""
-    if differ := differences(found, meta):
+    if differ := result_meta.differences(found, meta):
         raise ResultError(
             f"{folder}: the run there cannot be resumed identically, since these differ: {', '.join(differ)};"
             " try the original ones, or --overwrite"
@@ -287,7 +277,7 @@ def _up_to(samples: int, folder: Path, meta: ResultMeta) -> ResultMeta:
     for k, count in enumerate(meta.chunks):
         left = min(count, samples - sum(counts))
         if left > 0:
-            last_time = float(read_chunk(folder, k, meta).t[left - 1])
+            last_time = float(result_meta.read_chunk(folder, k, meta).t[left - 1])
             counts.append(left)
     return replace(meta, samples=sum(counts), chunks=counts, last_time=last_time, stopped=None, occurrences=[])
 
