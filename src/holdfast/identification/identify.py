@@ -34,7 +34,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 MEASUREMENTS = ("wrist_wrench", "tau")
-Recorded = Recording | Trajectory | Result | str | PathLike[str]
+RecordingSource = Recording | Trajectory | Result | str | PathLike[str]
 
 
 @called
@@ -107,7 +107,7 @@ class Identification(Frozen):
 @np.errstate(all="ignore")  # what overflows is refused
 def identify(
     chain: ClosedChain,
-    recordings: Recorded | list[Recorded] | tuple[Recorded, ...],
+    recordings: RecordingSource | list[RecordingSource] | tuple[RecordingSource, ...],
     *,
     by: Literal["wrist_wrench", "tau"] = "wrist_wrench",
     sensor_bias: bool = False,

@@ -42,8 +42,8 @@ class Case:
         state: positions and velocities.
         tau: (n,) joint torques.
         inputs: base motion.
-        rates: W as the file gives it, flat; None if it does not.
-        expected: the answer, if the file has one.
+        rates: relative rates W in the file, flat; None if it gives none.
+        expected: the answer, if the file contains one.
     """
 
     name: str
@@ -62,7 +62,7 @@ def load_cases(path: str | PathLike[str]) -> list[Case]:
         path: the file.
 
     Raises:
-        SceneError: unreadable or invalid, with the JSON path of the first fault.
+        SceneError: the file cannot be read or is invalid; the message gives the JSON path of the first fault.
     """
     file = file_path(path, "path", SceneError)
     return parse_cases(typed.read_bytes(file), str(file))
@@ -76,7 +76,7 @@ def parse_cases(text: bytes, source: str) -> list[Case]:
         source: where it comes from, for messages.
 
     Raises:
-        SceneError: invalid, with the JSON path of the first fault.
+        SceneError: it is invalid; the message gives the JSON path of the first fault.
     """
     data = typed.parse_json(text, source)
     if isinstance(data, dict) and ("cases" in data or not data.keys() & {"name", "object", "arms"}):
@@ -109,7 +109,7 @@ def build_case(data: case_data.CaseData, source: str = "case", root: str = "$") 
     contact frame at the case's state.
 
     Raises:
-        SceneError: with the JSON path of the first fault.
+        SceneError: it is invalid; the message gives the JSON path of the first fault.
     """
     at = Location(source, root)
     if not data.arms:
@@ -309,7 +309,7 @@ def _with_tip_attitudes(motion: ChainMotion) -> ClosedChain:
 
 
 def _check_expected(data: case_data.CaseData, at: Location) -> None:
-    """Refuse an answer whose shape is not the problem's."""
+    """Refuse an answer whose shape does not match the problem."""
     if data.expected is None:
         return
     shapes = {

@@ -17,12 +17,12 @@ from holdfast.spatial.scalar import Array
 NO_UNIT = "1"
 
 
-class Column(NamedTuple):
+class TableColumn(NamedTuple):
     """One number of every sample.
 
     Attributes:
-        name: the array, then what it is in it, such as `grasp_wrench left force_x`.
-        unit: of the number; `1` where it has none.
+        name: the array and the entry, such as `grasp_wrench left force_x`.
+        unit: unit of the number; `1` for none.
     """
 
     name: str
@@ -34,45 +34,45 @@ class Column(NamedTuple):
         return self.name if self.unit == NO_UNIT else f"{self.name} [{self.unit}]"
 
 
-def columns(meta: ResultMeta, run: Trajectory) -> list[Column]:
+def columns(meta: ResultMeta, run: Trajectory) -> list[TableColumn]:
     """Return the columns of a run's table.
 
     Args:
-        meta: of the run.
+        meta: metadata of the run.
         run: the run or a part of it.
     """
     return [one for name in array_names() for one in array_columns(name, getattr(run, name).shape[1:], meta)]
 
 
-def array_columns(array: str, shape: Shape, meta: ResultMeta) -> list[Column]:
+def array_columns(array: str, shape: Shape, meta: ResultMeta) -> list[TableColumn]:
     """Return the columns of an array; those of an array that no run has are numbered.
 
     Args:
         array: its name.
         shape: of one sample.
-        meta: of the run.
+        meta: metadata of the run.
     """
     row = RUN_ARRAYS.get(array)
     axes = [] if row is None or callable(row.axes) else [_along(axis, row, meta) for axis in row.axes]
     if tuple(map(len, axes)) != shape:
-        axes = [[Column(str(i), "") for i in range(size)] for size in shape]
+        axes = [[TableColumn(str(i), "") for i in range(size)] for size in shape]
     found = []
     for labels in product(*axes):
         unit = next((one.unit for one in labels if one.unit), "" if row is None else row.unit)
-        found.append(Column(" ".join([array, *(label.name for label in labels)]), unit or NO_UNIT))
+        found.append(TableColumn(" ".join([array, *(label.name for label in labels)]), unit or NO_UNIT))
     return found
 
 
-def _along(axis: int | str, row: Row, meta: ResultMeta) -> list[Column]:
+def _along(axis: int | str, row: Row, meta: ResultMeta) -> list[TableColumn]:
     """Return name and unit of every place along an axis of an array; the unit is empty if the axis does not decide."""
     if axis == "arms":
-        return [Column(name, "") for name in meta.arms]
+        return [TableColumn(name, "") for name in meta.arms]
     if axis != "n":
-        return [Column(*entry) for entry in row.entries]
+        return [TableColumn(*entry) for entry in row.entries]
     turning, sliding = row.unit.split(" or ")
     turn = {kind for kind, joint in JOINT_TYPES.items() if joint.turns}
     return [
-        Column(name, turning if kind in turn else sliding)
+        TableColumn(name, turning if kind in turn else sliding)
         for name, kind in zip(meta.joints, meta.joint_kinds, strict=True)
     ]
 
@@ -90,16 +90,17 @@ IMPULSES, TRUNK_IMPULSE = ("impulses", "base_impulses"), "trunk_base_impulse"
 Cell = str | float | None
 
 
-def occurrence_columns(meta: ResultMeta) -> list[Column]:
-    """Return the columns of `occurrence_row`: numbers, texts, the impulses on and of every arm, and below a trunk."""
+def occurrence_columns(meta: ResultMeta) -> list[TableColumn]:
+    """Return the columns of `occurrence_row`: numbers, texts, impulses of every arm and base, of a trunk's base."""
     parts = RUN_ARRAYS["base_impulse"].entries
     fields = [f"{field} {arm}" for field, arm in product(IMPULSES, meta.arms)] + [TRUNK_IMPULSE] * meta.trunk
-    impulses = [Column(f"{field} {part}", unit) for field, (part, unit) in product(fields, parts)]
-    return [*(Column(*pair) for pair in AMOUNTS.items()), *(Column(name, NO_UNIT) for name in TEXTS), *impulses]
+    impulses = [TableColumn(f"{field} {part}", unit) for field, (part, unit) in product(fields, parts)]
+    numbers = [TableColumn(*pair) for pair in (AMOUNTS | dict.fromkeys(TEXTS, NO_UNIT)).items()]
+    return [*numbers, *impulses]
 
 
 def occurrence_row(one: Occurrence, meta: ResultMeta) -> list[Cell]:
-    """Return an occurrence as a row; None where it has no such entry."""
+    """Return an occurrence as a row, with None for entries that it does not have."""
     row: list[Cell] = [getattr(one, name) for name in (*AMOUNTS, *TEXTS)]
     for field, width in {**dict.fromkeys(IMPULSES, 6 * len(meta.arms)), TRUNK_IMPULSE: 6 * meta.trunk}.items():
         row += np.ravel(getattr(one, field)).tolist() or [None] * width

@@ -2,7 +2,7 @@
 
     {"is": "Joint", "kind": "revolute", "axis": [0.0, 0.0, 1.0], ...}
 
-Reading calls the constructors, which check what they are given: a file can say nothing that a program could not.
+Reading calls the constructors with their checks, so a file cannot contain what a program could not make.
 """
 
 from __future__ import annotations
@@ -68,11 +68,11 @@ def model_of(text: bytes, source: str) -> ClosedChain:
     """Return the chain of a JSON text.
 
     Args:
-        text: of `model_data`.
+        text: JSON text of `model_data`.
         source: the file's name, for messages.
 
     Raises:
-        ResultError: what is no chain, or cannot be one.
+        ResultError: the text does not describe a valid chain.
     """
     try:
         chain = _made(msgspec.json.decode(text))

@@ -4,10 +4,10 @@
     scene.toml            the scene's text
     robot_*.urdf          the robots that it takes from files, xacro expanded
     chunk_0000.npz        samples: the trajectory's arrays under their names
-    checkpoint_0001.npz   what the run is resumed from after so many samples, until it has ended
-    summary.json          the summary table's numbers, once it has
-    model.json            of a run made in Python instead of a scene: its chain
-    bases.npz             of such a run: how bases moved; bases_planned.npz until it has ended
+    checkpoint_0001.npz   the state after so many samples, from which an unfinished run is resumed
+    summary.json          the numbers of the summary, written at the end
+    model.json            the chain of a run made in Python, which has no scene
+    bases.npz             the motion of the bases in such a run; bases_planned.npz until it has ended
 
 A chunk counts once meta.json, replaced atomically, names it (`store`). docs/results.md is the format in full.
 """
@@ -46,8 +46,8 @@ class ResultWriter:
     """Writes one run; nothing is on disk before there is a sample.
 
     Attributes:
-        folder: where to.
-        start: what a resumed run goes on from; None for a new one.
+        folder: the folder.
+        start: checkpoint from which a resumed run continues; None for a new run.
     """
 
     def __init__(
@@ -64,13 +64,13 @@ class ResultWriter:
         """Check that the folder can be used.
 
         Args:
-            folder: where to; made if need be.
+            folder: the folder; it is created if it does not exist.
             meta: what `run_meta` returns.
-            scene_text: the scene file's own text.
-            robots: the URDF of each arm that is out of a file, by the arm's name.
+            scene_text: text of the scene file.
+            robots: URDF of each arm that comes from a file, by arm.
             overwrite: replace an earlier result there.
-            files: what else is in the folder, by name.
-            advice: what to try where an earlier result is there.
+            files: contents of further files by name.
+            advice: what the error suggests if there is an earlier result.
 
         Raises:
             ResultError: the folder is in use.
@@ -91,14 +91,14 @@ class ResultWriter:
     def resume(
         cls, folder: Path, meta: ResultMeta, scene_text: str, *, robots: Mapping[str, UrdfSource] | None = None
     ) -> Self:
-        """Return a writer that adds to the run in a folder what comes after its checkpoint, `start`.
+        """Return a writer that continues the run in a folder from its checkpoint, `start`.
 
-        Where a writer died before its first flush the run begins anew: `start` is None.
+        If the earlier writer died before its first flush, the run starts over, and `start` is None.
 
         Args:
-            folder: where the run is.
+            folder: folder of the run.
             meta: what `run_meta` returns now.
-            scene_text: the scene file's own text.
+            scene_text: text of the scene file.
             robots: as for a new writer.
 
         Raises:
@@ -114,7 +114,7 @@ class ResultWriter:
 
     @property
     def samples(self) -> int:
-        """How many samples are on disk."""
+        """Number of samples on disk."""
         return self._meta.samples
 
     def add(self, sample: Trajectory) -> None:
@@ -123,12 +123,12 @@ class ResultWriter:
         self._reported += len(sample.occurrences)
 
     def mark(self, checkpoint: Checkpoint) -> None:
-        """Take the checkpoint of the last sample, and flush if that is due."""
+        """Take the checkpoint of the last sample, and flush if a flush is due."""
         self._marked = self.samples + len(self._waiting), checkpoint
         self.flush_if_due()
 
     def flush_if_due(self) -> None:
-        """Flush if many samples wait, or for long, or none is on disk yet.
+        """Flush if many samples wait, if the last flush is long ago, or if none is on disk yet.
 
         Raises:
             ResultError: they cannot be written.
@@ -137,9 +137,9 @@ class ResultWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Put what waits on disk; it is there to stay when this returns.
+        """Write the waiting samples to disk; they are durable when this returns.
 
-        A flush that was broken off can be done again. Costs six waits for the disk.
+        A flush that failed can be repeated. It costs six waits for the disk.
 
         Raises:
             ResultError: it cannot be written, or another process has written to the folder.
@@ -190,9 +190,8 @@ class ResultWriter:
             self._store.write(result_meta.SUMMARY, json_text(asdict(summary)))
         last = list(occurrences[self._reported :])
         ended = replace(self._meta, complete=stopped is None, stopped=stopped, occurrences=last)
-        self._commit(
-            replace(ended, checkpoint=None) if ended.ended else ended, () if bases is None else (result_meta.PLANNED,)
-        )
+        planned = () if bases is None else (result_meta.PLANNED,)
+        self._commit(replace(ended, checkpoint=None) if ended.ended else ended, planned)
 
     def _with_checkpoint(self) -> ResultMeta:
         """Return the meta that names the last checkpoint, after writing it."""
@@ -203,32 +202,30 @@ class ResultWriter:
             arrays, data = checkpoint.to_data()
         except ResultError as cause:  # a memory that cannot be written is no reason to lose samples
             return replace(self._meta, checkpoint=None, no_checkpoint=str(cause))
-        record = result_meta.CheckpointRecord(
-            f"checkpoint_{samples:04d}.npz", samples
-        )  # a name for each, so that none is replaced
+        # each checkpoint has a name of its own, so that none is overwritten
+        record = result_meta.CheckpointRecord(f"checkpoint_{samples:04d}.npz", samples)
         self._store.write(record.file, arrays_text(arrays, "data", data))
         return replace(self._meta, checkpoint=record)
 
     def _commit(self, meta: ResultMeta, drop: Sequence[str] = ()) -> None:
-        """Put meta.json in place, without the checkpoint that it no longer names."""
+        """Replace meta.json, and delete the checkpoint that it no longer names."""
         old, new = self._meta.checkpoint, meta.checkpoint
         over = () if old is None or (new is not None and new.file == old.file) else (old.file,)
         self._store.commit(meta, (*drop, *over))
-        self._meta = meta  # only now, so that a flush that was broken off can be done again
+        self._meta = meta  # only now, so that a failed flush can be repeated
 
 
 def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint, StoreWriter] | None:
-    """Return the new content of the folder's meta.json, the checkpoint to go on from, and the folder's writer.
+    """Return the new metadata of a folder, the checkpoint from which its run continues, and the folder's writer.
 
-    Samples after the checkpoint do not count any more, since the run makes them again. Reads every chunk, one
-    at a time.
+    Samples after the checkpoint are dropped, because the run computes them again. Every chunk is read, one at a time.
 
     Args:
-        folder: where the run is.
-        meta: of the run that is to go on.
+        folder: folder of the run.
+        meta: metadata of the run that is to continue.
 
     Returns:
-        None where nothing was flushed yet.
+        None if nothing was flushed.
 
     Raises:
         ResultError: the run has ended, is damaged, or is another one.
@@ -267,10 +264,10 @@ def _require_open(folder: Path, found: ResultMeta, meta: ResultMeta) -> None:
 
 
 def _up_to(samples: int, folder: Path, meta: ResultMeta) -> ResultMeta:
-    """Return the meta of the run's first samples.
+    """Return the metadata of a run's first samples only.
 
     Raises:
-        Damage: they are not all there.
+        Damage: some of them are missing.
     """
     counts: list[int] = []
     last_time = None
@@ -288,12 +285,12 @@ def run_meta(
     """Return the content of meta.json before the first sample.
 
     Args:
-        chain: what is simulated.
-        name: of the scene.
-        duration: asked for [s].
-        step: asked for [s].
-        scene_folder: that names of robot files in the scene start from, if it has any.
-        options: whatever else decides the numbers, plain data; a run goes on under the same ones only.
+        chain: the chain that is simulated.
+        name: name of the scene.
+        duration: requested duration [s].
+        step: requested step [s].
+        scene_folder: folder to which names of robot files in the scene are relative; "" if there are none.
+        options: further settings on which the results depend, as plain data; a run is resumed only with equal ones.
     """
     from holdfast import __version__
 

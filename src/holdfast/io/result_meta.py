@@ -17,7 +17,7 @@ from holdfast.simulation.trajectory import OF_TRUNK, Trajectory, array_names, st
 
 META, SCENE, SUMMARY = "meta.json", "scene.toml", "summary.json"
 MODEL, BASES, PLANNED = "model.json", "bases.npz", "bases_planned.npz"  # of a run made in Python
-WAS_INTERRUPTED = "interrupted"  # the one `stopped` after which a run can go on
+WAS_INTERRUPTED = "interrupted"  # the only `stopped` after which a run can be resumed
 RESULT = FolderKind(
     name="result",
     manifest=META,
@@ -30,7 +30,7 @@ RESULT = FolderKind(
 
 
 class CheckpointRecord(msgspec.Struct, frozen=True):
-    """Where the checkpoint is.
+    """The checkpoint of an unfinished run.
 
     Attributes:
         file: its name.
@@ -42,7 +42,7 @@ class CheckpointRecord(msgspec.Struct, frozen=True):
 
 
 class RobotRecord(msgspec.Struct, frozen=True):
-    """Where the URDF of an arm is.
+    """The URDF file of an arm.
 
     Attributes:
         file: its name in the result folder.
@@ -67,21 +67,21 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
         robots: the simulated URDF of each arm from a file; empty in folders of holdfast 0.1.
         model_sha256: digest of all numbers of the chain, see `fingerprint`, those from robot files included.
         versions: versions of the libraries that affect results.
-        arms: their names, in the arrays' order.
-        trunk: whether they stand on one.
-        grasps: the kind of grasp by arm, at the start.
+        arms: names of the arms, in the order of the arrays.
+        trunk: whether the chain has a trunk.
+        grasps: kind of grasp at the start, by arm.
         joints, joint_kinds: `arm/joint` and revolute or prismatic, in the arrays' order.
         work_terms: the columns of `work`.
         units: shape, meaning and unit of each array, as documentation.
         duration, step: as requested [s].
-        options: further requests.
+        options: further settings on which the results depend.
         samples: number of samples in the folder.
         chunks: number of samples of each chunk that belong to the run, from its first on.
         last_time: time of the last sample [s].
-        checkpoint: what the run is resumed from, until it has ended.
-        no_checkpoint: why there is none, if none can be written.
+        checkpoint: the checkpoint from which an unfinished run is resumed.
+        no_checkpoint: why no checkpoint can be written, if none can.
         complete: whether the run reached its end.
-        stopped: what ended it early.
+        stopped: reason why the run ended early.
         occurrences: occurrences after the last sample, at the instant that ended the run.
     """
 
@@ -112,7 +112,7 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
 
     @property
     def ended(self) -> bool:
-        """Whether nothing can come after: the run is complete, or physics stopped it."""
+        """Whether the run cannot be resumed, because it is complete or the physics stopped it."""
         return self.complete or self.stopped not in (None, WAS_INTERRUPTED)
 
 
@@ -137,7 +137,7 @@ _DESCRIPTIONS = {"scene_sha256": "the scene's text", "model_sha256": "the model 
 
 
 def differences(there: ResultMeta, here: ResultMeta) -> list[str]:
-    """Return in words what makes two runs different ones; progress does not, nor do folders."""
+    """Return the differences between two runs in words; progress, folders and wording do not count."""
     mine, other = (dict(_leaves(msgspec.to_builtins(meta))) for meta in (here, there))
     passed = (*_PROGRESS, *_ANYWHERE, *_WORDING)
     found = [key for key in mine | other if key.split(".")[0] not in passed and mine.get(key) != other.get(key)]
@@ -151,7 +151,7 @@ def _leaves(data: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
 
 
 def kept_files(sources: Mapping[str, UrdfSource]) -> tuple[dict[str, RobotRecord], dict[str, bytes]]:
-    """Return what meta.json records of the robots, by arm, and the files to write; arms of one robot share one."""
+    """Return the robots' entries in meta.json, by arm, and the files to write; arms of one robot share a file."""
     records, files = {}, {}
     for arm, source in sources.items():
         content = source.text.encode("utf-8") if isinstance(source.text, str) else source.text

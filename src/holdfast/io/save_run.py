@@ -29,8 +29,8 @@ def save_run(run: Trajectory, folder: str | PathLike[str], overwrite: bool = Fal
 
     Args:
         run: what `simulate` returned.
-        folder: where to; made if need be.
-        overwrite: replace an earlier result there, which stays until the new one is whole.
+        folder: the folder; it is created if it does not exist.
+        overwrite: replace an earlier result there, which is kept until the new one is complete.
 
     Raises:
         StateError: a run that does not know its chain.
@@ -74,7 +74,7 @@ class AppendedRun:
         self._writer = ResultWriter(place, meta_of(setting), NO_SCENE, files=files, overwrite=overwrite, advice=ADVICE)
 
     def add(self, sample: Trajectory) -> None:
-        """Take a sample, and write those that wait if they are many, or old.
+        """Take a sample, and flush if a flush is due.
 
         Raises:
             ResultError: they cannot be written, or another process has written to the folder.
@@ -102,7 +102,7 @@ class AppendedRun:
 
 
 def _bases(name: str, setting: Setting, times: Array) -> dict[str, bytes]:
-    """Return how bases moved as a file of this name; none if they did not."""
+    """Return the file of this name with the motions of the bases; none if no base moved."""
     arrays = {}
     for base, motion in setting.base_motion.items():
         moved = motion if isinstance(motion, RecordedBase) else recorded_base(base, motion, times)
@@ -111,7 +111,7 @@ def _bases(name: str, setting: Setting, times: Array) -> dict[str, bytes]:
 
 
 def _singles(run: Trajectory) -> list[Trajectory]:
-    """Return the samples one by one, each with what happened since the one before; the rest is what ended the run."""
+    """Return the single samples, each with the occurrences since the previous one; later ones ended the run."""
     at: dict[int, list[Occurrence]] = {}
     for one in run.occurrences:
         at.setdefault(int(np.searchsorted(run.t, one.t)), []).append(one)

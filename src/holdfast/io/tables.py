@@ -17,7 +17,7 @@ from holdfast.io.columns import (
     NO_UNIT,
     TEXTS,
     Cell,
-    Column,
+    TableColumn,
     array_columns,
     columns,
     occurrence_columns,
@@ -37,7 +37,7 @@ from holdfast.spatial.scalar import Array
 Parts = Callable[[], Iterable[Trajectory]]  # the pieces of a run
 TableRows = Array | list[list[Cell]]
 # (file, titles and units, blocks of rows) -> None: writes one table
-TableWriter = Callable[[IO[bytes], list[Column], Iterable[TableRows]], None]
+TableWriter = Callable[[IO[bytes], list[TableColumn], Iterable[TableRows]], None]
 
 
 def export_csv(result: Result | Trajectory, path: str | PathLike[str]) -> list[Path]:
@@ -76,7 +76,7 @@ def export_parquet(result: Result | Trajectory, path: str | PathLike[str]) -> li
 
     meta, parts = _source(result)
 
-    def write(file: IO[bytes], head: list[Column], blocks: Iterable[TableRows]) -> None:
+    def write(file: IO[bytes], head: list[TableColumn], blocks: Iterable[TableRows]) -> None:
         kinds = [arrow.string() if column.name in TEXTS else arrow.float64() for column in head]
         fields = [arrow.field(c.title, kind, metadata={"unit": c.unit}) for c, kind in zip(head, kinds, strict=True)]
         schema = arrow.schema(fields, metadata={"scene": meta.scene, **meta.versions})
@@ -132,7 +132,7 @@ def _source(run: Any) -> tuple[ResultMeta, Parts]:
     )
 
 
-def _write_csv(file: IO[bytes], head: list[Column], blocks: Iterable[TableRows]) -> None:
+def _write_csv(file: IO[bytes], head: list[TableColumn], blocks: Iterable[TableRows]) -> None:
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     table = csv.writer(text, lineterminator="\n")
     table.writerow([column.title for column in head])
@@ -146,7 +146,7 @@ def frame_of_run(run: Trajectory) -> Any:
 
     Raises:
         MissingExtra: pandas is not installed.
-        StateError: a run that does not know its chain.
+        StateError: the run does not contain its chain.
     """
     meta = meta_of(run.require_setting())
     return _library("pandas").DataFrame(rows(run), columns=[column.title for column in columns(meta, run)])
@@ -157,7 +157,7 @@ def data_set_of_run(run: Trajectory) -> Any:
 
     Raises:
         MissingExtra: xarray is not installed.
-        StateError: a run that does not know its chain.
+        StateError: the run does not contain its chain.
     """
     meta = meta_of(run.require_setting())
     arrays = {name: getattr(run, name) for name in array_names() if name != "t"}
@@ -207,8 +207,8 @@ def _data_set(arrays: Mapping[str, Array], over: Mapping[str, Array], meta: Resu
 
 def _axes(name: str, shape: Shape, coordinates: Mapping[str, Any]) -> list[str]:
     """Return the names of an array's axes after time and system."""
-    first = RUN_ARRAYS[name].axes[:1] if name in RUN_ARRAYS else ()
-    along = {("n",): "joint", ("arms",): "arm"}.get(first)
+    axes = RUN_ARRAYS[name].axes if name in RUN_ARRAYS else ()
+    along = None if callable(axes) or not axes else {"n": "joint", "arms": "arm"}.get(str(axes[0]))
     if along and shape[:1] == (len(coordinates[along]),):
         return [along, "moment_force"][: len(shape)]
     return [f"{name}_{k}" for k in range(len(shape))]
@@ -231,14 +231,14 @@ def _library(name: str) -> Any:
 
 
 def read_table(path: str | PathLike[str]) -> dict[str, Array]:
-    """Return the columns of a CSV or Parquet file by title, units in brackets taken off, as floats.
+    """Return the columns of a CSV or Parquet file as floats, by title without the unit in brackets.
 
     Args:
         path: a file that ends in .csv or .parquet; of a CSV the first line is the header.
 
     Raises:
-        ResultError: the file cannot be read, or an entry is no number.
-        MissingExtra: a Parquet file, and pyarrow is not installed.
+        ResultError: the file cannot be read, or an entry is not a number.
+        MissingExtra: it is a Parquet file, and pyarrow is not installed.
     """
     path = file_path(path, "path")
     readers = {".csv": _read_csv, ".parquet": _read_parquet}

@@ -290,7 +290,7 @@ def require_run_of(chain: Any, run: Any) -> None:
 
 
 GAPS = ("before", "after")
-_OWN = (
+_RUN_ROWS = (
     Row("internal_wrench", ("arms", 6), "N m, N", "the part of grasp_wrench that does not move the object"),
     Row("load_share", ("arms",), "", "part of the net force that each arm carries; all 0 where there is no net force"),
     Row("holding", ("arms",), "", "whether each arm has a grasp"),
@@ -317,15 +317,15 @@ _OWN = (
     Row("base_impulse", (6,), "N m s, N s", "[angular; linear] impulses of the bases in impacts since the start, about"
         " the world's origin, world axes"),
 )  # fmt: skip
-_ROWS = {
+_KNOWN_ROWS = {
     **ARRAYS,
     **{row.field: row for row in ARRAYS.values() if row.field},
     **ACCOUNTS.rows,
     "wrist_wrench": WRISTS.rows["wrist_wrenches"],
-    **{row.name: row for row in _OWN},
+    **{row.name: row for row in _RUN_ROWS},
 }
 # the arrays of a trajectory, in order
-RUN_ARRAYS: Mapping[str, Row] = {one.name: _ROWS[one.name] for one in fields(Trajectory) if one.type == "Array"}
+RUN_ARRAYS: Mapping[str, Row] = {one.name: _KNOWN_ROWS[one.name] for one in fields(Trajectory) if one.type == "Array"}
 _SECTION = "    Attributes:\n"
 Trajectory.__doc__ = (Trajectory.__doc__ or "").replace(
     _SECTION, _SECTION + "".join(f"        {name}: {row.text}.\n" for name, row in RUN_ARRAYS.items())
