@@ -15,8 +15,8 @@ from holdfast.errors import SceneError
 MANIFEST = "package.xml"
 LARGEST_MANIFEST = 2**20  # [bytes]
 MOST_FOLDERS = 5000  # that are looked at below one folder
-DEEPEST_WORKSPACE = 3  # levels from a workspace to its packages
-ROS_1_PATH, PREFIXES = "ROS_PACKAGE_PATH", ("AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")
+LEVELS = 3  # levels from a workspace to its packages
+ROS_PATH, PREFIXES = "ROS_PACKAGE_PATH", ("AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")
 
 
 @dataclass(frozen=True)
@@ -72,25 +72,19 @@ class PackageFolders:
             workspace = [at for at in own.parents if at.name == "src"][:1]
             for at, levels in [
                 *((at, 1) for at in (*self.within, own.parent)),
-                *((at, DEEPEST_WORKSPACE) for at in workspace),
+                *((at, LEVELS) for at in workspace),
             ]:
                 yield from (found for found in _packages_below(at, levels) if _stated(found) == name)
         for prefix in (at for variable in PREFIXES for at in _paths_in(variable)):
             yield from (prefix / "share" / name, prefix / name / "share" / name)
-        for at in _paths_in(ROS_1_PATH):
-            yield from (
-                found
-                for found in (at, *_packages_below(at, DEEPEST_WORKSPACE))
-                if (_stated(found) or found.name) == name
-            )
+        for at in _paths_in(ROS_PATH):
+            yield from (found for found in (at, *_packages_below(at, LEVELS)) if (_stated(found) or found.name) == name)
         yield from others
 
     def not_found(self, name: str) -> str:
         """Return where a package was looked for, and how to say where it is."""
         beside = "" if self.own is None else f"beside {self.own} and the folders above, "
-        searched = ", ".join(
-            f"{one} ({'set' if os.environ.get(one) else 'not set'})" for one in (ROS_1_PATH, *PREFIXES)
-        )
+        searched = ", ".join(f"{one} ({'set' if os.environ.get(one) else 'not set'})" for one in (ROS_PATH, *PREFIXES))
         return (
             f"no package {name[:60]!r} {beside}in {searched}; try --package {name}=FOLDER on the command line,"
             f" packages = {{ {name} = 'FOLDER' }} in a scene, packages={{'{name}': 'FOLDER'}} in Python"
