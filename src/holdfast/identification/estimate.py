@@ -134,7 +134,7 @@ def estimate(
 def _covariance(
     system: Equations,
     fit: FreeFit,
-    split: Combinations,
+    split: Determined,
     x: Array,
     motion: Sequence[JointNoise],
     known: bool,
@@ -165,7 +165,7 @@ def _require_mass(fit: FreeFit, unknowns: PayloadUnknowns, largest: float) -> No
         )
 
 
-def _estimate_of(fit: FreeFit, split: Combinations) -> tuple[Array, bool]:
+def _estimate_of(fit: FreeFit, split: Determined) -> tuple[Array, bool]:
     """Return the feasible body, and whether what is not determined has the guess's values."""
     x = with_the_guess(fit.x, split)
     if x is not None and is_feasible(x[:10]):
@@ -178,7 +178,7 @@ def _estimate_of(fit: FreeFit, split: Combinations) -> tuple[Array, bool]:
 
 
 @dataclass(frozen=True, eq=False)
-class Combinations:
+class Determined:
     """The determined combinations of the plain unknowns, in units of their sizes, and the others.
 
     Attributes:
@@ -226,7 +226,7 @@ def sized(unknowns: PayloadUnknowns, fit: FreeFit, largest: float) -> PayloadUnk
     return unknowns.sized(m, radius)
 
 
-def split_at(x: Array, fit: FreeFit, unknowns: PayloadUnknowns, largest: float) -> Combinations:
+def split_at(x: Array, fit: FreeFit, unknowns: PayloadUnknowns, largest: float) -> Determined:
     """Return the determined and the other combinations of changes of unknowns x.
 
     An unknown is determined if the standard deviation of its unconstrained estimate is below `largest` times its
@@ -253,10 +253,10 @@ def split_at(x: Array, fit: FreeFit, unknowns: PayloadUnknowns, largest: float) 
     fixed[loose] = Vt[unseen].T
     basis = np.linalg.svd(fixed, full_matrices=True)[0][:, fixed.shape[1] :]
     P, spread, _ = np.linalg.svd(basis.T @ root, full_matrices=False)
-    return Combinations(unknowns, change, root, fixed, basis @ (P * spread)[:, : basis.shape[1]])
+    return Determined(unknowns, change, root, fixed, basis @ (P * spread)[:, : basis.shape[1]])
 
 
-def with_the_guess(x: Array, split: Combinations) -> Array | None:
+def with_the_guess(x: Array, split: Determined) -> Array | None:
     """Return the estimate x with the guess's values for what is not determined; None if that makes no body."""
     unknowns, Q = split.unknowns, split.fixed
     along = split.change @ Q

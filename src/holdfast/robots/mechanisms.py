@@ -22,7 +22,7 @@ TOP_RADIUS, TOP_SPREAD = 0.22, np.deg2rad(12.0)
 PLATFORM_HEIGHT = 0.45  # height of the upper joints above the lower ones, with drives at mid stroke [m]
 STROKE = 0.12  # in each direction [m]
 TILT = np.deg2rad(40.0)  # in each direction
-CROSS_MASS, CYLINDER_MASS, ROD_MASS = 0.4, 2.0, 1.2  # masses [kg]
+CROSS_MASS, CYLINDER, ROD = 0.4, 2.0, 1.2  # masses [kg]
 CYLINDER_LENGTH, ROD_LENGTH, ROD_RADIUS = 0.28, 0.3, 0.015  # [m]
 
 # The hand.
@@ -37,12 +37,7 @@ FINGER_JOINTS = (
     ("bend", (0.0, -1.0, 0.0), (-1.2, 0.6), 1.2),
     ("curl", (0.0, -1.0, 0.0), (0.0, 2.5), 0.7),
 )
-FINGER_LINKS = (
-    ("knuckle", 0.02, 0.02),
-    ("base", 0.02, 0.02),
-    ("proximal", 0.05, 0.055),
-    ("distal", 0.035, 0.05),
-)  # kg, m
+FINGER = (("knuckle", 0.02, 0.02), ("base", 0.02, 0.02), ("proximal", 0.05, 0.055), ("distal", 0.035, 0.05))  # kg, m
 FEET = (0.0, 0.0, 0.0, PHALANGES[0])  # origin of each link along its parent's z axis [m]
 FINGERTIP = Friction(mu=0.8, torsion_radius=0.006)
 
@@ -113,13 +108,8 @@ def _leg(length: float, base: Pose) -> Arm:
     ]
     links = [
         Link(CROSS_MASS, np.zeros(3), 1e-4 * np.eye(3), "cross"),
-        Link(
-            CYLINDER_MASS,
-            CYLINDER_LENGTH / 2 * z,
-            _solid_cylinder(CYLINDER_MASS, CYLINDER_LENGTH, 2 * ROD_RADIUS),
-            "cylinder",
-        ),
-        Link(ROD_MASS, -ROD_LENGTH / 2 * z, _solid_cylinder(ROD_MASS, ROD_LENGTH, ROD_RADIUS), "rod"),
+        Link(CYLINDER, CYLINDER_LENGTH / 2 * z, _solid_cylinder(CYLINDER, CYLINDER_LENGTH, 2 * ROD_RADIUS), "cylinder"),
+        Link(ROD, -ROD_LENGTH / 2 * z, _solid_cylinder(ROD, ROD_LENGTH, ROD_RADIUS), "rod"),
     ]
     return Arm(joints, links, base=base, name="leg")
 
@@ -160,8 +150,7 @@ def _finger(base: Pose) -> Arm:
         for (name, axis, limits, effort), foot in zip(FINGER_JOINTS, FEET, strict=True)
     ]
     links = [
-        Link(mass, length / 2 * UP, _solid_cylinder(mass, length, FINGER_RADIUS), name)
-        for name, mass, length in FINGER_LINKS
+        Link(mass, length / 2 * UP, _solid_cylinder(mass, length, FINGER_RADIUS), name) for name, mass, length in FINGER
     ]
     return Arm(joints, links, Pose.translation(0.0, 0.0, PHALANGES[1]), base, name="finger")
 

@@ -15,7 +15,7 @@ from holdfast.errors import SceneError
 MANIFEST = "package.xml"
 LARGEST_MANIFEST = 2**20  # [bytes]
 MOST_FOLDERS = 5000  # that are looked at below one folder
-LEVELS = 3  # levels from a workspace to its packages
+DEPTH = 3  # levels from a workspace to its packages
 ROS_PATH, PREFIXES = "ROS_PACKAGE_PATH", ("AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")
 
 
@@ -70,15 +70,12 @@ class PackageFolders:
                     else:
                         others.append(place)
             workspace = [at for at in own.parents if at.name == "src"][:1]
-            for at, levels in [
-                *((at, 1) for at in (*self.within, own.parent)),
-                *((at, LEVELS) for at in workspace),
-            ]:
+            for at, levels in [*((at, 1) for at in (*self.within, own.parent)), *((at, DEPTH) for at in workspace)]:
                 yield from (found for found in _packages_below(at, levels) if _stated(found) == name)
         for prefix in (at for variable in PREFIXES for at in _paths_in(variable)):
             yield from (prefix / "share" / name, prefix / name / "share" / name)
         for at in _paths_in(ROS_PATH):
-            yield from (found for found in (at, *_packages_below(at, LEVELS)) if (_stated(found) or found.name) == name)
+            yield from (found for found in (at, *_packages_below(at, DEPTH)) if (_stated(found) or found.name) == name)
         yield from others
 
     def not_found(self, name: str) -> str:

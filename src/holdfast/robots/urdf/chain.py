@@ -27,7 +27,7 @@ from holdfast.robots.urdf.path import (
     resting_position,
 )
 from holdfast.robots.urdf.reader import read_urdf
-from holdfast.robots.urdf.robot import MOVING_KINDS, UrdfRobot
+from holdfast.robots.urdf.robot import MOVABLE, UrdfRobot
 from holdfast.robots.urdf.source import UrdfSource
 from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
@@ -350,7 +350,7 @@ def _joint(body: WeldedBody) -> Joint:
         raise joint.fault
     with joint.element.refusals():
         return Joint(
-            kind=MOVING_KINDS[joint.kind],  # pyright: ignore[reportArgumentType]
+            kind=MOVABLE[joint.kind],  # pyright: ignore[reportArgumentType]
             axis=joint.axis if down else 0.0 - joint.axis,
             placement=_plain(body.placement),
             name=joint.name,

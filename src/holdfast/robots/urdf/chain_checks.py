@@ -16,7 +16,7 @@ from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots.urdf.bodies import FoldedChain, moving_branches
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint, path_between, resting_position
-from holdfast.robots.urdf.robot import MOVING_KINDS, WORLD_LINK, UrdfJoint, UrdfRobot
+from holdfast.robots.urdf.robot import MOVABLE, WORLD_LINK, UrdfJoint, UrdfRobot
 
 MOST_REASONS = 8  # reasons in one message
 MOST_HELD = 40  # joints in the advice of one message
@@ -27,7 +27,7 @@ UPRIGHT = 0.1  # [rad] largest angle between z and the direction to the tip
 def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
     """Refuse joints on the path with several degrees of freedom, and joints that mimic others."""
     for joint, down in path:
-        if not joint.is_fixed and joint.kind not in MOVING_KINDS:
+        if not joint.is_fixed and joint.kind not in MOVABLE:
             end, link = ("base", joint.child) if down else ("tip", joint.child)
             raise joint.element.refuse(
                 f"type: expected a joint with one degree of freedom between base and tip, got {quoted(joint.kind)};"
@@ -94,7 +94,7 @@ def _unlocked(leader: str) -> str:
 
 def refuse_loose(locks: Locks, loose: list[LooseJoint]) -> None:
     """Raise one error for all joints that must be locked, with the arguments that lock them."""
-    if odd := [one for one in loose if one.joint.kind not in MOVING_KINDS]:
+    if odd := [one for one in loose if one.joint.kind not in MOVABLE]:
         raise odd[0].joint.element.refuse(
             f"type: expected a joint that can be locked, since it {odd[0].why}, got {quoted(odd[0].joint.kind)};"
             " try load_urdf with a base beyond it, and its mount"
@@ -150,7 +150,7 @@ def _locked_notes(locks: Locks, within: list[UrdfJoint]) -> list[str]:
     """Return notes on joints whose lock is no plain answer to `lock_others`."""
     notes = []
     for joint in within:
-        if joint.kind not in MOVING_KINDS and not joint.is_fixed and locks.passes_over(joint):
+        if joint.kind not in MOVABLE and not joint.is_fixed and locks.passes_over(joint):
             notes.append(joint.element.message(f"{joint.kind}, locked in the pose of its <origin>"))
         elif joint.mimic is None or joint.name in locks.given or (q := locks.position(joint)) is None:
             continue

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from holdfast.errors import SceneError
 from holdfast.robots.urdf.attributes import parsed
 from holdfast.robots.urdf.document import Element, quoted
-from holdfast.robots.urdf.robot import MOVING_KINDS, PLANAR, WORLD_LINK, Coupling, UrdfJoint, UrdfLink
+from holdfast.robots.urdf.robot import MOVABLE, PLANAR, WORLD_LINK, Coupling, UrdfJoint, UrdfLink
 from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, is_off, of_drive, text_of
 
 GAZEBO_QUANTITIES = {
@@ -205,7 +205,7 @@ def _joint(found: Extensions, joint: UrdfJoint) -> UrdfJoint:
         notes.append(
             joint.element.message(f"{', '.join([*stated, *(['rotor'] if rotors else [])])}: ignored for a planar joint")
         )
-    if joint.kind in MOVING_KINDS:
+    if joint.kind in MOVABLE:
         fault = fault or found.faults.get(joint.name)
         try:
             own = {quantity: getattr(joint, quantity) for quantity in (*stated, "armature")}

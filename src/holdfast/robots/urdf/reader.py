@@ -15,16 +15,7 @@ import holdfast.robots.urdf.extensions as extensions
 from holdfast.errors import SceneError
 from holdfast.model import checks
 from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
-from holdfast.robots.urdf.robot import (
-    MOVING_KINDS,
-    PLANAR,
-    UNSUPPORTED,
-    Mimic,
-    UrdfInertial,
-    UrdfJoint,
-    UrdfLink,
-    UrdfRobot,
-)
+from holdfast.robots.urdf.robot import MOVABLE, PLANAR, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
 from holdfast.robots.urdf.source import UrdfSource, read_source
 from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, unread_notes
 from holdfast.spatial.inertia import turned
@@ -219,11 +210,11 @@ def _joint(element: Element) -> UrdfJoint:
     axis = np.array([1.0, 0.0, 0.0])
     drive: dict[str, Any] = {}
     try:
-        if kind in MOVING_KINDS:
+        if kind in MOVABLE:
             drive["mimic"] = _mimic(element)
-        if kind in MOVING_KINDS or kind == PLANAR:
+        if kind in MOVABLE or kind == PLANAR:
             axis = _axis(element, notes)
-        if kind in MOVING_KINDS:
+        if kind in MOVABLE:
             drive |= {**_dynamics(element), **_limits(element, kind, notes)}
     except SceneError as fault:
         drive["fault"] = fault
@@ -245,7 +236,7 @@ def _kind(element: Element) -> str:
     kind = attributes.name(element, "type")
     if element.tag != "joint":
         return f"{element.tag.partition(':')[0]}:{kind}"  # a type of Drake's own
-    known = (*MOVING_KINDS, PLANAR, "fixed", *UNSUPPORTED)
+    known = (*MOVABLE, PLANAR, "fixed", *UNSUPPORTED)
     if kind not in known:
         raise element.refuse(
             f"type: expected one of {', '.join(known)}, got {quoted(kind)}.{checks.did_you_mean(kind, known)}"
