@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, ModelError, Pose, State, close
+from holdfast import Arm, ClosedChain, ModelError, Pose, State, close, robots
 from holdfast.dynamics import closure, object_mobility
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.rank import constraint_rank
@@ -48,6 +48,13 @@ def test_data(name):
     for joint in arm.joints:
         assert set(np.abs(joint.placement.R).ravel()) <= {0.0, 1.0}
         assert not np.signbit(joint.placement.R[joint.placement.R == 0]).any()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_home_by_name(name):
+    """The constants of an earlier version are gone; the error names the entry of the table."""
+    with pytest.raises(AttributeError, match=rf'Did you mean .HOME\["{name}"\]'):
+        getattr(robots, f"{name.upper()}_HOME")
 
 
 @pytest.mark.parametrize("name", ROBOTS)
