@@ -8,6 +8,7 @@ import holdfast as hf
 from holdfast.interop import jacobian_operator, value_and_gradient
 from holdfast.spatial.rotation import quaternion_exp, quaternion_product
 from tests.derivatives.chains import random_chain
+from tests.interop.differences import five_points
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
 
@@ -40,8 +41,7 @@ def effort(results):
 
 def slope(fun, x, along, far=1e-4):
     """Return the derivative along a direction by five points."""
-    at = [fun(x + k * far * along)[0] for k in (1, -1, 2, -2)]
-    return (8 * (at[0] - at[1]) - (at[2] - at[3])) / (12 * far)
+    return five_points(lambda s: fun(x + s * along)[0], far)
 
 
 def moved_from(fun, random):
