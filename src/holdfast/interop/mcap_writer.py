@@ -108,7 +108,8 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
         time: time of the sample [ns].
     """
     names = chain.joint_names()
-    yield "/joint_states", JOINT_MESSAGE, _joint_state(time, names, run.q[k], run.qd[k], run.tau[k])
+    joints = {"position": run.q[k].tolist(), "velocity": run.qd[k].tolist(), "effort": run.tau[k].tolist()}
+    yield "/joint_states", JOINT_MESSAGE, {"header": _header(time, ""), "name": names, **joints}
     yield "/object_pose", POSE_MESSAGE, _pose(time, "world", run.object_pose[k])
     if chain.floats:
         yield "/base_pose", POSE_MESSAGE, _pose(time, "world", run.base_pose[k])
@@ -178,17 +179,6 @@ def _header(nanoseconds: int, frame: str) -> dict[str, Any]:
     """Return a message header with a time [ns] and a frame."""
     sec, nanosec = divmod(nanoseconds, 1_000_000_000)
     return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
-
-
-def _joint_state(nanoseconds: int, names: list[str], q: Array, qd: Array, tau: Array) -> dict[str, Any]:
-    """Return a JointState; q, qd, tau are (n,)."""
-    return {
-        "header": _header(nanoseconds, ""),
-        "name": names,
-        "position": q.tolist(),
-        "velocity": qd.tolist(),
-        "effort": tau.tolist(),
-    }
 
 
 def _wrench(nanoseconds: int, frame: str, moment_force: Array) -> dict[str, Any]:

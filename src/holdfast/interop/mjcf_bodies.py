@@ -165,14 +165,10 @@ def _placed(model: Any, body: int) -> Pose:
 def _turned(model: Any, j: int, q: float) -> Pose:
     """Return the displacement of a body by its joint at q, body axes: a rotation about the anchor or a shift."""
     axis, travel = model.jnt_axis[j], q - model.qpos0[model.jnt_qposadr[j]]
-    if _slides(model, j):
+    if not JOINT_TYPES[MJCF_KINDS[joint_kind(model, j)]].turns:
         return Pose(np.eye(3), travel * axis)
     R, anchor = rotation.exp(travel * axis), model.jnt_pos[j]
     return Pose(R, anchor - product(R, anchor))
-
-
-def _slides(model: Any, j: int) -> bool:
-    return not JOINT_TYPES[MJCF_KINDS[joint_kind(model, j)]].turns
 
 
 def _joint(model: Any, j: int, placement: Pose) -> Joint:

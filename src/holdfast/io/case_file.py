@@ -323,12 +323,12 @@ def _check_expected(data: case_data.CaseData, at: Location) -> None:
         wanted = 0 if data.trunk is None else len(data.trunk.q)
         if data.trunk is None or len(data.expected.trunk.qdd) != wanted:
             raise (at / "trunk" / "qdd").refuse(f"expected {wanted} numbers, got {len(data.expected.trunk.qdd)}")
+    counted = []
     for key, lengths in shapes.items():
         parts = getattr(data.expected, key)
         if len(parts) != len(lengths):
             raise (at / key).refuse(f"expected {len(lengths)} lists, one per arm, got {len(parts)}")
-        for i, (part, length) in enumerate(zip(parts, lengths, strict=True)):
-            if len(part) != length:
-                raise (at / key / i).refuse(f"expected {length} numbers, got {len(part)}")
-    if len(data.expected.alpha_C) != 6:
-        raise (at / "alpha_C").refuse(f"expected 6 numbers, got {len(data.expected.alpha_C)}")
+        counted += [(at / key / i, part, lengths[i]) for i, part in enumerate(parts)]
+    for where, part, length in [*counted, (at / "alpha_C", data.expected.alpha_C, 6)]:
+        if len(part) != length:
+            raise where.refuse(f"expected {length} numbers, got {len(part)}")

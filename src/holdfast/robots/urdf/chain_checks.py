@@ -61,15 +61,13 @@ def hanging(
 ) -> list[LooseJoint]:
     """Return the joints that move links on an arm or a trunk but are not on its path."""
     passed = {joint.name for joint, _ in folded.path} if passed is None else passed
-    return [
-        LooseJoint(
-            joint,
-            f"moves link {quoted(joint.child)}, which hangs on the {what} but is not between base and tip"
-            + (_unlocked(joint.mimic.joint) if joint.mimic and locks.others else ""),
-        )
-        for links in folded.moving
-        for joint in moving_branches(links, passed, locks)
-    ]
+    found = []
+    for joint in (joint for links in folded.moving for joint in moving_branches(links, passed, locks)):
+        why = f"moves link {quoted(joint.child)}, which hangs on the {what} but is not between base and tip"
+        if joint.mimic and locks.others:
+            why += f", and mimics {quoted(joint.mimic.joint)}, which moves, so that lock_others does not lock it"
+        found.append(LooseJoint(joint, why))
+    return found
 
 
 def shared(locks: Locks, ends: Mapping[str, tuple[str, str]]) -> list[LooseJoint]:
@@ -86,10 +84,6 @@ def shared(locks: Locks, ends: Mapping[str, tuple[str, str]]) -> list[LooseJoint
     reasons += [(name, f"moves the {' and the '.join(moved)}") for name, moved in bases.items()]
     joints = robot.joints
     return [LooseJoint(joints[name], why) for name, why in reasons if locks.pose(joints[name]) is None]
-
-
-def _unlocked(leader: str) -> str:
-    return f", and mimics {quoted(leader)}, which moves, so that lock_others does not lock it"
 
 
 def refuse_loose(locks: Locks, loose: list[LooseJoint]) -> None:
