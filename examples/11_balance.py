@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from scipy.linalg import solve_continuous_are
 
 import holdfast as hf
-from holdfast.robots import PANDA_HOME, panda
+from holdfast.robots import HOME, panda
 from holdfast.view.figure_style import BLUE, DANGER, DPI, STYLE
 
 OUT = Path(__file__).parent / "out"
@@ -26,7 +26,7 @@ def balanced() -> tuple[hf.ClosedChain, hf.State]:
         "left": hf.Grasp("rigid", hf.contact_frame([0, 0.15, 0], into=[0, -1, 0])),
         "right": hf.Grasp("rigid", hf.contact_frame([0, -0.15, 0], into=[0, 1, 0])),
     }
-    chain, state = hf.assemble(arms, box, grasps, q=dict.fromkeys(arms, PANDA_HOME))
+    chain, state = hf.assemble(arms, box, grasps, q=dict.fromkeys(arms, HOME["panda"]))
     return chain, state
 
 

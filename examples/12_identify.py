@@ -13,7 +13,7 @@ import holdfast as hf
 from holdfast.control import ObjectTracking
 from holdfast.control.paths import Target
 from holdfast.identification import Identification, Recording
-from holdfast.robots import PANDA_HOME, panda
+from holdfast.robots import HOME, panda
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array, Scalar, cos, sin
 from holdfast.view.figure_style import BLUE, DANGER, DPI, STYLE
@@ -32,7 +32,7 @@ def chain_with(payload: hf.HeldObject) -> tuple[hf.ClosedChain, hf.State]:
         "left": hf.Grasp("rigid", hf.contact_frame([0, 0.15, 0], into=[0, -1, 0])),
         "right": hf.Grasp("rigid", hf.contact_frame([0, -0.15, 0], into=[0, 1, 0])),
     }
-    chain, state = hf.assemble(arms, payload, grasps, q=dict.fromkeys(arms, PANDA_HOME))
+    chain, state = hf.assemble(arms, payload, grasps, q=dict.fromkeys(arms, HOME["panda"]))
     return chain, state
 
 

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 import holdfast as hf
 from holdfast.interop import value_and_gradient
-from holdfast.robots import PANDA_HOME, panda
+from holdfast.robots import HOME, panda
 from holdfast.view.figure_style import BLUE, DANGER, DPI, STYLE
 
 OUT = Path(__file__).parent / "out"
@@ -30,7 +30,7 @@ def chain_at_rest() -> tuple[hf.ClosedChain, hf.State]:
         "left": hf.Grasp("rigid", hf.contact_frame([0, 0.15, 0], into=[0, -1, 0])),
         "right": hf.Grasp("rigid", hf.contact_frame([0, -0.15, 0], into=[0, 1, 0])),
     }
-    return hf.assemble(arms, box, grasps, q=dict.fromkeys(arms, PANDA_HOME))
+    return hf.assemble(arms, box, grasps, q=dict.fromkeys(arms, HOME["panda"]))
 
 
 def reflex(chain: hf.ClosedChain, state: hf.State) -> hf.ControlLaw:

@@ -8,7 +8,7 @@ import numpy as np
 
 from holdfast import Arm, ClosedChain, ClosureError, Grasp, HeldObject, Joint, Link, Pose
 from holdfast.dynamics import tip_jacobian, tip_pose
-from holdfast.robots import PANDA_HOME, panda
+from holdfast.robots import HOME, panda
 from holdfast.robots.panda import FR3_ARMATURE
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
@@ -92,7 +92,7 @@ def make_system(arm_count: int, joint_count: int, states: int | None = None, see
         states = STATES if arm_count < MANY_ARMS else STATES_OF_MANY_ARMS
     box = HeldObject.box(3.0, 0.4, 0.3, 0.2)
     arm, centre = serial_arm(joint_count), Pose.translation(0.0, 0.0, 0.5)
-    home = np.resize(PANDA_HOME, joint_count)
+    home = np.resize(HOME["panda"], joint_count)
     arms, grasps, first = {}, {}, []
     for i in range(arm_count):
         grasp = Grasp("rigid", _place_on_circle(2 * np.pi * i / arm_count))

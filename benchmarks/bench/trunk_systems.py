@@ -9,7 +9,7 @@ from holdfast import ClosedChain, Grasp, HeldObject, Joint, Link, Pose, State, T
 from holdfast.dynamics import project_velocity, tip_pose
 from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
 from holdfast.model.trunk import BASE
-from holdfast.robots import PANDA_HOME
+from holdfast.robots import HOME
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 
@@ -41,7 +41,7 @@ def make_trunk_system(name: str, states: int = STATES, seed: int = 0) -> System:
         seed: seed of the random numbers.
     """
     random, trunk, arm = np.random.default_rng(seed), TRUNKS[name], serial_arm(7)
-    home = {hand: np.array(PANDA_HOME) + random.uniform(-0.3, 0.3, 7) for hand in HANDS}
+    home = {hand: np.array(HOME["panda"]) + random.uniform(-0.3, 0.3, 7) for hand in HANDS}
     arms = {hand: arm.at(BOX @ HANDS[hand] @ tip_pose(arm, q).inverse()) for hand, q in home.items()}
     grasps = {hand: Grasp("rigid", frame) for hand, frame in HANDS.items()}
     last = BASE if trunk.floating is not None else trunk.joint_count - 1

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass
 from textwrap import dedent, indent
-from typing import Any, get_type_hints
+from typing import Any
 
 from sphinx.domains.python import PyObject
 from sphinx.util.inspect import TypeAliasForwardRef
@@ -31,28 +31,19 @@ def setup(app: Any) -> dict[str, Any]:
 def translate(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Translate a docstring in place."""
     if what == "class":
-        lines[:] = one_attribute_each(lines, obj)
+        lines[:] = one_attribute_each(lines)
     lines[:] = "\n".join(translated(*part) for part in parts(lines)).split("\n")
     if what == "property":
         lines[:0] = ["..", ""]  # for napoleon, what stands before a colon in the first line would be the type
 
 
-def one_attribute_each(lines: list[str], obj: Any) -> list[str]:
-    """Return the lines with an entry for every attribute where one describes several, with what its type says of it."""
+def one_attribute_each(lines: list[str]) -> list[str]:
+    """Return the lines with an entry for every attribute where one describes several."""
 
     def entries(found: re.Match[str]) -> str:
-        return "".join(
-            [f"    {name}: {found[2].rstrip().rstrip('.')}{said_of(obj, name)}.\n" for name in found[1].split(", ")]
-        )
+        return "".join(f"    {name}: {found[2]}" for name in found[1].split(", "))
 
     return SEVERAL.sub(entries, "\n".join(lines) + "\n").split("\n")
-
-
-def said_of(obj: Any, name: str) -> str:
-    """Return the note with which a field of a data class is annotated, after a colon; '' without one."""
-    hints = get_type_hints(obj, include_extras=True) if is_dataclass(obj) else {}
-    notes = getattr(hints.get(name), "__metadata__", ())
-    return f": {notes[0]}" if notes else ""
 
 
 def parts(lines: list[str]) -> Iterator[tuple[str, str]]:

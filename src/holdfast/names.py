@@ -19,6 +19,7 @@ RENAMED = {
     "squeeze_span": "internal_force_span",
     "internal": "internal_force",
     "undriven": "passive",
+    **{f"{robot.upper()}_HOME": f'HOME["{robot}"]' for robot in ("panda", "iiwa14", "ur5e", "gen3")},
 }
 Class = TypeVar("Class", bound=type)
 Called = TypeVar("Called", bound=Callable[..., Any])
@@ -27,7 +28,7 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ' Did you mean ...?' with the closest known name in any case, or a list of the known names."""
     known = list(known)
-    if (renamed := RENAMED.get(str(name))) in known:
+    if (renamed := RENAMED.get(str(name), "")).partition("[")[0] in known:
         return f" Did you mean '{renamed}'?"
     cases = {each.lower(): each for each in reversed(known)}
     near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)

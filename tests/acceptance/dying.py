@@ -16,7 +16,7 @@ from holdfast.io import result_folder
 from holdfast.io.result_folder import ResultWriter
 
 # a flush for every second sample, so that a short run has many
-result_folder.CHUNK, result_folder.PATIENCE = 2, float("inf")
+result_folder.CHUNK, result_folder.LONGEST_WAIT = 2, float("inf")
 flush, replace = ResultWriter.flush, os.replace
 moves = 0
 

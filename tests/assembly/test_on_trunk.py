@@ -112,7 +112,7 @@ def test_what_is_refused():
 def test_close_with_a_trunk_that_moves():
     """`close(hold_object=True, hold_trunk=False)`: the object stays to the bit, trunk and arms go to it."""
     chain = hf.ClosedChain(ARMS, TRAY, GRASPS, **ON)
-    guess = hf.State(np.r_[HOME, np.tile(hf.robots.PANDA_HOME, 2)], np.ones(16), hf.Pose.translation(0.5, 0.1, 0.9))
+    guess = hf.State(np.r_[HOME, np.tile(hf.robots.HOME["panda"], 2)], np.ones(16), hf.Pose.translation(0.5, 0.1, 0.9))
     state = hf.close(chain, guess, hold_object=True, hold_trunk=False)
     assert state.object_pose.tobytes() == guess.object_pose.tobytes()
     assert np.abs(state.q[:2] - HOME).min() > 1e-3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holdfast.robots import PANDA_HOME, panda
+from holdfast.robots import HOME, panda
 from tests.derivatives.blocks import by_jacobian, compiled
 from tests.derivatives.stored import names, stored
 from tests.derivatives.tangent import closed_rows, tangent
@@ -29,7 +29,7 @@ def two_pandas(seed: int) -> Problem:
     """Return two Pandas that hold a box, in motion."""
     random = np.random.default_rng(3000 + seed)
     arms = {name: panda(armature=random.uniform(0, 0.6, size=7)) for name in ("left", "right")}
-    q = np.concatenate([PANDA_HOME + random.uniform(-0.7, 0.7, size=7) for _ in arms])
+    q = np.concatenate([HOME["panda"] + random.uniform(-0.7, 0.7, size=7) for _ in arms])
     chain, state = carried(random, arms, q, GRAVITIES[seed % 3])
     return Problem(chain, state, 20.0 * random.normal(size=14), Inputs())
 

@@ -8,7 +8,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.identification import Recording
-from holdfast.robots import PANDA_HOME, panda
+from holdfast.robots import HOME, panda
 
 BOX = hf.HeldObject(
     3.0, [[0.045, 0.004, -0.002], [0.004, 0.03, 0.003], [-0.002, 0.003, 0.035]], com=[0.03, -0.02, 0.04]
@@ -23,7 +23,7 @@ def two_pandas(box: hf.HeldObject = BOX) -> tuple[hf.ClosedChain, hf.State]:
         "left": hf.Grasp("rigid", hf.contact_frame([0, 0.15, 0], into=[0, -1, 0])),
         "right": hf.Grasp("rigid", hf.contact_frame([0, -0.15, 0], into=[0, 1, 0])),
     }
-    return hf.assemble(arms, box, grasps, q=dict.fromkeys(arms, PANDA_HOME))
+    return hf.assemble(arms, box, grasps, q=dict.fromkeys(arms, HOME["panda"]))
 
 
 def swung(t: np.ndarray, turn: float, shift: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,9 +10,8 @@ from scipy.stats import binom, chi2
 
 import holdfast as hf
 from holdfast.identification import Recording
-from holdfast.identification.equations import Settings, equations
+from holdfast.identification.equations import Settings, equations, unknowns_of
 from holdfast.identification.estimate import estimate
-from holdfast.identification.unknowns import unknowns_of
 from tests.identification.recorded import BOX, noisy, recorded, two_pandas
 
 TRUE = np.r_[BOX.mass, BOX.com, BOX.inertia[np.triu_indices(3)]]

@@ -1,6 +1,7 @@
 """Forward dynamics in JAX: the machine code's numbers, gradients by finite differences, vmaps, scans, refusals."""
 
 import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ import pytest
 import holdfast as hf
 from holdfast.compiled import CompiledChain
 from holdfast.compiled.structure import Options
-from holdfast.interop import jax_function, to_jax
+from holdfast.interop import to_jax
 from holdfast.questions.question import QUESTIONS
 from tests.derivatives.chains import random_chain
+from tests.interop.differences import five_points, moved
 from tests.longer import mostly_slow
 from tests.questions.every import direct, inputs_of
 
@@ -69,15 +71,9 @@ def expected(fast, values):
 
 
 def directional(fast, values, name, along, h=1e-4):
-    """Return the derivative of `expected`, central differences of sixth order; poses are kept of unit length."""
-
-    def at(s):
-        x = values[name] + s * h * along
-        if name.endswith("_pose"):
-            x = np.concatenate([x[..., :4] / np.linalg.norm(x[..., :4], axis=-1, keepdims=True), x[..., 4:]], -1)
-        return expected(fast, values | {name: x})
-
-    return sum(w * (at(s) - at(-s)) for s, w in ((1, 45.0), (2, -9.0), (3, 1.0))) / (60 * h)
+    """Return the derivative of `expected`, central differences of sixth order."""
+    at = {s: expected(fast, moved(values, name, s * h * along)) for s in (-3, -2, -1, 1, 2, 3)}
+    return (45.0 * (at[1] - at[-1]) - 9.0 * (at[2] - at[-2]) + at[3] - at[-3]) / (60 * h)
 
 
 @pytest.mark.slow
@@ -86,7 +82,7 @@ def test_gradient_by_every_argument(problem, route, monkeypatch):
     """Values are those of a call from Python; gradients as finite differences have them, none along a quaternion."""
     fast, values = problem
     if route == "callback":
-        monkeypatch.setattr(jax_function, "available_route", lambda: route)
+        monkeypatch.setattr(import_module("holdfast.interop.to_jax"), "available_route", lambda: route)
     f = to_jax(fast, of=OF, parameters=PARAMETERS)
     assert f.route == route
     found = jax.jit(f)(**values)
@@ -136,24 +132,18 @@ def test_trunks(trunk):
         if name.endswith("_pose"):
             along[:4] -= (along[:4] @ x[:4]) * x[:4]
         slope = jax.jvp(lambda y, name=name: weighted(forward(**(values | {name: y}))), (x,), (along,))[1]
-        ends = [float(weighted(fast_results(fast, of, moved(values, name, k * 1e-4 * along)))) for k in (1, -1, 2, -2)]
-        expected = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / 12e-4
+
+        def value(s, name=name, along=along):
+            return float(weighted(fast_results(fast, of, moved(values, name, s * along))))
+
         assert float(jnp.sum(gradient[name] * along)) == pytest.approx(float(slope), rel=1e-9, abs=1e-9), name
-        assert float(slope) == pytest.approx(expected, rel=1e-6, abs=1e-6), name
+        assert float(slope) == pytest.approx(five_points(value), rel=1e-6, abs=1e-6), name
 
 
 def fast_results(fast, of, values):
     """Return results of a call from Python, by name."""
     found = fast.forward_dynamics(**values)
     return {name: found.array(name) for name in of}
-
-
-def moved(values, name, by):
-    """Return arguments with one moved; poses are kept of unit length."""
-    x = values[name] + by
-    if name.endswith("_pose"):
-        x = np.concatenate([x[:4] / np.linalg.norm(x[:4]), x[4:]])
-    return values | {name: x}
 
 
 @pytest.mark.slow
@@ -212,11 +202,10 @@ def test_scan(problem):
 
         return jnp.sum(jnp.sin(jax.lax.scan(step, (q0, qd0), None, length=5)[0][0]))
 
-    qd0, h = jnp.asarray(values["qd"]), 1e-4
+    qd0 = jnp.asarray(values["qd"])
     along = np.random.default_rng(2).normal(size=qd0.shape)
     run, slope = jax.jit(end), float(jax.jit(jax.grad(end))(qd0) @ along)
-    one, two = ((run(qd0 + k * h * along) - run(qd0 - k * h * along)) / (2 * k * h) for k in (1, 2))
-    assert slope == pytest.approx(float((4 * one - two) / 3), rel=1e-8)
+    assert slope == pytest.approx(five_points(lambda s: run(qd0 + s * along)), rel=1e-8)
 
 
 def test_no_answer(problem):

@@ -6,6 +6,8 @@ import pytest
 import holdfast as hf
 from holdfast.interop import to_jax
 from tests.derivatives.chains import random_chain
+from tests.interop.differences import five_points, moved
+from tests.interop.test_jax import weighted
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
 
@@ -51,11 +53,6 @@ def tape_of(rollout, values):
     return rollout.tape(rollout.start(**first), STEP, steps=STEPS, schedule=schedule, record=record)
 
 
-def weighted(found):
-    """Return one number made of all results."""
-    return sum(jnp.sum(jnp.sin(x)) for x in found.values())
-
-
 @pytest.mark.slow
 def test_gradient_by_every_argument(problem):
     """Values are the tape's, gradients those of five-point differences; those by poses have no part along them."""
@@ -72,14 +69,10 @@ def test_gradient_by_every_argument(problem):
             along[..., :4] -= (along[..., :4] * x[..., :4]).sum(-1, keepdims=True) * x[..., :4]
             along *= 0.1
 
-        def value(k, name=name, x=x, along=along):
-            moved = x + k * 1e-4 * along
-            if name.endswith("_pose"):
-                length = np.linalg.norm(moved[..., :4], axis=-1, keepdims=True)
-                moved = np.concatenate([moved[..., :4] / length, moved[..., 4:]], -1)
-            return float(weighted(f(**(values | {name: moved}))))
+        def value(s, name=name, along=along):
+            return weighted(f(**moved(values, name, s * along)))
 
-        slope = (8 * (value(1) - value(-1)) - (value(2) - value(-2))) / 12e-4
+        slope = five_points(value)
         assert float(jnp.sum(gradient[name] * along)) == pytest.approx(slope, rel=1e-7, abs=1e-7), name
         if name.endswith("_pose"):
             radial = jnp.sum(gradient[name][..., :4] * x[..., :4], -1)
@@ -106,10 +99,7 @@ def test_a_law_may_call_its_parameters_poses(problem, called):
 
     gradient = jax.grad(end)(aim)
     assert gradient.shape == (n,)
-    slope = (
-        8 * (end(aim + 0.1 * along) - end(aim - 0.1 * along)) - end(aim + 0.2 * along) + end(aim - 0.2 * along)
-    ) / 1.2
-    assert float(gradient @ along) == pytest.approx(float(slope), rel=1e-7)
+    assert float(gradient @ along) == pytest.approx(five_points(lambda s: end(aim + s * along), 0.1), rel=1e-7)
     assert np.isfinite(gradient).all() and np.abs(gradient).max() > 0.0
 
 
@@ -162,12 +152,12 @@ def test_floating_base():
     f = to_jax(rollout, of=["floating_pose"], step=1e-3, steps=2)
     rest = {"q": s.q, "qd": s.qd, "object_pose": s.object_pose, "object_twist": s.object_twist, "tau": p.tau}
 
-    def end(twist):
-        return jnp.sum(jnp.sin(f(**rest, floating_pose=s.base_pose, floating_twist=twist)["floating_pose"]))
+    def end(x):
+        return jnp.sum(jnp.sin(f(**rest, floating_pose=s.base_pose, floating_twist=x)["floating_pose"]))
 
-    along, h = np.random.default_rng(4).normal(size=6), 1e-3
-    one, two = ((end(s.base_twist + k * h * along) - end(s.base_twist - k * h * along)) / (2 * k * h) for k in (1, 2))
-    assert float(jax.grad(end)(s.base_twist) @ along) == pytest.approx(float((4 * one - two) / 3), rel=1e-7)
+    twist, along = s.base_twist, np.random.default_rng(4).normal(size=6)
+    slope = five_points(lambda s: end(twist + s * along), 1e-3)
+    assert float(jax.grad(end)(twist) @ along) == pytest.approx(slope, rel=1e-7)
 
 
 def test_refusals(problem):

@@ -8,7 +8,7 @@ import pytest
 from holdfast.errors import ModelWarning, SceneError
 from holdfast.interop import load_mjcf, load_mjcf_arms, load_mjcf_trunk
 from holdfast.interop import mjcf_model as reader
-from holdfast.interop.mjcf_elements import EFFECTS, NONE, NOTED, READ, REFUSED
+from holdfast.interop.mjcf_model import EFFECTS, NONE_ELEMENTS, NOTED_ELEMENTS, READ_ELEMENTS, REFUSED_ELEMENTS
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install mujoco-core")
 
@@ -49,7 +49,7 @@ def test_every_element_has_a_row():
     schema = re.findall(r"^ *(\S+) \([!?*R]\)", mujoco.mj_printSchema(False, False), re.MULTILINE)
     assert len({*schema}) > 100
     assert {tag.removeprefix("(world)") for tag in schema} - EFFECTS.keys() == set()
-    assert len(EFFECTS) == len(READ) + len(NOTED) + len(REFUSED) + len(NONE)
+    assert len(EFFECTS) == len(READ_ELEMENTS) + len(NOTED_ELEMENTS) + len(REFUSED_ELEMENTS) + len(NONE_ELEMENTS)
 
 
 def test_an_element_without_a_row(monkeypatch):

@@ -4,25 +4,10 @@ import numpy as np
 
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.simulation.events import Occurrence
-from holdfast.simulation.trajectory import Trajectory, array_names
+from holdfast.simulation.trajectory import RUN_ARRAYS, TRUNK_FIELDS, Trajectory, array_names
 from tests.control.two_pandas import two_pandas
 
-SHAPES = {
-    shape: names.split()
-    for shape, names in {
-        (): "t kinetic potential impact condition",
-        (2,): "position_gap velocity_gap load_share spin margin best_margin worst_margin lowest_margin"
-        " lowest_margin_time holding",
-        (0,): "base_pose base_twist base_acceleration trunk_base_wrench",
-        (3,): "lowest_joint_margin lowest_joint_margin_time lowest_joint",
-        (4,): "work",
-        (6,): "object_twist object_acceleration momentum momentum_rate base_impulse",
-        (7,): "object_pose",
-        (14,): "q qd qdd tau",
-        (2, 6): "grasp_wrench internal_wrench wrist_wrench base_wrench",
-    }.items()
-}
-SHAPE = {name: shape for shape, names in SHAPES.items() for name in names}
+SHAPE = {name: (0,) if name in TRUNK_FIELDS else row.shape(two_pandas()[0]) for name, row in RUN_ARRAYS.items()}
 KINDS = {"holding": bool, "lowest_joint": int}
 SCENE = 'name = "test"\n'
 STEP = 0.1

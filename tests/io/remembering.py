@@ -97,3 +97,17 @@ def run(
         raise
     writer.finish(None, stopped=done.stopped, occurrences=done.occurrences)
     return done
+
+
+class Died(BaseException):
+    """Ends a run on the spot."""
+
+
+def dies_at(sample):
+    """Return a hook that ends the run there."""
+
+    def hook(n):
+        if n == sample:
+            raise Died
+
+    return hook

@@ -25,8 +25,8 @@ from holdfast.simulation.trajectory import Trajectory, array_names, stacked
 from tests.control.two_pandas import two_pandas
 from tests.io.damages import damage
 from tests.io.recorded import SCENE, meta, samples
+from tests.io.remembering import Died, dies_at, unlimited
 from tests.io.remembering import run as remembering
-from tests.io.remembering import unlimited
 from tests.robots.two_armed import TWO_ARMED
 from tests.simulation.rollout.problems import elsewhere, problem, swinging
 
@@ -73,24 +73,15 @@ def write_random(folder: Path, other: bool, overwrite: bool = False) -> None:
     writer.finish(summarise(chain, stacked(samples(51))), occurrences=stacked(given).occurrences)
 
 
-class Died(BaseException):
-    """Ends a run on the spot."""
-
-
 def write_unfinished(folder: Path, other: bool) -> None:
     """Write the beginning of a run, with a checkpoint."""
-
-    def die(n: int) -> None:
-        if n == 7:
-            raise Died
-
     with pytest.MonkeyPatch.context() as patched, suppress(Died):
         patched.setattr("holdfast.io.result_folder.CHUNK", 3)
-        patched.setattr("holdfast.io.result_folder.PATIENCE", np.inf)
+        patched.setattr("holdfast.io.result_folder.LONGEST_WAIT", np.inf)
         if other:
             chain, state = unlimited()
             patched.setattr("tests.io.remembering.unlimited", lambda: (replace(chain, gravity=[0.0, 0.0, -9.0]), state))
-        remembering(folder, marked=die)
+        remembering(folder, marked=dies_at(7))
 
 
 def go_on(folder: Path) -> None:
@@ -138,7 +129,7 @@ def write_record(folder: Path, other: bool, overwrite: bool = False) -> None:
     starts = elsewhere(*problem("one"), 3 if other else 2)
     systems = rollout.start(**{name: x[-2:] for name, x in starts.items()})
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("holdfast.io.record_writer.PATIENCE", 0.0)
+        patched.setattr("holdfast.io.record_folder.LONGEST_WAIT", 0.0)
         rollout.run(systems, 0.003, 0.001, record=("q", "status"), folder=folder, overwrite=overwrite)
 
 

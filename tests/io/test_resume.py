@@ -13,24 +13,10 @@ from holdfast.simulation.checkpoint import Checkpoint
 from tests.control.two_pandas import two_pandas
 from tests.io import remembering
 from tests.io.recorded import SCENE, filled, meta, same_bits, samples, writer
-from tests.io.remembering import run
+from tests.io.remembering import Died, dies_at, run
 from tests.io.signing import resigned
 
 SAMPLES = 13
-
-
-class Died(BaseException):
-    """Ends a run on the spot."""
-
-
-def dies_at(sample):
-    """Return a hook that ends the run there."""
-
-    def hook(n):
-        if n == sample:
-            raise Died
-
-    return hook
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +29,7 @@ def whole(tmp_path_factory):
 def small_chunks(monkeypatch):
     """Flush the first sample, and then every third; never by the clock."""
     monkeypatch.setattr(result_folder, "CHUNK", 3)
-    monkeypatch.setattr(result_folder, "PATIENCE", np.inf)
+    monkeypatch.setattr(result_folder, "LONGEST_WAIT", np.inf)
 
 
 @pytest.mark.parametrize("sample", [1, 9])

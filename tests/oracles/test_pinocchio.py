@@ -11,7 +11,7 @@ from holdfast.dynamics.arm.bias import bias_torque
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmInputs, arm_motion
-from holdfast.robots import PANDA_HOME, panda
+from holdfast.robots import HOME, panda
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain, mounted
 from tests.systems.problems import random_problem, relative_gap
@@ -109,7 +109,7 @@ def test_two_pandas_hold_a_box():
     for seed in range(STATES):
         rng = np.random.default_rng(2000 + seed)
         arms = {name: panda(armature=rng.uniform(0, 0.6, size=7)) for name in ("left", "right")}
-        q = np.concatenate([PANDA_HOME + rng.uniform(-0.7, 0.7, size=7) for _ in arms])
+        q = np.concatenate([HOME["panda"] + rng.uniform(-0.7, 0.7, size=7) for _ in arms])
         chain, state = carried(rng, arms, q, GRAVITIES[seed % 3])
         gaps.append(chain_gaps(chain, state, 20.0 * rng.normal(size=14)))
     show("two pandas and a box", worst(gaps))

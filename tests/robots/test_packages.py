@@ -9,7 +9,7 @@ import holdfast as hf
 from holdfast.cli import main
 from holdfast.errors import SceneError
 from holdfast.io.result_reader import load_result, setting_of
-from holdfast.robots.mesh_files.limits import MeshFault
+from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.robots.urdf import urdf_chain
 from holdfast.view.link_meshes import meshes_in_files

@@ -13,7 +13,7 @@ from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.dynamics import closure
 from holdfast.io.typed import Location
-from holdfast.robots import PANDA_HOME
+from holdfast.robots import HOME
 from holdfast.scenario.build import Scenario, load_scene
 from holdfast.scenario.joints import body
 from holdfast.scenario.scene import BodyTable
@@ -94,7 +94,7 @@ def test_defaults(tmp_path):
     )
     scenario = load_scene(path)
     assert scenario.name == "short"
-    assert scenario.state.q == pytest.approx(PANDA_HOME)
+    assert scenario.state.q == pytest.approx(HOME["panda"])
     assert scenario.chain.gravity == pytest.approx([0, 0, -9.81])
     assert scenario.chain.grasps == {}
     assert isinstance(scenario.controller, GravityCompensation)

@@ -128,7 +128,7 @@ def test_an_arm_below_a_hand(tmp_path):
     joint = "{{ axis = [{axis}], position = [{at}], link = {{ mass = 0.1, box = [0.01, 0.01, 0.01] }} }}"
     joints = ", ".join(joint.format(axis=a, at=p) for a, p in (("0, 1, 0", "0.05, 0, 0.1"), ("1, 0, 0", "0, 0, 0.05")))
     found = loaded(tmp_path, text + finger.format(k=1, joints=joints))
-    assert found.state.q[:7] == pytest.approx(hf.robots.PANDA_HOME)
+    assert found.state.q[:7] == pytest.approx(hf.robots.HOME["panda"])
     arm = found.chain.arms["f1"]
     assert [j.placement.p.tolist() for j in arm.joints] == [[0.05, 0, 0.1], [0, 0, 0.05]]
     assert arm.tip.p.tolist() == [0, 0, 0.05]

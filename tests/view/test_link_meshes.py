@@ -6,7 +6,7 @@ from holdfast import Pose
 from holdfast.model.visuals import Box, Sphere, Visual
 from holdfast.model.visuals import Mesh as MeshFile
 from holdfast.robots import panda
-from holdfast.robots.primitive import COLOURS
+from holdfast.robots.primitive import LINK_COLOURS
 from holdfast.robots.urdf import urdf_chain, urdf_visuals
 from holdfast.robots.visuals import visuals_of
 from holdfast.view.link_meshes import SHRINK, meshes_of, meshes_of_urdf
@@ -30,7 +30,7 @@ def test_pieces_of_an_arm():
     arm = panda()
     for link_meshes, solids in zip(meshes_of(visuals_of(arm)), visuals_of(arm), strict=True):
         for piece, solid in zip(link_meshes, solids, strict=True):
-            assert piece.colour == COLOURS[solid.colour]
+            assert piece.colour == LINK_COLOURS[solid.colour]
             local = np.abs((piece.mesh.vertices - solid.pose.p) @ solid.pose.R).max(axis=0)
             radius, length = solid.size
             half = np.array([radius, radius, length / 2 + (radius if solid.kind == "capsule" else 0.0)])

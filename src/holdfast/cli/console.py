@@ -57,7 +57,7 @@ def is_standard(path: Path | None) -> bool:
     return path is not None and str(path) == "-"
 
 
-def read_stdin(most: int = typed.LARGEST_FILE) -> bytes:
+def read_stdin(most: int = typed.LARGEST_TEXT) -> bytes:
     """Return the content of stdin.
 
     Args:
@@ -89,7 +89,7 @@ def write_stdout(make: Callable[[Path], Any], name: str) -> None:
         sys.stdout.write_bytes(content)
 
 
-def read_input(path: Path, most: int = typed.LARGEST_FILE) -> tuple[bytes, str]:
+def read_input(path: Path, most: int = typed.LARGEST_TEXT) -> tuple[bytes, str]:
     """Return the bytes of a file or of stdin, and its name for messages.
 
     Raises:

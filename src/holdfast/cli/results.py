@@ -16,11 +16,11 @@ from holdfast.cli.options import Folder, OutFile, ResultFolders, Switch, TableFo
 from holdfast.cli.streams import complain, say
 from holdfast.errors import ResultError, SceneError
 from holdfast.interop.mcap_writer import write_mcap
-from holdfast.io.export import export_csv, export_parquet, occurrences_path
 from holdfast.io.files import make_folder, require_file
 from holdfast.io.result_meta import SCENE, ResultMeta
 from holdfast.io.result_reader import Result, load_result
 from holdfast.io.result_reader import setting_of as setting_in
+from holdfast.io.tables import export_csv, export_parquet, occurrences_path
 from holdfast.model.fingerprint import fingerprint
 from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.robots.packages import given_packages

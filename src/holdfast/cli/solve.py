@@ -21,7 +21,7 @@ from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.methods import METHODS
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import MethodNotApplicable, ModelError, SceneError, SingularChainError, StateError
-from holdfast.io.case_data import ExpectedData
+from holdfast.io.case_data import CaseExpected
 from holdfast.io.case_file import Case, parse_cases
 from holdfast.io.files import one_line
 from holdfast.io.typed import refusal
@@ -117,7 +117,7 @@ def _answer(case: Case, motion: ChainMotion, method: str, generic_rank: int | No
     return Answer(case, method, result, error=error)
 
 
-def error_vs_expected(result: ForwardResult, expected: ExpectedData, motion: ChainMotion) -> float:
+def error_vs_expected(result: ForwardResult, expected: CaseExpected, motion: ChainMotion) -> float:
     """Return the largest of max|x - e| / max(1, max|e|) over qdd, f, alpha(C), W_dot and the base wrenches.
 
     Each quantity is taken over the trunk and all arms together. If f is not unique, it is replaced by

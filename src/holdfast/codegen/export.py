@@ -26,8 +26,7 @@ from holdfast.compiler.targets import (
 )
 from holdfast.control.controller import ControlLaw, Controller
 from holdfast.errors import ModelError, ResultError
-from holdfast.io.files import file_path, names_in
-from holdfast.io.replaced_folder import replaced_folder
+from holdfast.io.files import file_path, names_in, replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import busy

@@ -379,8 +379,8 @@ class _WristWrenches(Function):
                 what moves with it.
 
         Returns:
-            (arms, 6) wrench of each arm on the object across its tip frame, tip axes [N m, N]. As Array, with a
-            leading axis for a batch.
+            (arms, 6) wrench [moment; force] of each arm on the object across its tip frame, about the tip's origin,
+            tip axes [N m, N]. As Array, with a leading axis for a batch.
 
         Raises:
             StateError: A name, shape or number is wrong, or the question has no answer.

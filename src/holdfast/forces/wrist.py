@@ -94,8 +94,8 @@ WRISTS = declare(
     Question(
         "wrist_wrenches",
         _wrists,
-        (Row("wrist_wrenches", ("arms", 6), "N m, N", "wrench of each arm on the object across its tip frame, tip"
-            " axes"),),
+        (Row("wrist_wrenches", ("arms", 6), "N m, N", "wrench [moment; force] of each arm on the object"
+            " across its tip frame, about the tip's origin, tip axes"),),
         "the grasp wrenches in tip axes, as force-torque sensors in the wrists measure them",
         inputs=("q", "grasp_wrench"),
         parameters=("base_R",),

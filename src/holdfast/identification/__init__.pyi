@@ -2,6 +2,6 @@
 
 from .base_parameters import BaseParameters as BaseParameters
 from .base_parameters import base_parameters as base_parameters
-from .identification import Identification as Identification
-from .load_recording import load_recording as load_recording
+from .identify import Identification as Identification
 from .recording import Recording as Recording
+from .recording import load_recording as load_recording

@@ -1,11 +1,12 @@
-"""Base parameters: the combinations of inertial parameters that a motion can identify.
+"""Base parameters: the combinations of inertial parameters that a motion can identify, and those that it cannot.
 
 A stacked regressor Y with p columns and rank r leaves p - r combinations of parameters undetermined. A QR decomposition
 with column pivoting chooses r independent columns; the others are linear combinations of these,
 
     Y pi = Y_1 (pi_1 + K pi_2),   K = R_11^-1 R_12
 
-and pi_1 + K pi_2 are the base parameters (Gautier and Khalil 1990).
+and pi_1 + K pi_2 are the base parameters (Gautier and Khalil 1990). In the same way, the combinations of unknowns that
+an estimate takes from the guess are put in words.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
 from holdfast.errors import ModelError
+from holdfast.identification.equations import PayloadUnknowns
 from holdfast.model import checks
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
@@ -26,6 +28,8 @@ from holdfast.spatial.linalg import without_overflow
 from holdfast.spatial.scalar import Array
 
 NEGLIGIBLE = 1e-6  # terms smaller than this, relative to a combination's largest one, are rounding (unit columns)
+WHOLLY, PARTLY = 0.99, 1e-8  # squared share of an unknown in the fixed combinations above which it is so from the guess
+ALONE = 0.05  # terms smaller than this, relative to a combination's largest one, are not named
 
 
 @called
@@ -107,3 +111,35 @@ def combination(weights: Array, names: Sequence[str]) -> str:
     first, *others = order
     lead = names[first] if weights[first] == 1.0 else f"{weights[first]:.3g} {names[first]}"
     return lead + "".join(f" {'-' if weights[k] < 0 else '+'} {abs(weights[k]):.3g} {names[k]}" for k in others)
+
+
+def parts_kept(fixed: Array) -> tuple[Array, Array]:
+    """Return which unknowns keep the guess's value entirely, and which partly, (p,) each."""
+    part = (fixed**2).sum(axis=1)
+    return part > WHOLLY, (part > PARTLY) & (part <= WHOLLY)
+
+
+def sentences(fixed: Array, unknowns: PayloadUnknowns) -> tuple[str, ...]:
+    """Return a sentence for each combination that cannot be identified.
+
+    Args:
+        fixed: (p, d) an orthonormal basis of these combinations, with unknowns scaled by their sizes.
+        unknowns: the unknowns.
+    """
+    d = fixed.shape[1]
+    if not d:
+        return ()
+    pivots = np.sort(pivoted(fixed.T)[1][:d])
+    directions = fixed @ np.linalg.inv(fixed[pivots])
+    alone, together = [], []
+    for k, direction in zip(pivots.tolist(), directions.T, strict=True):
+        others = [j for j in np.flatnonzero(np.abs(direction) > ALONE).tolist() if j != k]
+        if not others:
+            alone.append(unknowns.names[k])
+            continue
+        weights = np.zeros(len(direction))
+        weights[others] = (direction * unknowns.sizes[k] / unknowns.sizes)[others]
+        weights[k] = 1.0
+        together.append(f"the combination {combination(weights, unknowns.names)} is not identifiable")
+    lead = (f"cannot be told from noise: {', '.join(alone)}",) if alone else ()
+    return (*lead, *together)

@@ -10,7 +10,7 @@ from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
-from holdfast.identification.recording import FEWEST, Recording
+from holdfast.identification.recording import FEWEST_SAMPLES, Recording
 from holdfast.identification.smoothing import Spline, smoothing_spline
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.pose import Pose
@@ -18,8 +18,8 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
 from holdfast.state import Inputs, State
 
-OF_OBJECT = ("object_pose", "object_twist", "object_acceleration")
-OF_BASE = ("base_pose", "base_twist", "base_acceleration")
+OBJECT_MOTION = ("object_pose", "object_twist", "object_acceleration")
+FLOATING_MOTION = ("base_pose", "base_twist", "base_acceleration")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +43,8 @@ def differentiated(given: Recording) -> tuple[Recording, list[Smoothed]]:
     """
     if given.qd is not None and given.qdd is not None:
         return given, []
-    if len(given) < FEWEST:
-        raise StateError(f"recording: expected qd and qdd, or {FEWEST} samples to find them, got {len(given)}")
+    if len(given) < FEWEST_SAMPLES:
+        raise StateError(f"recording: expected qd and qdd, or {FEWEST_SAMPLES} samples to find them, got {len(given)}")
     if given.qd is not None:
         sources = [("q",), ("qd", "qdd")]
     else:
@@ -68,16 +68,16 @@ def completed(chain: ClosedChain, given: Recording) -> Recording:
         StateError: the motion of a floating base was not recorded, or the object's motion was neither recorded nor
             follows from a rigid grasp.
     """
-    if chain.floats and (unknown := [name for name in OF_BASE if getattr(given, name) is None]):
+    if chain.floats and (unknown := [name for name in FLOATING_MOTION if getattr(given, name) is None]):
         raise StateError(f"recording: expected {', '.join(unknown)}, as the trunk's base floats; got none")
-    lacking = [name for name in OF_OBJECT if getattr(given, name) is None]
+    lacking = [name for name in OBJECT_MOTION if getattr(given, name) is None]
     if not lacking:
         return given
     rigid = [name for name, grasp in chain.grasps.items() if not grasp.free]
     if not rigid:
         raise StateError(f"recording: expected {', '.join(lacking)}, as no grasp is rigid and would give it; got none")
     rows = [_object_motion(chain, rigid, given, k) for k in range(len(given))]
-    found = {name: np.array(parts) for name, parts in zip(OF_OBJECT, zip(*rows, strict=True), strict=True)}
+    found = {name: np.array(parts) for name, parts in zip(OBJECT_MOTION, zip(*rows, strict=True), strict=True)}
     return replace(given, **{name: found[name] for name in lacking})
 
 

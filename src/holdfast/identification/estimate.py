@@ -1,8 +1,8 @@
 """Weighted least squares over physically feasible bodies; what the rows do not determine keeps the guess's values.
 
     1. the unconstrained estimate, with weights from its own residuals          free_fit
-    2. which combinations of unknowns it determines                             kept.split_at
-    3. the others are the guess's                                               kept.with_the_guess
+    2. which combinations of unknowns it determines                             split_at
+    3. the others are the guess's                                               with_the_guess
     4. if that is not a feasible body: the feasible body that fits the determined combinations best and,
        next to that, is nearest to the guess                                    feasible_bodies
 
@@ -21,22 +21,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from holdfast.errors import StateError
-from holdfast.identification.colour import Colour, colour_of
-from holdfast.identification.equations import Equations
+from holdfast.identification.equations import Equations, PayloadUnknowns
 from holdfast.identification.feasible_bodies import best_feasible, is_feasible
 from holdfast.identification.free_fit import FreeFit, free_fit
-from holdfast.identification.kept import Split, free_roots, sized, split_at, with_the_guess
 from holdfast.identification.motion_noise import JointNoise
-from holdfast.identification.unknowns import Unknowns
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
 LEAST_LEFT = 0.05  # lower bound of 1 - h, which is near 0 if one sample alone determines a coefficient
 HIDDEN = 0.1  # share of the motion's noise in the residuals above which these do not show that of the measurements
-ROUNDING = 1e-3  # least noise of whitened residuals that are exact, which averages do not reduce reliably
+LEAST_RESIDUAL_NOISE = 1e-3  # least noise of whitened residuals that are exact, which averages do not reduce reliably
 SURELY = 5.0  # standard deviations by which a mass below zero is no accident
+MOST_GUESS_STEPS, NO_GUESS_STEP = 30, 1e-13  # of Newton steps to the values of the guess; the size at which they end
+LEAST_TOLD = 1e-13  # lower bound of singular values, relative to the largest one
+NULL_SINGULAR = 1e-10  # singular values and parts of null vectors below this are rounding
+LEAK = 0.01  # of what is not told at all, in deviations, that a wrong guess of ten sizes makes a tenth of
+AGREES = 4.0  # standard deviations by which an estimate differs from the guess beyond noise
+FEWEST_BLOCKS = 8
+EXACT_ROWS = 1e-3  # mean square of rows that are exact, relative to the noise
+CHANCE = 1e-6  # that independent residuals exceed a limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +58,7 @@ class Estimate:
         misfit: mean square of the whitened residuals, which is 1 if the noise has these standard deviations.
         moved: squared distance from the unconstrained estimate along the determined combinations, in standard
             deviations.
-        colour: how residuals depend on those before them.
+        autocorrelation: how residuals depend on those before them.
         motion_share: part of the whitened residuals' variance that the noise of the motion explains.
         settled: whether the weights converged.
         held: whether the guess's values are a feasible body together with the determined combinations.
@@ -65,7 +71,7 @@ class Estimate:
     noise: Array
     misfit: float
     moved: float
-    colour: Colour
+    autocorrelation: Autocorrelation
     motion_share: float
     settled: bool
     held: bool
@@ -73,7 +79,7 @@ class Estimate:
 
 def estimate(
     system: Equations,
-    unknowns: Unknowns,
+    unknowns: PayloadUnknowns,
     kinds: Array,
     given: Array | None,
     largest: float,
@@ -107,8 +113,8 @@ def estimate(
         )
     values = unknowns.features(x)[0]
     e, left, off = fit.rows @ values, system.rows @ values, split.deviations_between(x, fit.x)
-    colour = colour_of(e, max((one.spline.memory for one in motion), default=1))
-    covariance = _covariance(system, fit, split, x, motion, given is not None, colour.widening)
+    autocorrelation = autocorrelation_of(e, max((one.spline.memory for one in motion), default=1))
+    covariance = _covariance(system, fit, split, x, motion, given is not None, autocorrelation.widening)
     checks.finite(np.append(covariance, left), "identify: the estimate")
     return Estimate(
         plain=unknowns.plain(x),
@@ -118,7 +124,7 @@ def estimate(
         noise=fit.noise,
         misfit=float((e * e).sum()) / max(e.size - len(x), 1),
         moved=float((off * off).sum()),
-        colour=colour,
+        autocorrelation=autocorrelation,
         motion_share=fit.motion_share,
         settled=fit.settled,
         held=held,
@@ -128,7 +134,7 @@ def estimate(
 def _covariance(
     system: Equations,
     fit: FreeFit,
-    split: Split,
+    split: Determined,
     x: Array,
     motion: Sequence[JointNoise],
     known: bool,
@@ -139,7 +145,7 @@ def _covariance(
     J, inverse = fit.rows @ slopes @ split.change, split.root @ split.root.T
     known = known or fit.motion_share > HIDDEN
     scores = variance(J, fit.rows @ values, inverse, fit.of_motion, known) * widening
-    scores = scores + ROUNDING**2 * np.einsum("srj,srk->jk", J, J)
+    scores = scores + LEAST_RESIDUAL_NOISE**2 * np.einsum("srj,srk->jk", J, J)
     raw = fit.weights.transpose(0, 2, 1) @ J
     for one in motion:
         scores = scores + one.score(system.maps, values, raw)
@@ -147,7 +153,7 @@ def _covariance(
     return influence @ scores @ influence.T
 
 
-def _require_mass(fit: FreeFit, unknowns: Unknowns, largest: float) -> None:
+def _require_mass(fit: FreeFit, unknowns: PayloadUnknowns, largest: float) -> None:
     """Refuse recordings that a mass below zero explains best, beyond doubt."""
     m, deviation = float(fit.x[0]), float(np.linalg.norm(free_roots(fit, unknowns)[0]))
     if m < -SURELY * deviation and deviation < largest * max(unknowns.sizes[0], -m):
@@ -159,7 +165,7 @@ def _require_mass(fit: FreeFit, unknowns: Unknowns, largest: float) -> None:
         )
 
 
-def _estimate_of(fit: FreeFit, split: Split) -> tuple[Array, bool]:
+def _estimate_of(fit: FreeFit, split: Determined) -> tuple[Array, bool]:
     """Return the feasible body, and whether what is not determined has the guess's values."""
     x = with_the_guess(fit.x, split)
     if x is not None and is_feasible(x[:10]):
@@ -169,6 +175,102 @@ def _estimate_of(fit: FreeFit, split: Split) -> tuple[Array, bool]:
     guess[:10] *= unknowns.sizes[0] / guess[0]
     steps = split.change @ np.hstack([split.steps, split.fixed])
     return best_feasible(fit.x, steps, count, guess, unknowns.sizes[10:]), False
+
+
+@dataclass(frozen=True, eq=False)
+class Determined:
+    """The determined combinations of the plain unknowns, in units of their sizes, and the others.
+
+    Attributes:
+        unknowns: the unknowns, with the sizes that were used.
+        change: (p, p) dx of small changes of the scaled plain unknowns.
+        root: (p, q) root of the covariance of their unconstrained estimate, for noise of unit variance.
+        fixed: (p, d) orthonormal basis of the combinations that are not determined.
+        steps: (p, k) changes of the determined combinations by independent standard deviations.
+    """
+
+    unknowns: PayloadUnknowns
+    change: Array
+    root: Array
+    fixed: Array
+    steps: Array
+
+    def deviations_between(self, x: Array, y: Array) -> Array:
+        """Return the difference of two vectors of unknowns, in standard deviations of the determined combinations."""
+        return np.linalg.pinv(self.steps) @ np.linalg.solve(self.change, x - y)
+
+
+def free_roots(fit: FreeFit, unknowns: PayloadUnknowns) -> Array:
+    """Return a root of the covariance of the unconstrained estimate; huge where nothing is told."""
+    sizes = unknowns.linear_sizes
+    _, singular, Vt = np.linalg.svd(fit.triangle @ unknowns.features(fit.x)[1] * sizes, full_matrices=True)
+    whole = np.zeros(len(sizes))
+    whole[: len(singular)] = singular
+    return sizes[:, None] * Vt.T / np.maximum(whole, LEAST_TOLD * max(whole[0], 1.0))
+
+
+def sized(unknowns: PayloadUnknowns, fit: FreeFit, largest: float) -> PayloadUnknowns:
+    """Return the unknowns with the sizes of the estimate, where it tells them, or else of the guess."""
+    x, roots = fit.x, free_roots(fit, unknowns)
+
+    def told(value: float, slope: Array) -> bool:
+        return value > 0.0 and float(np.linalg.norm(slope @ roots)) < largest * value
+
+    m, radius = unknowns.sizes[:2].tolist()
+    if told(x[0], np.eye(len(x))[0]):
+        m = float(x[0])
+        trace = np.isin(np.arange(len(x)), (4, 7, 9)).astype(float)
+        twice = float(trace @ unknowns.plain(x))
+        if told(twice, trace @ unknowns.slopes(x)):
+            radius = float(np.sqrt(twice / (2.0 * m)))
+    return unknowns.sized(m, radius)
+
+
+def split_at(x: Array, fit: FreeFit, unknowns: PayloadUnknowns, largest: float) -> Determined:
+    """Return the determined and the other combinations of changes of unknowns x.
+
+    An unknown is determined if the standard deviation of its unconstrained estimate is below `largest` times its
+    typical size. Such unknowns keep their unconstrained estimates, on which the guess has no influence. Of the other
+    unknowns, the singular vectors of their columns of the whitened rows are combinations with independent errors. Those
+    that cannot be told from noise, with a standard deviation above the limit and an estimate that agrees with the
+    guess, get the guess's values.
+    """
+    change = np.linalg.inv(unknowns.slopes(x)) * unknowns.sizes
+    J = fit.triangle @ unknowns.features(fit.x)[1] @ change
+    checks.finite(J, "identify: what the recordings tell")
+    _, singular, Vt = np.linalg.svd(J, full_matrices=True)
+    told = singular > NULL_SINGULAR * max(singular[0], 1.0)
+    root = Vt[: len(told)][told].T / singular[told]
+    null = np.vstack([Vt[: len(told)][~told], Vt[len(told) :]])
+    deviations = np.linalg.norm(root, axis=1)
+    loose = (deviations >= largest) | (np.abs(null).max(axis=0, initial=0.0) > LEAK * deviations)
+    off = np.linalg.solve(change, fit.x - x) + (unknowns.plain(x) - unknowns.model) / unknowns.sizes
+    _, singular, Vt = np.linalg.svd(J[:, loose], full_matrices=True)
+    sizes = np.zeros(len(Vt))
+    sizes[: len(singular)] = singular
+    unseen = (sizes * largest < 1.0) & (np.abs(sizes * (Vt @ off[loose])) < AGREES)
+    fixed = np.zeros((len(x), int(unseen.sum())))
+    fixed[loose] = Vt[unseen].T
+    basis = np.linalg.svd(fixed, full_matrices=True)[0][:, fixed.shape[1] :]
+    P, spread, _ = np.linalg.svd(basis.T @ root, full_matrices=False)
+    return Determined(unknowns, change, root, fixed, basis @ (P * spread)[:, : basis.shape[1]])
+
+
+def with_the_guess(x: Array, split: Determined) -> Array | None:
+    """Return the estimate x with the guess's values for what is not determined; None if that makes no body."""
+    unknowns, Q = split.unknowns, split.fixed
+    along = split.change @ Q
+    x = x - along @ (Q.T @ np.linalg.solve(split.change, x - unknowns.model))
+    for _ in range(MOST_GUESS_STEPS):
+        if not x[0] > 0.0 or not np.isfinite(x).all():
+            return None
+        off = Q.T @ ((unknowns.plain(x) - unknowns.model) / unknowns.sizes)
+        slope = Q.T @ (unknowns.slopes(x) / unknowns.sizes[:, None]) @ along
+        step = np.linalg.lstsq(slope, -off, rcond=1e-12)[0]
+        x = x + along @ step
+        if float(np.abs(step).max(initial=0.0)) < NO_GUESS_STEP:
+            break
+    return x
 
 
 def variance(J: Array, e: Array, inverse: Array, share: Array | None, known: bool) -> Array:
@@ -197,3 +299,61 @@ def power(matrices: Array, exponent: float, least: float) -> Array:
     """Return powers of symmetric matrices (samples, r, r), whose eigenvalues are raised to a least one."""
     sizes, axes = np.linalg.eigh(matrices)
     return (axes * np.maximum(sizes, least)[:, None, :] ** exponent) @ axes.transpose(0, 2, 1)
+
+
+@dataclass(frozen=True)
+class Autocorrelation:
+    """How residuals depend on those before them.
+
+    Attributes:
+        of_neighbours: correlation of residuals of successive samples.
+        widening: factor of the covariance, >= 1.
+        significant: whether they depend on each other, beyond chance.
+    """
+
+    of_neighbours: float
+    widening: float
+    significant: bool
+
+
+def autocorrelation_of(e: Array, memory: int) -> Autocorrelation:
+    """Return how whitened residuals e, (samples, r), depend on those before them, and how much that widens deviations.
+
+    Sums over blocks of L samples have L times the variance of single samples if these are independent. The largest
+    ratio
+
+        widening = max over L of  mean (sum over a block)^2 / (L mean e^2)
+
+    is the number of samples that tell as much as one independent sample. It multiplies the covariance, which is an
+    upper bound, reached by motions that are slow compared with the noise's memory. Where recordings are too short for
+    long blocks, the ratio is at least that of noise whose correlation falls geometrically, (1 + rho) / (1 - rho), with
+    rho corrected for the bias of short samples (Kendall 1954).
+
+    Args:
+        e: the residuals.
+        memory: samples over which the errors of smoothed motions depend on each other, which is accounted for
+            elsewhere.
+    """
+    e = e[:, (e * e).mean(axis=0) > EXACT_ROWS]
+    squares = (e * e).mean(axis=0)
+    correlation = float((e[1:] * e[:-1]).sum() / max(float((e * e).sum()), 1e-300))
+    widening, coloured = 1.0, False
+    length = 2
+    while e.size and len(e) // length >= FEWEST_BLOCKS:
+        if length >= memory:
+            blocks = e[: len(e) // length * length].reshape(-1, length, e.shape[1]).sum(axis=1)
+            ratios = (blocks * blocks).mean(axis=0) / np.maximum(length * squares, 1e-300)
+            count = len(blocks)
+            for ratio, freedoms in [
+                *((x, count) for x in ratios.tolist()),
+                (float(ratios.mean()), count * len(ratios)),
+            ]:
+                low, high = chi2.ppf([CHANCE, 1.0 - CHANCE], freedoms) / freedoms
+                if ratio > high:
+                    widening = max(widening, ratio)
+                coloured = coloured or not low < ratio < high
+        length *= 2
+    if widening > 1.0:
+        lasting = min(correlation + (1.0 + 4.0 * correlation) / len(e), 1.0 - 2.0 / len(e))
+        widening = max(widening, (1.0 + lasting) / (1.0 - lasting))
+    return Autocorrelation(correlation, widening, coloured)

@@ -25,9 +25,9 @@ from holdfast.spatial.scalar import Array
 
 LEAST_EPSILON = 1e-9  # of the distance from the guess, relative to squared standard deviations
 FALL = 0.3  # of epsilon from one problem to the next; a tenth took ten times the steps for guesses that are far off
-MOST_STEPS, MOST_HALVINGS = 1000, 60
-RESOLVED = 1e-14  # least eigenvalue of a scaled Hessian; what is below is rounding
-CENTRED = 1e-10  # squared Newton decrement, in units of epsilon, at which the next problem follows
+MOST_NEWTON_STEPS, MOST_HALVINGS = 1000, 60
+LEAST_EIGENVALUE = 1e-14  # least eigenvalue of a scaled Hessian; what is below is rounding
+LEAST_DECREMENT = 1e-10  # squared Newton decrement, in units of epsilon, at which the next problem follows
 
 
 def pseudo_inertia(pi: Array) -> Array:
@@ -37,7 +37,7 @@ def pseudo_inertia(pi: Array) -> Array:
     return np.block([[second, h[:, None]], [h[None, :], np.array([[m]])]])
 
 
-UNITS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
+UNIT_PSEUDO_INERTIAS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
 
 
 def is_feasible(pi: Array) -> bool:
@@ -61,7 +61,7 @@ def best_feasible(x: Array, steps: Array, determined: int, guess: Array, sizes: 
         sizes: (p - 10,) sizes of the other unknowns.
     """
     root = np.linalg.cholesky(pseudo_inertia(guess[:10]))
-    scaled = np.array([_between(root, unit) for unit in UNITS])
+    scaled = np.array([_between(root, unit) for unit in UNIT_PSEUDO_INERTIAS])
     fit = np.where(np.arange(len(x)) < determined, 1.0, 0.0)
     others = np.eye(len(x))[10:] / sizes[:, None]
     w = np.linalg.solve(steps, guess - x)
@@ -92,13 +92,13 @@ def best_feasible(x: Array, steps: Array, determined: int, guess: Array, sizes: 
 def _centred(w: Array, slopes, epsilon: float) -> Array:
     """Return the minimum of a convex function by Newton's method with halved steps, from a point where it is finite."""
     here = slopes(w)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_NEWTON_STEPS):
         gradient, curvature = here
         sizes = 1.0 / np.sqrt(np.diag(curvature))
         spread, axes = np.linalg.eigh(sizes[:, None] * curvature * sizes)
-        step = -sizes * (axes @ ((axes.T @ (sizes * gradient)) / np.maximum(spread, RESOLVED)))
+        step = -sizes * (axes @ ((axes.T @ (sizes * gradient)) / np.maximum(spread, LEAST_EIGENVALUE)))
         decrement = -float(gradient @ step)
-        if not decrement > CENTRED * epsilon:
+        if not decrement > LEAST_DECREMENT * epsilon:
             break
         for halving in range(MOST_HALVINGS):
             there = w + 0.5**halving * step

@@ -1,7 +1,7 @@
 """The unconstrained weighted estimate, with weights from its own residuals.
 
 The weights are the inverse covariance of the rows, from the noise of the measurements and of the motion. The former is
-found from the residuals (`noise.estimated`), the residuals from the estimate, the estimate with the weights, and this
+found from the residuals (`estimated`), the residuals from the estimate, the estimate with the weights, and this
 is repeated until the noise no longer changes. The guess takes no part in it: nothing is kept, and the body need not be
 possible.
 """
@@ -12,19 +12,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import nnls
 
-from holdfast.identification.equations import Equations
+from holdfast.identification.equations import Equations, PayloadUnknowns
 from holdfast.identification.motion_noise import JointNoise
-from holdfast.identification.noise import channel_sizes, estimated, least_noise, noise_of_columns, whitener
-from holdfast.identification.unknowns import Unknowns
+from holdfast.identification.smoothing import encoder_step
+from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
 HARDLY = 0.01  # initial guess of the noise, relative to the measurements
-MOST_ROUNDS = 60  # alternations of weights and estimate
+MOST_REWEIGHTINGS = 60  # alternations of weights and estimate
 DAMPED = 20  # rounds after which the noise changes by half as much only
 SETTLED = 1e-4  # relative change of the noise at which they end
-UNTOLD = 1e-11  # singular values below this, relative to the largest one, are rounding
-MOST_STEPS, LINEAR_STEPS, NO_STEP = 30, 2, 1e-12  # of Gauss-Newton; without unknown gravity; the step at which it ends
+LEAST_SINGULAR_VALUE = 1e-11  # singular values below this, relative to the largest one, are rounding
+GAUSS_NEWTON_STEPS, LINEAR_STEPS = 30, 2  # if gravity is unknown; if it is known
+LEAST_STEP = 1e-12  # at which they end
+FEWEST_DIFFERENCED = 20  # samples by whose differences noise is found
+LEAST_NOISE = 1e-6  # lower bound of the noise, relative to a channel's size
+UNEVEN = 0.2  # lower bound of a channel's relative noise, as a fraction of the typical one; limits its weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +63,7 @@ class FreeFit:
 
 
 def free_fit(
-    system: Equations, unknowns: Unknowns, kinds: Array, given: Array | None, motion: Sequence[JointNoise]
+    system: Equations, unknowns: PayloadUnknowns, kinds: Array, given: Array | None, motion: Sequence[JointNoise]
 ) -> FreeFit:
     """Return the unconstrained estimate; see `estimate`."""
     sizes = channel_sizes(system.measured, kinds)
@@ -67,7 +72,7 @@ def free_fit(
     fit = _weighted(system, unknowns, unknowns.model, np.maximum(HARDLY * sizes, least) if given is None else given, [])
     if motion:
         least = np.maximum(least, white_noise(system.measured, kinds, motion))
-    for count in range(MOST_ROUNDS):
+    for count in range(MOST_REWEIGHTINGS):
         noise = fit.noise
         if given is None:
             residuals = fit.rows @ unknowns.features(fit.x)[0]
@@ -90,7 +95,9 @@ def white_noise(measured: Array, kinds: Array, motion: Sequence[JointNoise]) -> 
     return np.sqrt([found[kinds == kind].mean() for kind in kinds])
 
 
-def _weighted(system: Equations, unknowns: Unknowns, x: Array, noise: Array, motion: Sequence[JointNoise]) -> FreeFit:
+def _weighted(
+    system: Equations, unknowns: PayloadUnknowns, x: Array, noise: Array, motion: Sequence[JointNoise]
+) -> FreeFit:
     """Return the estimate with weights for given noise, and for that of the motion, at the previous estimate x."""
     known = None
     if motion:
@@ -104,13 +111,83 @@ def _weighted(system: Equations, unknowns: Unknowns, x: Array, noise: Array, mot
     return FreeFit(least_squares(R, unknowns, x), rows, W, R, noise, share)
 
 
-def least_squares(R: Array, unknowns: Unknowns, x: Array) -> Array:
+def least_squares(R: Array, unknowns: PayloadUnknowns, x: Array) -> Array:
     """Return the unknowns with the least sum of squares |R features(x)|^2 that are nearest to given ones."""
     sizes = unknowns.linear_sizes
-    for _ in range(MOST_STEPS if unknowns.tilted else LINEAR_STEPS):
+    for _ in range(GAUSS_NEWTON_STEPS if unknowns.tilted else LINEAR_STEPS):
         values, slopes = unknowns.features(x)
-        step = np.linalg.lstsq(R @ slopes * sizes, -(R @ values), rcond=UNTOLD)[0]
+        step = np.linalg.lstsq(R @ slopes * sizes, -(R @ values), rcond=LEAST_SINGULAR_VALUE)[0]
         x = x + step * sizes
-        if float(np.abs(step).max()) < NO_STEP:
+        if float(np.abs(step).max()) < LEAST_STEP:
             break
     return x
+
+
+def channel_sizes(measured: Array, kinds: Array) -> Array:
+    """Return the root mean square of each kind of channel, (channels,), at least a thousandth of the largest one.
+
+    Args:
+        measured: (samples, channels) measurements.
+        kinds: (channels,) labels; channels with the same label have the same noise.
+    """
+    found = np.array([np.sqrt(np.mean(measured[:, kinds == kind] ** 2)) for kind in kinds])
+    return np.maximum(found, 1e-3 * found.max()) if found.max() > 0.0 else np.ones(len(kinds))
+
+
+def least_noise(measured: Array, sizes: Array) -> Array:
+    """Return the least standard deviations, (channels,), that float64 or a sensor's steps leave."""
+    steps = np.array([encoder_step(column) for column in measured.T])
+    return np.maximum(LEAST_NOISE * sizes, steps / np.sqrt(12.0))
+
+
+def noise_of_columns(x: Array) -> Array:
+    """Return the white noise in columns (samples, k) that are smooth otherwise, (k,), by their sixth differences."""
+    if len(x) < FEWEST_DIFFERENCED:
+        return np.zeros(x.shape[1])
+    rough = np.median(np.abs(np.diff(x, n=6, axis=0)), axis=0)
+    return rough / (0.6745 * np.sqrt(924.0))  # the median of normal noise; the sum of the squared weights
+
+
+def estimated(maps: Array, residuals: Array, kinds: Array, sizes: Array, known: Array | None) -> Array:
+    """Return the estimated standard deviations of the channels, (channels,), which are equal within a kind.
+
+    For residuals r = -P noise, the mean of r r^T is the sum of var p p^T over the columns p of P. Variances >= 0 are
+    fitted to r r^T by least squares (Rao 1971). Repeated with rows that are whitened by the previous result, this
+    converges to the maximum-likelihood estimate for normal noise.
+
+    Args:
+        maps: (samples, r, channels) P, whitened.
+        residuals: (samples, r) whitened residuals.
+        kinds: (channels,) labels of the channels.
+        sizes: (channels,) sizes of the measurements.
+        known: (samples, r, r) covariance of that part of the residuals which has other reasons, whitened; None for
+            none.
+    """
+    members = (kinds[:, None] == np.unique(kinds)).astype(float)
+    scaled = maps * sizes
+    grams = np.einsum("src,srd->scd", scaled, scaled)
+    normal = members.T @ (grams**2).sum(axis=0) @ members
+    products = (np.einsum("src,sr->sc", scaled, residuals) ** 2).sum(axis=0)
+    if known is not None:
+        products = products - np.einsum("src,srt,stc->c", scaled, known, scaled)
+    checks.finite(np.append(normal, products), "identify: residuals")
+    relative = np.sqrt(nnls(normal, products @ members)[0])
+    usual = float(np.median(relative[relative > 0.0])) if (relative > 0.0).any() else 0.0
+    return sizes * (members @ np.maximum(relative, UNEVEN * usual))
+
+
+def whitener(maps: Array, deviations: Array, known: Array | None) -> Array:
+    """Return matrices (samples, r, r) that whiten the rows: their noise becomes independent with unit variance.
+
+    Args:
+        maps: (samples, r, channels) from the noise of the channels to the rows.
+        deviations: (channels,) standard deviations of the noise.
+        known: (samples, r, r) covariance of the rows for other reasons; None for none.
+    """
+    spread = maps * deviations
+    V = np.einsum("src,stc->srt", spread, spread)
+    if known is not None:
+        V = V + known
+    sizes = np.einsum("srr->s", V)[:, None, None]
+    V += 1e-12 * np.where(sizes > 0.0, sizes, 1.0) * np.eye(V.shape[1])  # freedoms without a channel
+    return np.linalg.inv(np.linalg.cholesky(V))

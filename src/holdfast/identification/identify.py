@@ -1,43 +1,113 @@
-"""Identification of the payload from recorded motions."""
+"""Identification of the payload, and of grasp frames, from recorded motions; its result."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.contact_places import tip_frames
 from holdfast.errors import ModelError, StateError
+from holdfast.identification.base_parameters import parts_kept, sentences
 from holdfast.identification.completed import completed, differentiated
-from holdfast.identification.equations import Equations, Settings, equations
+from holdfast.identification.equations import Equations, PayloadUnknowns, Settings, equations, unknowns_of
 from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.feasible_bodies import is_feasible
-from holdfast.identification.grasp_frames import measured_grasps
-from holdfast.identification.identification import Identification
-from holdfast.identification.load_recording import recording_of
 from holdfast.identification.motion_noise import motion_noise
 from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
-from holdfast.identification.recording import Recording
-from holdfast.identification.undetermined import parts_kept, sentences
-from holdfast.identification.unknowns import Unknowns, unknowns_of
+from holdfast.identification.recording import Recording, recording_of
 from holdfast.io.result_reader import Result
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
+from holdfast.names import called
 from holdfast.simulation.trajectory import Trajectory
+from holdfast.spatial import rotation
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.inertia import about_origin, of_parameters
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
+from holdfast.state import State
 
-SOURCES = ("wrist_wrench", "tau")
-Source = Recording | Trajectory | Result | str | PathLike[str]
+MEASUREMENTS = ("wrist_wrench", "tau")
+RecordingSource = Recording | Trajectory | Result | str | PathLike[str]
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class Identification(Frozen):
+    """The estimated payload, the other estimated quantities, and their uncertainty.
+
+    Attributes:
+        chain: the chain with the estimates in place of the model's values.
+        names: (p,) names of the unknowns: mass, com x .. z from C, inertia xx, xy, xz, yy, yz, zz about the mass
+            centre, all in object axes; then sensor offsets and the tilt of gravity, if they were requested.
+        values: (p,) their values [kg, m, kg m^2, ...].
+        covariance: (p, p) covariance of the values; 0 along combinations that are not identified.
+        deviations: standard deviations by name; infinite for values that are entirely or partly from the guess.
+        kept: names of the values that are from the guess, because the motion does not identify them.
+        partly: names of the values that are partly from the guess, because only combinations of them are identified.
+        undetermined: combinations that the motion does not identify and that keep the guess's values, as text.
+        notes: remarks on the estimate, as text.
+        sensor_bias: (arms, 6) offset of each wrist sensor, tip axes [N m, N]; None if it was not requested.
+        grasp_deviations: standard deviations (6,) of estimated grasp frames by arm, [turn; shift], object axes [rad,
+            m].
+        residuals: (samples, rows) residuals of the equations: [moment; force] about C along world axes, or with
+            torques the power along an orthonormal basis of motions.
+        noise: (channels,) standard deviations of the measurements, by which the rows are weighted [N m, N].
+        misfit: mean square of the residuals in units of that noise and of the noise of the motion; far above 1 if no
+            feasible body explains the recordings.
+    """
+
+    chain: ClosedChain
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    deviations: Mapping[str, float]
+    kept: tuple[str, ...]
+    partly: tuple[str, ...]
+    undetermined: tuple[str, ...]
+    notes: tuple[str, ...]
+    sensor_bias: Array | None
+    grasp_deviations: Mapping[str, Array]
+    residuals: Array
+    noise: Array
+    misfit: float
+
+    @property
+    def held_object(self) -> HeldObject:
+        """The payload, which is a physically feasible body."""
+        return self.chain.held_object
+
+    @property
+    def gravity(self) -> Array:
+        """(3,) gravity, world axes [m/s^2]."""
+        return self.chain.gravity
+
+    def __repr__(self) -> str:
+        """Return the number of values and the mass; `print` shows all of them."""
+        return f"<Identification of {len(self.names)} values: {self.held_object.mass:.4g} kg>"
+
+    def __str__(self) -> str:
+        """Return a table of the values, followed by the misfit, undetermined combinations and notes."""
+        width, said = max(map(len, self.names)), dict.fromkeys(self.kept, "from the guess")
+        said |= dict.fromkeys(self.partly, "partly from the guess")
+        lines = [
+            f"{name:<{width}}  {value:>+12.5g}  {said.get(name, f'+- {self.deviations[name]:.2g}')}"
+            for name, value in zip(self.names, self.values.tolist(), strict=True)
+        ]
+        misfit = f"misfit {self.misfit:.3g}: mean square of the residuals, in units of the noise"
+        return "\n".join([*lines, misfit, *self.undetermined, *(f"note: {note}" for note in self.notes)])
 
 
 @np.errstate(all="ignore")  # what overflows is refused
 def identify(
     chain: ClosedChain,
-    recordings: Source | list[Source] | tuple[Source, ...],
+    recordings: RecordingSource | list[RecordingSource] | tuple[RecordingSource, ...],
     *,
     by: Literal["wrist_wrench", "tau"] = "wrist_wrench",
     sensor_bias: bool = False,
@@ -115,8 +185,8 @@ def identify(
 def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
     """Return the measurements and the unknowns; refuse options that do not match the chain."""
     checks.instance(chain, ClosedChain, "identify: chain")
-    if by not in SOURCES:
-        raise ModelError(f"identify: by: expected {' or '.join(map(repr, SOURCES))}, got {checks.short(by)}")
+    if by not in MEASUREMENTS:
+        raise ModelError(f"identify: by: expected {' or '.join(map(repr, MEASUREMENTS))}, got {checks.short(by)}")
     for name, flag in flags.items():
         checks.instance(flag, bool, f"identify: {name}")
     if by == "tau" and flags["sensor_bias"]:
@@ -146,11 +216,59 @@ def _require(chain: ClosedChain, one: Recording, by: str) -> None:
     """Refuse a recording without the measurements, or with another number of arms."""
     measured = getattr(one, by)
     if measured is None:
-        other = next((name for name in SOURCES if getattr(one, name) is not None), None)
+        other = next((name for name in MEASUREMENTS if getattr(one, name) is not None), None)
         hint = f"; it has {other}: try by='{other}'" if other else ""
         raise StateError(f"identify: recording: expected {by}, got none{hint}")
     if by == "wrist_wrench" and measured.shape[1] != len(chain.arms):
         raise StateError(f"recording: wrist_wrench: expected {len(chain.arms)} arms, got {measured.shape[1]}")
+
+
+def measured_grasps(chain: ClosedChain, recordings: list[Recording]) -> tuple[ClosedChain, dict[str, Array]]:
+    """Return the chain with the mean frames of its rigid grasps, from the poses of the tips, and their deviations.
+
+    No force measurement is needed. If the object's pose was not recorded, it is computed from the first of these arms,
+    which keeps its frame.
+
+    Args:
+        chain: the chain with the model's frames.
+        recordings: recordings of which all or none have the object's pose.
+
+    Returns:
+        The chain, and by arm the standard deviations (6,) of the mean, [turn; shift], object axes [rad, m].
+
+    Raises:
+        StateError: only some recordings have the object's pose, or no frame can be identified.
+    """
+    rigid = [name for name, grasp in chain.grasps.items() if not grasp.free]
+    posed = [recording.object_pose is not None for recording in recordings]
+    if any(posed) != all(posed):
+        raise StateError("identify: grasp_frames: expected object_pose in all recordings or in none, got it in some")
+    sought = rigid if all(posed) else rigid[1:]
+    if not sought:
+        raise StateError(
+            "identify: grasp_frames: expected two rigid grasps, or object_pose and one, as a tip's pose against the"
+            " object says where it holds; got neither"
+        )
+    found = {name: [] for name in sought}
+    for recording in recordings:
+        for k, q in enumerate(_fitting(chain, recording).q):
+            state = recording.on_base(k, State(q, 0.0 * q, np.r_[1.0, np.zeros(6)]))
+            tips = tip_frames(chain, state, rigid)
+            if recording.object_pose is None:
+                seen = tips[rigid[0]] @ chain.grasps[rigid[0]].frame.inverse()
+            else:
+                seen = Pose.from_wxyz_xyz(recording.object_pose[k])
+            for name in sought:
+                found[name].append(seen.inverse() @ tips[name])
+    grasps, deviations = dict(chain.grasps), {}
+    for name, poses in found.items():
+        mean = Pose(
+            rotation.nearest(np.mean([pose.R for pose in poses], axis=0)), np.mean([pose.p for pose in poses], axis=0)
+        )
+        off = np.array([np.r_[rotation.log(pose.R @ mean.R.T), pose.p - mean.p] for pose in poses])
+        deviations[name] = np.sqrt((off**2).sum(axis=0) / max(len(poses) - 1, 1) / len(poses))
+        grasps[name] = replace(chain.grasps[name], frame=mean)
+    return replace(chain, grasps=grasps), deviations
 
 
 def _given_noise(noise: Any, chain: ClosedChain, by: str) -> Array | None:
@@ -180,7 +298,7 @@ def _wrench_sizes(system: Equations, by: str) -> Array:
 
 def _identification(
     chain: ClosedChain,
-    unknowns: Unknowns,
+    unknowns: PayloadUnknowns,
     found: Estimate,
     settings: Settings,
     frames: dict[str, Array],

@@ -23,7 +23,7 @@ from holdfast.simulation.joint_friction import friction_slope, friction_torque, 
 from holdfast.spatial.scalar import Array
 
 NODES, A_PERIOD, AT_ENDS = (40, 400), 8, 4  # samples with sensitivities: of all, per period, at each end
-STEP = 1e-6  # of the differences [rad, m, ...]
+DIFFERENCE = 1e-6  # of the differences [rad, m, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def motion_noise(
                 if not spline.noise:
                     continue
                 moved = [_as_channels(chain, _moved(part, name, joint), settings) for name in one.names]
-                H = np.stack([(x - at_nodes) / STEP for x in moved], axis=1)
+                H = np.stack([(x - at_nodes) / DIFFERENCE for x in moved], axis=1)
                 t = recording.t[kept]
                 evaluations = [E[np.flatnonzero(kept)] for E in spline.evaluations[: len(one.names)]]
                 C = _at_all(recording.t[nodes], _covariances(spline, len(one.names), nodes), t, smooth=False)
@@ -126,7 +126,7 @@ def _part(recording: Recording, nodes: Array) -> Recording:
 def _moved(recording: Recording, name: str, joint: int) -> Recording:
     """Return a recording in which one joint's position, rate or acceleration is larger by a step."""
     x = getattr(recording, name).copy()
-    x[:, joint] += STEP
+    x[:, joint] += DIFFERENCE
     return replace(recording, **{name: x})
 
 

@@ -7,17 +7,17 @@ import numpy as np
 from holdfast.dynamics.consistency import closure
 from holdfast.identification.equations import Equations
 from holdfast.identification.estimate import Estimate
+from holdfast.identification.free_fit import noise_of_columns
 from holdfast.identification.motion_noise import JointNoise
-from holdfast.identification.noise import noise_of_columns
 from holdfast.identification.recording import Recording
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
 FAR = 0.01  # tip errors above this are reported [m or rad]
 CHECKED_SAMPLES = 10  # samples in which they are checked
-ROUNDING = 1e-3  # mean square of whitened residuals below which these are rounding rather than noise
+ROUNDING_MISFIT = 1e-3  # mean square of whitened residuals below which these are rounding rather than noise
 POORLY = 2.0  # mean square of residuals, in units of the noise, above which a note is added
-MOVED = 0.01  # squared standard deviations below which a move by the bound of feasible bodies is rounding
+MOVED_BY_ROUNDING = 0.01  # squared standard deviations below which a move by the bound of feasible bodies is rounding
 SEEN = 0.01  # share of the residuals' variance above which the noise of positions is named
 ROUGH = 0.03  # noise of given accelerations, relative to their size, above which a note is added
 DENSELY = 0.3  # relative error of the trapezoidal rule, and size of a step, below which samples are close together
@@ -27,7 +27,7 @@ MOSTLY = 0.9  # share above which nothing is said of the remaining part
 def notes_on_estimate(found: Estimate, motion: list[JointNoise], system: Equations, noise_given: bool) -> list[str]:
     """Return remarks on the quality of the estimate."""
     notes = []
-    if found.moved > MOVED:
+    if found.moved > MOVED_BY_ROUNDING:
         notes.append(
             "the unconstrained estimate is not a feasible body; the feasible body that fits best is returned,"
             f" {np.sqrt(found.moved):.2g} standard deviations away"
@@ -46,12 +46,13 @@ def notes_on_estimate(found: Estimate, motion: list[JointNoise], system: Equatio
         )
     if not found.settled:
         notes.append("weights and estimate did not converge together; deviations are rough; try noise=")
-    if found.colour.coloured and found.misfit > ROUNDING and found.motion_share < MOSTLY:
-        times = float(np.sqrt(found.colour.widening))
+    after = found.autocorrelation
+    if after.significant and found.misfit > ROUNDING_MISFIT and found.motion_share < MOSTLY:
+        times = float(np.sqrt(after.widening))
         widened = (
             f"deviations are increased {times:.2g} times" if times > 1.05 else "deviations are those of white noise"
         )
-        notes.append(f"residuals of neighbouring samples are correlated ({found.colour.correlation:.2f}): {widened}")
+        notes.append(f"residuals of neighbouring samples are correlated ({after.of_neighbours:.2f}): {widened}")
     if found.motion_share > SEEN:
         largest = max(one.spline.noise for one in motion)
         notes.append(

@@ -24,14 +24,14 @@ from scipy.sparse import csr_array, diags_array
 
 from holdfast.spatial.scalar import Array
 
-DEGREE, ORDER = 7, 4  # of the spline; of the penalised derivative
+SPLINE_DEGREE, PENALISED = 7, 4  # of the spline; of the penalised derivative
 FEWEST_KNOTS = 24  # spans of a spline below which its knots are not thinned
 SMOOTHEST = 1e4  # lambda, in spans, above which every second knot is dropped: float64 would not resolve it
 LAMBDAS = np.arange(-10.0, 8.1)  # decimal logarithms that are tried first
 PERIODS = 2  # of the frequency at which the spline filters, after which its errors are independent
-STEPS = 1e-3  # largest deviation of positions from multiples of an encoder's step, in steps
-ROUNDING = 1e-9  # steps below this fraction of the range are rounding of the file
-EXACT = 1e-13  # noise below this fraction of the range is rounding of the numbers
+OFF_STEPS = 1e-3  # largest deviation of positions from multiples of an encoder's step, in steps
+ROUNDED_STEPS = 1e-9  # steps below this fraction of the range are rounding of the file
+EXACT_POSITIONS = 1e-13  # noise below this fraction of the range is rounding of the numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +72,8 @@ def smoothing_spline(t: Array, y: Array) -> Spline:
     values[0] += y.mean()
     scales = [1.0, unit, unit**2]
     evaluations = [csr_array(E / s) for E, s in zip(fit.evaluations, scales, strict=True)]
-    memory = int(np.ceil(PERIODS * 2.0 * np.pi * fit.smoothing ** (0.5 / ORDER) * stride))
-    noise = fit.noise if fit.noise > EXACT else 0.0
+    memory = int(np.ceil(PERIODS * 2.0 * np.pi * fit.smoothing ** (0.5 / PENALISED) * stride))
+    noise = fit.noise if fit.noise > EXACT_POSITIONS else 0.0
     return Spline(values / np.array(scales)[:, None], noise * size, evaluations, fit.triangle, memory)
 
 
@@ -89,15 +89,15 @@ class _Fit:
     """
 
     def __init__(self, t: Array, y: Array, stride: int, least_noise: float) -> None:
-        spans = max(len(t) - DEGREE, 1) if stride == 1 else max(len(t) // stride, 1)
+        spans = max(len(t) - SPLINE_DEGREE, 1) if stride == 1 else max(len(t) // stride, 1)
         inner = np.interp(np.linspace(0.0, len(t) - 1.0, spans + 1), np.arange(len(t)), t)
-        knots = np.concatenate([[t[0]] * DEGREE, inner, [t[-1]] * DEGREE])
+        knots = np.concatenate([[t[0]] * SPLINE_DEGREE, inner, [t[-1]] * SPLINE_DEGREE])
         width = (t[-1] - t[0]) / spans
         self.evaluations = [evaluation(knots, t, k) for k in range(3)]
         self._y, self._least = y, least_noise
-        Phi, self._bent = self.evaluations[0], csr_array(bending(knots) * width ** (ORDER - 0.5))
-        self._gram = banded(csr_array(Phi.T @ Phi), len(knots) - DEGREE - 1)
-        self._penalty = banded(csr_array(self._bent.T @ self._bent), len(knots) - DEGREE - 1)
+        Phi, self._bent = self.evaluations[0], csr_array(bending(knots) * width ** (PENALISED - 0.5))
+        self._gram = banded(csr_array(Phi.T @ Phi), len(knots) - SPLINE_DEGREE - 1)
+        self._penalty = banded(csr_array(self._bent.T @ self._bent), len(knots) - SPLINE_DEGREE - 1)
         self._right = Phi.T @ y
         costs = [self._solved(x)[0] for x in LAMBDAS]
         best = float(LAMBDAS[int(np.argmin(costs))])
@@ -114,15 +114,15 @@ class _Fit:
         c = cho_solve_banded((L, True), self._right)
         rest = self._y - self.evaluations[0] @ c
         bent = self._bent @ c
-        total, count = float(rest @ rest) + weight * float(bent @ bent), len(rest) - ORDER
+        total, count = float(rest @ rest) + weight * float(bent @ bent), len(rest) - PENALISED
         variance = max(total / count, self._least**2, 1e-32)
         cost = count * np.log(variance) + total / variance + 2.0 * np.log(L[0]).sum()
-        return float(cost - (len(c) - ORDER) * np.log(weight)), float(np.sqrt(variance)), c, L
+        return float(cost - (len(c) - PENALISED) * np.log(weight)), float(np.sqrt(variance)), c, L
 
 
 def evaluation(knots: Array, t: Array, derivative: int) -> csr_array:
     """Return the sparse matrix (len(t), K) from the coefficients of a spline to a derivative at times t."""
-    degree, change = DEGREE, None
+    degree, change = SPLINE_DEGREE, None
     for _ in range(derivative):
         spans = knots[degree + 1 : -1] - knots[1 : -degree - 1]
         shape: Any = (len(spans), len(spans) + 1)
@@ -135,17 +135,17 @@ def evaluation(knots: Array, t: Array, derivative: int) -> csr_array:
 
 def bending(knots: Array) -> csr_array:
     """Return a sparse root (.., K) of the integral of the squared fourth derivative, exact by Gauss points."""
-    points, weights = np.polynomial.legendre.leggauss(ORDER)
-    inner = knots[DEGREE:-DEGREE]
+    points, weights = np.polynomial.legendre.leggauss(PENALISED)
+    inner = knots[SPLINE_DEGREE:-SPLINE_DEGREE]
     half = 0.5 * np.diff(inner)
     t = (inner[:-1] + half)[:, None] + half[:, None] * points
-    return csr_array(diags_array(np.sqrt(half[:, None] * weights).ravel()) @ evaluation(knots, t.ravel(), ORDER))
+    return csr_array(diags_array(np.sqrt(half[:, None] * weights).ravel()) @ evaluation(knots, t.ravel(), PENALISED))
 
 
 def banded(matrix: csr_array, size: int) -> Array:
-    """Return the lower bands (DEGREE + 1, size) of a symmetric banded matrix."""
-    found = np.zeros((DEGREE + 1, size))
-    for k in range(min(DEGREE + 1, size)):
+    """Return the lower bands (SPLINE_DEGREE + 1, size) of a symmetric banded matrix."""
+    found = np.zeros((SPLINE_DEGREE + 1, size))
+    for k in range(min(SPLINE_DEGREE + 1, size)):
         found[k, : size - k] = matrix.diagonal(-k)
     return found
 
@@ -157,5 +157,5 @@ def encoder_step(y: Array) -> float:
         return 0.0
     step = float(np.diff(levels).min())
     multiples = (levels - levels[0]) / step
-    whole = np.abs(multiples - multiples.round()).max() < STEPS
-    return step if whole and step > ROUNDING * (levels[-1] - levels[0]) else 0.0
+    whole = np.abs(multiples - multiples.round()).max() < OFF_STEPS
+    return step if whole and step > ROUNDED_STEPS * (levels[-1] - levels[0]) else 0.0

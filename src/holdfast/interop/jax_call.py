@@ -9,18 +9,18 @@ from typing import Any, Literal
 import numpy as np
 
 from holdfast.compiled.foreign_code import ForeignCode, handler
-from holdfast.interop.jax_import import jax_numpy, require_jax
+from holdfast.interop.jax_arguments import jax_numpy, require_jax
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
-Route = Literal["ffi", "callback"]
-Run = Callable[[int | None, Sequence[Any]], tuple[Any, ...]]  # (number of systems or None, given arrays) -> results
-Host = Callable[[int | None, Sequence[Array]], tuple[Array, ...]]  # the same on NumPy's arrays
+JaxRoute = Literal["ffi", "callback"]
+JaxCall = Callable[[int | None, Sequence[Any]], tuple[Any, ...]]  # (number of systems or None, given arrays) -> results
+HostCall = Callable[[int | None, Sequence[Array]], tuple[Array, ...]]  # the same on NumPy's arrays
 _TARGET = "holdfast"
 
 
 @functools.cache
-def available_route() -> Route:
+def available_route() -> JaxRoute:
     """Return how JAX programs call machine code: by its address or, if JAX does not support this, through Python."""
     jax = require_jax()
     if jax.default_backend() != "cpu":
@@ -33,7 +33,7 @@ def available_route() -> Route:
 
 
 def operation(
-    chain: ClosedChain, code: ForeignCode, given: Sequence[str], route: Route
+    chain: ClosedChain, code: ForeignCode, given: Sequence[str], route: JaxRoute
 ) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
     """Return machine code as a JAX function from named arrays to named results; vmap makes it one call for a batch.
 
@@ -52,7 +52,7 @@ def operation(
     return named
 
 
-def _by_address(code: ForeignCode, given: Sequence[str]) -> Run:
+def _by_address(code: ForeignCode, given: Sequence[str]) -> JaxCall:
     """Return a function that calls the code from within an XLA program."""
     ffi, key = require_jax().ffi, np.int64(code.publish())
     inputs = [name for name, external in code.externals.items() if external.role != "output"]
@@ -68,7 +68,7 @@ def _by_address(code: ForeignCode, given: Sequence[str]) -> Run:
     return run
 
 
-def _through_python(chain: ClosedChain, code: ForeignCode, given: Sequence[str]) -> Run:
+def _through_python(chain: ClosedChain, code: ForeignCode, given: Sequence[str]) -> JaxCall:
     """Return a function that calls the code by callbacks into Python, which every backend of JAX supports."""
     outputs = list(code.results.values())
 
@@ -79,7 +79,7 @@ def _through_python(chain: ClosedChain, code: ForeignCode, given: Sequence[str])
     return callback(host, [code.externals[name].shape for name in outputs])
 
 
-def callback(host: Host, shapes: Sequence[tuple[int, ...]]) -> Run:
+def callback(host: HostCall, shapes: Sequence[tuple[int, ...]]) -> JaxCall:
     """Return a JAX function that calls a function of NumPy arrays, for one system or a batch.
 
     Args:
@@ -103,7 +103,7 @@ def _shapes(shapes: Sequence[tuple[int, ...]], batch: int | None) -> list[Any]:
     return [jax.ShapeDtypeStruct((*lead, *shape), jnp.float64) for shape in shapes]
 
 
-def batched(run: Run, ranks: Sequence[int]) -> Callable[..., tuple[Any, ...]]:
+def batched(run: JaxCall, ranks: Sequence[int]) -> Callable[..., tuple[Any, ...]]:
     """Return the call for one system; its vmap, also a nested one, is one call for a batch."""
     custom_vmap, jnp = require_jax().custom_batching.custom_vmap, jax_numpy()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from holdfast.interop.jax_import import jax_numpy
+from holdfast.interop.jax_arguments import jax_numpy
 from holdfast.model.checks import ROTATION_TOLERANCE
 
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from holdfast.compiled.derivative_schedule import FOUND, WITH
 from holdfast.errors import SingularChainError, StateError
-from holdfast.interop.jax_arguments import checked, require_names
-from holdfast.interop.jax_call import Route, batched, callback
-from holdfast.interop.jax_import import require_jax
+from holdfast.interop.jax_arguments import checked, require_jax, require_names
+from holdfast.interop.jax_call import JaxRoute, batched, callback
 from holdfast.interop.jax_pose import pose_cotangent, pose_gradient
 from holdfast.questions.arrays import POSES, results_of, shapes, state_fields
 from holdfast.simulation.rollout.adjoint import BEFORE, adjoint_shapes
@@ -23,8 +22,8 @@ from holdfast.simulation.rollout.varied_step import LAW_PREFIX
 from holdfast.spatial.scalar import Array
 
 # A function of arrays of systems, (systems, ...) each, that returns such arrays.
-Host = Callable[[Mapping[str, Array]], tuple[Array, ...]]
-RUNNING = "running"  # arrays of systems that have values at the end of every step
+HostRows = Callable[[Mapping[str, Array]], tuple[Array, ...]]
+STILL_RUNNING = "running"  # arrays of systems that have values at the end of every step
 
 
 class JaxRollout:
@@ -38,7 +37,7 @@ class JaxRollout:
         route: "callback", because the steps are called through Python.
     """
 
-    route: Route = "callback"
+    route: JaxRoute = "callback"
 
     def __init__(
         self,
@@ -108,7 +107,7 @@ class JaxRollout:
         return dict(zip(self.of, self._forward(*values), strict=True))
 
     def _operation(
-        self, host: Host, given: Mapping[str, tuple[int, ...]], found: Mapping[str, tuple[int, ...]]
+        self, host: HostRows, given: Mapping[str, tuple[int, ...]], found: Mapping[str, tuple[int, ...]]
     ) -> Callable[..., tuple[Any, ...]]:
         """Return a host function as a JAX operation, whose vmap is one call for a batch."""
 
@@ -127,20 +126,20 @@ class JaxRollout:
         """Return the tape of the steps; the first axis of the arguments is the system."""
         schedule = {name: np.moveaxis(given[name], 0, 1) for name in self._scheduled}
         first: dict[str, Any] = {name: schedule[name][0] if name in schedule else given[name] for name in self._names}
-        systems, record = self.rollout.start(**first), (*self.of, RUNNING)
+        systems, record = self.rollout.start(**first), (*self.of, STILL_RUNNING)
         return self.rollout.tape(systems, self.step, steps=self.steps, record=record, schedule=schedule)
 
     def _roll(self, given: Mapping[str, Array]) -> tuple[Array, ...]:
         """Return the results, (systems, steps, ...); NaN after a system has stopped."""
         records = self._tape(given).records
         for name in self.of:
-            records[name][~records[RUNNING]] = np.nan
+            records[name][~records[STILL_RUNNING]] = np.nan
         return tuple(np.moveaxis(records[name], 0, 1) for name in self.of)
 
     def _pull(self, given: Mapping[str, Array]) -> tuple[Array, ...]:
         """Return gradients, (systems, ...); NaN for systems with cotangents of steps that were not taken."""
         tape = self._tape(given)
-        along, idle = {}, ~tape.records[RUNNING]
+        along, idle = {}, ~tape.records[STILL_RUNNING]
         lost = np.zeros(idle.shape[1], dtype=bool)
         for name in self.of:
             cotangent = np.array(np.moveaxis(given[f"{WITH}{name}"], 1, 0))
@@ -155,7 +154,7 @@ class JaxRollout:
         return tuple(rows.values())
 
 
-def _each_for_itself(host: Host, rows: Mapping[str, Array], found: Sequence[tuple[int, ...]]) -> tuple[Array, ...]:
+def _each_for_itself(host: HostRows, rows: Mapping[str, Array], found: Sequence[tuple[int, ...]]) -> tuple[Array, ...]:
     """Return the results of the host function; NaN for the systems that it refuses, which are found by bisection."""
     count = len(next(iter(rows.values())))
     try:

@@ -21,13 +21,13 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
-POSE = "geometry_msgs/msg/PoseStamped"
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
+JOINT_MESSAGE = "sensor_msgs/msg/JointState"
+WRENCH_MESSAGE = "geometry_msgs/msg/WrenchStamped"
+POSE_MESSAGE = "geometry_msgs/msg/PoseStamped"
+TRANSFORM_MESSAGE = "tf2_msgs/msg/TFMessage"
 
 # Fields of the messages; in a file, the definition of a message is followed by those of its parts.
-FIELDS = {
+MESSAGE_FIELDS = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
     "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
@@ -39,10 +39,10 @@ FIELDS = {
     "geometry_msgs/TransformStamped": (
         "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform"
     ),
-    JOINT_STATE: ("std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"),
-    WRENCH: "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
-    POSE: "std_msgs/Header header\ngeometry_msgs/Pose pose",
-    TRANSFORMS: "geometry_msgs/TransformStamped[] transforms",
+    JOINT_MESSAGE: ("std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"),
+    WRENCH_MESSAGE: "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
+    POSE_MESSAGE: "std_msgs/Header header\ngeometry_msgs/Pose pose",
+    TRANSFORM_MESSAGE: "geometry_msgs/TransformStamped[] transforms",
 }
 Message = tuple[str, str, dict[str, Any]]  # topic, kind, content
 
@@ -87,7 +87,7 @@ def write_mcap(
 
     def write(file: IO[bytes]) -> None:
         writer = Writer(file)
-        kinds = (JOINT_STATE, POSE, WRENCH, TRANSFORMS)
+        kinds = (JOINT_MESSAGE, POSE_MESSAGE, WRENCH_MESSAGE, TRANSFORM_MESSAGE)
         schemas = {kind: writer.register_msgdef(kind, definition(kind)) for kind in kinds}
         for k, t in enumerate(run.t.tolist()):
             time = round(t * 1e9)
@@ -108,10 +108,11 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
         time: time of the sample [ns].
     """
     names = chain.joint_names()
-    yield "/joint_states", JOINT_STATE, _joint_state(time, names, run.q[k], run.qd[k], run.tau[k])
-    yield "/object_pose", POSE, _pose(time, "world", run.object_pose[k])
+    joints = {"position": run.q[k].tolist(), "velocity": run.qd[k].tolist(), "effort": run.tau[k].tolist()}
+    yield "/joint_states", JOINT_MESSAGE, {"header": _header(time, ""), "name": names, **joints}
+    yield "/object_pose", POSE_MESSAGE, _pose(time, "world", run.object_pose[k])
     if chain.floats:
-        yield "/base_pose", POSE, _pose(time, "world", run.base_pose[k])
+        yield "/base_pose", POSE_MESSAGE, _pose(time, "world", run.base_pose[k])
     transforms = [_transform(time, "world", "object", Pose.from_wxyz_xyz(run.object_pose[k]))]
     for name, grasp in chain.grasps.items():
         transforms.append(_transform(time, "object", f"object/{name}", grasp.frame))
@@ -125,7 +126,7 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
         for what, wrenches in (("grasp_wrench", run.grasp_wrench), ("internal_wrench", run.internal_wrench)):
             yield (
                 f"/{topics[name]}/{what}",
-                WRENCH,
+                WRENCH_MESSAGE,
                 _wrench(time, f"{name}/tip", unrotate(tips[name].R, wrenches[k, i])),
             )
         below = bodies[chain.mounted_on[name]] if name in chain.mounts else "world"
@@ -133,7 +134,7 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
         last = moved[-1][1] if moved else name  # an anchor has no links
         placed = [(below, name, arm.base), *moved, (last, f"{name}/tip", arm.tip)]
         transforms += [_transform(time, *frames) for frames in placed]
-    yield "/tf", TRANSFORMS, {"transforms": transforms}
+    yield "/tf", TRANSFORM_MESSAGE, {"transforms": transforms}
 
 
 def _topic_names(names: Iterable[str]) -> dict[str, str]:
@@ -168,9 +169,9 @@ def definition(message: str) -> str:
     """Return the definition of a message, followed by those of all its parts, as in MCAP files."""
     parts = [message]
     for part in parts:  # the loop appends to this list
-        kinds = (line.split()[0].removesuffix("[]") for line in FIELDS[part].splitlines())
-        parts += [kind for kind in dict.fromkeys(kinds) if kind in FIELDS and kind not in parts]
-    texts = [FIELDS[message], *(f"MSG: {part}\n{FIELDS[part]}" for part in parts[1:])]
+        kinds = (line.split()[0].removesuffix("[]") for line in MESSAGE_FIELDS[part].splitlines())
+        parts += [kind for kind in dict.fromkeys(kinds) if kind in MESSAGE_FIELDS and kind not in parts]
+    texts = [MESSAGE_FIELDS[message], *(f"MSG: {part}\n{MESSAGE_FIELDS[part]}" for part in parts[1:])]
     return f"\n{'=' * 80}\n".join(texts) + "\n"
 
 
@@ -178,17 +179,6 @@ def _header(nanoseconds: int, frame: str) -> dict[str, Any]:
     """Return a message header with a time [ns] and a frame."""
     sec, nanosec = divmod(nanoseconds, 1_000_000_000)
     return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
-
-
-def _joint_state(nanoseconds: int, names: list[str], q: Array, qd: Array, tau: Array) -> dict[str, Any]:
-    """Return a JointState; q, qd, tau are (n,)."""
-    return {
-        "header": _header(nanoseconds, ""),
-        "name": names,
-        "position": q.tolist(),
-        "velocity": qd.tolist(),
-        "effort": tau.tolist(),
-    }
 
 
 def _wrench(nanoseconds: int, frame: str, moment_force: Array) -> dict[str, Any]:

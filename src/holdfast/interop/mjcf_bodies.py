@@ -22,7 +22,9 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import product
 
-KINDS: dict[str, Any] = {row.mjcf: kind for kind, row in JOINT_TYPES.items() if row.mjcf}  # of joints, by MJCF type
+MJCF_KINDS: dict[str, Any] = {
+    row.mjcf: kind for kind, row in JOINT_TYPES.items() if row.mjcf
+}  # of joints, by MJCF type
 
 
 class MjcfRobot(NamedTuple):
@@ -163,14 +165,10 @@ def _placed(model: Any, body: int) -> Pose:
 def _turned(model: Any, j: int, q: float) -> Pose:
     """Return the displacement of a body by its joint at q, body axes: a rotation about the anchor or a shift."""
     axis, travel = model.jnt_axis[j], q - model.qpos0[model.jnt_qposadr[j]]
-    if _slides(model, j):
+    if not JOINT_TYPES[MJCF_KINDS[joint_kind(model, j)]].turns:
         return Pose(np.eye(3), travel * axis)
     R, anchor = rotation.exp(travel * axis), model.jnt_pos[j]
     return Pose(R, anchor - product(R, anchor))
-
-
-def _slides(model: Any, j: int) -> bool:
-    return not JOINT_TYPES[KINDS[joint_kind(model, j)]].turns
 
 
 def _joint(model: Any, j: int, placement: Pose) -> Joint:
@@ -184,7 +182,7 @@ def _joint(model: Any, j: int, placement: Pose) -> Joint:
         low, high = model.jnt_range[j].tolist()
         limits = (-np.inf if low <= -ENDLESS else low, np.inf if high >= ENDLESS else high)
     return Joint(
-        KINDS[joint_kind(model, j)],
+        MJCF_KINDS[joint_kind(model, j)],
         np.array(model.jnt_axis[j]),
         placement,
         name=joint_name(model, j),
@@ -211,7 +209,7 @@ def _effort_limit(model: Any, j: int) -> float:
 
 def _require_one_freedom(source: str, model: Any, j: int) -> None:
     kind = joint_kind(model, j)
-    if kind not in KINDS:
+    if kind not in MJCF_KINDS:
         raise SceneError(
             f"{source}: joint '{joint_name(model, j)}': expected a hinge or a slide, got a {kind} joint; try a base"
             " beyond it"

@@ -13,9 +13,9 @@ from holdfast.interop.mjcf_bodies import MjcfRobot
 from holdfast.interop.mjcf_model import is_disabled, mujoco_module
 from holdfast.interop.mjcf_tree import body_name, joints_of
 
-STANDARD = (0.0, 0.0, -9.81)  # MuJoCo's default gravity [m/s^2]
-BESIDE = -2  # the place of bodies that move apart from the arms
-STILL = -1  # the place of bodies that stand with the base
+DEFAULT_GRAVITY = (0.0, 0.0, -9.81)  # MuJoCo's default gravity [m/s^2]
+APART = -2  # the place of bodies that move apart from the arms
+STANDING = -1  # the place of bodies that stand with the base
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Moving:
     base: int
 
     def place(self, body: int) -> int:
-        """Return the index of a body's group, `STILL` or `BESIDE`."""
+        """Return the index of a body's group, `STANDING` or `APART`."""
         for k, group in enumerate(self.groups):
             if body in group:
                 return k
@@ -46,14 +46,14 @@ class Moving:
             standing.add(above)
         while body not in standing:
             if any(j not in self.robot.held for j in joints_of(model, [body])):
-                return BESIDE
+                return APART
             body = int(model.body_parentid[body])
-        return STILL
+        return STANDING
 
     def between(self, bodies: Iterable[int], *, beside: bool) -> bool:
         """Return whether bodies are in several places, one of them on the arms; `beside` counts others that move."""
         places = {self.place(body) for body in bodies}
-        if BESIDE in places and not beside:
+        if APART in places and not beside:
             return False  # a tie to another object is no matter of the arm
         return len(places) > 1 and max(places) >= 0
 
@@ -174,7 +174,7 @@ def _servos(moving: Moving) -> list[str]:
 def _options(robot: MjcfRobot) -> list[str]:
     """Return notes on settings that act on every body."""
     option, notes = robot.model.opt, []
-    if is_disabled(robot.model, "GRAVITY") or tuple(option.gravity) != STANDARD:
+    if is_disabled(robot.model, "GRAVITY") or tuple(option.gravity) != DEFAULT_GRAVITY:
         shown = "disabled" if is_disabled(robot.model, "GRAVITY") else " ".join(f"{x:g}" for x in option.gravity)
         notes.append(f"{robot.source}: option gravity: {shown}, not read; try gravity= of the chain")
     given = [name for name in ("density", "viscosity", "wind") if np.any(getattr(option, name))]

@@ -1,4 +1,8 @@
-"""Compiling MJCF files with MuJoCo, after checking the sizes in them, for which MuJoCo allocates memory unchecked."""
+"""Compiling MJCF files with MuJoCo, after checking the sizes in them, for which MuJoCo allocates memory unchecked.
+
+A table says what every element does to the motion of an arm; elements without a row are noted by name. MuJoCo's
+compiler resolves files, defaults and geoms, so most of what is read is read from the compiled model.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +14,50 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.errors import MissingExtra, SceneError
-from holdfast.interop.mjcf_elements import EFFECTS
 from holdfast.io.files import read_bounded, reason_of
-from holdfast.robots.urdf.document import LARGEST_FILE, Element, parse_document
+from holdfast.robots.urdf.document import LARGEST_URDF, Element, parse_document
 
-MOST = 2**24  # largest count in an element: pixels, heights, copies, keys
+READ_ELEMENTS = (
+    "mujoco", "mujocoinclude", "include", "compiler", "default", "worldbody", "body", "frame", "replicate", "attach",
+    "model", "asset", "mesh", "inertial", "joint", "freejoint", "geom", "site", "contact", "equality", "tendon",
+    "actuator", "extension",
+)  # fmt: skip
+# forces and settings that are not read; noted where they act on the arm
+NOTED_ELEMENTS = (
+    "option", "flag", "deformable", "flex", "flexcomp", "composite", "elasticity", "edge", "plugin", "general",
+    "position", "velocity", "intvelocity", "orientation", "pid", "damper", "cylinder", "muscle", "dcmotor", "adhesion",
+)  # fmt: skip
+# couplings; refused where they act on the arm
+REFUSED_ELEMENTS = ("connect", "weld", "distance", "flexstrain", "flexvert", "fixed", "spatial", "pulley")
+# inputs, sensors, contacts, pictures and sizes
+NONE_ELEMENTS = (
+    "motor", "exclude", "pair", "size", "statistic", "custom", "numeric", "text", "tuple", "element", "key",
+    "keyframe", "visual", "global", "quality", "headlight", "map", "scale", "rgba", "texture", "material", "layer",
+    "hfield", "skin", "bone", "camera", "light", "config", "instance", "lengthrange", "pin", "sensor",
+    "accelerometer", "actuatorfrc", "actuatorpos", "actuatorvel", "ballangvel", "ballquat", "camprojection", "clock",
+    "e_kinetic", "e_potential", "force", "frameangacc", "frameangvel", "framelinacc", "framelinvel", "framepos",
+    "framequat", "framexaxis", "frameyaxis", "framezaxis", "fromto", "gyro", "insidesite", "jointactuatorfrc",
+    "jointlimitfrc", "jointlimitpos", "jointlimitvel", "jointpos", "jointvel", "magnetometer", "normal",
+    "rangefinder", "subtreeangmom", "subtreecom", "subtreelinvel", "tactile", "tendonactuatorfrc", "tendonlimitfrc",
+    "tendonlimitpos", "tendonlimitvel", "tendonpos", "tendonvel", "torque", "touch", "user", "velocimeter",
+)  # fmt: skip
+EFFECTS = {
+    **dict.fromkeys(READ_ELEMENTS, "read"),
+    **dict.fromkeys(NOTED_ELEMENTS, "noted"),
+    **dict.fromkeys(REFUSED_ELEMENTS, "refused"),
+    **dict.fromkeys(NONE_ELEMENTS, "none"),
+}
+MOST_COUNTED = 2**24  # largest count in an element: pixels, heights, copies, keys
 MOST_COPIES = 10_000
 MOST_INCLUDED = 1000
 # the count of an element is the largest of these products of its attributes
-SIZES = ("njmax", "nconmax", "nstack", "nuserdata", "nkey", "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site")
 COUNTS = {
     "texture": [("width", "height")],
     "hfield": [("nrow", "ncol")],
     "composite": [("count",)],
     "flexcomp": [("count",)],
-    "size": [(size,) for size in SIZES],
+    "size": [(name,) for name in ("njmax", "nconmax", "nstack", "nuserdata", "nkey")]
+    + [(f"nuser_{name}",) for name in ("body", "jnt", "geom", "site")],
 }
 
 
@@ -86,7 +119,7 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any, tuple[st
 def _require_mjcf(given: Any, is_text: bool, source: str) -> tuple[str, ...]:
     """Return notes on unknown elements; refuse files that cannot be read, and formats that MuJoCo would accept."""
     try:
-        text = given.strip("\ufeff \t\r\n") if is_text else read_bounded(Path(given), LARGEST_FILE)
+        text = given.strip("\ufeff \t\r\n") if is_text else read_bounded(Path(given), LARGEST_URDF)
     except OSError as cause:
         name = source if source.isprintable() else repr(source)
         raise SceneError(f"{name}: cannot be read: {reason_of(cause)}") from cause
@@ -131,14 +164,14 @@ def _bounded_mjcf(text: bytes | str, source: str, folder: Path) -> list[Element]
             if copies > MOST_COPIES:
                 raise element.refuse(f"expected at most {MOST_COPIES:,} copies of it (replicate), got {copies:g}")
             count = max((_product(element, names) for names in COUNTS.get(element.tag, ())), default=0.0)
-            if count > MOST:
-                raise element.refuse(f"expected counts up to {MOST:,}, got {count:g}")
+            if count > MOST_COUNTED:
+                raise element.refuse(f"expected counts up to {MOST_COUNTED:,}, got {count:g}")
             path = folder / element.attributes.get("file", "")
             if element.tag != "include" or not os.path.isfile(path):  # MuJoCo reports missing files
                 continue
             if len(documents) == MOST_INCLUDED:
                 raise element.refuse(f"expected at most {MOST_INCLUDED} included files, got more")
-            documents.append(parse_document(read_bounded(path, LARGEST_FILE), str(path)))
+            documents.append(parse_document(read_bounded(path, LARGEST_URDF), str(path)))
     return documents
 
 

@@ -25,7 +25,7 @@ from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.spring import WORLD, Spring, SpringEnd
 from holdfast.model.visuals import Cylinder, Sphere
-from holdfast.robots.primitive import COLOURS, Primitive
+from holdfast.robots.primitive import LINK_COLOURS, Primitive
 from holdfast.robots.visuals import equal_box, visuals_of, visuals_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
@@ -308,7 +308,7 @@ def _add_solids(body: Element, solids: list[Primitive], frame: Pose) -> None:
         size = {"box": [0.5 * x for x in solid.size], "sphere": solid.size}.get(
             solid.kind, [solid.size[0], 0.5 * solid.size[-1]]
         )
-        colour = digits([round(x / 255, 3) for x in COLOURS[solid.colour]] + [1.0])
+        colour = digits([round(x / 255, 3) for x in LINK_COLOURS[solid.colour]] + [1.0])
         _add(body, "geom", type=solid.kind, size=digits(size), rgba=colour, **_placed(frame @ solid.pose))
 
 

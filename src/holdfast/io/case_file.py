@@ -42,8 +42,8 @@ class Case:
         state: positions and velocities.
         tau: (n,) joint torques.
         inputs: base motion.
-        rates: W as the file gives it, flat; None if it does not.
-        expected: the answer, if the file has one.
+        rates: relative rates W in the file, flat; None if it gives none.
+        expected: the answer, if the file contains one.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Case:
     tau: Array
     inputs: Inputs
     rates: Array | None
-    expected: case_data.ExpectedData | None
+    expected: case_data.CaseExpected | None
 
 
 def load_cases(path: str | PathLike[str]) -> list[Case]:
@@ -62,7 +62,7 @@ def load_cases(path: str | PathLike[str]) -> list[Case]:
         path: the file.
 
     Raises:
-        SceneError: unreadable or invalid, with the JSON path of the first fault.
+        SceneError: the file cannot be read or is invalid; the message gives the JSON path of the first fault.
     """
     file = file_path(path, "path", SceneError)
     return parse_cases(typed.read_bytes(file), str(file))
@@ -76,7 +76,7 @@ def parse_cases(text: bytes, source: str) -> list[Case]:
         source: where it comes from, for messages.
 
     Raises:
-        SceneError: invalid, with the JSON path of the first fault.
+        SceneError: it is invalid; the message gives the JSON path of the first fault.
     """
     data = typed.parse_json(text, source)
     if isinstance(data, dict) and ("cases" in data or not data.keys() & {"name", "object", "arms"}):
@@ -109,7 +109,7 @@ def build_case(data: case_data.CaseData, source: str = "case", root: str = "$") 
     contact frame at the case's state.
 
     Raises:
-        SceneError: with the JSON path of the first fault.
+        SceneError: it is invalid; the message gives the JSON path of the first fault.
     """
     at = Location(source, root)
     if not data.arms:
@@ -146,7 +146,7 @@ def build_case(data: case_data.CaseData, source: str = "case", root: str = "$") 
     return Case(data.name, chain, state, tau, inputs, rates, data.expected)
 
 
-def _arm(data: case_data.ArmData, at: Location, drives: dict[str, list[float]]) -> Arm:
+def _arm(data: case_data.CaseArm, at: Location, drives: dict[str, list[float]]) -> Arm:
     """Return an arm; `drives` holds what the tags say of its joints."""
     joints = [_joint(joint, at / "joints" / k) for k, joint in enumerate(data.joints)]
     for key, values in drives.items():
@@ -159,13 +159,13 @@ def _arm(data: case_data.ArmData, at: Location, drives: dict[str, list[float]]) 
         return Arm(joints, links, Pose(np.eye(3), np.array(data.tip)), _pose(data.base, "base", at))
 
 
-def _joint(data: case_data.JointData, at: Location) -> Joint:
+def _joint(data: case_data.CaseJoint, at: Location) -> Joint:
     with at.refusals():
         placement = Pose(checks.rotation_matrix(data.R0, "joint: R0"), np.array(data.p0))
         return Joint(data.type, np.array(data.axis), placement, armature=data.armature, damping=data.damping)
 
 
-def _link(data: case_data.LinkData, at: Location) -> Link:
+def _link(data: case_data.CaseLink, at: Location) -> Link:
     with at.refusals():
         return Link(data.mass, np.array(data.com), np.array(data.inertia))
 
@@ -176,28 +176,28 @@ def _pose(data: Any, key: str, at: Location) -> Pose:
 
 
 def _require_lengths(
-    data: case_data.ArmData | case_data.TrunkData, keys: tuple[str, ...], count: int, at: Location
+    data: case_data.CaseArm | case_data.CaseTrunk, keys: tuple[str, ...], count: int, at: Location
 ) -> None:
     for key in keys:
         if len(getattr(data, key)) != count:
             raise (at / key).refuse(f"expected {count} entries, one per joint, got {len(getattr(data, key))}")
 
 
-def _floats(data: case_data.TrunkData) -> bool:
+def _floats(data: case_data.CaseTrunk) -> bool:
     """Return whether a trunk begins with a floating joint."""
     return bool(data.joints) and isinstance(data.joints[0], dict) and data.joints[0].get("type") == "floating"
 
 
-def _trunk(data: case_data.TrunkData, at: Location) -> Trunk:
+def _trunk(data: case_data.CaseTrunk, at: Location) -> Trunk:
     """Return the trunk; a floating joint's link is its first."""
     floats = _floats(data)
     if floats:
-        typed.convert(data.joints[0], case_data.FloatingData, at.source, (at / "joints" / 0).path)
+        typed.convert(data.joints[0], case_data.CaseFloating, at.source, (at / "joints" / 0).path)
     joints = []
     for k, joint in enumerate(data.joints):
         if k or not floats:
             where = at / "joints" / k
-            joints.append(_joint(typed.convert(joint, case_data.JointData, where.source, where.path), where))
+            joints.append(_joint(typed.convert(joint, case_data.CaseJoint, where.source, where.path), where))
     links = [_link(link, at / "links" / k) for k, link in enumerate(data.links)]
     if len(links) != len(data.joints):
         raise (at / "links").refuse(f"expected {len(data.joints)} entries, one per joint, got {len(links)}")
@@ -212,7 +212,7 @@ def _trunk(data: case_data.TrunkData, at: Location) -> Trunk:
         return Trunk(joints, links, _pose(data.base, "base", at))
 
 
-def _floating(data: case_data.TrunkData | None, at: Location) -> tuple[Array | None, Array | None]:
+def _floating(data: case_data.CaseTrunk | None, at: Location) -> tuple[Array | None, Array | None]:
     """Return pose and twist of a floating base, None without one."""
     if data is None or data.pose is None or data.twist is None:
         return None, None
@@ -272,7 +272,7 @@ def _drives(data: case_data.CaseData, at: Location) -> list[dict[str, list[float
     return found
 
 
-def _grasp(data: case_data.GraspData, at: Location) -> Grasp:
+def _grasp(data: case_data.CaseGrasp, at: Location) -> Grasp:
     """Return the grasp with its contact frame: hinge axis along x, soft finger's tangents x, y."""
     listed = GRASP_KINDS[data.type].listed_axes
     if len(data.h_object) != listed:
@@ -309,7 +309,7 @@ def _with_tip_attitudes(motion: ChainMotion) -> ClosedChain:
 
 
 def _check_expected(data: case_data.CaseData, at: Location) -> None:
-    """Refuse an answer whose shape is not the problem's."""
+    """Refuse an answer whose shape does not match the problem."""
     if data.expected is None:
         return
     shapes = {
@@ -323,12 +323,12 @@ def _check_expected(data: case_data.CaseData, at: Location) -> None:
         wanted = 0 if data.trunk is None else len(data.trunk.q)
         if data.trunk is None or len(data.expected.trunk.qdd) != wanted:
             raise (at / "trunk" / "qdd").refuse(f"expected {wanted} numbers, got {len(data.expected.trunk.qdd)}")
+    counted = []
     for key, lengths in shapes.items():
         parts = getattr(data.expected, key)
         if len(parts) != len(lengths):
             raise (at / key).refuse(f"expected {len(lengths)} lists, one per arm, got {len(parts)}")
-        for i, (part, length) in enumerate(zip(parts, lengths, strict=True)):
-            if len(part) != length:
-                raise (at / key / i).refuse(f"expected {length} numbers, got {len(part)}")
-    if len(data.expected.alpha_C) != 6:
-        raise (at / "alpha_C").refuse(f"expected 6 numbers, got {len(data.expected.alpha_C)}")
+        counted += [(at / key / i, part, lengths[i]) for i, part in enumerate(parts)]
+    for where, part, length in [*counted, (at / "alpha_C", data.expected.alpha_C, 6)]:
+        if len(part) != length:
+            raise where.refuse(f"expected {length} numbers, got {len(part)}")

@@ -1,10 +1,13 @@
-"""Files: their paths, and reading and writing them so that each is whole or absent, whenever anything may die."""
+"""Files and folders: their paths, and reading and writing them so that each is whole or absent after any death."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable
+import secrets
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from os import PathLike, fspath
 from pathlib import Path
 from typing import IO, Any
@@ -25,9 +28,9 @@ def file_path(given: Any, what: str, error: type[HoldfastError] = ResultError) -
     """Return a path from a str or a path object.
 
     Args:
-        given: what the caller gave.
+        given: the argument.
         what: its name, for the message.
-        error: what to raise.
+        error: the type of the error.
 
     Raises:
         HoldfastError: of that kind, if it is neither, or empty.
@@ -60,10 +63,10 @@ def names_in(folder: Path, what: str) -> list[str]:
 
     Args:
         folder: the folder.
-        what: what it shall be, for the message.
+        what: what the folder is to be, for the message.
 
     Raises:
-        ResultError: it is none, or cannot be read.
+        ResultError: it is not a folder, or cannot be read.
     """
     try:
         return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
@@ -89,16 +92,16 @@ def reason_of(cause: OSError | ValueError) -> str:
 
 
 def write_atomically(path: Path, content: bytes | Callable[[IO[bytes]], object]) -> None:
-    """Write a file beside its place, then move it there; when this returns it is on disk to stay.
+    """Write a file under another name, then move it to its path; it is durable when this returns.
 
     Costs two waits for the disk: for the file, and for the folder that names it.
 
     Args:
-        path: its place.
-        content: the bytes, or what writes them to an open file.
+        path: the path.
+        content: the bytes, or a function that writes them to an open file.
 
     Raises:
-        ResultError: it cannot be written; what was at its place is still there.
+        ResultError: it cannot be written; an earlier file at the path is kept.
     """
     require_file(path)
     beside = path.with_name(path.name + ".part")
@@ -122,7 +125,7 @@ def write_atomically(path: Path, content: bytes | Callable[[IO[bytes]], object])
 
 
 def require_file(path: Path) -> None:
-    """Refuse what cannot be a file's place: no name, a folder, or a device, which a file must not take the place of.
+    """Refuse a path that a file cannot have: one without a name, a folder, or a device, which must not be replaced.
 
     Raises:
         ResultError: saying which.
@@ -136,7 +139,7 @@ def require_file(path: Path) -> None:
 
 
 def remove(*paths: Path) -> None:
-    """Remove files, those that are there.
+    """Delete those of some files that exist.
 
     Raises:
         ResultError: one cannot be removed.
@@ -161,3 +164,55 @@ def _keep_names(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+@contextmanager
+def replaced_folder(folder: Path, owns: Callable[[str], bool]) -> Iterator[Path]:
+    """Yield a new folder, which replaces another one if no error occurs.
+
+    The old one is kept until then, also if the writer fails or is killed. A writer that is killed leaves
+    `<folder>.<random>.part` beside it.
+
+    Args:
+        folder: the path; what is in it may be replaced.
+        owns: returns whether a file of this name is replaced with the folder; others are moved to the new one.
+
+    Raises:
+        ResultError: it cannot be written.
+    """
+    token = secrets.token_hex(4)
+    try:
+        place = Path(os.path.realpath(folder))
+        if place == Path.cwd() or place in Path.cwd().parents:
+            raise ResultError(
+                f"{folder}: cannot be replaced, because it contains the working directory; try a new folder"
+            )
+        beside, aside = (place.with_name(f"{place.name}.{token}{end}.part") for end in ("", ".old"))
+        beside.mkdir(parents=True)
+    except (OSError, ValueError) as cause:
+        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: cannot be written: {reason_of(cause)}") from cause
+    try:
+        yield beside
+        _swap(place, beside, aside)
+    except OSError as cause:
+        raise ResultError(f"{folder}: cannot be written: {reason_of(cause)}") from cause
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+    if aside.exists():
+        for path in aside.iterdir():
+            if not owns(path.name) and not (place / path.name).exists():
+                os.replace(path, place / path.name)
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _swap(place: Path, beside: Path, aside: Path) -> None:
+    """Move the new folder to its place and the old one aside; if that fails, the old one is back."""
+    if not place.exists():
+        os.replace(beside, place)
+        return
+    os.replace(place, aside)
+    try:
+        os.replace(beside, place)
+    except BaseException:
+        os.replace(aside, place)
+        raise

@@ -2,7 +2,7 @@
 
     {"is": "Joint", "kind": "revolute", "axis": [0.0, 0.0, 1.0], ...}
 
-Reading calls the constructors, which check what they are given: a file can say nothing that a program could not.
+Reading calls the constructors with their checks, so a file cannot contain what a program could not make.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from holdfast.model.trunk import Trunk
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Sphere, Visual, Visuals
 from holdfast.spatial.pose import Pose
 
-KINDS = {
+MODEL_CLASSES = {
     kind.__name__: kind
     for kind in (
         Anchor, Arm, Box, Capsule, ClosedChain, Cylinder, Friction, Grasp, HeldObject, Joint, Link, Visuals, Mesh, Pose,
@@ -37,7 +37,7 @@ KINDS = {
 }  # fmt: skip
 IS = "is"  # the key under which data say what they are
 MAPPING = "mapping"
-UNBOUNDED = {"inf": math.inf, "-inf": -math.inf}  # JSON has no infinities
+INFINITIES = {"inf": math.inf, "-inf": -math.inf}  # JSON has no infinities
 
 
 _NO_MODEL = (msgspec.DecodeError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
@@ -68,11 +68,11 @@ def model_of(text: bytes, source: str) -> ClosedChain:
     """Return the chain of a JSON text.
 
     Args:
-        text: of `model_data`.
+        text: JSON text of `model_data`.
         source: the file's name, for messages.
 
     Raises:
-        ResultError: what is no chain, or cannot be one.
+        ResultError: the text does not describe a valid chain.
     """
     try:
         chain = _made(msgspec.json.decode(text))
@@ -93,8 +93,8 @@ def _made(data: Any) -> Any:
     kind, parts = data.get(IS), {name: part for name, part in data.items() if name != IS}
     if kind == MAPPING:
         return {name: _made(part) for name, part in parts.get("of", {}).items()}
-    if kind in UNBOUNDED:
-        return UNBOUNDED[kind]
-    if kind not in KINDS:
-        raise ResultError(f"expected one of {', '.join(KINDS)}, got {str(kind)[:60]!r}")
-    return KINDS[kind](**{name: _made(part) for name, part in parts.items()})
+    if kind in INFINITIES:
+        return INFINITIES[kind]
+    if kind not in MODEL_CLASSES:
+        raise ResultError(f"expected one of {', '.join(MODEL_CLASSES)}, got {str(kind)[:60]!r}")
+    return MODEL_CLASSES[kind](**{name: _made(part) for name, part in parts.items()})

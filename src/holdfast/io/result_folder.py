@@ -4,12 +4,12 @@
     scene.toml            the scene's text
     robot_*.urdf          the robots that it takes from files, xacro expanded
     chunk_0000.npz        samples: the trajectory's arrays under their names
-    checkpoint_0001.npz   what the run is resumed from after so many samples, until it has ended
-    summary.json          the summary table's numbers, once it has
-    model.json            of a run made in Python instead of a scene: its chain
-    bases.npz             of such a run: how bases moved; bases_planned.npz until it has ended
+    checkpoint_0001.npz   the state after so many samples, from which an unfinished run is resumed
+    summary.json          the numbers of the summary, written at the end
+    model.json            the chain of a run made in Python, which has no scene
+    bases.npz             the motion of the bases in such a run; bases_planned.npz until it has ended
 
-A chunk counts once meta.json, replaced atomically, names it (`store_writer`). docs/results.md is the format in full.
+A chunk counts once meta.json, replaced atomically, names it (`store`). docs/results.md is the format in full.
 """
 
 from __future__ import annotations
@@ -26,41 +26,28 @@ import numpy as np
 from msgspec.structs import replace
 
 from holdfast.errors import ResultError
-from holdfast.io.result_chunk import chunk_name, chunk_text, read_chunk
-from holdfast.io.result_meta import (
-    BASES,
-    META,
-    PLANNED,
-    RESULT,
-    SCENE,
-    SUMMARY,
-    CheckpointRecord,
-    ResultMeta,
-    differences,
-    kept_files,
-    read_meta,
-)
-from holdfast.io.store_writer import StoreWriter, require_free
-from holdfast.io.stored_file import advising, arrays_text, json_text, read_arrays, sha256
+from holdfast.io import result_meta
+from holdfast.io.result_meta import RESULT, ResultMeta
+from holdfast.io.store import StoreWriter, advising, arrays_text, json_text, read_arrays, require_free, sha256
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
-from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.source import UrdfSource
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.summary import Summary
-from holdfast.simulation.trajectory import UNITS, Trajectory, array_names
+from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory
 
 CHUNK = 1000  # samples that wait until they are flushed
-PATIENCE = 5.0  # seconds after which fewer are
+LONGEST_WAIT = 5.0  # seconds after which fewer are
 
 
 class ResultWriter:
     """Writes one run; nothing is on disk before there is a sample.
 
     Attributes:
-        folder: where to.
-        start: what a resumed run goes on from; None for a new one.
+        folder: the folder.
+        start: checkpoint from which a resumed run continues; None for a new run.
     """
 
     def __init__(
@@ -69,7 +56,7 @@ class ResultWriter:
         meta: ResultMeta,
         scene_text: str,
         *,
-        robots: Mapping[str, Source] | None = None,
+        robots: Mapping[str, UrdfSource] | None = None,
         overwrite: bool = False,
         files: Mapping[str, bytes] | None = None,
         advice: str = "--resume, --overwrite, or another --out",
@@ -77,13 +64,13 @@ class ResultWriter:
         """Check that the folder can be used.
 
         Args:
-            folder: where to; made if need be.
+            folder: the folder; it is created if it does not exist.
             meta: what `run_meta` returns.
-            scene_text: the scene file's own text.
-            robots: the URDF of each arm that is out of a file, by the arm's name.
+            scene_text: text of the scene file.
+            robots: URDF of each arm that comes from a file, by arm.
             overwrite: replace an earlier result there.
-            files: what else is in the folder, by name.
-            advice: what to try where an earlier result is there.
+            files: contents of further files by name.
+            advice: what the error suggests if there is an earlier result.
 
         Raises:
             ResultError: the folder is in use.
@@ -92,8 +79,8 @@ class ResultWriter:
         self.folder, self._store = folder, StoreWriter(folder, RESULT)
         self.start: Checkpoint | None = None
         scene = scene_text.encode("utf-8")
-        records, kept = kept_files(robots or {})
-        self._files = {SCENE: scene, **kept, **(files or {})}
+        records, kept = result_meta.kept_files(robots or {})
+        self._files = {result_meta.SCENE: scene, **kept, **(files or {})}
         self._meta = replace(meta, scene_sha256=sha256(scene), robots=records)
         self._waiting: list[Trajectory] = []
         self._reported = 0  # occurrences
@@ -102,16 +89,16 @@ class ResultWriter:
 
     @classmethod
     def resume(
-        cls, folder: Path, meta: ResultMeta, scene_text: str, *, robots: Mapping[str, Source] | None = None
+        cls, folder: Path, meta: ResultMeta, scene_text: str, *, robots: Mapping[str, UrdfSource] | None = None
     ) -> Self:
-        """Return a writer that adds to the run in a folder what comes after its checkpoint, `start`.
+        """Return a writer that continues the run in a folder from its checkpoint, `start`.
 
-        Where a writer died before its first flush the run begins anew: `start` is None.
+        If the earlier writer died before its first flush, the run starts over, and `start` is None.
 
         Args:
-            folder: where the run is.
+            folder: folder of the run.
             meta: what `run_meta` returns now.
-            scene_text: the scene file's own text.
+            scene_text: text of the scene file.
             robots: as for a new writer.
 
         Raises:
@@ -127,7 +114,7 @@ class ResultWriter:
 
     @property
     def samples(self) -> int:
-        """How many samples are on disk."""
+        """Number of samples on disk."""
         return self._meta.samples
 
     def add(self, sample: Trajectory) -> None:
@@ -136,23 +123,23 @@ class ResultWriter:
         self._reported += len(sample.occurrences)
 
     def mark(self, checkpoint: Checkpoint) -> None:
-        """Take the checkpoint of the last sample, and flush if that is due."""
+        """Take the checkpoint of the last sample, and flush if a flush is due."""
         self._marked = self.samples + len(self._waiting), checkpoint
         self.flush_if_due()
 
     def flush_if_due(self) -> None:
-        """Flush if many samples wait, or for long, or none is on disk yet.
+        """Flush if many samples wait, if the last flush is long ago, or if none is on disk yet.
 
         Raises:
             ResultError: they cannot be written.
         """
-        if len(self._waiting) >= CHUNK or time.monotonic() - self._flushed_at >= PATIENCE:
+        if len(self._waiting) >= CHUNK or time.monotonic() - self._flushed_at >= LONGEST_WAIT:
             self.flush()
 
     def flush(self) -> None:
-        """Put what waits on disk; it is there to stay when this returns.
+        """Write the waiting samples to disk; they are durable when this returns.
 
-        A flush that was broken off can be done again. Costs six waits for the disk.
+        A flush that failed can be repeated. It costs six waits for the disk.
 
         Raises:
             ResultError: it cannot be written, or another process has written to the folder.
@@ -161,7 +148,7 @@ class ResultWriter:
             return
         self._store.begin(self._meta, self._files)
         k, count = len(self._meta.chunks), len(self._waiting)
-        self._store.write(chunk_name(k), chunk_text(self._waiting))
+        self._store.write(result_meta.chunk_name(k), result_meta.chunk_text(self._waiting))
         flushed = replace(
             self._with_checkpoint(),
             samples=self.samples + count,
@@ -198,12 +185,13 @@ class ResultWriter:
             return
         self._store.begin(self._meta, {})
         if bases is not None:
-            self._store.write(BASES, bases)
+            self._store.write(result_meta.BASES, bases)
         if summary is not None:
-            self._store.write(SUMMARY, json_text(asdict(summary)))
+            self._store.write(result_meta.SUMMARY, json_text(asdict(summary)))
         last = list(occurrences[self._reported :])
         ended = replace(self._meta, complete=stopped is None, stopped=stopped, occurrences=last)
-        self._commit(replace(ended, checkpoint=None) if ended.ended else ended, () if bases is None else (PLANNED,))
+        planned = () if bases is None else (result_meta.PLANNED,)
+        self._commit(replace(ended, checkpoint=None) if ended.ended else ended, planned)
 
     def _with_checkpoint(self) -> ResultMeta:
         """Return the meta that names the last checkpoint, after writing it."""
@@ -214,37 +202,37 @@ class ResultWriter:
             arrays, data = checkpoint.to_data()
         except ResultError as cause:  # a memory that cannot be written is no reason to lose samples
             return replace(self._meta, checkpoint=None, no_checkpoint=str(cause))
-        record = CheckpointRecord(f"checkpoint_{samples:04d}.npz", samples)  # a name for each, so that none is replaced
+        # each checkpoint has a name of its own, so that none is overwritten
+        record = result_meta.CheckpointRecord(f"checkpoint_{samples:04d}.npz", samples)
         self._store.write(record.file, arrays_text(arrays, "data", data))
         return replace(self._meta, checkpoint=record)
 
     def _commit(self, meta: ResultMeta, drop: Sequence[str] = ()) -> None:
-        """Put meta.json in place, without the checkpoint that it no longer names."""
+        """Replace meta.json, and delete the checkpoint that it no longer names."""
         old, new = self._meta.checkpoint, meta.checkpoint
         over = () if old is None or (new is not None and new.file == old.file) else (old.file,)
         self._store.commit(meta, (*drop, *over))
-        self._meta = meta  # only now, so that a flush that was broken off can be done again
+        self._meta = meta  # only now, so that a failed flush can be repeated
 
 
 def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint, StoreWriter] | None:
-    """Return the new content of the folder's meta.json, the checkpoint to go on from, and the folder's writer.
+    """Return the new metadata of a folder, the checkpoint from which its run continues, and the folder's writer.
 
-    Samples after the checkpoint do not count any more, since the run makes them again. Reads every chunk, one
-    at a time.
+    Samples after the checkpoint are dropped, because the run computes them again. Every chunk is read, one at a time.
 
     Args:
-        folder: where the run is.
-        meta: of the run that is to go on.
+        folder: folder of the run.
+        meta: metadata of the run that is to continue.
 
     Returns:
-        None where nothing was flushed yet.
+        None if nothing was flushed.
 
     Raises:
         ResultError: the run has ended, is damaged, or is another one.
     """
-    if not (folder / META).exists() and not RESULT.strays(folder, 0):
+    if not (folder / result_meta.META).exists() and not RESULT.strays(folder, 0):
         return None
-    found = read_meta(folder)
+    found = result_meta.read_meta(folder)
     if not found.samples:
         return None
     _require_open(folder, found, meta)
@@ -256,14 +244,14 @@ def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint, St
         checkpoint = Checkpoint.from_data(*read_arrays(folder, found.checkpoint.file, found.files, "data"))
         kept = _up_to(found.checkpoint.samples, folder, found)
     store = StoreWriter(folder, RESULT, found.files)
-    store.commit(kept, [*map(chunk_name, range(len(kept.chunks), len(found.chunks))), SUMMARY])
+    store.commit(kept, [*map(result_meta.chunk_name, range(len(kept.chunks), len(found.chunks))), result_meta.SUMMARY])
     store.remove_unnamed((*RESULT.data, "*.part"))
     return kept, checkpoint, store
 
 
 def _require_open(folder: Path, found: ResultMeta, meta: ResultMeta) -> None:
     """Refuse a run that is another one, or that has ended."""
-    if differ := differences(found, meta):
+    if differ := result_meta.differences(found, meta):
         raise ResultError(
             f"{folder}: the run there cannot be resumed identically, since these differ: {', '.join(differ)};"
             " try the original ones, or --overwrite"
@@ -276,17 +264,17 @@ def _require_open(folder: Path, found: ResultMeta, meta: ResultMeta) -> None:
 
 
 def _up_to(samples: int, folder: Path, meta: ResultMeta) -> ResultMeta:
-    """Return the meta of the run's first samples.
+    """Return the metadata of a run's first samples only.
 
     Raises:
-        Damage: they are not all there.
+        Damage: some of them are missing.
     """
     counts: list[int] = []
     last_time = None
     for k, count in enumerate(meta.chunks):
         left = min(count, samples - sum(counts))
         if left > 0:
-            last_time = float(read_chunk(folder, k, meta).t[left - 1])
+            last_time = float(result_meta.read_chunk(folder, k, meta).t[left - 1])
             counts.append(left)
     return replace(meta, samples=sum(counts), chunks=counts, last_time=last_time, stopped=None, occurrences=[])
 
@@ -297,12 +285,12 @@ def run_meta(
     """Return the content of meta.json before the first sample.
 
     Args:
-        chain: what is simulated.
-        name: of the scene.
-        duration: asked for [s].
-        step: asked for [s].
-        scene_folder: that names of robot files in the scene start from, if it has any.
-        options: whatever else decides the numbers, plain data; a run goes on under the same ones only.
+        chain: the chain that is simulated.
+        name: name of the scene.
+        duration: requested duration [s].
+        step: requested step [s].
+        scene_folder: folder to which names of robot files in the scene are relative; "" if there are none.
+        options: further settings on which the results depend, as plain data; a run is resumed only with equal ones.
     """
     from holdfast import __version__
 
@@ -320,7 +308,7 @@ def run_meta(
         joints=chain.joint_names(),
         joint_kinds=[joint.kind for joint in chain.all_joints],
         work_terms=list(WORK_TERMS),
-        units={name: UNITS[name] for name in array_names()},
+        units={name: row.text for name, row in RUN_ARRAYS.items()},
         duration=float(duration),
         step=float(step),
         options=options,

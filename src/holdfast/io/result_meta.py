@@ -1,23 +1,33 @@
-"""meta.json of a result folder: which run it is, how much of it is there, and which robots it was simulated with."""
+"""The files of a result folder: meta.json, chunks of samples, and the robots that were simulated."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from holdfast.errors import ResultError
-from holdfast.io.store import Kind, Manifest, read_manifest
-from holdfast.io.stored_file import sha256, stored
-from holdfast.robots.urdf.source import Source
+from holdfast.io.store import (
+    Damage,
+    FolderKind,
+    Manifest,
+    arrays_text,
+    read_arrays,
+    read_manifest,
+    sha256,
+    stored,
+)
+from holdfast.robots.urdf.source import UrdfSource
 from holdfast.simulation.events import Occurrence
+from holdfast.simulation.trajectory import TRUNK_FIELDS, Trajectory, array_names, stacked
 
 META, SCENE, SUMMARY = "meta.json", "scene.toml", "summary.json"
 MODEL, BASES, PLANNED = "model.json", "bases.npz", "bases_planned.npz"  # of a run made in Python
-INTERRUPTED = "interrupted"  # the one `stopped` after which a run can go on
-RESULT = Kind(
+WAS_INTERRUPTED = "interrupted"  # the only `stopped` after which a run can be resumed
+RESULT = FolderKind(
     name="result",
     manifest=META,
     versions=(3, 2),
@@ -29,7 +39,7 @@ RESULT = Kind(
 
 
 class CheckpointRecord(msgspec.Struct, frozen=True):
-    """Where the checkpoint is.
+    """The checkpoint of an unfinished run.
 
     Attributes:
         file: its name.
@@ -41,7 +51,7 @@ class CheckpointRecord(msgspec.Struct, frozen=True):
 
 
 class RobotRecord(msgspec.Struct, frozen=True):
-    """Where the URDF of an arm is.
+    """The URDF file of an arm.
 
     Attributes:
         file: its name in the result folder.
@@ -66,21 +76,21 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
         robots: the simulated URDF of each arm from a file; empty in folders of holdfast 0.1.
         model_sha256: digest of all numbers of the chain, see `fingerprint`, those from robot files included.
         versions: versions of the libraries that affect results.
-        arms: their names, in the arrays' order.
-        trunk: whether they stand on one.
-        grasps: the kind of grasp by arm, at the start.
+        arms: names of the arms, in the order of the arrays.
+        trunk: whether the chain has a trunk.
+        grasps: kind of grasp at the start, by arm.
         joints, joint_kinds: `arm/joint` and revolute or prismatic, in the arrays' order.
         work_terms: the columns of `work`.
-        units: by array.
+        units: shape, meaning and unit of each array, as documentation.
         duration, step: as requested [s].
-        options: further requests.
+        options: further settings on which the results depend.
         samples: number of samples in the folder.
         chunks: number of samples of each chunk that belong to the run, from its first on.
         last_time: time of the last sample [s].
-        checkpoint: what the run is resumed from, until it has ended.
-        no_checkpoint: why there is none, if none can be written.
+        checkpoint: the checkpoint from which an unfinished run is resumed.
+        no_checkpoint: why no checkpoint can be written, if none can.
         complete: whether the run reached its end.
-        stopped: what ended it early.
+        stopped: reason why the run ended early.
         occurrences: occurrences after the last sample, at the instant that ended the run.
     """
 
@@ -111,12 +121,13 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
 
     @property
     def ended(self) -> bool:
-        """Whether nothing can come after: the run is complete, or physics stopped it."""
-        return self.complete or self.stopped not in (None, INTERRUPTED)
+        """Whether the run cannot be resumed, because it is complete or the physics stopped it."""
+        return self.complete or self.stopped not in (None, WAS_INTERRUPTED)
 
 
 _PROGRESS = ("samples", "chunks", "last_time", "checkpoint", "no_checkpoint", "complete", "stopped", "occurrences")
 _ANYWHERE = ("scene_folder", "robots", "files", "sha256")  # files may have moved; what they say is in the model
+_WORDING = ("units",)  # of the documentation
 
 
 def read_meta(folder: Path) -> ResultMeta:
@@ -135,9 +146,9 @@ _DESCRIPTIONS = {"scene_sha256": "the scene's text", "model_sha256": "the model 
 
 
 def differences(there: ResultMeta, here: ResultMeta) -> list[str]:
-    """Return in words what makes two runs different ones; progress does not, nor do folders."""
+    """Return the differences between two runs in words; progress, folders and wording do not count."""
     mine, other = (dict(_leaves(msgspec.to_builtins(meta))) for meta in (here, there))
-    passed = (*_PROGRESS, *_ANYWHERE)
+    passed = (*_PROGRESS, *_ANYWHERE, *_WORDING)
     found = [key for key in mine | other if key.split(".")[0] not in passed and mine.get(key) != other.get(key)]
     return [_DESCRIPTIONS.get(key) or f"{key} ({other.get(key)!r} there, {mine.get(key)!r} here)" for key in found]
 
@@ -148,8 +159,8 @@ def _leaves(data: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
     return [leaf for k, v in pairs for leaf in (_leaves(v, k + ".") if isinstance(v, dict) else [(k, v)])]
 
 
-def kept_files(sources: Mapping[str, Source]) -> tuple[dict[str, RobotRecord], dict[str, bytes]]:
-    """Return what meta.json records of the robots, by arm, and the files to write; arms of one robot share one."""
+def kept_files(sources: Mapping[str, UrdfSource]) -> tuple[dict[str, RobotRecord], dict[str, bytes]]:
+    """Return the robots' entries in meta.json, by arm, and the files to write; arms of one robot share a file."""
     records, files = {}, {}
     for arm, source in sources.items():
         content = source.text.encode("utf-8") if isinstance(source.text, str) else source.text
@@ -160,7 +171,7 @@ def kept_files(sources: Mapping[str, Source]) -> tuple[dict[str, RobotRecord], d
     return records, files
 
 
-def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, Source]:
+def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, UrdfSource]:
     """Return the URDF of each arm that is from a file, as it was simulated.
 
     Raises:
@@ -170,5 +181,39 @@ def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, S
     for arm, record in records.items():
         content = stored(folder, record.file, {record.file: record.sha256})
         meshes = Path(record.folder) if record.folder else None
-        found[arm] = Source(str(folder / record.file), content, meshes, packages=record.packages)
+        found[arm] = UrdfSource(str(folder / record.file), content, meshes, packages=record.packages)
     return found
+
+
+def chunk_name(k: int) -> str:
+    """Return the file name of chunk k."""
+    return RESULT.chunk.format(k)
+
+
+def chunk_text(samples: Sequence[Trajectory]) -> bytes:
+    """Return samples as the bytes of a chunk."""
+    chunk = stacked(samples)
+    log = [{"sample": i, **asdict(line)} for i, one in enumerate(samples) for line in one.occurrences]
+    return arrays_text({name: getattr(chunk, name) for name in array_names()}, "occurrences", log)
+
+
+def read_chunk(folder: Path, k: int, meta: ResultMeta) -> Trajectory:
+    """Return the samples of chunk k that belong to the run.
+
+    Raises:
+        Damage: samples are missing or damaged.
+    """
+    count = meta.chunks[k]
+    arrays, log = read_arrays(folder, chunk_name(k), meta.files, "occurrences")
+    if lacking := [name for name in array_names() if name not in (*arrays, *TRUNK_FIELDS)]:
+        raise Damage(f"{chunk_name(k)} lacks {', '.join(lacking)}")
+    for name, array in arrays.items():
+        if array.shape[:1] < (count,):
+            raise Damage(f"{chunk_name(k)} holds shape {array.shape} of '{name}', expected {count} samples")
+    try:
+        lines = msgspec.convert(log, list[dict[str, Any]])
+        occurrences = msgspec.convert([line for line in lines if line["sample"] < count], tuple[Occurrence, ...])
+    except (msgspec.ValidationError, KeyError, TypeError) as cause:
+        raise Damage(f"{chunk_name(k)}: occurrences: {cause}") from cause
+    ours: dict[str, Any] = {name: arrays[name][:count] for name in array_names() if name in arrays}
+    return Trajectory(**ours, occurrences=occurrences)

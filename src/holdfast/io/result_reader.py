@@ -14,7 +14,6 @@ import numpy as np
 from holdfast.errors import ResultError, StateError
 from holdfast.io.files import file_path
 from holdfast.io.model_data import model_of
-from holdfast.io.result_chunk import read_chunk
 from holdfast.io.result_meta import (
     BASES,
     MODEL,
@@ -24,10 +23,10 @@ from holdfast.io.result_meta import (
     SUMMARY,
     ResultMeta,
     kept_robots,
+    read_chunk,
     read_meta,
 )
-from holdfast.io.store import times_of_chunks
-from holdfast.io.stored_file import CHANGED, Damage, advising, read_arrays, stored
+from holdfast.io.store import CHANGED, Damage, advising, read_arrays, stored, times_of_chunks
 from holdfast.model.fingerprint import fingerprint
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import RecordedBase, Setting
@@ -57,12 +56,12 @@ class Result(RunOutputs):
 
     @property
     def samples(self) -> int:
-        """How many samples can be read."""
+        """Number of samples that can be read."""
         return sum(self.chunks)
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """Every sample that is on disk; read when first asked for.
+        """All samples on disk, read at the first access.
 
         Raises:
             ResultError: the folder changed since `load_result`.
@@ -77,7 +76,7 @@ class Result(RunOutputs):
 
     @property
     def keeps_model(self) -> bool:
-        """Whether the folder keeps its chain, as that of a run made in Python does; else it has a scene."""
+        """Whether the folder contains the chain, as for a run made in Python; otherwise it contains a scene."""
         return MODEL in self.meta.files
 
     @cached_property
@@ -91,7 +90,7 @@ class Result(RunOutputs):
         return setting_of(self.folder, self.meta)
 
     def whole_run(self) -> Trajectory:
-        """Return every sample, with what it is a run of.
+        """Return all samples with the setting of the run.
 
         Raises:
             HoldfastError: as for `trajectory` and `setting`.
@@ -120,13 +119,13 @@ class Result(RunOutputs):
 def load_result(folder: str | PathLike[str]) -> Result:
     """Return the run in a result folder, up to the last flush before the first damage.
 
-    Looks at every chunk, one at a time; the samples are read when they are asked for.
+    Every chunk is checked, one at a time; samples are read at the first access.
 
     Args:
-        folder: where `holdfast simulate` or a `ResultWriter` wrote it.
+        folder: a folder that `holdfast simulate`, `run.save` or a `ResultWriter` wrote.
 
     Raises:
-        ResultError: no result is there, or none of it can be read, or it lacks arrays.
+        ResultError: there is no result, nothing of it can be read, or it lacks arrays.
     """
     folder = file_path(folder, "folder")
     meta = read_meta(folder)
@@ -166,7 +165,7 @@ def _named(part: Trajectory) -> tuple[Array, dict[str, Array]]:
 
 
 def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Setting:
-    """Return the setting of a run: of the model that its folder keeps, or of its scene, which is read anew.
+    """Return the setting of a run, from the chain in its folder or from its scene, which is read again.
 
     Folders written by holdfast 0.1 contain no robots, which are then loaded from their original files.
 
@@ -176,7 +175,7 @@ def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Set
         trust_xacro: expand xacro files of a folder that contains no robots.
 
     Raises:
-        ResultError: the model, or how bases moved, cannot be read, or is of other joints.
+        ResultError: the model, or the motion of the bases, cannot be read, or has other joints.
         SceneError, ClosureError: the scene, or a robot file that it names, cannot be read any more.
     """
     keeps_model = MODEL in meta.files
@@ -203,7 +202,7 @@ def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Set
 
 
 def _bases(folder: Path, meta: ResultMeta) -> dict[str, RecordedBase]:
-    """Return how bases moved, by name; nothing where none did."""
+    """Return the motions of the bases that moved, by name."""
     name = BASES if BASES in meta.files else PLANNED
     if name not in meta.files:
         return {}

@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.io.files import file_path
+from holdfast.io.files import file_path, replaced_folder
 from holdfast.io.model_data import model_text
-from holdfast.io.replaced_folder import replaced_folder
 from holdfast.io.result_folder import CHUNK, ResultWriter, run_meta
-from holdfast.io.result_meta import BASES, INTERRUPTED, MODEL, PLANNED, RESULT, ResultMeta
-from holdfast.io.store_writer import require_free
-from holdfast.io.stored_file import arrays_text
+from holdfast.io.result_meta import BASES, MODEL, PLANNED, RESULT, WAS_INTERRUPTED, ResultMeta
+from holdfast.io.store import arrays_text, require_free
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
 from holdfast.simulation.summary import summarise
@@ -21,7 +19,7 @@ from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.spatial.scalar import Array
 
 ADVICE = "overwrite=True"
-SCENE = """# A run made in Python by holdfast, without a scene. model.json contains its chain.
+NO_SCENE = """# A run made in Python by holdfast, without a scene. model.json contains its chain.
 # Its controller and its initial state are not in this folder, so nobody can go on with it or begin it anew from here.
 """
 
@@ -31,8 +29,8 @@ def save_run(run: Trajectory, folder: str | PathLike[str], overwrite: bool = Fal
 
     Args:
         run: what `simulate` returned.
-        folder: where to; made if need be.
-        overwrite: replace an earlier result there, which stays until the new one is whole.
+        folder: the folder; it is created if it does not exist.
+        overwrite: replace an earlier result there, which is kept until the new one is complete.
 
     Raises:
         StateError: a run that does not know its chain.
@@ -42,7 +40,7 @@ def save_run(run: Trajectory, folder: str | PathLike[str], overwrite: bool = Fal
     require_free(place, RESULT, overwrite, ADVICE)
     with replaced_folder(place, RESULT.owns) as new:
         files = {MODEL: model_text(setting.chain)} | _bases(BASES, setting, run.t)
-        writer = ResultWriter(new, meta_of(setting), SCENE, files=files)
+        writer = ResultWriter(new, meta_of(setting), NO_SCENE, files=files)
         for k, one in enumerate(_singles(run)):
             writer.add(one)
             if (k + 1) % CHUNK == 0:
@@ -73,10 +71,10 @@ class AppendedRun:
         """
         place = file_path(folder, "folder")
         files = {MODEL: model_text(setting.chain)} | _bases(PLANNED, setting, times)
-        self._writer = ResultWriter(place, meta_of(setting), SCENE, files=files, overwrite=overwrite, advice=ADVICE)
+        self._writer = ResultWriter(place, meta_of(setting), NO_SCENE, files=files, overwrite=overwrite, advice=ADVICE)
 
     def add(self, sample: Trajectory) -> None:
-        """Take a sample, and write those that wait if they are many, or old.
+        """Take a sample, and flush if a flush is due.
 
         Raises:
             ResultError: they cannot be written, or another process has written to the folder.
@@ -100,11 +98,11 @@ class AppendedRun:
         Raises:
             ResultError: they cannot be written, or another process has written to the folder.
         """
-        self._writer.finish(None, stopped=INTERRUPTED)
+        self._writer.finish(None, stopped=WAS_INTERRUPTED)
 
 
 def _bases(name: str, setting: Setting, times: Array) -> dict[str, bytes]:
-    """Return how bases moved as a file of this name; none if they did not."""
+    """Return the file of this name with the motions of the bases; none if no base moved."""
     arrays = {}
     for base, motion in setting.base_motion.items():
         moved = motion if isinstance(motion, RecordedBase) else recorded_base(base, motion, times)
@@ -113,7 +111,7 @@ def _bases(name: str, setting: Setting, times: Array) -> dict[str, bytes]:
 
 
 def _singles(run: Trajectory) -> list[Trajectory]:
-    """Return the samples one by one, each with what happened since the one before; the rest is what ended the run."""
+    """Return the single samples, each with the occurrences since the previous one; later ones ended the run."""
     at: dict[int, list[Occurrence]] = {}
     for one in run.occurrences:
         at.setdefault(int(np.searchsorted(run.t, one.t)), []).append(one)

@@ -2,28 +2,49 @@
 
 A file that is read is compared with its digest, and the manifest with its own, so that nothing is read as other numbers
 after a flipped bit or a truncation, or where files were exchanged with each other or with those of another folder.
-Files that the manifest does not name do not count. `store_writer` writes such folders.
+Files that the manifest does not name do not count. A folder can be read at any moment while it is written, and after
+any death of its writer: files are written under new names, then a manifest that names them is moved over the old one,
+and that move is the commit.
 """
 
 from __future__ import annotations
 
+import hashlib
+import io
 import os
-from collections.abc import Callable, Mapping, Sequence
+import sys
+import zipfile
+import zlib
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
+import numpy as np
+from msgspec.structs import replace
 
 from holdfast.errors import ResultError
-from holdfast.io.files import LONGEST_NAME, one_line
-from holdfast.io.stored_file import Damage, advising, json_text, sha256, stored
+from holdfast.io.files import (
+    LONGEST_NAME,
+    make_folder,
+    names_in,
+    one_line,
+    read_bounded,
+    reason_of,
+    remove,
+    write_atomically,
+)
 from holdfast.spatial.scalar import Array
 
 UNSIGNED = "0" * 64
+LARGEST_STORED = 64 * 2**20  # [bytes] of a manifest, a scene, a model and a robot; arrays lie elsewhere
+UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
+CHANGED = "changed while it was read; try again"
 
 
-class Kind(NamedTuple):
+class FolderKind(NamedTuple):
     """A kind of folder.
 
     Attributes:
@@ -86,7 +107,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 M = TypeVar("M", bound=Manifest)
 
 
-def read_manifest(folder: Path, kind: Kind, what: type[M]) -> M:
+def read_manifest(folder: Path, kind: FolderKind, what: type[M]) -> M:
     """Return the manifest of a folder.
 
     Raises:
@@ -132,7 +153,7 @@ def manifest_text(manifest: Manifest) -> bytes:
 
 
 def times_of_chunks(
-    kind: Kind, counts: Sequence[int], read: Callable[[int], tuple[Array, Mapping[str, Array]]]
+    kind: FolderKind, counts: Sequence[int], read: Callable[[int], tuple[Array, Mapping[str, Array]]]
 ) -> tuple[list[Array], str]:
     """Return the times in the chunks before the first damage, and that damage in words.
 
@@ -155,3 +176,193 @@ def times_of_chunks(
         times.append(t)
         before = here
     return times, ""
+
+
+class StoreWriter:
+    """Writes the files of one folder.
+
+    Attributes:
+        folder: the folder.
+        kind: its kind.
+        files: SHA-256 of each file that the next commit names.
+        started: whether the folder is that of this writer.
+    """
+
+    def __init__(self, folder: Path, kind: FolderKind, files: Mapping[str, str | None] | None = None) -> None:
+        self.folder, self.kind, self.files = folder, kind, dict(files or {})
+        self.started = files is not None
+        self._texts: tuple[bytes, ...] = ()  # of the manifest, as this writer left it or was about to
+
+    def begin(self, manifest: Manifest, files: Mapping[str, bytes]) -> None:
+        """Create the folder without chunks at the first call; later, refuse it if another process has written to it.
+
+        What an earlier result left there is removed.
+
+        Args:
+            manifest: the manifest without chunks.
+            files: further files.
+
+        Raises:
+            ResultError: a file cannot be written or removed, or another process has written to the folder.
+        """
+        if self.started:
+            if self.kind.text(self.folder) not in self._texts:
+                raise ResultError(f"{self.folder}: another process has written to it; nothing more is added")
+            return
+        make_folder(self.folder)
+        self.files.clear()
+        self.commit(manifest)  # first, so that the folder is known as ours before anything else is in it
+        self.remove_unnamed((*self.kind.data, *self.kind.others, "*.part"))
+        self.keep(files)
+        self.started = True
+
+    def keep(self, files: Mapping[str, bytes]) -> None:
+        """Write those of some files that are missing or damaged.
+
+        Raises:
+            ResultError: a file cannot be written.
+        """
+        for name, content in files.items():
+            self.files[name] = sha256(content)
+            try:
+                stored(self.folder, name, self.files)
+            except Damage:
+                self.write(name, content)
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file, which counts from the next commit on.
+
+        Raises:
+            ResultError: it cannot be written.
+        """
+        write_atomically(self.folder / name, content)
+        self.files[name] = sha256(content)
+
+    def commit(self, manifest: Manifest, drop: Collection[str] = ()) -> None:
+        """Move a manifest with the names of all files into place, then remove the files that it drops.
+
+        Costs two waits for the disk, as each file does. A commit that was broken off can be repeated.
+
+        Raises:
+            ResultError: a file cannot be written or removed.
+        """
+        kept = {name: digest for name, digest in sorted(self.files.items()) if name not in drop}
+        text = manifest_text(replace(manifest, files=kept))
+        self._texts = (*self._texts[-1:], text)
+        write_atomically(self.folder / self.kind.manifest, text)
+        self.files = kept
+        remove(*(self.folder / name for name in drop))
+
+    def remove_unnamed(self, patterns: Collection[str]) -> None:
+        """Delete files of these patterns that the manifest does not name.
+
+        Raises:
+            ResultError: one cannot be removed.
+        """
+        found = {path for pattern in patterns for path in self.folder.glob(pattern)}
+        remove(*(path for path in found if path.name not in self.files and not path.is_dir()))
+
+
+def require_free(folder: Path, kind: FolderKind, overwrite: bool, advice: str) -> None:
+    """Refuse a folder that is not empty, unless it is an earlier one of its kind, whole or damaged, to be replaced.
+
+    Args:
+        folder: the folder.
+        kind: its kind.
+        overwrite: whether an earlier one may be replaced.
+        advice: what to try if there is an earlier one.
+
+    Raises:
+        ResultError: saying what is there.
+    """
+    names = names_in(folder, f"a {kind.name} folder")
+    if names in ([], [f"{kind.manifest}.part"]):  # a writer died before it wrote anything
+        return
+    marked = kind.manifest in names and kind.format.encode() in kind.text(folder)
+    if not marked and not kind.strays(folder, 0):
+        raise ResultError(
+            f"{folder}: expected a new or empty folder, or an earlier {kind.name}; found '{names[0]}' in it"
+        )
+    if not overwrite:
+        raise ResultError(f"{folder}: holds an earlier {kind.name}; try {advice}")
+
+
+class Damage(ResultError):
+    """A file is missing, damaged, or in the place of another one; the message names it."""
+
+
+def stored(folder: Path, name: str, files: Mapping[str, str | None], most: int = LARGEST_STORED) -> bytes:
+    """Return the bytes of a file, compared with its digest.
+
+    Args:
+        folder: the folder.
+        name: name of the file.
+        files: digests by name, of the manifest.
+        most: largest number of bytes.
+
+    Raises:
+        Damage: it is missing, damaged, too large or another file.
+    """
+    path = folder / name
+    try:
+        if name not in files or os.path.basename(name) != name:
+            raise Damage(f"{one_line(name, LONGEST_NAME)} is not named by the manifest")
+        if not path.is_file():
+            raise Damage(f"{name} is {'not a file' if path.exists() else 'missing'}")
+        if (size := path.stat().st_size) > most:
+            raise Damage(f"{name}: expected at most {most >> 20} MiB, got more")
+        content = read_bounded(path, size)
+    except OSError as cause:
+        raise Damage(f"{name} cannot be read: {reason_of(cause)}") from cause
+    if files[name] not in (None, sha256(content)):
+        raise Damage(f"{name} is damaged, or another file: its SHA-256 is not that in the manifest")
+    return content
+
+
+@contextmanager
+def advising(folder: Path, advice: str) -> Iterator[None]:
+    """Add the folder and an advice to the message of damage."""
+    try:
+        yield
+    except Damage as damage:
+        raise Damage(f"{folder}: {damage}; {advice}") from damage
+
+
+def arrays_text(arrays: Mapping[str, Array], name: str, data: Any) -> bytes:
+    """Return arrays by name, and plain data as an array of JSON text under `name`, as the bytes of an .npz file."""
+    file = io.BytesIO()
+    np.savez(file, **arrays, **{name: np.array(msgspec.json.encode(data).decode())})  # pyright: ignore[reportArgumentType]
+    return file.getvalue()
+
+
+def read_arrays(folder: Path, name: str, files: Mapping[str, str | None], data: str) -> tuple[dict[str, Array], Any]:
+    """Return the arrays of an .npz file by name, and the plain data under the name `data`.
+
+    Raises:
+        Damage: the file is missing or damaged, or lacks the plain data.
+    """
+    content = stored(folder, name, files, most=sys.maxsize)
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            # our arrays are not compressed; a file that unpacks to more than its size was made to fill the memory
+            if sum(part.file_size for part in archive.infolist()) > len(content):
+                raise Damage(f"{name} is damaged: it unpacks to more than the size of the file")
+            if files[name] is None and (torn := archive.testzip()):  # checked before any header is trusted
+                raise Damage(f"{name} is damaged at '{torn}'")
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            held = {title: file[title] for title in file.files}
+        return held, msgspec.json.decode(held.pop(data).item())
+    except Damage:
+        raise
+    except UNREADABLE as cause:
+        raise Damage(f"{name} is damaged") from cause
+
+
+def json_text(data: Any) -> bytes:
+    """Return data as indented JSON."""
+    return msgspec.json.format(msgspec.json.encode(data), indent=2) + b"\n"
+
+
+def sha256(content: bytes) -> str:
+    """Return the SHA-256 of some bytes, hexadecimal."""
+    return hashlib.sha256(content).hexdigest()

@@ -19,9 +19,9 @@ from holdfast.errors import HoldfastError, SceneError
 from holdfast.io.files import LONGEST_NAME, one_line, read_bounded, reason_of
 from holdfast.model import checks
 
-T = TypeVar("T")
+Typed = TypeVar("Typed")
 
-LARGEST_FILE = 32 * 2**20  # [bytes]
+LARGEST_TEXT = 32 * 2**20  # [bytes]
 # Keys of a path `a.b.c`: tomllib takes memory by the square of their number, and a scene needs seven.
 _PATH_OF_KEYS = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""")
 
@@ -51,12 +51,12 @@ class Location:
         return one_line(": ".join([*(one_line(name, LONGEST_NAME) for name in (self.source, self.path)), problem]))
 
     def refuse(self, problem: str) -> SceneError:
-        """Return the one-line error about what is wrong here."""
+        """Return the error for a problem at this location, on one line."""
         return SceneError(self.message(problem))
 
     @contextmanager
     def refusals(self) -> Iterator[None]:
-        """Turn a model's refusal 'link: mass: expected ...' into '$.path.mass: expected ...'."""
+        """Convert errors of the model, 'link: mass: expected ...', to '$.path.mass: expected ...'."""
         try:
             yield
         except SceneError:
@@ -69,15 +69,15 @@ class Location:
             raise self.refuse(problem or str(cause)) from cause
 
 
-def read_bytes(path: Path, most: int = LARGEST_FILE) -> bytes:
+def read_bytes(path: Path, most: int = LARGEST_TEXT) -> bytes:
     """Return a file's bytes.
 
     Args:
         path: the file.
-        most: how many it may have.
+        most: the largest number of bytes.
 
     Raises:
-        SceneError: if it cannot be read, or is larger.
+        SceneError: it cannot be read, or is larger.
     """
     try:
         content = read_bounded(path, most)
@@ -130,7 +130,7 @@ def parse_toml(text: bytes, source: str) -> Any:
     """Return plain data from TOML text.
 
     Raises:
-        SceneError: if it is not valid TOML, with line and column, or nested beyond all need.
+        SceneError: it is not valid TOML (the message gives line and column), or is nested too deeply.
     """
     try:
         decoded = text.decode("utf-8-sig")
@@ -148,7 +148,7 @@ def parse_toml(text: bytes, source: str) -> Any:
         raise refusal(source, f"not valid TOML: {fault}") from cause
 
 
-def convert(data: Any, kind: type[T], source: str, root: str = "$") -> T:
+def convert(data: Any, kind: type[Typed], source: str, root: str = "$") -> Typed:
     """Return plain data as a typed structure, nothing unknown, nothing missing.
 
     Args:

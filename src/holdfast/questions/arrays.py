@@ -30,6 +30,7 @@ class Row(NamedTuple):
         field: the field of `State` or `Inputs` that holds it; "" if none does.
         of: the chains that have it: all, those with a "trunk", those whose trunk is "standing", or those that "float".
         value: a parameter's numbers for a chain; None if the chain does not hold them.
+        labels: names of the entries along its last axis, where they do not follow from the unit; see `entries`.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Row(NamedTuple):
     field: str = ""
     of: str = ""
     value: Callable[[ClosedChain], Any] | None = None
+    labels: tuple[str, ...] = ()
 
     def shape(self, chain: ClosedChain) -> Shape:
         """Return its shape for a chain."""
@@ -60,12 +62,33 @@ class Row(NamedTuple):
         return self.name.endswith("_pose")
 
     @property
+    def entries(self) -> list[tuple[str, str]]:
+        """Name and unit of each entry along its last axis; none if they have no names.
+
+        A unit with commas, such as that of wrenches, lists the units of equal parts of the axis.
+        """
+        if self.is_pose:
+            return [*((name, "") for name in ("qw", "qx", "qy", "qz")), *((axis, "m") for axis in "xyz")]
+        names = self.labels or [f"{half}_{axis}" for half in HALVES.get(self.unit, ()) for axis in "xyz"]
+        units = self.unit.split(", ")
+        return [(name, units[k * len(units) // len(names)]) for k, name in enumerate(names)]
+
+    @property
     def text(self) -> str:
         """Its shape, meaning and unit, as documentation gives them."""
         known = () if callable(self.axes) else self.axes
         inside = ", ".join(map(str, known)) + ("," if len(known) == 1 else "")
         shape = "" if callable(self.axes) else f"({inside}) " if known else ""
         return f"{shape}{self.meaning}{f' [{self.unit}]' if self.unit else ''}"
+
+
+# names of the halves of spatial vectors, by unit
+HALVES = {
+    "N m, N": ("moment", "force"),
+    "rad/s, m/s": ("omega", "v"),
+    "rad/s^2, m/s^2": ("omega_dot", "v_dot"),
+    "N m s, N s": ("angular", "linear"),
+}
 
 
 def value_of(name: str, chain: ClosedChain) -> Array:
@@ -201,8 +224,8 @@ _ROWS = (
     Row("base_wrench", ("arms", 6), "N m, N", "wrench of each base on its arm about the base's origin, world axes"),
     Row("trunk_base_wrench", WRENCH, "N m, N", "wrench of the base on the trunk about the base's origin, world axes",
         "result", "", "trunk"),
-    Row("floating_acceleration", ACCELERATION, "rad/s^2, m/s^2", "acceleration of the floating base, world axes",
-        "result", "base_acceleration", "float"),
+    Row("floating_acceleration", ACCELERATION, "rad/s^2, m/s^2", "[omega_dot; v_dot of its origin] of the floating"
+        " base, world axes", "result", "base_acceleration", "float"),
     Row("rank", (), "", "number of independent rows of the grasp constraint"),
     Row("status", (), "", "status, as returned"),
     Row("condition", (), "", "condition of the grasp constraint"),

@@ -3,15 +3,10 @@
 from .built_in import HOME as HOME
 from .built_in import ROBOTS as ROBOTS
 from .descriptions import load_robot_description as load_robot_description
-from .gen3 import GEN3_HOME as GEN3_HOME
 from .gen3 import gen3 as gen3
-from .iiwa14 import IIWA14_HOME as IIWA14_HOME
 from .iiwa14 import iiwa14 as iiwa14
-from .mechanisms import Mechanism as Mechanism
 from .mechanisms import stewart_platform as stewart_platform
 from .mechanisms import three_finger_hand as three_finger_hand
-from .panda import PANDA_HOME as PANDA_HOME
 from .panda import panda as panda
-from .ur5e import UR5E_HOME as UR5E_HOME
 from .ur5e import ur5e as ur5e
 from .urdf import urdf_chain as urdf_chain

@@ -9,7 +9,7 @@ import numpy as np
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.joint import UNBOUNDED
-from holdfast.robots.link_table import LinkTable, Row, signed_axes
+from holdfast.robots.link_table import JointRow, LinkTable, signed_axes
 from holdfast.robots.primitive import box, capsule, cylinder
 from holdfast.spatial.pose import Pose
 
@@ -19,19 +19,19 @@ FLANGE = Pose(signed_axes("x -y -z"), np.array([0.0, 0.0, -0.061525]))  # the in
 
 # fmt: off
 ROWS = (
-    Row("joint_1", "shoulder_link", "x -y -z", (0.0, 0.0, 0.15643), UNBOUNDED, 1.3963, 39.0, 1.3773,
+    JointRow("joint_1", "shoulder_link", "x -y -z", (0.0, 0.0, 0.15643), UNBOUNDED, 1.3963, 39.0, 1.3773,
         (-2.3e-05, -0.010364, -0.07336), (0.00457, 0.004831, 0.001409, 1e-06, 2e-06, 0.000448)),
-    Row("joint_2", "half_arm_1_link", "x z -y", (0.0, 0.005375, -0.12838), (-2.24, 2.24), 1.3963, 39.0, 1.1636,
+    JointRow("joint_2", "half_arm_1_link", "x z -y", (0.0, 0.005375, -0.12838), (-2.24, 2.24), 1.3963, 39.0, 1.1636,
         (-4.4e-05, -0.09958, -0.013278), (0.011088, 0.001072, 0.011255, 5e-06, 0.0, -0.000691)),
-    Row("joint_3", "half_arm_2_link", "x -z y", (0.0, -0.21038, -0.006375), UNBOUNDED, 1.3963, 39.0, 1.1636,
+    JointRow("joint_3", "half_arm_2_link", "x -z y", (0.0, -0.21038, -0.006375), UNBOUNDED, 1.3963, 39.0, 1.1636,
         (-4.4e-05, -0.006641, -0.117892), (0.010932, 0.011127, 0.001043, 0.0, -7e-06, 0.000606)),
-    Row("joint_4", "forearm_link", "x z -y", (0.0, 0.006375, -0.21038), (-2.57, 2.57), 1.3963, 39.0, 0.9302,
+    JointRow("joint_4", "forearm_link", "x z -y", (0.0, 0.006375, -0.21038), (-2.57, 2.57), 1.3963, 39.0, 0.9302,
         (-1.8e-05, -0.075478, -0.015006), (0.008147, 0.000631, 0.008316, -1e-06, 0.0, -0.0005)),
-    Row("joint_5", "spherical_wrist_1_link", "x -z y", (0.0, -0.20843, -0.006375), UNBOUNDED, 1.2218, 9.0, 0.6781,
+    JointRow("joint_5", "spherical_wrist_1_link", "x -z y", (0.0, -0.20843, -0.006375), UNBOUNDED, 1.2218, 9.0, 0.6781,
         (1e-06, -0.009432, -0.063883), (0.001596, 0.001607, 0.000399, 0.0, 0.0, 0.000256)),
-    Row("joint_6", "spherical_wrist_2_link", "x z -y", (0.0, 0.00017505, -0.10593), (-2.09, 2.09), 1.2218, 9.0, 0.6781,
-        (1e-06, -0.045483, -0.00965), (0.001641, 0.00041, 0.001641, 0.0, 0.0, -0.000278)),
-    Row("joint_7", "bracelet_link", "x -z y", (0.0, -0.10593, -0.00017505), UNBOUNDED, 1.2218, 9.0, 0.5,
+    JointRow("joint_6", "spherical_wrist_2_link", "x z -y", (0.0, 0.00017505, -0.10593), (-2.09, 2.09), 1.2218, 9.0,
+        0.6781, (1e-06, -0.045483, -0.00965), (0.001641, 0.00041, 0.001641, 0.0, 0.0, -0.000278)),
+    JointRow("joint_7", "bracelet_link", "x -z y", (0.0, -0.10593, -0.00017505), UNBOUNDED, 1.2218, 9.0, 0.5,
         (0.000281, 0.011402, -0.029798), (0.000587, 0.000369, 0.000609, 3e-06, 3e-06, -0.000118)),
 )
 # fmt: on

@@ -8,7 +8,7 @@ import numpy as np
 
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.robots.link_table import LinkTable, Row
+from holdfast.robots.link_table import JointRow, LinkTable
 from holdfast.robots.primitive import Primitive, capsule, cylinder, sphere
 from holdfast.spatial.pose import Pose
 
@@ -19,19 +19,19 @@ A170, A120, A175 = ((-angle * DEGREE, angle * DEGREE) for angle in (170, 120, 17
 
 # fmt: off
 ROWS = (
-    Row("iiwa_joint_1", "iiwa_link_1", "x y z", (0.0, 0.0, 0.1575), A170, 85 * DEGREE, 320.0,
+    JointRow("iiwa_joint_1", "iiwa_link_1", "x y z", (0.0, 0.0, 0.1575), A170, 85 * DEGREE, 320.0,
         5.76, (0.0, -0.03, 0.12), (0.033, 0.0333, 0.0123, 0.0, 0.0, 0.0)),
-    Row("iiwa_joint_2", "iiwa_link_2", "-x z y", (0.0, 0.0, 0.2025), A120, 85 * DEGREE, 320.0,
+    JointRow("iiwa_joint_2", "iiwa_link_2", "-x z y", (0.0, 0.0, 0.2025), A120, 85 * DEGREE, 320.0,
         6.35, (0.0003, 0.059, 0.042), (0.0305, 0.0304, 0.011, 0.0, 0.0, 0.0)),
-    Row("iiwa_joint_3", "iiwa_link_3", "-x z y", (0.0, 0.2045, 0.0), A170, 100 * DEGREE, 176.0,
+    JointRow("iiwa_joint_3", "iiwa_link_3", "-x z y", (0.0, 0.2045, 0.0), A170, 100 * DEGREE, 176.0,
         3.5, (0.0, 0.03, 0.13), (0.025, 0.0238, 0.0076, 0.0, 0.0, 0.0)),
-    Row("iiwa_joint_4", "iiwa_link_4", "x z -y", (0.0, 0.0, 0.2155), A120, 75 * DEGREE, 176.0,
+    JointRow("iiwa_joint_4", "iiwa_link_4", "x z -y", (0.0, 0.0, 0.2155), A120, 75 * DEGREE, 176.0,
         3.5, (0.0, 0.067, 0.034), (0.017, 0.0164, 0.006, 0.0, 0.0, 0.0)),
-    Row("iiwa_joint_5", "iiwa_link_5", "-x z y", (0.0, 0.1845, 0.0), A170, 130 * DEGREE, 110.0,
+    JointRow("iiwa_joint_5", "iiwa_link_5", "-x z y", (0.0, 0.1845, 0.0), A170, 130 * DEGREE, 110.0,
         3.5, (0.0001, 0.021, 0.076), (0.01, 0.0087, 0.00449, 0.0, 0.0, 0.0)),
-    Row("iiwa_joint_6", "iiwa_link_6", "x z -y", (0.0, 0.0, 0.2155), A120, 135 * DEGREE, 40.0,
+    JointRow("iiwa_joint_6", "iiwa_link_6", "x z -y", (0.0, 0.0, 0.2155), A120, 135 * DEGREE, 40.0,
         1.8, (0.0, 0.0006, 0.0004), (0.0049, 0.0047, 0.0036, 0.0, 0.0, 0.0)),
-    Row("iiwa_joint_7", "iiwa_link_7", "-x z y", (0.0, 0.081, 0.0), A175, 135 * DEGREE, 40.0,
+    JointRow("iiwa_joint_7", "iiwa_link_7", "-x z y", (0.0, 0.081, 0.0), A175, 135 * DEGREE, 40.0,
         1.2, (0.0, 0.0, 0.02), (0.001, 0.001, 0.001, 0.0, 0.0, 0.0)),
 )
 # fmt: on

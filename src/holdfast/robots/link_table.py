@@ -14,10 +14,8 @@ from holdfast.robots.primitive import Primitive
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-Vector3 = tuple[float, float, float]
 
-
-class Row(NamedTuple):
+class JointRow(NamedTuple):
     """A revolute joint about its link's z axis, and that link.
 
     Attributes:
@@ -35,12 +33,12 @@ class Row(NamedTuple):
     joint: str
     link: str
     axes: str
-    origin: Vector3
+    origin: tuple[float, float, float]
     limits: tuple[float, float]
     rate: float
     effort: float
     mass: float
-    com: Vector3
+    com: tuple[float, float, float]
     inertia: tuple[float, float, float, float, float, float]
 
 
@@ -56,7 +54,7 @@ class LinkTable(NamedTuple):
     """
 
     name: str
-    rows: tuple[Row, ...]
+    rows: tuple[JointRow, ...]
     flange: Pose
     home: Array
     visuals: tuple[tuple[Primitive, ...], ...]

@@ -13,35 +13,33 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.spatial import rotation
-from holdfast.spatial.pose import Pose
+from holdfast.spatial.pose import UP, Pose
 from holdfast.spatial.scalar import Array
-
-UP = np.array([0.0, 0.0, 1.0])
 
 # The platform.
 BASE_RADIUS, BASE_SPREAD = 0.35, np.deg2rad(25.0)  # radius of the lower joints [m]; half the angle within a pair
 TOP_RADIUS, TOP_SPREAD = 0.22, np.deg2rad(12.0)
-HEIGHT = 0.45  # height of the upper joints above the lower ones, with drives at mid stroke [m]
+PLATFORM_HEIGHT = 0.45  # height of the upper joints above the lower ones, with drives at mid stroke [m]
 STROKE = 0.12  # in each direction [m]
 TILT = np.deg2rad(40.0)  # in each direction
-CROSS, CYLINDER, ROD = 0.4, 2.0, 1.2  # masses [kg]
+CROSS_MASS, CYLINDER, ROD = 0.4, 2.0, 1.2  # masses [kg]
 CYLINDER_LENGTH, ROD_LENGTH, ROD_RADIUS = 0.28, 0.3, 0.015  # [m]
 
 # The hand.
-PALM_RADIUS = 0.06  # radius of the knuckles [m]
+KNUCKLE_RADIUS = 0.06  # radius of the knuckles [m]
 PHALANGES = (0.055, 0.05)  # [m]
 FINGER_RADIUS = 0.009  # [m]
 # name, axis in a finger's axes (z along it, x away from the centre of the palm), limits [rad], effort [N m];
 # the middle of the limits is a pinch
-JOINTS = (
+FINGER_JOINTS = (
     ("swing", (1.0, 0.0, 0.0), (-0.4, 0.4), 0.7),
     ("twist", (0.0, 0.0, 1.0), (-0.6, 0.6), 0.4),
     ("bend", (0.0, -1.0, 0.0), (-1.2, 0.6), 1.2),
     ("curl", (0.0, -1.0, 0.0), (0.0, 2.5), 0.7),
 )
-LINKS = (("knuckle", 0.02, 0.02), ("base", 0.02, 0.02), ("proximal", 0.05, 0.055), ("distal", 0.035, 0.05))  # kg, m
+FINGER = (("knuckle", 0.02, 0.02), ("base", 0.02, 0.02), ("proximal", 0.05, 0.055), ("distal", 0.035, 0.05))  # kg, m
 FEET = (0.0, 0.0, 0.0, PHALANGES[0])  # origin of each link along its parent's z axis [m]
-CONTACT = Friction(mu=0.8, torsion_radius=0.006)
+FINGERTIP = Friction(mu=0.8, torsion_radius=0.006)
 
 
 class Mechanism(NamedTuple):
@@ -84,7 +82,7 @@ def stewart_platform(payload: float = 20.0) -> Mechanism:
     bottoms, tops = _ring(BASE_RADIUS, BASE_SPREAD), _ring(TOP_RADIUS, np.pi / 3 - TOP_SPREAD)
     arms, grasps = {}, {}
     for k, (bottom, top) in enumerate(zip(bottoms, tops, strict=True)):
-        axis = top + HEIGHT * UP - bottom
+        axis = top + PLATFORM_HEIGHT * UP - bottom
         length = math.hypot(*axis)
         arms[f"leg{k + 1}"] = _leg(length, Pose(rotation.exp(rotation.align(UP, axis / length)), bottom))
         grasps[f"leg{k + 1}"] = Grasp("ball", Pose(np.eye(3), top))
@@ -109,7 +107,7 @@ def _leg(length: float, base: Pose) -> Arm:
         Joint("prismatic", z, Pose.translation(0, 0, length), "drive", stroke, rate_limit=0.5, effort_limit=500.0),
     ]
     links = [
-        Link(CROSS, np.zeros(3), 1e-4 * np.eye(3), "cross"),
+        Link(CROSS_MASS, np.zeros(3), 1e-4 * np.eye(3), "cross"),
         Link(CYLINDER, CYLINDER_LENGTH / 2 * z, _solid_cylinder(CYLINDER, CYLINDER_LENGTH, 2 * ROD_RADIUS), "cylinder"),
         Link(ROD, -ROD_LENGTH / 2 * z, _solid_cylinder(ROD, ROD_LENGTH, ROD_RADIUS), "rod"),
     ]
@@ -139,9 +137,9 @@ def three_finger_hand(mass: float = 0.15, radius: float = 0.035) -> Mechanism:
     for k in range(3):
         turn = rotation.exp(2 * np.pi / 3 * k * UP)
         outward = turn[:, 0]
-        arms[f"finger{k + 1}"] = _finger(Pose(turn, PALM_RADIUS * outward))
+        arms[f"finger{k + 1}"] = _finger(Pose(turn, KNUCKLE_RADIUS * outward))
         inward = Pose(np.stack([turn[:, 2], turn[:, 1], -turn[:, 0]], axis=1), radius * outward)
-        grasps[f"finger{k + 1}"] = Grasp("softfinger", inward, CONTACT)
+        grasps[f"finger{k + 1}"] = Grasp("softfinger", inward, FINGERTIP)
     return Mechanism(arms, HeldObject(mass, 0.4 * mass * radius**2 * np.eye(3)), grasps)
 
 
@@ -149,10 +147,10 @@ def _finger(base: Pose) -> Arm:
     """Return a finger along the z axis of its base, with x pointing away from the centre of the palm."""
     joints = [
         Joint("revolute", np.array(axis), Pose.translation(0.0, 0.0, foot), name, limits, 6.0, effort)
-        for (name, axis, limits, effort), foot in zip(JOINTS, FEET, strict=True)
+        for (name, axis, limits, effort), foot in zip(FINGER_JOINTS, FEET, strict=True)
     ]
     links = [
-        Link(mass, length / 2 * UP, _solid_cylinder(mass, length, FINGER_RADIUS), name) for name, mass, length in LINKS
+        Link(mass, length / 2 * UP, _solid_cylinder(mass, length, FINGER_RADIUS), name) for name, mass, length in FINGER
     ]
     return Arm(joints, links, Pose.translation(0.0, 0.0, PHALANGES[1]), base, name="finger")
 

@@ -15,12 +15,12 @@ from holdfast.errors import SceneError
 MANIFEST = "package.xml"
 LARGEST_MANIFEST = 2**20  # [bytes]
 MOST_FOLDERS = 5000  # that are looked at below one folder
-DEEPEST = 3  # levels from a workspace to its packages
-SOURCES, PREFIXES = "ROS_PACKAGE_PATH", ("AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")
+DEPTH = 3  # levels from a workspace to its packages
+ROS_PATH, PREFIXES = "ROS_PACKAGE_PATH", ("AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")
 
 
 @dataclass(frozen=True)
-class Packages:
+class PackageFolders:
     """The packages that a robot's file can refer to.
 
     Attributes:
@@ -70,20 +70,18 @@ class Packages:
                     else:
                         others.append(place)
             workspace = [at for at in own.parents if at.name == "src"][:1]
-            for at, levels in [*((at, 1) for at in (*self.within, own.parent)), *((at, DEEPEST) for at in workspace)]:
+            for at, levels in [*((at, 1) for at in (*self.within, own.parent)), *((at, DEPTH) for at in workspace)]:
                 yield from (found for found in _packages_below(at, levels) if _stated(found) == name)
         for prefix in (at for variable in PREFIXES for at in _paths_in(variable)):
             yield from (prefix / "share" / name, prefix / name / "share" / name)
-        for at in _paths_in(SOURCES):
-            yield from (
-                found for found in (at, *_packages_below(at, DEEPEST)) if (_stated(found) or found.name) == name
-            )
+        for at in _paths_in(ROS_PATH):
+            yield from (found for found in (at, *_packages_below(at, DEPTH)) if (_stated(found) or found.name) == name)
         yield from others
 
     def not_found(self, name: str) -> str:
         """Return where a package was looked for, and how to say where it is."""
         beside = "" if self.own is None else f"beside {self.own} and the folders above, "
-        searched = ", ".join(f"{one} ({'set' if os.environ.get(one) else 'not set'})" for one in (SOURCES, *PREFIXES))
+        searched = ", ".join(f"{one} ({'set' if os.environ.get(one) else 'not set'})" for one in (ROS_PATH, *PREFIXES))
         return (
             f"no package {name[:60]!r} {beside}in {searched}; try --package {name}=FOLDER on the command line,"
             f" packages = {{ {name} = 'FOLDER' }} in a scene, packages={{'{name}': 'FOLDER'}} in Python"

@@ -13,12 +13,12 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen, FrozenDict
-from holdfast.spatial.pose import Pose
+from holdfast.spatial.pose import UP, Pose
 from holdfast.spatial.scalar import Array
 
-Kind = Literal["capsule", "cylinder", "box", "sphere"]
-SIZES: Mapping[str, int] = FrozenDict({"capsule": 2, "cylinder": 2, "box": 3, "sphere": 1})
-COLOURS: Mapping[str, tuple[int, int, int]] = FrozenDict(
+PrimitiveKind = Literal["capsule", "cylinder", "box", "sphere"]
+SIZE_COUNTS: Mapping[str, int] = FrozenDict({"capsule": 2, "cylinder": 2, "box": 3, "sphere": 1})
+LINK_COLOURS: Mapping[str, tuple[int, int, int]] = FrozenDict(
     {
         "white": (236, 236, 232),
         "grey": (150, 154, 158),
@@ -28,7 +28,6 @@ COLOURS: Mapping[str, tuple[int, int, int]] = FrozenDict(
         "accent": (96, 150, 196),
     }
 )
-_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +39,11 @@ class Primitive(Frozen):
         pose: pose of its centre, in link axes.
         size: for a capsule or cylinder, radius and length (without the caps of a capsule); for a box, edge lengths
             along x, y, z; for a sphere, radius [m].
-        colour: a name in `COLOURS`, which contains red, green and blue from 0 to 255. Viewers may replace "accent" by a
-            colour specific to the arm.
+        colour: a name in `LINK_COLOURS`, which contains red, green and blue from 0 to 255. Viewers may replace
+            "accent" by a colour specific to the arm.
     """
 
-    kind: Kind
+    kind: PrimitiveKind
     pose: Pose
     size: tuple[float, ...]
     colour: str = field(default="grey")
@@ -52,12 +51,14 @@ class Primitive(Frozen):
     def __post_init__(self) -> None:
         checks.instance(self.kind, str, "primitive: kind")
         checks.instance(self.colour, str, "primitive: colour")
-        if self.kind not in get_args(Kind):
-            raise ModelError(f"primitive: kind: expected one of {', '.join(SIZES)}, got {checks.short(self.kind)}")
-        if self.colour not in COLOURS:
-            raise ModelError(f"primitive: no colour '{self.colour}'.{checks.did_you_mean(self.colour, COLOURS)}")
+        if self.kind not in get_args(PrimitiveKind):
+            raise ModelError(
+                f"primitive: kind: expected one of {', '.join(SIZE_COUNTS)}, got {checks.short(self.kind)}"
+            )
+        if self.colour not in LINK_COLOURS:
+            raise ModelError(f"primitive: no colour '{self.colour}'.{checks.did_you_mean(self.colour, LINK_COLOURS)}")
         object.__setattr__(self, "pose", checks.pose(self.pose, "primitive: pose"))
-        size = checks.numbers(self.size, (SIZES[self.kind],), f"primitive: size of a {self.kind}")
+        size = checks.numbers(self.size, (SIZE_COUNTS[self.kind],), f"primitive: size of a {self.kind}")
         if (size <= 0).any():
             raise ModelError(f"primitive: size: expected lengths > 0, got {self.size}")
         object.__setattr__(self, "size", tuple(size.tolist()))
@@ -74,7 +75,7 @@ def rod(kind: Literal["capsule", "cylinder"], start: Any, end: Any, radius: floa
     length = float(np.sqrt(axis @ axis))
     if length == 0:
         raise ModelError(f"rod: expected two points, got {start} twice; try a sphere")
-    pose = Pose(rotation.exp(rotation.align(_UP, axis / length)), 0.5 * (start + end))
+    pose = Pose(rotation.exp(rotation.align(UP, axis / length)), 0.5 * (start + end))
     return Primitive(kind, pose, (radius, length), colour)
 
 

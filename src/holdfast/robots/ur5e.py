@@ -8,28 +8,28 @@ import numpy as np
 
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.robots.link_table import LinkTable, Row
+from holdfast.robots.link_table import JointRow, LinkTable
 from holdfast.robots.primitive import capsule, cylinder
 from holdfast.spatial.pose import Pose
 
 RIGHT = np.pi / 2
 UR5E_HOME = checks.read_only(np.array([0.0, -RIGHT, RIGHT, -RIGHT, -RIGHT, 0.0]))  # flange down
-TURN, HALF = (-2 * np.pi, 2 * np.pi), (-np.pi, np.pi)
-RATE = np.pi
+ONE_TURN, HALF = (-2 * np.pi, 2 * np.pi), (-np.pi, np.pi)
+JOINT_RATE = np.pi
 
 # fmt: off
 ROWS = (
-    Row("shoulder_pan_joint", "shoulder_link", "-x -y z", (0.0, 0.0, 0.1625), TURN, RATE, 150.0, 3.761,
+    JointRow("shoulder_pan_joint", "shoulder_link", "-x -y z", (0.0, 0.0, 0.1625), ONE_TURN, JOINT_RATE, 150.0, 3.761,
         (0.0, -0.00193, -0.02561), (0.00700210, 0.00657286, 0.00648091, 0.00001053, 0.00000073, -0.00049994)),
-    Row("shoulder_lift_joint", "upper_arm_link", "x z -y", (0.0, 0.0, 0.0), TURN, RATE, 150.0, 8.058,
+    JointRow("shoulder_lift_joint", "upper_arm_link", "x z -y", (0.0, 0.0, 0.0), ONE_TURN, JOINT_RATE, 150.0, 8.058,
         (-0.2125, 0.0, 0.11336), (0.01505885, 0.33388086, 0.33247207, -0.00005400, 0.00000563, -0.00000181)),
-    Row("elbow_joint", "forearm_link", "x y z", (-0.425, 0.0, 0.0), HALF, RATE, 150.0, 2.846,
+    JointRow("elbow_joint", "forearm_link", "x y z", (-0.425, 0.0, 0.0), HALF, JOINT_RATE, 150.0, 2.846,
         (-0.2422, 0.0, 0.0265), (0.00399632, 0.07879254, 0.07848510, -0.00001365, 0.00137272, -0.00000660)),
-    Row("wrist_1_joint", "wrist_1_link", "x y z", (-0.3922, 0.0, 0.1333), TURN, RATE, 28.0, 1.37,
+    JointRow("wrist_1_joint", "wrist_1_link", "x y z", (-0.3922, 0.0, 0.1333), ONE_TURN, JOINT_RATE, 28.0, 1.37,
         (0.0, -0.01634, -0.0018), (0.00165491, 0.00126279, 0.00135962, 0.00000438, -0.00000282, -0.00010157)),
-    Row("wrist_2_joint", "wrist_2_link", "x z -y", (0.0, -0.0997, 0.0), TURN, RATE, 28.0, 1.3,
+    JointRow("wrist_2_joint", "wrist_2_link", "x z -y", (0.0, -0.0997, 0.0), ONE_TURN, JOINT_RATE, 28.0, 1.3,
         (0.0, 0.01634, -0.0018), (0.00135617, 0.00096614, 0.00127827, 0.00000444, 0.00000274, 0.00005048)),
-    Row("wrist_3_joint", "wrist_3_link", "x -z y", (0.0, 0.0996, 0.0), TURN, RATE, 28.0, 0.365,
+    JointRow("wrist_3_joint", "wrist_3_link", "x -z y", (0.0, 0.0996, 0.0), ONE_TURN, JOINT_RATE, 28.0, 0.365,
         (0.0, 0.0, -0.001159), (0.00018694, 0.00018908, 0.00025756, 0.00000006, -0.00000017, -0.00000092)),
 )
 # fmt: on

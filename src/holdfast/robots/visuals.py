@@ -11,8 +11,8 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.robots.built_in import builtin_of
 from holdfast.robots.primitive import Primitive, box, capsule, cylinder, sphere
-from holdfast.robots.recognise import builtin_of
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 

@@ -25,7 +25,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.trunk import Trunk
 from holdfast.robots.packages import given_packages
-from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.source import UrdfSource
 from holdfast.scenario import parts
 from holdfast.scenario.joints import pose, require_names
 from holdfast.scenario.overrides import overridden, toml_text
@@ -87,7 +87,7 @@ class Scenario:
         return {**({} if self.trunk is None else {TRUNK: self.trunk}), **self.robots}
 
     @property
-    def sources(self) -> dict[str, Source]:
+    def sources(self) -> dict[str, UrdfSource]:
         """The URDFs from which arms and trunk are loaded, by name."""
         return {name: one.source for name, one in self.made.items() if one.source is not None}
 
@@ -103,7 +103,7 @@ def load_scene(
     folder: str | PathLike[str] | None = None,
     *,
     trust_xacro: bool = False,
-    robots: Mapping[str, Source] | None = None,
+    robots: Mapping[str, UrdfSource] | None = None,
     packages: Mapping[str, str | PathLike[str]] | None = None,
 ) -> Scenario:
     """Return the scenario of a TOML file.

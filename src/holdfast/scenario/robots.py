@@ -22,7 +22,7 @@ from holdfast.model.trunk import Trunk
 from holdfast.robots import ROBOTS
 from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf import UrdfChain, UrdfTrunkChain, urdf_chain, urdf_trunk
-from holdfast.robots.urdf.source import Source, read_source
+from holdfast.robots.urdf.source import UrdfSource, read_source
 from holdfast.scenario.joints import body, joints_and_links, pose
 from holdfast.scenario.scene import ArmTable, TrunkTable, UrdfTable
 from holdfast.spatial.frozen import FrozenDict
@@ -46,7 +46,7 @@ class Robot:
 
     arm: Arm
     q: Array
-    source: Source | None = None
+    source: UrdfSource | None = None
     links: UrdfChain | None = None
 
     @property
@@ -68,10 +68,10 @@ class RobotFiles:
 
     folder: Path = Path()
     trust_xacro: bool = False
-    kept: Mapping[str, Source] = field(default_factory=dict)
+    kept: Mapping[str, UrdfSource] = field(default_factory=dict)
     packages: Mapping[str, str | PathLike[str]] = field(default_factory=dict)
 
-    def source(self, data: UrdfTable, name: str) -> Source:
+    def source(self, data: UrdfTable, name: str) -> UrdfSource:
         """Return the URDF of an arm, or of the trunk.
 
         Raises:
@@ -165,7 +165,7 @@ def built_in(name: str | None, base: Pose, at: Location) -> Arm:
     return ROBOTS[name](base=base)
 
 
-def chain_of_file(data: UrdfTable, source: Source, base: Pose, at: Location) -> UrdfChain:
+def chain_of_file(data: UrdfTable, source: UrdfSource, base: Pose, at: Location) -> UrdfChain:
     """Return the chain between two links of a file, with the armature and springs that the scene gives its joints.
 
     Raises:
@@ -230,7 +230,7 @@ class SceneTrunk:
     base_twist: Array | None = None
     mounts: Mapping[str, str | int] = field(default_factory=FrozenDict)
     arms: Mapping[str, Robot] = field(default_factory=FrozenDict)
-    source: Source | None = None
+    source: UrdfSource | None = None
     links: UrdfTrunkChain | UrdfChain | None = None
 
     @property

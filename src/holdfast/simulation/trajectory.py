@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.momentum_balance import ACCOUNTS
 from holdfast.errors import ModelError, StateError
+from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.simulation.balance import imbalance, momentum_imbalance
+from holdfast.questions.arrays import ARRAYS, RAD, RATE, TORQUE, Row
+from holdfast.simulation.balance import WORK_TERMS, imbalance, momentum_imbalance
 from holdfast.simulation.events import Occurrence
+from holdfast.simulation.margins import JOINT_QUANTITIES
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import Setting
 from holdfast.spatial.converted import NOT_GIVEN
@@ -130,88 +134,53 @@ TRUNK_FIELDS = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wren
 class Trajectory(Frozen, RunOutputs):
     """A run sampled at every step; the first axis of every array is the sample.
 
-    A single sample has the same fields without that axis. `UNITS` gives units and axes. Times increase. If torques,
-    inputs or grasps jump, there are two samples whose times differ by 1e-15 s or by one unit in the last place.
+    Shapes are those of one sample: a single sample has the same fields without the first axis. Arrays of a trunk or of
+    a floating base have the shape (0,) without one. Times increase. If torques, inputs or grasps jump, there are two
+    samples whose times differ by 1e-15 s or by one unit in the last place. `RUN_ARRAYS` lists the arrays as data.
 
     Attributes:
-        t: (samples,) [s].
-        q, qd, qdd, tau: (samples, n).
-        object_pose: (samples, 7) wxyz_xyz.
-        object_twist, object_acceleration: (samples, 6).
-        grasp_wrench, internal_wrench, wrist_wrench, base_wrench: (samples, arms, 6).
-        load_share, holding, spin: (samples, arms).
-        margin, best_margin, worst_margin, lowest_margin, lowest_margin_time: (samples, arms).
-        lowest_joint_margin, lowest_joint_margin_time, lowest_joint: (samples, 3), for each of
-            `margins.JOINT_QUANTITIES`.
-        position_gap, velocity_gap: (samples, 2).
-        kinetic, potential, impact: (samples,).
-        work: (samples, 4) since the start, see `balance.WORK_TERMS` [J].
-        momentum, momentum_rate, base_impulse: (samples, 6).
-        condition: (samples,) of the grasp constraint.
-        base_pose: (samples, 7) wxyz_xyz of a trunk's floating base; (samples, 0) without one.
-        base_twist, base_acceleration: (samples, 6), or (samples, 0) without a floating base.
-        trunk_base_wrench: (samples, 6); (samples, 0) without a trunk.
         stopped: None for a run that reached its end, otherwise the reason why it ended.
         occurrences: the log in order of time: grasps that closed or opened, limits that were passed, and so on.
         setting: chain, base motions and arguments of the run; None for a run that was assembled from arrays.
     """
 
-    t: Annotated[Array, "s"]
-    q: Annotated[Array, "rad or m"]
-    qd: Annotated[Array, "rad/s or m/s"]
-    qdd: Annotated[Array, "rad/s^2 or m/s^2"]
-    tau: Annotated[Array, "N m or N"]
-    object_pose: Annotated[Array, "unit quaternion wxyz, then m; world axes"]
-    object_twist: Annotated[Array, "[omega; v of C], rad/s and m/s, world axes"]
-    object_acceleration: Annotated[Array, "[omega_dot; v_dot of C], rad/s^2 and m/s^2, world axes"]
-    grasp_wrench: Annotated[
-        Array, "[moment; force] of each arm on the object about the contact point, N m and N, world axes"
-    ]
-    internal_wrench: Annotated[Array, "the part of grasp_wrench that does not move the object"]
-    load_share: Annotated[Array, "part of the net force that each arm carries, 1; all 0 where there is no net force"]
-    wrist_wrench: Annotated[
-        Array, "[moment; force] of each arm across its tip frame, about the tip's origin, N m and N, tip axes"
-    ]
-    base_wrench: Annotated[
-        Array, "[moment; force] of the base on each arm about the base origin, N m and N, world axes"
-    ]
-    holding: Annotated[Array, "whether each arm has a grasp"]
-    spin: Annotated[Array, "turn of each soft finger's contact about its normal, rad; 0 for other grasps"]
-    margin: Annotated[Array, "how far each grasp is from giving way, N; infinite where nothing limits"]
-    best_margin: Annotated[Array, "the largest margin that internal forces of no effect on the motion allow, N"]
-    worst_margin: Annotated[Array, "the smallest, N; minus infinity where they have no bound"]
-    lowest_margin: Annotated[Array, "the lowest margin of each grasp since the sample before, N"]
-    lowest_margin_time: Annotated[Array, "when that was, s"]
-    lowest_joint_margin: Annotated[
-        Array,
-        "the lowest margin of any joint since the sample before: position in rad or m, rate in rad/s or m/s, effort in"
-        " N m or N; infinite where nothing limits",
-    ]
-    lowest_joint_margin_time: Annotated[Array, "when that was, s"]
-    lowest_joint: Annotated[Array, "which joint that was, by place in q"]
-    position_gap: Annotated[Array, "worst grasp before and after projection, m or rad"]
-    velocity_gap: Annotated[Array, "worst grasp before and after projection, m/s or rad/s"]
-    kinetic: Annotated[Array, "J"]
-    potential: Annotated[Array, "J"]
-    work: Annotated[Array, "work since the start of drives, damping and friction, bases, external wrenches, J"]
-    impact: Annotated[Array, "energy that impulses have added since the start, J"]
-    momentum: Annotated[
-        Array, "[angular; linear] of links and object about the world's origin, N m s and N s, world axes"
-    ]
-    momentum_rate: Annotated[
-        Array, "[moment; force] of bases, weights and external wrenches about the world's origin, N m and N"
-    ]
-    base_impulse: Annotated[
-        Array,
-        "[angular; linear] impulses of the bases in impacts since the start, about the world's origin, N m s and N s",
-    ]
-    condition: Annotated[Array, "1"]
-    base_pose: Annotated[Array, "unit quaternion wxyz, then m, of a floating base; world axes"] = NOT_GIVEN
-    base_twist: Annotated[Array, "[omega; v of the floating base's origin], rad/s and m/s, world axes"] = NOT_GIVEN
-    base_acceleration: Annotated[Array, "[omega_dot; v_dot of that origin], rad/s^2 and m/s^2, world axes"] = NOT_GIVEN
-    trunk_base_wrench: Annotated[
-        Array, "[moment; force] of the base on the trunk about the base origin, N m and N, world axes"
-    ] = NOT_GIVEN
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    object_pose: Array
+    object_twist: Array
+    object_acceleration: Array
+    grasp_wrench: Array
+    internal_wrench: Array
+    load_share: Array
+    wrist_wrench: Array
+    base_wrench: Array
+    holding: Array
+    spin: Array
+    margin: Array
+    best_margin: Array
+    worst_margin: Array
+    lowest_margin: Array
+    lowest_margin_time: Array
+    lowest_joint_margin: Array
+    lowest_joint_margin_time: Array
+    lowest_joint: Array
+    position_gap: Array
+    velocity_gap: Array
+    kinetic: Array
+    potential: Array
+    work: Array
+    impact: Array
+    momentum: Array
+    momentum_rate: Array
+    base_impulse: Array
+    condition: Array
+    base_pose: Array = NOT_GIVEN
+    base_twist: Array = NOT_GIVEN
+    base_acceleration: Array = NOT_GIVEN
+    trunk_base_wrench: Array = NOT_GIVEN
     stopped: str | None = None
     occurrences: tuple[Occurrence, ...] = ()
     setting: Setting | None = None
@@ -321,14 +290,49 @@ def require_run_of(chain: Any, run: Any) -> None:
         )
 
 
-# unit and axes of every array of a trajectory, in order
-UNITS: dict[str, str] = {
-    name: hint.__metadata__[0]
-    for name, hint in get_type_hints(Trajectory, include_extras=True).items()
-    if hasattr(hint, "__metadata__")
+GAPS = ("before", "after")
+_RUN_ROWS = (
+    Row("internal_wrench", ("arms", 6), "N m, N", "the part of grasp_wrench that does not move the object"),
+    Row("load_share", ("arms",), "", "part of the net force that each arm carries; all 0 where there is no net force"),
+    Row("holding", ("arms",), "", "whether each arm has a grasp"),
+    Row("spin", ("arms",), "rad", "turn of each soft finger's contact about its normal; 0 for other grasps"),
+    Row("margin", ("arms",), "N", "how far each grasp is from giving way; infinite where nothing limits it"),
+    Row("best_margin", ("arms",), "N", "the largest margin that internal forces of no effect on the motion allow"),
+    Row("worst_margin", ("arms",), "N", "the smallest such margin; minus infinity where they have no bound"),
+    Row("lowest_margin", ("arms",), "N", "the lowest margin of each grasp since the sample before"),
+    Row("lowest_margin_time", ("arms",), "s", "when that was"),
+    Row("lowest_joint_margin", (3,), f"{RAD}, {RATE}, {TORQUE}", "the lowest margins of position, rate and effort of"
+        " any joint since the sample before; infinite where nothing limits them", labels=JOINT_QUANTITIES),
+    Row("lowest_joint_margin_time", (3,), "s", "when that was", labels=JOINT_QUANTITIES),
+    Row("lowest_joint", (3,), "", "which joint that was, by place in q", labels=JOINT_QUANTITIES),
+    Row("position_gap", (2,), "m or rad", "position gap of the worst grasp, before and after projection", labels=GAPS),
+    Row("velocity_gap", (2,), "m/s or rad/s", "velocity gap of the worst grasp, before and after projection",
+        labels=GAPS),
+    Row("work", (4,), "J", "work since the start of drives, damping and friction, bases, external wrenches",
+        labels=WORK_TERMS),
+    Row("impact", (), "J", "energy that impulses have added since the start"),
+    Row("momentum", (6,), "N m s, N s", "[angular; linear] momentum of links and object about the world's origin, world"
+        " axes"),
+    Row("momentum_rate", (6,), "N m, N", "[moment; force] of bases, weights and external wrenches about the world's"
+        " origin, world axes"),
+    Row("base_impulse", (6,), "N m s, N s", "[angular; linear] impulses of the bases in impacts since the start, about"
+        " the world's origin, world axes"),
+)  # fmt: skip
+_KNOWN_ROWS = {
+    **ARRAYS,
+    **{row.field: row for row in ARRAYS.values() if row.field},
+    **ACCOUNTS.rows,
+    "wrist_wrench": WRISTS.rows["wrist_wrenches"],
+    **{row.name: row for row in _RUN_ROWS},
 }
+# the arrays of a trajectory, in order
+RUN_ARRAYS: Mapping[str, Row] = {one.name: _KNOWN_ROWS[one.name] for one in fields(Trajectory) if one.type == "Array"}
+_SECTION = "    Attributes:\n"
+Trajectory.__doc__ = (Trajectory.__doc__ or "").replace(
+    _SECTION, _SECTION + "".join(f"        {name}: {row.text}.\n" for name, row in RUN_ARRAYS.items())
+)
 
 
 def array_names() -> list[str]:
     """Return the names of a trajectory's arrays."""
-    return list(UNITS)
+    return list(RUN_ARRAYS)

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.errors import ResultError
-from holdfast.io.columns import labels_of
+from holdfast.io.columns import array_columns
 from holdfast.io.save_run import meta_of
-from holdfast.io.table_reader import pyarrow
+from holdfast.io.tables import pyarrow
 from holdfast.simulation.rollout.record import RolloutRecord
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.setting import Setting
@@ -99,7 +99,7 @@ def columns_of(record: RolloutRecord, task: Chunk) -> dict[str, Array]:
         found |= _titled(f"drawn {name}", np.asarray(task.rows[name]))
     for name in task.outputs:
         array = getattr(record.systems, name)
-        titles = labels_of(name, array.shape[1:], meta)
+        titles = [column.title for column in array_columns(name, array.shape[1:], meta)]
         found |= dict(zip(titles, array.reshape(count, -1).T, strict=True))
     return found
 

@@ -17,8 +17,7 @@ from holdfast.control.traced_law import law_of
 from holdfast.errors import HoldfastError, SceneError
 from holdfast.io.files import file_path
 from holdfast.io.result_meta import SCENE, RobotRecord, kept_files, kept_robots
-from holdfast.io.store import read_manifest
-from holdfast.io.stored_file import Damage, advising, stored
+from holdfast.io.store import Damage, advising, read_manifest, stored
 from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.scenario.build import Scenario, parse_scene

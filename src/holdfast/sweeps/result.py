@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.errors import ResultError, StateError
-from holdfast.io.stored_file import UNREADABLE, Damage, advising, stored
+from holdfast.io.store import UNREADABLE, Damage, advising, stored
 from holdfast.model import checks
 from holdfast.names import called
 from holdfast.simulation.rollout.arguments import whole_number

@@ -8,7 +8,7 @@ scene.toml             text of the scene, for the sweep of a scene
 robot_*.urdf           robots that the scene takes from files, with xacro expanded
 robots.json            the arms and the robot files to which they belong
 
-A chunk counts once sweep.json, replaced atomically, names it (`io.store_writer`), or the log does.
+A chunk counts once sweep.json, replaced atomically, names it (`io.store`), or the log does.
 """
 
 from __future__ import annotations
@@ -27,14 +27,12 @@ from msgspec.structs import replace
 from holdfast.errors import ResultError
 from holdfast.io.files import LONGEST_NAME, one_line, reason_of
 from holdfast.io.result_meta import SCENE
-from holdfast.io.store import Kind, Manifest, read_manifest
-from holdfast.io.store_writer import StoreWriter
-from holdfast.io.stored_file import UNREADABLE, Damage, stored
+from holdfast.io.store import UNREADABLE, Damage, FolderKind, Manifest, StoreWriter, read_manifest, stored
 from holdfast.sweeps.chunk import Computed, parquet_modules
 from holdfast.sweeps.plan import Plan, digest_of
 
 LOG_FILE, LOCK_FILE, ROBOTS_FILE = "log.jsonl", "lock", "robots.json"
-SWEEP = Kind(
+SWEEP = FolderKind(
     name="sweep",
     manifest="sweep.json",
     versions=(2, 1),

@@ -14,7 +14,7 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import Trunk
 from holdfast.model.visuals import Cylinder, Sphere
-from holdfast.robots.mesh_files.limits import MeshFault
+from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.robots.visuals import arm_length, chain_length, equivalent_box, visuals_of, visuals_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import UP, Pose

@@ -13,9 +13,9 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.visuals import Box, Capsule, Cylinder, Sphere, Visual
 from holdfast.model.visuals import Mesh as MeshFile
-from holdfast.robots.mesh_files.limits import FARTHEST, MeshFault, require_triangles
+from holdfast.robots.mesh_files.mesh import FARTHEST_VERTEX, MeshFault, require_triangles
 from holdfast.robots.mesh_files.read import read_mesh
-from holdfast.robots.primitive import COLOURS, Primitive
+from holdfast.robots.primitive import LINK_COLOURS, Primitive
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.view import meshes
@@ -134,7 +134,7 @@ def _of_primitive(solid: Primitive, scale: float) -> LinkMesh:
     lengths = [scale * length for length in solid.size]
     make = {"cylinder": meshes.cylinder, "capsule": meshes.capsule, "sphere": meshes.sphere}
     mesh = meshes.box(np.array(lengths)) if solid.kind == "box" else make[solid.kind](*lengths)
-    return LinkMesh(mesh.at(solid.pose), None if solid.colour == "accent" else COLOURS[solid.colour])
+    return LinkMesh(mesh.at(solid.pose), None if solid.colour == "accent" else LINK_COLOURS[solid.colour])
 
 
 def piece_of(visual: Visual, read: Callable[[str], meshes.Mesh]) -> LinkMesh:
@@ -161,6 +161,6 @@ def _from_file(shape: MeshFile, read: Callable[[str], meshes.Mesh]) -> meshes.Me
     mirrored = np.prod(np.sign(shape.scale)) < 0
     with np.errstate(all="ignore"):
         vertices = found.vertices * shape.scale
-    if not (np.abs(vertices) <= FARTHEST).all():
-        raise MeshFault(f"{shape.filename}: scale: expected vertices within {FARTHEST:g} m, got one beyond")
+    if not (np.abs(vertices) <= FARTHEST_VERTEX).all():
+        raise MeshFault(f"{shape.filename}: scale: expected vertices within {FARTHEST_VERTEX:g} m, got one beyond")
     return meshes.Mesh(vertices, found.faces[:, ::-1] if mirrored else found.faces)

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from holdfast.robots.mesh_files.mesh import Mesh as Mesh
+from holdfast.robots.mesh_files.mesh import TriangleMesh as Mesh
 from holdfast.spatial.scalar import Array
 
 SEGMENTS = 24  # of a circle

@@ -17,7 +17,7 @@ from holdfast.forces.force_split import split
 from holdfast.forces.margins import grasp_margins
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.robots.mesh_files.limits import MeshFault
+from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.trajectory import Trajectory, require_run_of

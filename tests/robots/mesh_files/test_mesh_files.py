@@ -11,8 +11,8 @@ import pytest
 
 from holdfast.model.visuals import Mesh as MeshFile
 from holdfast.model.visuals import Visual
-from holdfast.robots.mesh_files import limits
-from holdfast.robots.mesh_files.limits import MeshFault
+from holdfast.robots.mesh_files import mesh
+from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
@@ -142,11 +142,11 @@ def test_damaged(name, content, message, read, tmp_path):
 
 def test_size_is_looked_at_first(read, monkeypatch):
     """A file that is too large is not read; nor is one surface that stands in too many places made."""
-    monkeypatch.setattr("holdfast.robots.mesh_files.read.LARGEST_FILE", 1000)
+    monkeypatch.setattr("holdfast.robots.mesh_files.read.LARGEST_MESH_FILE", 1000)
     with pytest.raises(MeshFault, match="expected at most 0 MiB, got more"):
         read(FILES["text.stl"], "a.stl")
     monkeypatch.undo()
-    monkeypatch.setattr(limits, "MOST_TRIANGLES", 3 * len(CORNERS))
+    monkeypatch.setattr(mesh, "MOST_TRIANGLES", 3 * len(CORNERS))
     assert len(read(dae_text(node='<instance_geometry url="#g"/>' * 2)).faces) == 3 * len(CORNERS)
     with pytest.raises(MeshFault, match="triangles, got"):
         read(dae_text(node='<instance_geometry url="#g"/>' * 3))
@@ -156,7 +156,7 @@ def test_all_meshes_of_an_arm(tmp_path, monkeypatch):
     """One mesh on many links counts as often as it is drawn."""
     (tmp_path / "a.obj").write_bytes(FILES["solid.obj"])
     link = [Visual("a", Pose.identity(), MeshFile("a.obj", (1.0, 1.0, 1.0)), None)]
-    monkeypatch.setattr(limits, "MOST_TRIANGLES", 3 * len(CORNERS))
+    monkeypatch.setattr(mesh, "MOST_TRIANGLES", 3 * len(CORNERS))
     assert meshes_of_urdf([link] * 3, tmp_path).link_meshes is not None
     assert "triangles, got" in meshes_of_urdf([link] * 4, tmp_path).missing[0]
     far = [Visual("a", Pose.identity(), MeshFile("a.obj", (1e300, 1.0, 1.0)), None)]
@@ -218,7 +218,8 @@ FUZZ = """
 import resource, sys
 from pathlib import Path
 import numpy as np
-from holdfast.robots.mesh_files.limits import MeshFault
+from holdfast.robots.mesh_files import mesh
+from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.robots.mesh_files.read import read_mesh
 from tests.robots.mesh_files.written import FILES, mutated
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.robots.mesh_files.mesh import Mesh
+from holdfast.robots.mesh_files.mesh import MeshFault
+from holdfast.robots.mesh_files.mesh import TriangleMesh as Mesh
 from holdfast.robots.mesh_files.solid import solid
 from holdfast.spatial import rotation
 from holdfast.view import meshes
@@ -89,3 +90,113 @@ def test_wrong_calls(tmp_path):
     (tmp_path / "solid.txt").write_text("")
     with pytest.raises(hf.SceneError, match=r"expected a file of \.stl"):
         hf.HeldObject.from_mesh(tmp_path / "solid.txt", mass=1.0)
+
+
+CUBE, HALF = meshes.box((1.0, 1.0, 1.0)), meshes.box((0.5, 0.5, 0.5))
+BALL = Mesh(meshes.sphere(0.5).vertices.round(9), meshes.sphere(0.5).faces)
+TURNS = [hf.Pose.identity(), hf.Pose.from_rpy(0.3, 0.5, -0.7, [20.0, -5.0, 3.0])]
+
+
+def moved(mesh, *p):
+    return mesh.at(hf.Pose.translation(*p))
+
+
+def reversed_(mesh):
+    return Mesh(mesh.vertices, mesh.faces[:, ::-1])
+
+
+def split(mesh):
+    """Return the same surface with each face divided into three at its centre."""
+    middle = mesh.vertices[mesh.faces].mean(axis=1)
+    apex = len(mesh.vertices) + np.arange(len(middle))
+    faces = [np.column_stack([mesh.faces[:, i], mesh.faces[:, (i + 1) % 3], apex]) for i in range(3)]
+    return Mesh(np.vstack([mesh.vertices, middle]), np.vstack(faces))
+
+
+def crossing_itself():
+    """Return one closed shell, a prism over a bow tie: half of it is inside out."""
+    corners = np.array([[0.0, 0], [1, 0.5], [1, 0], [0, 1]])
+    vertices = np.vstack([np.column_stack([corners, np.full(4, z)]) for z in (0.0, 1.0)])
+    sides = [[i, (i + 1) % 4, 4 + i] for i in range(4)] + [[(i + 1) % 4, 4 + (i + 1) % 4, 4 + i] for i in range(4)]
+    return Mesh(vertices, np.array([*sides, [2, 1, 0], [3, 2, 0], [4, 5, 6], [4, 6, 7]]))
+
+
+# volume, if every place is enclosed at most once, else what the error says
+SURFACES = {
+    "beside": ([CUBE, moved(CUBE, 1.5, 0, 0)], 2.0),
+    "touching": ([CUBE, moved(CUBE, 1.0, 0.3, -0.2)], 2.0),
+    "touching in an edge": ([CUBE, moved(CUBE, 1.0, 1.0, 0)], 2.0),
+    "a cavity": ([CUBE, reversed_(HALF)], 0.875),
+    "a cavity, and a body in it": ([CUBE, reversed_(HALF), meshes.box((0.2, 0.2, 0.2))], 0.883),
+    "a cavity that is filled": ([CUBE, reversed_(HALF), HALF], 1.0),
+    "overlapping": ([CUBE, moved(CUBE, 0.5, 0.2, 0.1)], "twice"),
+    "overlapping in a corner": ([CUBE, moved(CUBE, 0.99, 0.99, 0.99)], "twice"),
+    "overlapping a little": ([CUBE, moved(CUBE, 0.9999, 0, 0)], "twice"),
+    "bars that cross": ([meshes.box((1.0, 0.1, 0.1)), meshes.box((0.1, 1.0, 0.1))], "twice"),
+    "within, in one plane": ([CUBE, moved(meshes.box((1.0, 1.0, 0.5)), 0, 0, 0.25)], "twice"),
+    "within": ([CUBE, HALF], "reversing it"),
+    "far within": ([CUBE, meshes.box((0.01, 0.01, 0.01))], "twice"),
+    "twice": ([CUBE, CUBE], "occur twice"),
+    "twice, with other faces": ([CUBE, split(CUBE)], "twice"),
+    "faces twice": ([Mesh(CUBE.vertices, np.vstack([CUBE.faces, CUBE.faces]))], "twice"),
+    "spheres": ([BALL, moved(BALL, 0.3, 0, 0)], "twice"),
+    "one inside out": ([CUBE, moved(reversed_(HALF), 3.0, 0, 0)], "inside out in parts"),
+    "a cavity that breaks through": ([CUBE, moved(reversed_(HALF), 0.4, 0, 0)], "inside out in parts"),
+    "crossing itself": ([crossing_itself()], "inside out in parts"),
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_surfaces(name, tmp_path):
+    """Also turned, moved away, and rounded to float32 by an STL."""
+    shells, expected = SURFACES[name]
+    for turn in TURNS:
+        mesh = meshes.joined(shells).at(turn)
+        rounded = mesh.vertices.astype(np.float32).astype(float)
+        if isinstance(expected, float):
+            assert solid(Mesh(rounded, mesh.faces)).volume == pytest.approx(expected, rel=1e-5)
+            continue
+        (tmp_path / "part.stl").write_bytes(stl_bytes(rounded[mesh.faces]))
+        with pytest.raises(hf.SceneError, match=f"part.stl: .*{expected}"):
+            hf.HeldObject.from_mesh(tmp_path / "part.stl", mass=1.0)
+
+
+def test_random_pairs_of_boxes():
+    """Refused if and only if the boxes overlap, however they are turned together."""
+    rng = np.random.default_rng(5)
+    outcomes = []
+    for _ in range(40):
+        edges, middle = rng.uniform(0.1, 1.0, (2, 3)), rng.uniform(-0.8, 0.8, 3)
+        depth = (edges.sum(axis=0) / 2 - np.abs(middle)).min()  # of the overlap, along the axis where it is least
+        both = meshes.joined([meshes.box(tuple(edges[0])), moved(meshes.box(tuple(edges[1])), *middle)])
+        turned = both.at(hf.Pose.from_rpy(*rng.uniform(-3, 3, 3), rng.uniform(-2, 2, 3)))
+        outcomes.append(depth)
+        if depth < 0.0:
+            assert solid(turned).volume == pytest.approx(edges.prod(axis=1).sum(), rel=1e-12)
+        elif depth > 0.005:  # smaller overlaps may pass between the lines
+            with pytest.raises(MeshFault, match="twice"):
+                solid(turned)
+    assert 5 < np.count_nonzero(np.array(outcomes) < 0.0) < 35
+
+
+def test_the_place_that_is_told_lies_in_both():
+    """The example in the message is in the overlap."""
+    shells = [moved(CUBE, 5.0, 0, 0), moved(CUBE, 5.6, 0.7, 0.0)]
+    with pytest.raises(MeshFault) as caught:
+        solid(meshes.joined(shells))
+    place = np.array(str(caught.value).split("(")[1].split(")")[0].split(","), dtype=float)
+    for middle in ([5.0, 0, 0], [5.6, 0.7, 0]):
+        assert (np.abs(place - middle) < 0.501).all()
+
+
+def test_valid_surfaces_of_many_faces():
+    """Rough closed surfaces, of slivers too, are accepted; their volume is that of their tetrahedra."""
+    rng = np.random.default_rng(3)
+    sphere = meshes.sphere(1.0)
+    for _ in range(6):
+        radii = rng.uniform(0.3, 1.0, len(sphere.vertices))
+        _, same = np.unique(sphere.vertices.round(9), axis=0, return_inverse=True)
+        stretch = 10.0 ** rng.uniform(-2, 2, 3)
+        rough = Mesh(sphere.vertices.round(9) * radii[same.ravel()][:, None] * stretch, sphere.faces)
+        corners = rough.vertices[rough.faces]
+        assert solid(rough).volume == pytest.approx(np.linalg.det(corners).sum() / 6, rel=1e-12)

@@ -14,13 +14,13 @@ from xml.parsers import expat
 
 import numpy as np
 
-from holdfast.robots.mesh_files.limits import MOST_TRIANGLES, MeshFault, numbers, require_triangles
-from holdfast.robots.mesh_files.mesh import Mesh
+from holdfast.robots.mesh_files.mesh import MOST_TRIANGLES, MeshFault, TriangleMesh, numbers, require_triangles
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 
-DEEPEST_NODE = 50  # levels of nested nodes, instances included
-MOST_NODES = 20_000
+DEEPEST_NODE, MOST_NODES = 50, 20_000  # levels of nested nodes, instances included; nodes in all
+DEEPEST_COLLADA, MOST_COLLADA = 200, 200_000
+MOST_OFFSET = 64  # numbers per corner: indices of its vertex, normal, texture, ...
 
 
 def read_collada(content: bytes) -> tuple[Array, Array]:
@@ -31,7 +31,7 @@ def read_collada(content: bytes) -> tuple[Array, Array]:
     """
     root = parse_collada(content)
     vertices, faces, base, seen = [], [], 0, 0
-    read: dict[str, list[Mesh]] = {}
+    read: dict[str, list[TriangleMesh]] = {}
     by_id = {e.get("id", ""): e for e in root.iter() if e.tag in ("geometry", "node", "visual_scene")}
     for geometry, transform in _placed(_scene(root, by_id), by_id, np.diag([*3 * [_metres(root)], 1.0])):
         if geometry not in read:
@@ -126,10 +126,6 @@ def _values(text: str | None, count: int, what: str) -> Array:
     return values
 
 
-MOST_ELEMENTS = 200_000
-DEEPEST_ELEMENT = 200
-
-
 def parse_collada(content: bytes) -> Element:
     """Return the root element, with tags without prefixes.
 
@@ -142,8 +138,8 @@ def parse_collada(content: bytes) -> Element:
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth, count
         depth, count = depth + 1, count + 1
-        if depth > DEEPEST_ELEMENT or count > MOST_ELEMENTS:
-            raise MeshFault(f"expected at most {MOST_ELEMENTS:,} elements in {DEEPEST_ELEMENT} levels, got more")
+        if depth > DEEPEST_COLLADA or count > MOST_COLLADA:
+            raise MeshFault(f"expected at most {MOST_COLLADA:,} elements in {DEEPEST_COLLADA} levels, got more")
         builder.start(tag.rpartition(":")[2], attributes)
 
     def end(tag: str) -> None:
@@ -169,10 +165,7 @@ def parse_collada(content: bytes) -> Element:
     return root
 
 
-MOST_OFFSET = 64  # numbers per corner: indices of its vertex, normal, texture, ...
-
-
-def surfaces(geometry: Element) -> list[Mesh]:
+def surfaces(geometry: Element) -> list[TriangleMesh]:
     """Return the surfaces of a geometry; empty for lines and splines.
 
     Raises:
@@ -196,12 +189,12 @@ def surfaces(geometry: Element) -> list[Mesh]:
     return found
 
 
-def _surface(points: Array, faces: Array) -> Mesh:
+def _surface(points: Array, faces: Array) -> TriangleMesh:
     """Return the faces with only the points that they use, because the surface may be used many times."""
     if faces.min() < 0 or faces.max() >= len(points):
         raise MeshFault(f"expected faces of its {len(points)} vertices, got one of others")
     used, indices = np.unique(faces, return_inverse=True)
-    return Mesh(points[used], indices.reshape(-1, 3))
+    return TriangleMesh(points[used], indices.reshape(-1, 3))
 
 
 def _corner(part: Element) -> tuple[int, int, str]:

@@ -12,8 +12,8 @@ from holdfast.robots.urdf.document import Element, quoted, shortened
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-LARGEST = 1e9  # limit of lengths, angles, masses and inertias in SI units; larger values are mistakes
-LONGEST_NAME = 256
+LARGEST_VALUE = 1e9  # limit of lengths, angles, masses and inertias in SI units; larger values are mistakes
+LONGEST_URDF_NAME = 256
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _INFINITE = re.compile(r"[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
@@ -22,9 +22,9 @@ _INFINITE = re.compile(r"[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
 def name(element: Element, attribute: str = "name") -> str:
     """Return a name, which must be printable, not blank, and at most 256 characters long."""
     stated = text(element, attribute, "a name")
-    if not stated.strip() or not stated.isprintable() or len(stated) > LONGEST_NAME:
+    if not stated.strip() or not stated.isprintable() or len(stated) > LONGEST_URDF_NAME:
         raise element.refuse(
-            f"{attribute}: expected a name of 1 to {LONGEST_NAME} printable characters, got {len(stated)}:"
+            f"{attribute}: expected a name of 1 to {LONGEST_URDF_NAME} printable characters, got {len(stated)}:"
             f" {quoted(stated)}"
         )
     return stated
@@ -56,7 +56,7 @@ def vector(element: Element, attribute: str, default: tuple[float, float, float]
     """Return three numbers; if the attribute is missing, the default is returned if there is one."""
     if default is not None and attribute not in element.attributes:
         return np.array(default)
-    return np.array(numbers(element, attribute, 3, LARGEST))
+    return np.array(numbers(element, attribute, 3, LARGEST_VALUE))
 
 
 def axis(element: Element) -> Array:
@@ -91,7 +91,7 @@ def numbers(element: Element, attribute: str, count: int, size: float) -> list[f
     return parsed(element, attribute, text(element, attribute, expected), count, size)
 
 
-def parsed(element: Element, what: str, stated: str, count: int = 1, size: float = LARGEST) -> list[float]:
+def parsed(element: Element, what: str, stated: str, count: int = 1, size: float = LARGEST_VALUE) -> list[float]:
     """Return the `count` numbers in a text, whose absolute values must not exceed `size`."""
     expected = "a number" if count == 1 else f"{count} numbers separated by blanks"
     words = stated.split() if len(stated) < 1000 else []

@@ -1,4 +1,4 @@
-"""The path through a tree of links as a chain of rigid bodies and the joints between them.
+"""The path through a tree of links as a chain of rigid bodies and the joints between them; one body as the held object.
 
 Fixed and locked joints weld their links together, including side branches. A joint that is passed from child to parent
 rotates about the same axis in the opposite direction. With its placement T0,
@@ -10,13 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Container
 from dataclasses import dataclass, replace
+from os import PathLike
+from typing import Any
 
 import numpy as np
 
 from holdfast.errors import ModelError
+from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
-from holdfast.robots.urdf.document import quoted
-from holdfast.robots.urdf.path import Locks, PassedJoint
+from holdfast.robots.notes import show_notes
+from holdfast.robots.urdf.document import listed, quoted
+from holdfast.robots.urdf.path import Locks, PassedJoint, known_link
+from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.robot import UrdfJoint, UrdfRobot
 from holdfast.spatial.inertia import turned, welded
 from holdfast.spatial.pose import Pose
@@ -25,7 +30,7 @@ from holdfast.spatial.vector import product
 
 SLIGHT = 1e-4  # of a body's largest principal moment: by so much the inertia of one of its links may be impossible
 
-Welded = dict[str, Pose]  # pose in the body's frame, by link name
+LinkPoses = dict[str, Pose]  # pose in the body's frame, by link name
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +45,7 @@ class WeldedBody:
 
     step: PassedJoint
     placement: Pose
-    links: Welded
+    links: LinkPoses
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +63,13 @@ class FoldedChain:
 
     base: str
     path: list[PassedJoint]
-    on_base: Welded
+    on_base: LinkPoses
     bodies: tuple[WeldedBody, ...]
     tip: Pose
     floats: bool = False
 
     @property
-    def moving(self) -> tuple[Welded, ...]:
+    def moving(self) -> tuple[LinkPoses, ...]:
         """The links of each body that moves, base to tip."""
         return (*([self.on_base] if self.floats else []), *(body.links for body in self.bodies))
 
@@ -93,7 +98,7 @@ def fold(base: str, path: list[PassedJoint], locks: Locks, *, floats: bool = Fal
     return FoldedChain(base, path, on_base, tuple(bodies), at, floats)
 
 
-def _weld_branches(links: Welded, passed: set[str], locks: Locks) -> None:
+def _weld_branches(links: LinkPoses, passed: set[str], locks: Locks) -> None:
     """Add the links that are attached to those of a body by fixed and locked joints off the path."""
     waiting = list(links)
     while waiting:
@@ -106,7 +111,7 @@ def _weld_branches(links: Welded, passed: set[str], locks: Locks) -> None:
             waiting.append(beyond)
 
 
-def moving_branches(links: Welded, passed: Container[str], locks: Locks) -> list[UrdfJoint]:
+def moving_branches(links: LinkPoses, passed: Container[str], locks: Locks) -> list[UrdfJoint]:
     """Return the movable joints off the path on a body, at any depth. O(links)."""
     found, waiting, seen = [], list(links), set(links)
     while waiting:
@@ -122,7 +127,7 @@ def moving_branches(links: Welded, passed: Container[str], locks: Locks) -> list
     return found
 
 
-def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool, notes: list[str]) -> Link:
+def welded_link(robot: UrdfRobot, links: LinkPoses, moved: str, physical: bool, notes: list[str]) -> Link:
     """Return the links of a body combined to one link.
 
         m = sum m_i,  c = sum m_i c_i / m,  J = sum R_i J_i R_i^T + m_i (d_i.d_i 1 - d_i d_i^T)
@@ -145,7 +150,7 @@ def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool, not
 
 
 def inertia_parts(
-    robot: UrdfRobot, links: Welded, physical: bool, notes: list[str]
+    robot: UrdfRobot, links: LinkPoses, physical: bool, notes: list[str]
 ) -> list[tuple[float, Array, Array]]:
     """Return the mass, mass centre and inertia about it of each link that has them, in the frame of the links' poses.
 
@@ -185,3 +190,43 @@ def inertia_parts(
                     )
                 )
     return parts
+
+
+def held_object_from_urdf(
+    path_or_text: str | PathLike[str], link: str | None, physical: bool, **options: Any
+) -> HeldObject:
+    """Return the object of a URDF file; see `HeldObject.from_urdf`. O(links).
+
+    Args:
+        path_or_text: path of the file, or its text.
+        link: name of the link; None for the root.
+        physical: as for `HeldObject`.
+        **options: xacro_args, trust_xacro and packages of `read_urdf`.
+
+    Raises:
+        SceneError: as for `HeldObject.from_urdf`.
+    """
+    robot = read_urdf(path_or_text, **options)
+    start = robot.root if link is None else known_link(robot, link, "link")
+    at, waiting, moving = {start: Pose.identity()}, [start], []
+    while waiting:
+        name = waiting.pop()
+        for joint in robot.joints_below[name]:
+            if joint.is_fixed:
+                at[joint.child] = at[name] @ joint.origin
+                waiting.append(joint.child)
+            else:
+                moving.append(joint.name)
+    if moving:
+        raise robot.links[start].element.refuse(
+            f"expected one rigid body, got joints that move parts of it: {listed(moving)}; try link=, naming one of"
+            f" {listed(list(robot.links))}, or joints of type fixed"
+        )
+    notes: list[str] = []
+    parts = inertia_parts(robot, at, physical, notes)
+    show_notes((*robot.notes, *(note for name in at for note in robot.links[name].notes), *notes))
+    if not parts:
+        raise robot.links[start].element.refuse(f"expected <inertial> in {quoted(start)}, got none; try adding one")
+    mass, com, inertia = welded(parts)
+    with robot.links[start].element.refusals():
+        return HeldObject(mass, inertia, com, physical)

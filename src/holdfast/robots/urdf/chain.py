@@ -2,27 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any, Unpack
+from typing import Any, TypedDict, Unpack
 
+import holdfast.robots.urdf.chain_checks as chain_checks
+from holdfast.errors import CallError
+from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.names import did_you_mean
 from holdfast.robots.notes import show_notes
 from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, welded_link
-from holdfast.robots.urdf.chain_notes import coupling_notes, read_within, tip_note_of
 from holdfast.robots.urdf.document import quoted
-from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
-from holdfast.robots.urdf.path import Locks, checked_locks, ends, known_link, path_between, resting_position
-from holdfast.robots.urdf.refusals import hanging, refuse_loose, shared
-from holdfast.robots.urdf.robot import MOVING, UrdfRobot
-from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.path import (
+    Locks,
+    PassedJoint,
+    checked_locks,
+    ends,
+    known_link,
+    path_between,
+    resting_position,
+)
+from holdfast.robots.urdf.reader import read_urdf
+from holdfast.robots.urdf.robot import MOVABLE, UrdfRobot
+from holdfast.robots.urdf.source import UrdfSource
 from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
 
-OF_JOINT = ("position_limits", "rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
+JOINT_FIELDS = ("position_limits", "rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
+
+
+class UrdfOptions(TypedDict, total=False):
+    """The keywords that `load_urdf`, `load_urdf_arms`, `load_urdf_trunk`, `urdf_chain` and `urdf_chains` share."""
+
+    locked: Mapping[str, float] | None
+    lock_others: bool
+    mount: Any
+    physical: bool
+    xacro_args: Mapping[str, str] | None
+    trust_xacro: bool
+    packages: Mapping[str, str | PathLike[str]] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,161 +75,6 @@ class UrdfChain:
     elsewhere: tuple[str, ...]
     notes: tuple[str, ...]
     tip_note: str = ""
-
-
-def urdf_chain(
-    path_or_text: str | PathLike[str] | Source,
-    *,
-    base: str | None = None,
-    tip: str | None = None,
-    **options: Unpack[UrdfOptions],
-) -> UrdfChain:
-    """Return the arm of `load_urdf` with the assignment of every link and with notes. O(links).
-
-    Args:
-        path_or_text: as for `load_urdf`.
-        base: as for `load_urdf`.
-        tip: as for `load_urdf`.
-        **options: as for `load_urdf`.
-
-    Raises:
-        SceneError, ModelError, MissingExtra: as for `load_urdf`.
-    """
-    robot = read_robot(path_or_text, options)
-    start, end = ends(robot, base, tip, checked_locks(robot, options.get("locked")))
-    path = path_between(robot, start, end)
-    locks = locks_of(robot, [path], options)
-    folded = fold(start, path, locks)
-    refuse_loose(locks, hanging(locks, folded))
-    return _alone(locks, folded, mount_of(options), options)
-
-
-def _alone(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
-    """Return an arm to which nothing outside of it is coupled."""
-    chain = chain_of(locks, folded, mount, options)
-    notes = coupling_notes(locks.robot, chain.bodies, [joint.name for joint in chain.arm.joints])
-    arm = replace(chain.arm, notes=(*notes, *chain.arm.notes))
-    return replace(chain, arm=arm, notes=(*notes, *chain.notes))
-
-
-def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
-    """Return the arm with its base link at a pose; all other joints on it must be locked."""
-    robot, base = locks.robot, folded.base
-    tip = folded.path[-1].beyond if folded.path else base
-    if not folded.bodies:
-        raise robot.element.refuse(
-            f"expected a joint that moves between base {quoted(base)} and tip {quoted(tip)}, got none"
-        )
-    bodies = (folded.on_base, *(body.links for body in folded.bodies))
-    visuals, unread = visuals_of_bodies(robot, bodies)
-    joints, links, changed = joints_and_links(robot, folded, options)
-    inside = {name for links in bodies for name in links}
-    locked, notes, frames = read_within(locks, folded)
-    notes += [*changed, *unread]
-    arm = Arm(joints, links, _plain(folded.tip), mount, robot.name, visuals, notes)
-    tip_note = tip_note_of(robot, arm, tip, folded)
-    return UrdfChain(
-        arm=arm,
-        robot=robot,
-        base=base,
-        tip=tip,
-        locked=locked,
-        bodies=bodies,
-        elsewhere=tuple(name for name in robot.links if name not in inside),
-        notes=(*notes, *frames, *([tip_note] if tip_note else [])),
-        tip_note=tip_note,
-    )
-
-
-def joints_and_links(
-    robot: UrdfRobot, folded: FoldedChain, options: UrdfOptions
-) -> tuple[list[Joint], list[Link], list[str]]:
-    """Return the joints of a chain and the links that they move, base to tip, with notes on changed inertias."""
-    physical, notes = options.get("physical", True), list[str]()
-    links = [
-        welded_link(robot, body.links, f"joint {quoted(body.step.joint.name)} moves it", physical, notes)
-        for body in folded.bodies
-    ]
-    return [_joint(body) for body in folded.bodies], links, notes
-
-
-def _joint(body: WeldedBody) -> Joint:
-    """Return the joint that moves a body."""
-    joint, down = body.step
-    if joint.fault is not None:
-        raise joint.fault
-    with joint.element.refusals():
-        return Joint(
-            kind=MOVING[joint.kind],  # pyright: ignore[reportArgumentType]
-            axis=joint.axis if down else 0.0 - joint.axis,
-            placement=_plain(body.placement),
-            name=joint.name,
-            **{quantity: getattr(joint, quantity) for quantity in OF_JOINT},
-        )
-
-
-def _plain(pose: Pose) -> Pose:
-    """Return the pose without -0.0, so that the compiler can drop zeros."""
-    return Pose(pose.R + 0.0, pose.p + 0.0)
-
-
-def urdf_chains(
-    path_or_text: str | PathLike[str], arms: Mapping[str, tuple[str, str]], **options: Unpack[UrdfOptions]
-) -> dict[str, UrdfChain]:
-    """Return the arms of `load_urdf_arms` with the assignment of every link and with notes. O(arms links).
-
-    Args:
-        path_or_text: as for `load_urdf_arms`.
-        arms: as for `load_urdf_arms`.
-        **options: as for `load_urdf_arms`.
-
-    Raises:
-        SceneError, ModelError, MissingExtra: as for `load_urdf_arms`.
-    """
-    robot = read_robot(path_or_text, options)
-    ends_of = _ends_of_arms(robot, arms)
-    paths = {name: path_between(robot, *ends) for name, ends in ends_of.items()}
-    locks = locks_of(robot, paths.values(), options)
-    loose = shared(locks, ends_of)
-    resting = {joint.name: resting_position(joint) for joint, _ in loose}
-    held_too = replace(locks, given={**resting, **locks.given})  # so that one error lists all that still moves
-    folds = {name: fold(base, paths[name], held_too) for name, (base, _) in ends_of.items()}
-    loose += [one for folded in folds.values() for one in hanging(held_too, folded)]
-    refuse_loose(locks, loose)
-    mount, chains = mount_of(options), {}
-    for name, folded in folds.items():
-        at, notes = _standing(locks, folded.base)
-        chain = _alone(locks, folded, mount @ at, options)
-        arm = replace(chain.arm, notes=(*notes, *chain.arm.notes))
-        chains[name] = replace(chain, arm=arm, notes=(*notes, *chain.notes))
-    return chains
-
-
-def _ends_of_arms(robot: UrdfRobot, arms: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
-    """Return the checked names of the base and tip link of each arm."""
-    if not isinstance(arms, Mapping) or not arms:
-        raise robot.element.refuse("arms: expected (base, tip) by name, such as {'left': ('torso', 'left_hand')}")
-    found = {}
-    for name, pair in arms.items():
-        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
-            raise robot.element.refuse(
-                f"arm '{name}': expected the names of base and tip link, got {quoted(str(pair))}"
-            )
-        base, tip = pair
-        found[name] = known_link(robot, base, f"arm '{name}': base"), known_link(robot, tip, f"arm '{name}': tip")
-    return found
-
-
-def _standing(locks: Locks, base: str) -> tuple[Pose, list[str]]:
-    """Return the pose of an arm's base link in the root link's frame, and notes on joints locked automatically."""
-    at, notes = Pose.identity(), []
-    for joint, _ in path_between(locks.robot, locks.robot.root, base):
-        across, q = locks.pose(joint), locks.position(joint)
-        assert across is not None
-        at = at @ across
-        if q is not None and joint.name not in locks.given:
-            notes.append(joint.element.message(f"locked at {q:g}, since it moves the base {quoted(base)}"))
-    return at, notes
 
 
 def load_urdf(
@@ -256,18 +123,9 @@ def load_urdf(
         ModelError: the mount is not a pose.
         MissingExtra: the file is a `.xacro` file, and xacrodoc is not installed.
     """
-    chain = urdf_chain(
-        path_or_text,
-        base=base,
-        tip=tip,
-        locked=locked,
-        lock_others=lock_others,
-        mount=mount,
-        physical=physical,
-        xacro_args=xacro_args,
-        trust_xacro=trust_xacro,
-        packages=packages,
-    )
+    options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
+    options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
+    chain = urdf_chain(path_or_text, base=base, tip=tip, **options)
     show_notes(chain.arm.notes)
     return chain.arm
 
@@ -314,3 +172,192 @@ def load_urdf_arms(
     chains = urdf_chains(path_or_text, arms, **options)
     show_notes(note for chain in chains.values() for note in chain.arm.notes)
     return {name: chain.arm for name, chain in chains.items()}
+
+
+def urdf_chain(
+    path_or_text: str | PathLike[str] | UrdfSource,
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+    **options: Unpack[UrdfOptions],
+) -> UrdfChain:
+    """Return the arm of `load_urdf` with the assignment of every link and with notes. O(links).
+
+    Args:
+        path_or_text: as for `load_urdf`.
+        base: as for `load_urdf`.
+        tip: as for `load_urdf`.
+        **options: as for `load_urdf`.
+
+    Raises:
+        SceneError, ModelError, MissingExtra: as for `load_urdf`.
+    """
+    robot = read_robot(path_or_text, options)
+    start, end = ends(robot, base, tip, checked_locks(robot, options.get("locked")))
+    path = path_between(robot, start, end)
+    locks = locks_of(robot, [path], options)
+    folded = fold(start, path, locks)
+    chain_checks.refuse_loose(locks, chain_checks.hanging(locks, folded))
+    return _alone(locks, folded, mount_of(options), options)
+
+
+def urdf_chains(
+    path_or_text: str | PathLike[str], arms: Mapping[str, tuple[str, str]], **options: Unpack[UrdfOptions]
+) -> dict[str, UrdfChain]:
+    """Return the arms of `load_urdf_arms` with the assignment of every link and with notes. O(arms links).
+
+    Args:
+        path_or_text: as for `load_urdf_arms`.
+        arms: as for `load_urdf_arms`.
+        **options: as for `load_urdf_arms`.
+
+    Raises:
+        SceneError, ModelError, MissingExtra: as for `load_urdf_arms`.
+    """
+    robot = read_robot(path_or_text, options)
+    ends_of = _ends_of_arms(robot, arms)
+    paths = {name: path_between(robot, *ends) for name, ends in ends_of.items()}
+    locks = locks_of(robot, paths.values(), options)
+    loose = chain_checks.shared(locks, ends_of)
+    resting = {joint.name: resting_position(joint) for joint, _ in loose}
+    held_too = replace(locks, given={**resting, **locks.given})  # so that one error lists all that still moves
+    folds = {name: fold(base, paths[name], held_too) for name, (base, _) in ends_of.items()}
+    loose += [one for folded in folds.values() for one in chain_checks.hanging(held_too, folded)]
+    chain_checks.refuse_loose(locks, loose)
+    mount, chains = mount_of(options), {}
+    for name, folded in folds.items():
+        at, notes = _standing(locks, folded.base)
+        chain = _alone(locks, folded, mount @ at, options)
+        arm = replace(chain.arm, notes=(*notes, *chain.arm.notes))
+        chains[name] = replace(chain, arm=arm, notes=(*notes, *chain.notes))
+    return chains
+
+
+def _ends_of_arms(robot: UrdfRobot, arms: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+    """Return the checked names of the base and tip link of each arm."""
+    if not isinstance(arms, Mapping) or not arms:
+        raise robot.element.refuse("arms: expected (base, tip) by name, such as {'left': ('torso', 'left_hand')}")
+    found = {}
+    for name, pair in arms.items():
+        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+            raise robot.element.refuse(
+                f"arm '{name}': expected the names of base and tip link, got {quoted(str(pair))}"
+            )
+        base, tip = pair
+        found[name] = known_link(robot, base, f"arm '{name}': base"), known_link(robot, tip, f"arm '{name}': tip")
+    return found
+
+
+def _standing(locks: Locks, base: str) -> tuple[Pose, list[str]]:
+    """Return the pose of an arm's base link in the root link's frame, and notes on joints locked automatically."""
+    at, notes = Pose.identity(), []
+    for joint, _ in path_between(locks.robot, locks.robot.root, base):
+        across, q = locks.pose(joint), locks.position(joint)
+        assert across is not None
+        at = at @ across
+        if q is not None and joint.name not in locks.given:
+            notes.append(joint.element.message(f"locked at {q:g}, since it moves the base {quoted(base)}"))
+    return at, notes
+
+
+def read_robot(path_or_text: str | PathLike[str] | UrdfSource, options: UrdfOptions) -> UrdfRobot:
+    """Return the links and joints in a file.
+
+    Raises:
+        CallError: there is no such option.
+        SceneError, MissingExtra: as for `load_urdf`.
+    """
+    known = UrdfOptions.__annotations__
+    if unknown := options.keys() - known.keys():
+        hint = did_you_mean(min(unknown), known)
+        raise CallError(f"URDF: got an unexpected keyword argument '{min(unknown)}'.{hint}")
+    return read_urdf(
+        path_or_text,
+        xacro_args=options.get("xacro_args"),
+        trust_xacro=options.get("trust_xacro", False),
+        packages=options.get("packages"),
+    )
+
+
+def locks_of(robot: UrdfRobot, paths: Collection[list[PassedJoint]], options: UrdfOptions) -> Locks:
+    """Return the joints that the options lock; those on the paths to the tips must be joints of arms."""
+    passed = frozenset(step.joint.name for path in paths for step in path)
+    locks = Locks(robot, checked_locks(robot, options.get("locked")), bool(options.get("lock_others")), passed)
+    for path in paths:
+        chain_checks.refuse_unsupported(locks, path)
+    return locks
+
+
+def mount_of(options: UrdfOptions) -> Pose:
+    """Return the option `mount` as a pose; by default the world frame."""
+    mount = options.get("mount")
+    return Pose.identity() if mount is None else checks.pose(mount, "mount")
+
+
+def _alone(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
+    """Return an arm to which nothing outside of it is coupled."""
+    chain = chain_of(locks, folded, mount, options)
+    notes = chain_checks.coupling_notes(locks.robot, chain.bodies, [joint.name for joint in chain.arm.joints])
+    arm = replace(chain.arm, notes=(*notes, *chain.arm.notes))
+    return replace(chain, arm=arm, notes=(*notes, *chain.notes))
+
+
+def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
+    """Return the arm with its base link at a pose; all other joints on it must be locked."""
+    robot, base = locks.robot, folded.base
+    tip = folded.path[-1].beyond if folded.path else base
+    if not folded.bodies:
+        raise robot.element.refuse(
+            f"expected a joint that moves between base {quoted(base)} and tip {quoted(tip)}, got none"
+        )
+    bodies = (folded.on_base, *(body.links for body in folded.bodies))
+    visuals, unread = visuals_of_bodies(robot, bodies)
+    joints, links, changed = joints_and_links(robot, folded, options)
+    inside = {name for links in bodies for name in links}
+    locked, notes, frames = chain_checks.read_within(locks, folded)
+    notes += [*changed, *unread]
+    arm = Arm(joints, links, _plain(folded.tip), mount, robot.name, visuals, notes)
+    tip_note = chain_checks.tip_note_of(robot, arm, tip, folded)
+    return UrdfChain(
+        arm=arm,
+        robot=robot,
+        base=base,
+        tip=tip,
+        locked=locked,
+        bodies=bodies,
+        elsewhere=tuple(name for name in robot.links if name not in inside),
+        notes=(*notes, *frames, *([tip_note] if tip_note else [])),
+        tip_note=tip_note,
+    )
+
+
+def joints_and_links(
+    robot: UrdfRobot, folded: FoldedChain, options: UrdfOptions
+) -> tuple[list[Joint], list[Link], list[str]]:
+    """Return the joints of a chain and the links that they move, base to tip, with notes on changed inertias."""
+    physical, notes = options.get("physical", True), list[str]()
+    links = [
+        welded_link(robot, body.links, f"joint {quoted(body.step.joint.name)} moves it", physical, notes)
+        for body in folded.bodies
+    ]
+    return [_joint(body) for body in folded.bodies], links, notes
+
+
+def _joint(body: WeldedBody) -> Joint:
+    """Return the joint that moves a body."""
+    joint, down = body.step
+    if joint.fault is not None:
+        raise joint.fault
+    with joint.element.refusals():
+        return Joint(
+            kind=MOVABLE[joint.kind],  # pyright: ignore[reportArgumentType]
+            axis=joint.axis if down else 0.0 - joint.axis,
+            placement=_plain(body.placement),
+            name=joint.name,
+            **{quantity: getattr(joint, quantity) for quantity in JOINT_FIELDS},
+        )
+
+
+def _plain(pose: Pose) -> Pose:
+    """Return the pose without -0.0, so that the compiler can drop zeros."""
+    return Pose(pose.R + 0.0, pose.p + 0.0)

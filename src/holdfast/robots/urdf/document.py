@@ -11,9 +11,9 @@ from xml.parsers import expat
 from holdfast.errors import HoldfastError, SceneError
 
 # The largest file among 400 real robots has 0.2 MB, 4,000 elements and 12 levels.
-LARGEST_FILE = 32 * 2**20  # [bytes]
+LARGEST_URDF = 32 * 2**20  # [bytes]
 MOST_ELEMENTS = 100_000
-DEEPEST = 100
+DEEPEST_XML = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +112,8 @@ def parse_document(text: bytes | str, source: str) -> Element:
         SceneError: the document is not well-formed, has an unknown encoding or a DOCTYPE (which can define unbounded
             entities), or has more than 32 MiB, 100,000 elements or 100 levels.
     """
-    if len(text) > LARGEST_FILE:
-        raise SceneError(f"{source}:1: robot: expected at most {LARGEST_FILE >> 20} MiB, got {len(text) >> 20} MiB")
+    if len(text) > LARGEST_URDF:
+        raise SceneError(f"{source}:1: robot: expected at most {LARGEST_URDF >> 20} MiB, got {len(text) >> 20} MiB")
     if not text.strip():
         raise SceneError(f"{source}:1: robot: expected XML, got nothing")
     builder = _Builder(source)
@@ -160,8 +160,8 @@ class _Builder:
         self.count += 1
         if self.count > MOST_ELEMENTS:
             raise element.refuse(f"expected at most {MOST_ELEMENTS:,} elements, got more")
-        if len(self.open) > DEEPEST:
-            raise element.refuse(f"expected at most {DEEPEST} levels of elements, got more")
+        if len(self.open) > DEEPEST_XML:
+            raise element.refuse(f"expected at most {DEEPEST_XML} levels of elements, got more")
 
     def _end(self, tag: str) -> None:
         self.open.pop()

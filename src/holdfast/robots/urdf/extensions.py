@@ -10,14 +10,15 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from holdfast.errors import SceneError
 from holdfast.robots.urdf.attributes import parsed
 from holdfast.robots.urdf.document import Element, quoted
-from holdfast.robots.urdf.robot import MOVING, PLANAR, WORLD, Coupling, UrdfJoint, UrdfLink
-from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, is_off, text_of
+from holdfast.robots.urdf.robot import MOVABLE, PLANAR, WORLD_LINK, Coupling, UrdfJoint, UrdfLink
+from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, is_off, of_drive, text_of
 
-OF_JOINT = {
+GAZEBO_QUANTITIES = {
     "springStiffness": "stiffness",
     "spring_stiffness": "stiffness",
     "springReference": "rest",
@@ -78,7 +79,7 @@ class Extensions:
             named |= {x for key, x in one.attributes.items() if one is not element or key not in ("name", "type")}
             named.update(one.stray)
         named = {name.rpartition("::")[2] for name in named}  # SDF puts the model before it
-        links = {self.frames.get(name, name) for name in named} & {*self.links, WORLD}
+        links = {self.frames.get(name, name) for name in named} & {*self.links, WORLD_LINK}
         self.couplings.append(Coupling(element, frozenset(links), frozenset(named & self.joints.keys())))
 
 
@@ -95,7 +96,7 @@ def gazebo(found: Extensions, element: Element) -> None:
         elif effect == "read" and child.tag in ("gravity", "turnGravityOff"):
             with found.faults_of([about]):
                 gravity(found, child, about)
-        elif effect == "read" and child.tag in (*OF_JOINT, "axis", "dynamics", "physics"):
+        elif effect == "read" and child.tag in (*GAZEBO_QUANTITIES, "axis", "dynamics", "physics"):
             with found.faults_of([about]):
                 _of_joint(found, child, about)
 
@@ -120,13 +121,13 @@ def gravity(found: Extensions, element: Element, link: str) -> None:
 def _of_joint(found: Extensions, element: Element, joint: str) -> None:
     """Read springs, dampers and friction of a joint, as Gazebo writes them or as SDF does."""
     tag = element.tag
-    if tag in OF_JOINT:
-        _value(found, element, joint, OF_JOINT[tag], text_of(element))
+    if tag in GAZEBO_QUANTITIES:
+        _value(found, element, joint, GAZEBO_QUANTITIES[tag], text_of(element))
     elif tag in ("axis", "dynamics"):
         found.note(joint, extension_notes(element, f"sdf {tag}"))
         for key, stated in element.attributes.items():
-            if tag == "dynamics" and key in OF_JOINT:
-                _value(found, element, joint, OF_JOINT[key], stated)
+            if tag == "dynamics" and key in GAZEBO_QUANTITIES:
+                _value(found, element, joint, GAZEBO_QUANTITIES[key], stated)
         for child in element.children:
             if child.tag == "mimic":
                 found.couple(child, [joint])
@@ -135,7 +136,7 @@ def _of_joint(found: Extensions, element: Element, joint: str) -> None:
     else:  # physics, and the engines in it
         found.note(joint, extension_notes(element, "sdf physics"))
         for child in element.children:
-            if child.tag in OF_JOINT or child.tag in ENGINES:
+            if child.tag in GAZEBO_QUANTITIES or child.tag in ENGINES:
                 _of_joint(found, child, joint)
 
 
@@ -204,7 +205,7 @@ def _joint(found: Extensions, joint: UrdfJoint) -> UrdfJoint:
         notes.append(
             joint.element.message(f"{', '.join([*stated, *(['rotor'] if rotors else [])])}: ignored for a planar joint")
         )
-    if joint.kind in MOVING:
+    if joint.kind in MOVABLE:
         fault = fault or found.faults.get(joint.name)
         try:
             own = {quantity: getattr(joint, quantity) for quantity in (*stated, "armature")}
@@ -216,3 +217,116 @@ def _joint(found: Extensions, joint: UrdfJoint) -> UrdfJoint:
         except SceneError as disagreement:
             fault = fault or disagreement
     return replace(joint, notes=tuple(notes), fault=fault, **values)
+
+
+def ros2_control(found: Extensions, element: Element) -> None:
+    """Read a <ros2_control> element: parameters of its joints, and its transmissions."""
+    joints = {child.attributes.get("name", ""): child for child in element.children if child.tag == "joint"}
+    driven = set[str]()
+    for child in element.children:
+        if child.tag == "transmission":
+            driven |= transmission(found, child, joints)
+        elif child.tag == "hardware" and any(one.quantity != "ratio" for one in _said(child)):
+            found.note("", [child.message("rotor inertia: expected it in a joint or a transmission; not read")])
+    for name, joint in joints.items():
+        if name not in driven:
+            with found.faults_of([name]):
+                _add_rotors(found, joint, name, [], [joint])
+        follows = any(p.attributes.get("name") == "mimic" for p in joint.children)
+        if follows and name in found.joints and found.joints[name].mimic is None:
+            found.note(name, [joint.message("param 'mimic': not read; try <mimic> in the joint")])
+        found.note(name, extension_notes(joint, "transmission part"))
+    found.note("", extension_notes(element, "ros2_control"))
+
+
+def drive(found: Extensions, element: Element, joint: str) -> None:
+    """Read what a <joint> says of its drive, or a <gazebo> element of a joint's."""
+    with found.faults_of([joint]):
+        _add_rotors(found, element, joint, [child for child in element.children if child.tag == "actuator"], [element])
+
+
+def transmission(found: Extensions, element: Element, described: dict[str, Element]) -> set[str]:
+    """Read a <transmission>, and return the names of its joints.
+
+    Args:
+        found: where to keep what is read.
+        element: the element.
+        described: elements of ros2_control that describe joints, by joint.
+    """
+    parts = [child for child in element.children if child.tag in VOCABULARY["transmission"].extensions]
+    joints = [part for part in parts if part.tag.lower().endswith("joint")]
+    actuators = [part for part in parts if part not in joints]
+    names = {joint.attributes.get("name", "") for joint in joints}
+    about = next(iter(names)) if len(names) == 1 else ""
+    shared = [element, *joints, *(described[name] for name in names if name in described)]
+    found.note(about, extension_notes(element, "transmission"))
+    for part in parts:
+        found.note(about, extension_notes(part, "transmission part"))
+    with found.faults_of(names):
+        said = [one for part in (*shared, *actuators) for one in _said(part)]
+        if len(names) == 1:
+            _add_rotors(found, element, about, actuators, shared)
+        elif any(one.value and one.quantity != "ratio" for one in said):
+            found.couple(element, names)
+    return names
+
+
+class DriveNumber(NamedTuple):
+    """A number that is stated of a drive."""
+
+    quantity: str
+    value: float
+    element: Element
+
+
+def _add_rotors(
+    found: Extensions, element: Element, joint: str, actuators: list[Element], shared: Iterable[Element]
+) -> None:
+    """Keep the reflected inertias of the actuators of one joint; of the drive as a whole if no actuator has one."""
+    common = [one for part in shared for one in _said(part)]
+    own = {id(part): _said(part) for part in actuators}
+    turning = [part for part in actuators if any(one.quantity != "ratio" for one in own[id(part)])]
+    drives = [(part, [*own[id(part)], *(one for one in common if one.quantity == "ratio")]) for part in turning]
+    if not turning:
+        drives = [(element, [*common, *(one for said in own.values() for one in said)])]
+    for part, said in drives:
+        by: dict[str, list[tuple[float, Element]]] = {"inertia": [], "armature": [], "ratio": []}
+        for one in said:
+            by[one.quantity].append((one.value, one.element))
+        if not any(value for value, _ in by["inertia"] + by["armature"]):
+            continue
+        if joint not in found.joints:
+            found.note("", [part.message(f"rotor inertia: not read, since there is no joint {quoted(joint)}")])
+            continue
+        ratios = [(abs(value), where) for value, where in by["ratio"] if abs(value) != 1.0]
+        ratio = agreed(ratios, "gear ratio") if ratios else 1.0
+        if ratio == 0.0:
+            raise ratios[0][1].refuse("expected a gear ratio, got 0")
+        reflected = agreed(by["inertia"], "rotor inertia") * ratio**2 if by["inertia"] else 0.0
+        armature = agreed(by["armature"], "armature") if by["armature"] else reflected
+        if by["inertia"] and not math.isclose(armature, reflected, rel_tol=1e-9):
+            raise part.refuse(f"expected armature = inertia ratio^2 = {reflected:g}, got {armature:g}")
+        name = part.attributes.get("name", "") if part.tag != "joint" else joint
+        found.rotors.setdefault(joint, {}).setdefault((_kind(part), name), []).append((armature, part))
+
+
+def _kind(element: Element) -> str:
+    """Return the name of the element of <robot> in which an element stands."""
+    while element.parent is not None and element.parent.parent is not None:
+        element = element.parent
+    return element.tag
+
+
+def _said(element: Element) -> list[DriveNumber]:
+    """Return what an element says of a drive: in its attributes, in its children, or as parameters of ros2_control."""
+    texts = [(key, stated, element) for key, stated in element.attributes.items()]
+    for child in element.children:
+        texts.append((child.attributes.get("name", "") if child.tag == "param" else child.tag, text_of(child), child))
+    said = []
+    for name, stated, where in texts:
+        if quantity := of_drive(name):
+            (value,) = parsed(where, name, stated)
+            if value < 0.0 and quantity != "ratio":
+                raise where.refuse(f"{name}: expected >= 0, got {value!r}")
+            said.append(DriveNumber(quantity, value, where))
+    return said

@@ -10,9 +10,9 @@ import numpy as np
 
 from holdfast.errors import SceneError
 from holdfast.model import checks
-from holdfast.robots.urdf.attributes import LARGEST
+from holdfast.robots.urdf.attributes import LARGEST_VALUE
 from holdfast.robots.urdf.document import hint, quoted
-from holdfast.robots.urdf.robot import MOVING, PLANAR, UrdfJoint, UrdfRobot
+from holdfast.robots.urdf.robot import MOVABLE, PLANAR, UrdfJoint, UrdfRobot
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 
@@ -179,7 +179,7 @@ class Locks:
         """Return the position at which a joint itself is locked, without mimicry; None if it is not."""
         if joint.name in self.given:
             return self.given[joint.name]
-        if self.others and joint.kind in MOVING and joint.name not in self.on_path:
+        if self.others and joint.kind in MOVABLE and joint.name not in self.on_path:
             return resting_position(joint)
         return None
 
@@ -187,7 +187,7 @@ class Locks:
         """Return the pose of the child frame in the parent frame; None if the joint moves."""
         if joint.is_fixed:
             return joint.origin
-        if joint.kind not in MOVING and self.passes_over(joint):
+        if joint.kind not in MOVABLE and self.passes_over(joint):
             return joint.origin
         q = self.position(joint)
         if q is None:
@@ -218,7 +218,7 @@ def checked_locks(robot: UrdfRobot, locked: Mapping[str, float] | None) -> dict[
         joint = robot.joints.get(name)
         if joint is None:
             raise robot.element.refuse(f"locked: no joint {quoted(str(name))}.{hint(str(name), robot.joints)}")
-        if joint.kind not in MOVING:
+        if joint.kind not in MOVABLE:
             raise joint.element.refuse(f"locked: expected a joint with one degree of freedom, got a {joint.kind} one")
         if joint.fault is not None:
             raise joint.fault
@@ -233,6 +233,6 @@ def checked_locks(robot: UrdfRobot, locked: Mapping[str, float] | None) -> dict[
 
 def _bounded(joint: UrdfJoint, position: float) -> float:
     """Return a position after checking its size."""
-    if not abs(position) <= LARGEST:
-        raise joint.element.refuse(f"locked: expected sizes up to {LARGEST:g} [rad or m], got {position:g}")
+    if not abs(position) <= LARGEST_VALUE:
+        raise joint.element.refuse(f"locked: expected sizes up to {LARGEST_VALUE:g} [rad or m], got {position:g}")
     return position

@@ -1,33 +1,35 @@
-"""The reader of URDF files, which returns a tree of links and joints."""
+"""The reader of URDF files, which returns a tree of links and joints; planar joints become three joints."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import Any, TypeVar
 
 import numpy as np
 
 import holdfast.robots.urdf.attributes as attributes
+import holdfast.robots.urdf.extensions as extensions
 from holdfast.errors import SceneError
 from holdfast.model import checks
 from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
-from holdfast.robots.urdf.extensions import Extensions, gazebo, gravity, with_extensions
-from holdfast.robots.urdf.planar import taken_apart
-from holdfast.robots.urdf.robot import MOVING, PLANAR, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
-from holdfast.robots.urdf.source import Source, read_source
-from holdfast.robots.urdf.transmissions import drive, ros2_control, transmission
+from holdfast.robots.urdf.robot import MOVABLE, PLANAR, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
+from holdfast.robots.urdf.source import UrdfSource, read_source
 from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, unread_notes
 from holdfast.spatial.inertia import turned
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import cross
 
 SMALLEST_RADIUS = 1e-8  # [m] of gyration; iCub's exporter writes 1e-35 to 1e-18 kg m^2 instead of zeros
+UNREAD_OF_PLANAR = ("limit", "dynamics", "mimic")
 Named = TypeVar("Named", UrdfLink, UrdfJoint)
 
 
 def read_urdf(
-    path_or_text: str | PathLike[str] | Source,
+    path_or_text: str | PathLike[str] | UrdfSource,
     *,
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
@@ -59,7 +61,7 @@ def read_urdf(
         raise root.refuse("expected <robot> as the outermost element")
     stated = _by_name([_joint(element) for element in root.children if element.tag in ("joint", "drake:joint")])
     found = _extensions(root, _by_name([_link(element) for element in root.children if element.tag == "link"]), stated)
-    bodies, hinges = with_extensions(found)
+    bodies, hinges = extensions.with_extensions(found)
     notes = (*source.notes, *unread_notes(root), *found.notes.get("", ()))
     parts = [taken_apart(joint) if joint.kind == PLANAR else ([joint], []) for joint in hinges]
     links = _by_name([*bodies, *(link for _, between in parts for link in between)])
@@ -72,31 +74,31 @@ def read_urdf(
     return robot
 
 
-def _extensions(root: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> Extensions:
+def _extensions(root: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> extensions.Extensions:
     """Return what the file says of links and joints outside of their own elements."""
     named = [(frame.attributes.get("name", ""), frame) for frame in root.children if frame.tag == "frame"]
-    found = Extensions(links, joints, {name: frame.attributes.get("link", "") for name, frame in named})
+    found = extensions.Extensions(links, joints, {name: frame.attributes.get("link", "") for name, frame in named})
     for element in root.children:
         if VOCABULARY["robot"].effect(element.tag) == "refused":
             found.couple(element)
         elif element.tag == "gazebo":
-            gazebo(found, element)
-            drive(found, element, element.attributes.get("reference", ""))
+            extensions.gazebo(found, element)
+            extensions.drive(found, element, element.attributes.get("reference", ""))
         elif element.tag == "transmission":
-            transmission(found, element, {})
+            extensions.transmission(found, element, {})
         elif element.tag == "ros2_control":
-            ros2_control(found, element)
+            extensions.ros2_control(found, element)
         elif element.tag == "sensor":
             found.note("", hidden_notes(element))
         elif element.tag == "mujoco":
             found.note("", [*extension_notes(element, "mujoco"), *_of_compiler(element)])
     for joint in joints.values():
-        drive(found, joint.element, joint.name)
+        extensions.drive(found, joint.element, joint.name)
     for link in links.values():
         for element in link.element.children:
             if element.tag in VOCABULARY["link"].extensions:
                 with found.faults_of([link.name]):
-                    gravity(found, element, link.name)
+                    extensions.gravity(found, element, link.name)
     return found
 
 
@@ -176,7 +178,7 @@ def _link(element: Element) -> UrdfLink:
 
 def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
     """Return the mass, mass centre and inertia in link axes; an inertia that is only rounding becomes 0."""
-    mass = attributes.number(element.required("mass"), "value", size=attributes.LARGEST)
+    mass = attributes.number(element.required("mass"), "value", size=attributes.LARGEST_VALUE)
     moments = element.required("inertia")
     J = _symmetric(moments)
     if J.any() and np.abs(J).max() <= mass * SMALLEST_RADIUS**2:
@@ -189,7 +191,8 @@ def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
 def _symmetric(moments: Element) -> Array:
     """Return the (3, 3) inertia matrix; entries below the diagonal are optional, and must agree with those above."""
     xx, xy, xz, yy, yz, zz = (
-        attributes.number(moments, key, size=attributes.LARGEST) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        attributes.number(moments, key, size=attributes.LARGEST_VALUE)
+        for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
     for mirror, key, value in (("iyx", "ixy", xy), ("izx", "ixz", xz), ("izy", "iyz", yz)):
         if (again := attributes.number(moments, mirror, value)) != value:
@@ -207,11 +210,11 @@ def _joint(element: Element) -> UrdfJoint:
     axis = np.array([1.0, 0.0, 0.0])
     drive: dict[str, Any] = {}
     try:
-        if kind in MOVING:
+        if kind in MOVABLE:
             drive["mimic"] = _mimic(element)
-        if kind in MOVING or kind == PLANAR:
+        if kind in MOVABLE or kind == PLANAR:
             axis = _axis(element, notes)
-        if kind in MOVING:
+        if kind in MOVABLE:
             drive |= {**_dynamics(element), **_limits(element, kind, notes)}
     except SceneError as fault:
         drive["fault"] = fault
@@ -233,7 +236,7 @@ def _kind(element: Element) -> str:
     kind = attributes.name(element, "type")
     if element.tag != "joint":
         return f"{element.tag.partition(':')[0]}:{kind}"  # a type of Drake's own
-    known = (*MOVING, PLANAR, "fixed", *UNSUPPORTED)
+    known = (*MOVABLE, PLANAR, "fixed", *UNSUPPORTED)
     if kind not in known:
         raise element.refuse(
             f"type: expected one of {', '.join(known)}, got {quoted(kind)}.{checks.did_you_mean(kind, known)}"
@@ -302,3 +305,37 @@ def _bound(limit: Element, key: str, notes: list[str]) -> float:
     if value < 0:
         raise limit.refuse(f"{key}: expected >= 0, got {value!r}")
     return value
+
+
+def taken_apart(joint: UrdfJoint) -> tuple[list[UrdfJoint], list[UrdfLink]]:
+    """Return the three joints with one degree of freedom that replace a planar joint, and two massless links between.
+
+    A planar joint 'name' becomes the prismatic joints 'name.1' and 'name.2' and the revolute joint 'name.3' about the
+    normal. The prismatic joints are along the child's x and y for a normal along z, along y and z for x, and along z
+    and x for y; for any other normal, they are along the nearest such directions in the plane.
+    """
+    normal, name, element = joint.axis, joint.name, joint.element
+    along = np.eye(3)[(int(np.argmax(np.abs(normal))) + 1) % 3]
+    first = along - (normal @ along) * normal
+    first = first / np.linalg.norm(first)
+    unread = [tag for tag in UNREAD_OF_PLANAR if element.first(tag) is not None]
+    notes = [*joint.notes, element.message("planar, read as two prismatic joints and a revolute joint")]
+    notes += [element.message(f"{', '.join(unread)}: ignored for a planar joint")] if unread else []
+    between = [f"{name}.1", f"{name}.2"]
+    links = [joint.parent, *between, joint.child]
+    moves = [("prismatic", first), ("prismatic", cross(normal, first)), ("continuous", normal)]
+    joints = [
+        replace(
+            joint,
+            name=f"{name}.{k + 1}",
+            kind=kind,
+            parent=links[k],
+            child=links[k + 1],
+            origin=joint.origin if k == 0 else Pose.identity(),
+            axis=axis + 0.0,
+            notes=tuple(notes) if k == 0 else (),
+        )
+        for k, (kind, axis) in enumerate(moves)
+    ]
+    weightless = UrdfInertial(0.0, np.zeros(3), np.zeros((3, 3)), element)
+    return joints, [UrdfLink(link, weightless, element, ()) for link in between]

@@ -15,10 +15,10 @@ from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-MOVING = {urdf: kind for kind, row in JOINT_TYPES.items() for urdf in row.urdf}  # kinds of `Joint` by URDF type
+MOVABLE = {urdf: kind for kind, row in JOINT_TYPES.items() for urdf in row.urdf}  # kinds of `Joint` by URDF type
 PLANAR = "planar"  # read as three joints with one degree of freedom
 UNSUPPORTED = ("floating", "ball", "spherical")
-WORLD = "world"  # end of a coupling that is attached to no link
+WORLD_LINK = "world"  # end of a coupling that is attached to no link
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ class UrdfJoint:
     @property
     def turns(self) -> bool:
         """Whether its position is an angle [rad]; otherwise it is a length [m]."""
-        return self.kind not in MOVING or JOINT_TYPES[MOVING[self.kind]].turns
+        return self.kind not in MOVABLE or JOINT_TYPES[MOVABLE[self.kind]].turns
 
     def other(self, link: str) -> str:
         """Return the name of the link on its other side."""

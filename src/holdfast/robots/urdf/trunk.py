@@ -12,18 +12,24 @@ from holdfast.model.trunk import BASE, Trunk
 from holdfast.robots.arms_on_trunk import ArmsOnTrunk, branching, mount_name, shared_counts
 from holdfast.robots.notes import show_notes
 from holdfast.robots.urdf.bodies import FoldedChain, fold, welded_link
-from holdfast.robots.urdf.chain import UrdfChain, chain_of, joints_and_links
-from holdfast.robots.urdf.chain_notes import coupling_notes, read_within
+from holdfast.robots.urdf.chain import (
+    UrdfChain,
+    UrdfOptions,
+    chain_of,
+    joints_and_links,
+    locks_of,
+    mount_of,
+    read_robot,
+)
+from holdfast.robots.urdf.chain_checks import coupling_notes, hanging, read_within, refuse_loose
 from holdfast.robots.urdf.document import listed, quoted
-from holdfast.robots.urdf.options import UrdfOptions, locks_of, mount_of, read_robot
 from holdfast.robots.urdf.path import Locks, PassedJoint, known_link, path_between
-from holdfast.robots.urdf.refusals import hanging, refuse_loose
 from holdfast.robots.urdf.robot import UrdfRobot
-from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.source import UrdfSource
 from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
 
-Path = list[PassedJoint]
+TrunkPath = list[PassedJoint]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +91,7 @@ def load_urdf_trunk(
 
 
 def urdf_trunk(
-    path_or_text: str | PathLike[str] | Source,
+    path_or_text: str | PathLike[str] | UrdfSource,
     tips: Mapping[str, str] | Iterable[str],
     *,
     base: str | None = None,
@@ -153,7 +159,7 @@ def _floating_above(robot: UrdfRobot, link: str) -> set[str]:
     return {above.name} if above is not None and above.kind == "floating" else set()
 
 
-def _shared(locks: Locks, paths: Mapping[str, Path]) -> dict[str, Path]:
+def _shared(locks: Locks, paths: Mapping[str, TrunkPath]) -> dict[str, TrunkPath]:
     """Return the moving joints that each arm shares with another, which are the first ones on the path to its tip.
 
     Raises:
@@ -173,7 +179,7 @@ def _shared(locks: Locks, paths: Mapping[str, Path]) -> dict[str, Path]:
     return {name: steps[: counts[name]] for name, steps in moving.items()}
 
 
-def _until(path: Path, shared: Path) -> Path:
+def _until(path: TrunkPath, shared: TrunkPath) -> TrunkPath:
     """Return the path up to the last shared joint."""
     return path[: path.index(shared[-1]) + 1] if shared else []
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import holdfast.robots.urdf.attributes as attributes
 from holdfast.errors import SceneError
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Rgba, Shape, Sphere, Visual, Visuals
-from holdfast.robots.packages import Packages
+from holdfast.robots.packages import PackageFolders
 from holdfast.robots.urdf.document import Element
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.spatial.pose import Pose
@@ -51,7 +51,7 @@ def _packages_of(visuals: tuple[tuple[Visual, ...], ...], robot: UrdfRobot) -> d
     """Return the folders of the packages that names of meshes may refer to, so that later searches find the same."""
     shapes = [visual.shape for body in visuals for visual in body]
     names = {one.filename.partition("://")[2].partition("/")[0] for one in shapes if isinstance(one, Mesh)}
-    search = Packages(Path(robot.folder) if robot.folder else None, robot.packages)
+    search = PackageFolders(Path(robot.folder) if robot.folder else None, robot.packages)
     return {**robot.packages, **{name: str(at) for name in sorted(names - {""}) if (at := search.find(name))}}
 
 
@@ -114,5 +114,5 @@ def _rgba(material: Element) -> Rgba | None:
     """Return the colour of a material, or None."""
     if (colour := material.first("color")) is None:
         return None
-    r, g, b, a = attributes.numbers(colour, "rgba", 4, attributes.LARGEST)
+    r, g, b, a = attributes.numbers(colour, "rgba", 4, attributes.LARGEST_VALUE)
     return r, g, b, a

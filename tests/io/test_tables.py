@@ -1,19 +1,22 @@
 """A table holds every number of a run, under names and units that other programs can show."""
 
-import builtins
 import csv
+import sys
 import tracemalloc
 
 import numpy as np
 import pytest
 
-from holdfast import Attach, MissingExtra, ResultError, simulate
+import holdfast as hf
+from holdfast.io import tables
 from holdfast.io.columns import columns, rows
-from holdfast.io.export import export_csv, export_parquet
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
-from holdfast.simulation.trajectory import UNITS, array_names, stacked
+from holdfast.io.tables import export_csv, export_parquet
+from holdfast.simulation.trajectory import stacked
 from tests.io.recorded import filled
+from tests.simulation.rollout.problems import arrays
+from tests.simulation.rollout.test_statuses import gantries, given
 from tests.systems.trunk_runs import still_base
 
 
@@ -87,7 +90,6 @@ def test_every_column_is_named(saved):
     for column in columns(result.meta, run):
         assert not column.name.split()[-1].isdigit(), column
         assert "," not in column.unit, column
-    assert set(UNITS) == set(array_names())
     result.meta.joint_kinds[0] = "prismatic"  # metres and newtons
     titles = {column.title for column in columns(result.meta, run)}
     assert {"q left/joint1 [m]", "qd left/joint1 [m/s]", "qdd left/joint1 [m/s^2]", "tau left/joint1 [N]"} <= titles
@@ -115,15 +117,8 @@ def test_parquet(saved, tmp_path):
 
 def test_without_pyarrow(saved, tmp_path, monkeypatch):
     """The extra that brings it is named, and nothing is written."""
-    real = builtins.__import__
-
-    def without(name, *rest):
-        if name.startswith("pyarrow"):
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(MissingExtra, match=r"pip install 'holdfast\[parquet\]'"):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[parquet\]'"):
         export_parquet(saved[0], tmp_path / "run.parquet")
     assert not list(tmp_path.glob("*.parquet*"))
 
@@ -134,11 +129,11 @@ def test_a_broken_export_leaves_what_was_there(saved, tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("earlier")
     (result.folder / "chunk_0001.npz").write_bytes(b"torn")
-    with pytest.raises(ResultError, match=r"chunk_0001.npz is damaged"):
+    with pytest.raises(hf.ResultError, match=r"chunk_0001.npz is damaged"):
         export_csv(result, path)
     assert path.read_text() == "earlier"
     assert [p.name for p in tmp_path.iterdir() if p.is_file()] == ["run.csv"]
-    with pytest.raises(ResultError, match="cannot be written"):
+    with pytest.raises(hf.ResultError, match="cannot be written"):
         export_csv(result, tmp_path / "nowhere" / "run.csv")
 
 
@@ -158,9 +153,9 @@ def test_what_happened_below_a_trunk(tmp_path):
     """A run on a trunk has columns of its base: the arrays, and the impulse that it takes when an arm grips."""
     p = still_base(9, 2, floating=False, arms={"arms": 2, "grasps": "rigid", "joints": 7})
     name = next(iter(p.chain.mounts))
-    chain, grips = p.chain.without_grasp(name), Attach(0.002, name, p.chain.grasps[name], here=True)
+    chain, grips = p.chain.without_grasp(name), hf.Attach(0.002, name, p.chain.grasps[name], here=True)
     writer = ResultWriter(tmp_path / "run", run_meta(chain, "gripping", 0.004, 0.002), "")
-    run = simulate(
+    run = hf.simulate(
         chain, p.state, lambda t, s, m: (p.tau, m), 0.004, 0.002, events=[grips], on_sample=writer.add
     )  # fmt: skip
     writer.finish(None)
@@ -175,3 +170,63 @@ def test_what_happened_below_a_trunk(tmp_path):
                       for half, unit in (("angular", "N m s"), ("linear", "N s")) for axis in "xyz"]  # fmt: skip
     assert tuple(float(gripped[title]) for title in titles) == run.occurrences[0].trunk_base_impulse
     assert any(run.occurrences[0].trunk_base_impulse)
+
+
+@pytest.fixture(scope="module")
+def record():
+    """Return a record of two blocks between gantries, one of which slips."""
+    rollout, state = gantries()
+    rate = np.array([20.0, 600.0])
+    systems = rollout.start(**{name: np.tile(x, (2, 1)) for name, x in arrays(state).items()}, **given(rate))
+    recorded = ("q", "tau", "grasp_wrench", "work", "t", "running")
+    return rollout.run(systems, 0.1, 1e-3, every=20, record=recorded, least_margin=0.0)
+
+
+def test_tables(record, tmp_path):
+    """A run's table is that of its CSV file; a record's has a row for each system and time."""
+    pytest.importorskip("pandas", reason="needs pandas: pip install 'holdfast[pandas]'")
+    run = record.trajectory(0)
+    table = run.to_pandas()
+    run.to_csv(tmp_path / "run.csv")
+    head, numbers = read_csv(tmp_path / "run.csv")
+    assert list(table.columns) == head
+    assert table.to_numpy().tobytes() == numbers.tobytes()
+    assert hf.load_result(run.save(tmp_path / "run")).to_pandas().equals(table)
+    every = record.to_pandas()
+    assert len(every) == 2 * len(record.t)
+    arm = record.systems.chain.names[1]
+    forces = every.loc[1][f"grasp_wrench {arm} force_x [N]"]
+    assert np.array_equal(forces, record["grasp_wrench"][:, 1, 1, 3])
+    assert np.array_equal(forces.index, record.t)
+    assert np.array_equal(every.loc[0]["work drives [J]"], record["work"][:, 0, 0])
+
+
+def test_data_sets(record):
+    """Axes by name, joints and arms by theirs, what became of each system beside it."""
+    pytest.importorskip("xarray", reason="needs xarray: pip install 'holdfast[xarray]'")
+    every = record.to_xarray()
+    assert every.sizes["system"] == 2 and every.sizes["t"] == len(record.t)
+    joint = record.systems.chain.joint_names()[2]
+    assert np.array_equal(every.q.sel(system=1, joint=joint), record["q"][:, 1, 2])
+    assert every.status.to_numpy().tolist() == ["RUNNING", "SLIPPED"]
+    assert np.array_equal(every.stopped, record.stopped)
+    run = record.trajectory(0)
+    found = run.to_xarray()
+    arm = run.setting.chain.names[0]
+    assert np.array_equal(found.grasp_wrench.sel(arm=arm), run.grasp_wrench[:, 0])
+    assert np.array_equal(found.object_pose, run.object_pose) and found.q.attrs["unit"] == "rad or m"
+    assert np.array_equal(found.t, run.t)
+
+
+def test_without_them(record, monkeypatch):
+    """The command that installs what is missing."""
+
+    def nothing(name, *_):
+        raise ImportError(name)
+
+    monkeypatch.setattr(tables, "import_module", nothing)
+    for one in (record, record.trajectory(0)):
+        with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[pandas\]'"):
+            one.to_pandas()
+        with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[xarray\]'"):
+            one.to_xarray()

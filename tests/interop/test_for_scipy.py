@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import least_squares, minimize
 
 import holdfast as hf
-from holdfast.interop import value_and_gradient
+from holdfast.interop import jacobian_operator, value_and_gradient
 from holdfast.spatial.rotation import quaternion_exp, quaternion_product
 from tests.derivatives.chains import random_chain
+from tests.interop.differences import five_points
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
 
@@ -40,8 +41,7 @@ def effort(results):
 
 def slope(fun, x, along, far=1e-4):
     """Return the derivative along a direction by five points."""
-    at = [fun(x + k * far * along)[0] for k in (1, -1, 2, -2)]
-    return (8 * (at[0] - at[1]) - (at[2] - at[3])) / (12 * far)
+    return five_points(lambda s: fun(x + s * along)[0], far)
 
 
 def moved_from(fun, random):
@@ -172,3 +172,49 @@ def test_refusals(rolled, solved):
     assert fun(fun.x0)[0] == 1.0 and not fun(fun.x0)[1].any()
     with pytest.raises(hf.StateError, match="x: expected shape"):
         fun(fun.x0[1:])
+
+
+BY = ("tau", "gravity", "object_pose")
+
+
+def test_products(solved):
+    """Both products are those of the matrix."""
+    fast, arguments = solved
+    J = jacobian_operator(fast, by=BY, **arguments)
+    whole = fast.forward_dynamics_jacobian(**arguments, of=["qdd"], by=list(BY))
+    matrix = np.hstack([whole["qdd", name] for name in BY])
+    random = np.random.default_rng(0)
+    x, y = random.normal(size=J.shape[1]), random.normal(size=J.shape[0])
+    assert J.shape == matrix.shape
+    assert np.allclose(J @ x, matrix @ x, rtol=1e-10, atol=1e-10 * np.abs(matrix).max())
+    assert np.allclose(J.T @ y, matrix.T @ y, rtol=1e-10, atol=1e-10 * np.abs(matrix).max())
+
+
+def test_least_squares(solved):
+    """Torques for given accelerations are found without a matrix; what remains is none."""
+    fast, arguments = solved
+    rest = {name: x for name, x in arguments.items() if name != "tau"}
+    wanted = fast.forward_dynamics(**arguments).qdd
+
+    found = least_squares(
+        lambda tau: fast.forward_dynamics(**rest, tau=tau).qdd - wanted,
+        np.zeros_like(arguments["tau"]),
+        jac=lambda tau: jacobian_operator(fast, **rest, tau=tau),
+        tr_solver="lsmr",
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-12,
+    )
+    assert np.abs(found.fun).max() < 1e-6 * np.abs(wanted).max()
+
+
+def test_refusals_of_the_operator(solved):
+    """Names that are not there, and a state that is not whole."""
+    fast, arguments = solved
+    for options, words in (({"of": "qd"}, "no 'qd'"), ({"by": ["tao"]}, "no 'tao'"), ({"by": "tau"}, "by")):
+        with pytest.raises(hf.StateError, match=words):
+            jacobian_operator(fast, **options, **arguments)
+    with pytest.raises(hf.StateError, match="got no qd"):
+        jacobian_operator(fast, q=arguments["q"])
+    with pytest.raises(hf.StateError, match="compiled"):
+        jacobian_operator(fast.chain, **arguments)

@@ -9,8 +9,13 @@ import pytest
 
 import holdfast as hf
 from holdfast.identification import Recording, load_recording
-from holdfast.io.columns import ACCELERATION, POSE, TWIST, WRENCH
+from holdfast.io.columns import array_columns
+from holdfast.io.save_run import meta_of
+from holdfast.simulation.setting import Setting
+from holdfast.simulation.trajectory import RUN_ARRAYS
 from tests.identification.recorded import recorded, two_pandas
+
+OBJECT_MOTION = ("object_pose", "object_twist", "object_acceleration")
 
 
 @pytest.fixture(scope="module")
@@ -21,13 +26,8 @@ def short() -> Recording:
 
 def titles(chain: hf.ClosedChain) -> dict[str, list[str]]:
     """Return the columns of each array."""
-    joints = chain.joint_names()
-    found = {"t": ["t [s]"]}
-    for name, unit in (("q", "rad"), ("qd", "rad/s"), ("qdd", "rad/s^2"), ("tau", "N m")):
-        found[name] = [f"{name} {joint} [{unit}]" for joint in joints]
-    found["wrist_wrench"] = [f"wrist_wrench {arm} {part.title}" for arm in chain.names for part in WRENCH]
-    parts = {"object_pose": POSE, "object_twist": TWIST, "object_acceleration": ACCELERATION}
-    return found | {name: [f"{name} {part.title}" for part in columns] for name, columns in parts.items()}
+    meta, names = meta_of(Setting(chain)), ("t", "q", "qd", "qdd", "tau", "wrist_wrench", *OBJECT_MOTION)
+    return {x: [one.title for one in array_columns(x, RUN_ARRAYS[x].shape(chain), meta)] for x in names}
 
 
 def write(path, chain, recording, without=()):

@@ -1,14 +1,16 @@
-"""A number that depends on a rollout, or on forward dynamics, with its gradient: a function for SciPy's optimisers."""
+"""Functions for SciPy's optimisers: the Jacobian of forward dynamics as an operator, and costs with their gradients."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from holdfast.compiled.chain import CompiledChain
+from holdfast.compiled.derivative_schedule import derivative_shapes
 from holdfast.dynamics.projection import turned_and_shifted
 from holdfast.errors import SingularChainError, StateError
 from holdfast.model import checks
@@ -17,21 +19,58 @@ from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.spatial.rotation_curve import exp_curve
 from holdfast.spatial.scalar import Array
 
-Numbers = Mapping[str, Array]
-Cost = Callable[[Numbers], tuple[Any, Numbers]]  # results -> its value, and its derivatives by some of them
-Pullback = Callable[[Numbers], Any]  # cotangents of results -> gradients by the unknowns, by name
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
 
 
-class Run(NamedTuple):
-    """What came of some values of the unknowns.
+NamedArrays = Mapping[str, Array]
+Cost = Callable[[NamedArrays], tuple[Any, NamedArrays]]  # results -> its value, and its derivatives by some of them
+Pullback = Callable[[NamedArrays], Any]  # cotangents of results -> gradients by the unknowns, by name
 
-    Attributes:
-        results: by name; None where there are none.
-        pullback: returns the gradients.
+
+def jacobian_operator(
+    compiled: CompiledChain, *, of: str = "qdd", by: Sequence[str] = ("tau",), **arguments: Any
+) -> LinearOperator:
+    """Return J = d of / d by of forward dynamics for one system: J x is a JVP, J^T y a VJP, O(n) + O(l) each.
+
+    It can be returned by the function `jac` of `scipy.optimize.least_squares`, or used in `trust-krylov` and other
+    solvers of SciPy.
+
+    Args:
+        compiled: chain returned by `holdfast.compile`.
+        of: the result to which the rows of J belong, as in `forward_dynamics_jvp`.
+        by: the arguments to which the columns of J belong, one after the other, as in `forward_dynamics_vjp`; poses
+            as [turn; shift].
+        **arguments: q, qd, tau, object_pose, object_twist, and parameters, of one system.
+
+    Returns:
+        The operator; invalid numbers are refused when it is first used.
+
+    Raises:
+        StateError: a name is unknown, or the state is incomplete.
     """
+    from scipy.sparse.linalg import LinearOperator
 
-    results: Numbers | None
-    pullback: Pullback
+    checks.instance(compiled, CompiledChain, "jacobian_operator: compiled", StateError)
+    checks.instance(of, str, "jacobian_operator: of", StateError)
+    checks.instance(by, (list, tuple), "jacobian_operator: by", StateError)
+    _require_state("jacobian_operator", arguments)
+    compiled.forward_dynamics.derived("jvp", [of], by)  # refuses unknown names
+    shapes = derivative_shapes(compiled.chain)
+    sizes = [math.prod(shapes[name]) for name in by]
+
+    def forward(x: Array) -> Array:
+        parts = np.split(np.ravel(x), np.cumsum(sizes)[:-1])
+        along = {name: part.reshape(shapes[name]) for name, part in zip(by, parts, strict=True)}
+        return compiled.forward_dynamics_jvp(**arguments, along=along, of=[of])[of].ravel()
+
+    def backward(y: Array) -> Array:
+        given: dict[str, Any] = arguments | {of: np.reshape(y, shapes[of])}
+        found = compiled.forward_dynamics_vjp(**given, by=by)
+        return np.concatenate([found[name].ravel() for name in by])
+
+    shape = (math.prod(shapes[of]), sum(sizes))
+    return LinearOperator(shape, matvec=forward, rmatvec=backward, dtype=np.float64)  # type: ignore[call-arg]
 
 
 def value_and_gradient(
@@ -86,35 +125,53 @@ def value_and_gradient(
         raise StateError("value_and_gradient: expected step and steps of a rollout, got none")
     if not rolls and (rows or step is not None or steps is not None):
         raise StateError("value_and_gradient: expected neither step, steps nor schedule of forward dynamics")
-    if not rolls and (lacking := [name for name in STATE_AND_TORQUES if name not in arguments]):
-        raise StateError(f"value_and_gradient: expected {', '.join(STATE_AND_TORQUES)}, got no {lacking[0]}")
+    if not rolls:
+        _require_state("value_and_gradient", arguments)
     given = arguments | rows | ({"step": step} if rolls else {})
     for name in by:
         if name not in given:
             raise StateError(f"value_and_gradient: by: {name}: expected a value to begin with, got none")
 
-    def roll(rollout: Rollout, values: Mapping[str, Any]) -> Run:
+    def roll(rollout: Rollout, values: Mapping[str, Any]) -> Outcome:
         assert steps is not None
         taken = {name: values[name] for name in rows}
         first = {name: x[0] for name, x in taken.items()}
         systems = rollout.start(**{name: values[name] for name in arguments} | first, threads=threads)
         tape = rollout.tape(systems, values["step"], steps=steps, record=of, schedule=taken, threads=threads)
         records = tape.records if tape.systems.running.all() else None
-        return Run(records, lambda cotangents: tape.vjp(along=cotangents, by=by, threads=threads))
+        return Outcome(records, lambda cotangents: tape.vjp(along=cotangents, by=by, threads=threads))
 
-    def solve(fast: CompiledChain, values: Mapping[str, Any]) -> Run:
+    def solve(fast: CompiledChain, values: Mapping[str, Any]) -> Outcome:
         try:
             found = fast.forward_dynamics(**values)
         except SingularChainError:
-            return Run(None, dict)
+            return Outcome(None, dict)
         results = {name: np.asarray(getattr(found, name)) for name in of}
         sound = all(np.isfinite(x).all() for x in results.values())
-        return Run(
+        return Outcome(
             results if sound else None, lambda cotangents: fast.forward_dynamics_vjp(**{**values, **cotangents}, by=by)
         )
 
     run = partial(roll, dynamics) if isinstance(dynamics, Rollout) else partial(solve, dynamics)
     return ValueAndGradient(run, cost, given, tuple(by), tuple(rows))
+
+
+def _require_state(what: str, arguments: Mapping[str, Any]) -> None:
+    """Refuse arguments of forward dynamics without the state or the torques."""
+    if lacking := [name for name in STATE_AND_TORQUES if name not in arguments]:
+        raise StateError(f"{what}: expected {', '.join(STATE_AND_TORQUES)}, got no {lacking[0]}")
+
+
+class Outcome(NamedTuple):
+    """What came of some values of the unknowns.
+
+    Attributes:
+        results: by name; None where there are none.
+        pullback: returns the gradients.
+    """
+
+    results: NamedArrays | None
+    pullback: Pullback
 
 
 class ValueAndGradient:
@@ -127,7 +184,7 @@ class ValueAndGradient:
 
     def __init__(
         self,
-        run: Callable[[Mapping[str, Any]], Run],
+        run: Callable[[Mapping[str, Any]], Outcome],
         cost: Cost,
         given: Mapping[str, Any],
         by: tuple[str, ...],
