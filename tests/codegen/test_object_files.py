@@ -13,8 +13,8 @@ from holdfast.codegen.functions import exported_function
 from holdfast.compiled.chain import compile
 from holdfast.compiler.arithmetic import fma
 from holdfast.compiler.targets import OBJECT_TARGETS, cpu
+from holdfast.compiler.targets.llvm.functions import filled
 from holdfast.compiler.targets.llvm.object_file import stack_needed
-from holdfast.compiler.targets.llvm.templates import filled
 from tests.codegen.exported import built, outputs, require
 from tests.codegen.problems import chain_and_state, truths
 from tests.compiler.programs import same_bits

@@ -5,19 +5,18 @@ import threading
 
 import pytest
 
-from holdfast.compiler import collector
 from holdfast.compiler.targets import cpu
 
 
 def test_paused():
     """Off within, also within itself; on again at the end, and after an error."""
     assert gc.isenabled()
-    with collector.paused():
-        with collector.paused():
+    with cpu.collector_paused():
+        with cpu.collector_paused():
             assert not gc.isenabled()
         assert not gc.isenabled()
     assert gc.isenabled()
-    with pytest.raises(ZeroDivisionError), collector.paused():
+    with pytest.raises(ZeroDivisionError), cpu.collector_paused():
         1 / 0  # noqa: B018
     assert gc.isenabled()
 
@@ -26,7 +25,7 @@ def test_who_turned_it_off_keeps_it_off():
     """It is not turned on for somebody who did not want it."""
     gc.disable()
     try:
-        with collector.paused():
+        with cpu.collector_paused():
             pass
         assert not gc.isenabled()
     finally:
@@ -38,13 +37,13 @@ def test_threads():
     inside, leave = threading.Barrier(2), threading.Event()
 
     def stay():
-        with collector.paused():
+        with cpu.collector_paused():
             inside.wait()
             leave.wait()
 
     thread = threading.Thread(target=stay)
     thread.start()
-    with collector.paused():
+    with cpu.collector_paused():
         inside.wait()
     assert not gc.isenabled()
     leave.set()

@@ -6,9 +6,9 @@ import mpmath
 import numpy as np
 import pytest
 
+from holdfast.compiler.elementary import LARGEST_ARGUMENT
 from holdfast.compiler.lowering import expand
 from holdfast.compiler.trace import trace
-from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from tests.compiler.programs import compile_program
 
 PROGRAM = trace(lambda x: (np.sin(x), np.cos(x)), [(1,)])

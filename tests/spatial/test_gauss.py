@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from holdfast.spatial.gauss import gauss_solve
+from holdfast.spatial.linalg import gauss_solve
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 12, 40])

@@ -23,8 +23,7 @@ from holdfast.io.files import make_folder, require_file
 from holdfast.io.result_meta import SCENE, ResultMeta
 from holdfast.io.result_reader import Result, load_result
 from holdfast.io.result_reader import setting_of as setting_in
-from holdfast.model.anchor import Anchor
-from holdfast.model.arm import Arm
+from holdfast.model.arm import Anchor, Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
 from holdfast.model.grasp import Grasp

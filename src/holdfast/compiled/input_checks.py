@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
+from holdfast.compiler.elementary import LARGEST_ARGUMENT
 from holdfast.errors import StateError
 from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain

@@ -5,8 +5,7 @@ from __future__ import annotations
 from holdfast.assembly.assemble import assemble
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.contact_frame import contact_frame
-from holdfast.model.grasp import Friction, Grasp
+from holdfast.model.grasp import Friction, Grasp, contact_frame
 from holdfast.model.held_object import HeldObject
 from holdfast.robots.panda import panda
 from holdfast.state import State

@@ -12,8 +12,7 @@ from holdfast.io.result_reader import Result
 from holdfast.model import checks
 from holdfast.names import called
 from holdfast.simulation.trajectory import Trajectory
-from holdfast.spatial.converted import NOT_GIVEN, REQUIRED, ArrayField, OptionalArrayField
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import NOT_GIVEN, REQUIRED, ArrayField, Frozen, OptionalArrayField
 from holdfast.state import Inputs, State
 
 FEWEST = 8  # samples required by a spline of degree 7

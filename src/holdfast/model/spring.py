@@ -12,8 +12,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
 from holdfast.names import called
-from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import REQUIRED, ArrayField, Converted, Frozen
 
 WORLD, OBJECT = "world", "object"
 

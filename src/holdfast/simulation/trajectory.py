@@ -16,8 +16,7 @@ from holdfast.simulation.balance import imbalance, momentum_imbalance
 from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import Setting
-from holdfast.spatial.converted import NOT_GIVEN
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import NOT_GIVEN, Frozen
 from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array
 from holdfast.state import State

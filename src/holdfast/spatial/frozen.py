@@ -13,15 +13,18 @@ A dataclass that only says `frozen=True` refuses `link.com = x`, but lets `link.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cached_property
-from typing import Any, NoReturn, Self, TypeVar
+from dataclasses import MISSING
+from functools import cached_property, partial
+from typing import Any, NoReturn, Protocol, Self, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.errors import FrozenError
+from holdfast.spatial.scalar import Array
 
-Value = TypeVar("Value")
-Held = TypeVar("Held")
+PropertyType = TypeVar("PropertyType")
+FrozenType = TypeVar("FrozenType")
 
 
 class Frozen:
@@ -57,10 +60,10 @@ class FrozenDict(dict[Any, Any]):
         return type(self), (dict(self),)
 
 
-class frozen_property(cached_property[Value]):
+class frozen_property(cached_property[PropertyType]):
     """A cached property whose value is frozen."""
 
-    def __init__(self, compute: Callable[[Any], Value]) -> None:
+    def __init__(self, compute: Callable[[Any], PropertyType]) -> None:
         super().__init__(lambda instance: frozen(compute(instance)))
         self.__doc__ = compute.__doc__
 
@@ -78,7 +81,7 @@ def frozen(value: Any) -> Any:
     return value
 
 
-def changed(of: Held, **fields: Any) -> Held:
+def changed(of: FrozenType, **fields: Any) -> FrozenType:
     """Return a frozen object with some attributes replaced, for algorithms; nothing is checked or copied.
 
     Cached properties are kept, so those that depend on what is replaced must be replaced, too.
@@ -95,3 +98,32 @@ def read_only(a: np.ndarray) -> np.ndarray:
     view = a.view()
     view.setflags(write=False)
     return view
+
+
+HeldType = TypeVar("HeldType", covariant=True)
+GivenType = TypeVar("GivenType", contravariant=True)
+
+
+class Converted(Protocol[HeldType, GivenType]):
+    """An attribute that is given as one type and held as another, as type checkers understand it: a descriptor."""
+
+    def __get__(self, instance: object, owner: Any) -> HeldType:
+        """Declare the type of the attribute."""
+        ...
+
+    def __set__(self, instance: object, value: GivenType) -> None:
+        """Declare the type of the argument of the constructor."""
+        ...
+
+
+ArrayField = Converted[Array, ArrayLike]
+OptionalArrayField = Converted[Array | None, ArrayLike | None]
+NOT_GIVEN: Any = None  # its default
+# Stands in a default's place where there is none: mypy takes an attribute of a dataclass for a descriptor only if
+# something is assigned to it. To `dataclass` a default that is missing is no default.
+REQUIRED: Any = MISSING
+
+
+def making(make: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+    """Return a default factory whose type is left open: to a type checker no array is a `Converted`."""
+    return partial(make, *arguments)

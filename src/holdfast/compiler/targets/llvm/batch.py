@@ -15,9 +15,7 @@ from collections.abc import Sequence
 
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Role, Schedule
 from holdfast.compiler.targets.layout import Layout
-from holdfast.compiler.targets.llvm.functions import constant, declarations, number_type
-from holdfast.compiler.targets.llvm.module import Module
-from holdfast.compiler.targets.llvm.templates import filled
+from holdfast.compiler.targets.llvm.functions import Module, constant, declarations, filled, number_type
 from holdfast.compiler.targets.llvm.transposition import transpositions
 
 _ROW = 64  # results of so many numbers go past the caches,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import gc
 import json
 import os
 import threading
@@ -20,7 +21,7 @@ from typing import Any, NamedTuple
 import llvmlite
 import llvmlite.binding as binding
 
-from holdfast.compiler import cache, collector
+from holdfast.compiler import cache
 from holdfast.compiler.errors import CompileError
 
 lock = threading.Lock()  # LLVM's compiler is used by one thread at a time
@@ -174,8 +175,35 @@ def _made(source: Source) -> tuple[str, Notes]:
     """Return a module's source and its notes."""
     if isinstance(source, str):
         return source, {}
-    with collector.paused():
+    with collector_paused():
         return source()
+
+
+_collector_lock = threading.Lock()
+_pauses = 0
+_wanted = True  # whether the collector ran before the first pause
+
+
+@contextmanager
+def collector_paused() -> Iterator[None]:
+    """Pause Python's garbage collector within the block and restore its state after it; blocks of threads may overlap.
+
+    Tracing makes hundreds of thousands of nodes and instructions, all of them in use. The collector would inspect them
+    again and again, which took more than a third of the compile time.
+    """
+    global _pauses, _wanted
+    with _collector_lock:
+        if not _pauses:
+            _wanted = gc.isenabled()
+            gc.disable()
+        _pauses += 1
+    try:
+        yield
+    finally:
+        with _collector_lock:
+            _pauses -= 1
+            if not _pauses and _wanted:
+                gc.enable()
 
 
 def _compiled(text: str, notes: Notes, quick: bool) -> bytes:

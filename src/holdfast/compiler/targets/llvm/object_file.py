@@ -14,8 +14,7 @@ import llvmlite.binding as binding
 
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.targets.llvm import cpu
-from holdfast.compiler.targets.llvm.functions import number_type
-from holdfast.compiler.targets.llvm.templates import filled
+from holdfast.compiler.targets.llvm.functions import filled, number_type
 
 
 class ObjectTarget(NamedTuple):
