@@ -12,7 +12,7 @@ from tests.codegen.problems import NAMES, chain_and_state, steps, truths
 from tests.compiler.programs import same_bits
 from tests.longer import mostly_slow
 
-HERE = [name for name, needs in cpu.LEVELS.items() if "fma" in needs and cpu.features().issuperset(needs)]
+HERE = [name for name, needs in cpu.X86_LEVELS.items() if "fma" in needs and cpu.features().issuperset(needs)]
 COMPILERS = {"aarch64": ["aarch64-linux-gnu-gcc"]}
 
 

@@ -10,9 +10,8 @@ import pytest
 import holdfast as hf
 from holdfast.cli import main as command
 from holdfast.codegen import export_c
-from holdfast.codegen.arrays import fields_of, meaning
 from holdfast.codegen.functions import exported_function, exported_names
-from holdfast.codegen.header import CFunction, header
+from holdfast.codegen.header import CFunction, fields_of, header, meaning
 from tests.codegen.exported import STRICT, require
 from tests.codegen.problems import chain_and_state
 

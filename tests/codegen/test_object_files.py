@@ -55,7 +55,7 @@ def test_nothing_is_undefined(target, tmp_path):
 def test_valgrind(tmp_path):
     """Every read is of memory that was written, every access within its array."""
     require("valgrind", "gcc")
-    if not cpu.features().issuperset(cpu.LEVELS["x86-64-v3"]):
+    if not cpu.features().issuperset(cpu.X86_LEVELS["x86-64-v3"]):
         pytest.skip("this processor has no AVX2")
     functions = written(tmp_path, "x86-64-v3")
     program = built(tmp_path, "part", functions, "gcc", "x86-64-v3", "-march=x86-64-v3")
@@ -105,7 +105,7 @@ CALLS
 def test_stack(tmp_path):
     """A call needs no more of the stack than the header says, and not much less."""
     require("gcc")
-    if not cpu.features().issuperset(cpu.LEVELS["x86-64-v3"]):
+    if not cpu.features().issuperset(cpu.X86_LEVELS["x86-64-v3"]):
         pytest.skip("this processor has no AVX2")
     functions = written(tmp_path, "x86-64-v3")
     around, calls = [], []

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from holdfast.compiler.graph import Graph
-from holdfast.compiler.kernel import Array, Kernel
+from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Program
 from holdfast.compiler.schedule import Call, External, Group, Schedule, Wire
@@ -78,7 +78,7 @@ def schedule_of(program: Program) -> Schedule:
 class ArrayKernel(Kernel):
     """A kernel that takes plain arrays, inputs before parameters: one system's, or a batch's by a leading axis."""
 
-    def __call__(self, *inputs: object, threads: int = 1) -> tuple[Array, ...]:
+    def __call__(self, *inputs: object, threads: int = 1) -> tuple[np.ndarray, ...]:
         """Return the results; an array without the batch axis is shared by all systems."""
         given = {name: e for name, e in self.externals.items() if e.role != "output"}
         returned = {name: e for name, e in self.externals.items() if e.role == "output"}

@@ -55,7 +55,7 @@ def test_same_bits(schedule, lanes, seed, wild, shared, short):
     """Random schedules, with long functions and with ones that are cut after five operations."""
     with pytest.MonkeyPatch.context() as patch:
         if short:
-            patch.setattr(split, "LONGEST", 5)
+            patch.setattr(split, "LONGEST_PART", 5)
         kernel = kernel_of(schedule, lanes)
         kernel.run_batch(np.zeros((len(schedule.externals), 2), dtype=np.int64), 0)  # compiles
     systems = [inputs_of(schedule, seed + k, wild) for k in range(2 * lanes + 3)]

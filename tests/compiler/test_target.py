@@ -90,7 +90,7 @@ def test_compiled_quickly(monkeypatch, tmp_path):
 
 def test_refused_rather_than_an_illegal_instruction(monkeypatch):
     """A level that the processor does not reach is refused before any code runs, with what it lacks."""
-    monkeypatch.setattr(cpu, "features", lambda: frozenset(cpu.LEVELS["x86-64-v3"]) - {"bmi2", "fma"})
+    monkeypatch.setattr(cpu, "features", lambda: frozenset(cpu.X86_LEVELS["x86-64-v3"]) - {"bmi2", "fma"})
     cpu._target.cache_clear()
     try:
         monkeypatch.setenv("HOLDFAST_CPU", "x86-64-v3")

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-Value = Any  # a node; functions of one argument share its reduction, because equal operations are one node
+_Value = Any  # a node; functions of one argument share its reduction, because equal operations are one node
 
 LARGEST_ARGUMENT = 1e5  # [rad]
 
@@ -48,7 +48,7 @@ _COSINE = (
 )
 
 
-def sin(x: Value) -> Value:
+def sin(x: _Value) -> _Value:
     """Return the sine of x [rad]; NaN beyond 1e5 rad rather than a wrong value."""
     r, rest, quadrant = _less_quarter_turns(x)
     odd = abs(abs(quadrant - 2.0) - 1.0) < 0.5  # 1, 3
@@ -56,7 +56,7 @@ def sin(x: Value) -> Value:
     return (quadrant > 1.5).where(-value, value)
 
 
-def cos(x: Value) -> Value:
+def cos(x: _Value) -> _Value:
     """Return the cosine of x [rad]; NaN beyond 1e5 rad rather than a wrong value."""
     r, rest, quadrant = _less_quarter_turns(x)
     odd = abs(abs(quadrant - 2.0) - 1.0) < 0.5
@@ -64,7 +64,7 @@ def cos(x: Value) -> Value:
     return (abs(quadrant - 1.5) < 1.0).where(-value, value)  # 1, 2
 
 
-def _less_quarter_turns(x: Value) -> tuple[Value, Value, Value]:
+def _less_quarter_turns(x: _Value) -> tuple[_Value, _Value, _Value]:
     """Return r, the correction to add to r, and n mod 4."""
     n = x.fma(_TWO_OVER_PI, _ROUNDER) - _ROUNDER
     first = n.fma(-_HALF_PI[0], x)  # exact, because it is a multiple of 2^-53 (for |x| > pi/4) below 1
@@ -80,14 +80,14 @@ def _less_quarter_turns(x: Value) -> tuple[Value, Value, Value]:
     return (abs(x) <= LARGEST_ARGUMENT).where(r, math.nan), rest, quadrant
 
 
-def _sine(r: Value, rest: Value) -> Value:
+def _sine(r: _Value, rest: _Value) -> _Value:
     """Return sin(r + rest) = r + (r^3 S(z) + rest cos r)."""
     z = r * r
     half = z.fma(-0.5, 1.0)  # cos r, accurate enough for the small factor `rest`
     return r + (z * r).fma(_polynomial(_SINE, z), rest * half)
 
 
-def _cosine(r: Value, rest: Value) -> Value:
+def _cosine(r: _Value, rest: _Value) -> _Value:
     """Return cos(r + rest) = 1 - z/2 + (z^2 C(z) - r rest), corrected for the rounding of 1 - z/2."""
     z = r * r
     half = 0.5 * z
@@ -102,14 +102,14 @@ _TANH_IS_ONE = 20.0  # above this tanh rounds to 1
 _EXPONENTIAL = tuple(1.0 / math.factorial(k) for k in range(2, 14))  # r^14 / 14! < 5e-18
 
 
-def exp(x: Value) -> Value:
+def exp(x: _Value) -> _Value:
     """Return e^x; it is infinite where it overflows, and 0 where the result would be subnormal."""
     n, r, rest = _less_logs_of_2(x)
     found = _times_power(1.0 + _less_one(r, rest), n)
     return (x > _OVERFLOW).where(math.inf, (x < _UNDERFLOW).where(0.0, found))
 
 
-def tanh(x: Value) -> Value:
+def tanh(x: _Value) -> _Value:
     """Return tanh x = t / (t + 2), t = e^2|x| - 1, with the sign of x; accurate to the last digits near zero too."""
     size = abs(x)
     n, r, rest = _less_logs_of_2(2.0 * size)
@@ -119,20 +119,20 @@ def tanh(x: Value) -> Value:
     return (x < 0.0).where(-found, (size > 0.0).where(found, x))
 
 
-def _less_logs_of_2(x: Value) -> tuple[Value, Value, Value]:
+def _less_logs_of_2(x: _Value) -> tuple[_Value, _Value, _Value]:
     """Return n, r, and the correction to add to r."""
     n = x.fma(1.0 / _LOG_2[0], _ROUNDER) - _ROUNDER
     return n, n.fma(-_LOG_2[0], x), n * -_LOG_2[1]
 
 
-def _less_one(r: Value, rest: Value) -> Value:
+def _less_one(r: _Value, rest: _Value) -> _Value:
     """Return e^(r + rest) - 1."""
     series, square = _polynomial(_EXPONENTIAL, r), r * r
     rest = rest.fma(square.fma(series, r), rest)  # rest * e^r, to first order in rest
     return r + square.fma(series, rest)
 
 
-def _times_power(x: Value, n: Value) -> Value:
+def _times_power(x: _Value, n: _Value) -> _Value:
     """Return x 2^n for an integer |n| < 1024 + 512, one power of two at a time, the largest first."""
     left, up = abs(n), n > 0.0
     for bit in (512.0, 512.0, 256.0, 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0):
@@ -164,7 +164,7 @@ _INVERSE_TANGENT = (
 )
 
 
-def arctan2(y: Value, x: Value) -> Value:
+def arctan2(y: _Value, x: _Value) -> _Value:
     """Return the angle of the point (x, y), in (-pi, pi] [rad].
 
     Zeros have no sign: the angle is 0 at the origin and pi wherever y = 0 and x < 0. It is not-a-number if an argument
@@ -188,7 +188,7 @@ def arctan2(y: Value, x: Value) -> Value:
     return (y < 0.0).where(-value, value)
 
 
-def _of_quotient(small: Value, large: Value, c: Value) -> tuple[Value, Value]:
+def _of_quotient(small: _Value, large: _Value, c: _Value) -> tuple[_Value, _Value]:
     """Return u and atan u - u for u = (small - c large) / (large + c small), corrected for the rounding of u."""
     numerator = c.fma(-large, small)  # exact
     denominator = c.fma(small, large)
@@ -201,7 +201,7 @@ def _of_quotient(small: Value, large: Value, c: Value) -> tuple[Value, Value]:
     return u, (z * u).fma(series, rest)
 
 
-def _polynomial(coefficients: tuple[float, ...], z: Value) -> Value:
+def _polynomial(coefficients: tuple[float, ...], z: _Value) -> _Value:
     """Return the polynomial by Horner's rule."""
     result = z.fma(coefficients[-1], coefficients[-2])
     for c in reversed(coefficients[:-2]):

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from holdfast.compiler.constant import NUMBERS, Constant
+from holdfast.compiler.constant import NUMBER_TYPES, Constant
 from holdfast.compiler.node import Node
 
-_PLAIN = (str, bool, Constant, *NUMBERS)
+_PLAIN = (str, bool, Constant, *NUMBER_TYPES)
 _WORDS = (str, bool)
 _SEQUENCES = (tuple, list)
 
@@ -71,7 +71,7 @@ class ItemLeaf(Sequence[Node]):
         return iter(self.nodes())
 
 
-class Known(NamedTuple):
+class KnownValue(NamedTuple):
     """What is known of a value that holds traced nodes: its key, and its leaves `leaves[begin:end]`."""
 
     value: Any  # kept, so that its id is not reused
@@ -96,7 +96,7 @@ class Values:
         # All but `_numbers` are keyed by `id`, and hold the objects too.
         self._static: dict[int, tuple[Any, int]] = {}  # objects without nodes, and the number of their key
         self._numbers: dict[Hashable, int] = {}
-        self._known: dict[int, Known] = {}  # arrays, tuples and dataclasses with nodes
+        self._known: dict[int, KnownValue] = {}  # arrays, tuples and dataclasses with nodes
         self._makers: dict[int, tuple[Any, list[Leaf], Maker]] = {}
         self._open: set[int] = set()  # functions being visited, which may close over themselves
 
@@ -120,7 +120,7 @@ class Values:
             return "node"
         if value is None or isinstance(value, _WORDS):
             return value
-        if isinstance(value, NUMBERS):
+        if isinstance(value, NUMBER_TYPES):
             return ("number", float(value).hex())
         if isinstance(value, Constant):
             return ("number", value.value.hex())
@@ -131,7 +131,7 @@ class Values:
         key = self._made_of(value, found)
         if len(found) > before:
             if _lasting(value):
-                self._known[id(value)] = Known(value, key, found, before, len(found))
+                self._known[id(value)] = KnownValue(value, key, found, before, len(found))
             return key
         number = self._numbers.setdefault(key, len(self._numbers))
         self._static[id(value)] = (value, number)
@@ -218,7 +218,7 @@ class Values:
         def remembered(leaves: list[Any], late: bool) -> Any:
             other = make(leaves, late)
             if late:
-                self._known[id(other)] = Known(other, key, leaves, begin, end)
+                self._known[id(other)] = KnownValue(other, key, leaves, begin, end)
             return other
 
         return remembered, end
@@ -286,7 +286,7 @@ def numbers_of(value: Any) -> list[Any]:
 
 def with_numbers(value: Any, new: Callable[[Any], Any]) -> Any:
     """Return the value with every number x, traced or not, replaced by `new(x)`, in order."""
-    if isinstance(value, Node | Constant) or (isinstance(value, NUMBERS) and not isinstance(value, bool)):
+    if isinstance(value, Node | Constant) or (isinstance(value, NUMBER_TYPES) and not isinstance(value, bool)):
         return new(value)
     if isinstance(value, np.ndarray):
         return array_of([new(x) for x in value.flat], value.shape)

@@ -1,4 +1,4 @@
-"""Serial arms."""
+"""Serial arms, and anchors: arms without joints."""
 
 from __future__ import annotations
 

@@ -8,6 +8,13 @@
         def moment(self) -> Array: ...
 
 A dataclass that only says `frozen=True` refuses `link.com = x`, but lets `link.com[0] = x` change what others rely on.
+
+Fields may hold an array and take whatever NumPy makes one of: lists, tuples, numbers. With
+
+    com: ArrayField = field(default_factory=making(np.zeros, 3))
+
+and a `__post_init__` that converts what it is given, the constructor's argument is an `ArrayLike` and the attribute an
+`Array` to a type checker. At run time it is an attribute like any other.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Small dense factorisations that run on any scalar: no pivoting on values, no NumPy solver."""
+"""Small dense factorisations and solvers; all but `gauss_solve` run on any scalar: no pivoting on values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pose of one frame in another: a rotation and an origin."""
+"""The pose of one frame in another, a rotation and an origin, and its tangents [turn; shift]."""
 
 from __future__ import annotations
 

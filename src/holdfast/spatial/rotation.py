@@ -1,4 +1,4 @@
-"""Rotations: matrices, unit quaternions (w, x, y, z), rotation vectors, Euler angles.
+"""Rotations: matrices, unit quaternions (w, x, y, z), rotation vectors and curves of these, Euler angles.
 
 A matrix R maps the coordinates of a vector from the rotated frame to the reference frame.
 """

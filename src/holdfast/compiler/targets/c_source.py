@@ -19,8 +19,8 @@ from typing import NamedTuple
 from holdfast.compiler.arithmetic import TRUTHS
 from holdfast.compiler.program import Program
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, Schedule
-from holdfast.compiler.targets.layout import Address, Layout
-from holdfast.compiler.targets.split import Access, Number, Part, SplitProgram, signs_to_keep, split
+from holdfast.compiler.targets.layout import ArrayAddress, Layout
+from holdfast.compiler.targets.split import Access, NumberPlace, SplitPart, SplitProgram, signs_to_keep, split
 
 _WRITTEN_OUT = 2  # up to so many calls are written one after the other; more become a loop
 
@@ -88,7 +88,7 @@ class _Writer:
         calls = [f"        {name}({arguments});" for name in made.names]
         return [*lines, f"    for (int i = 0; i < {len(runs)}; i++) {{", *calls, "    }"]
 
-    def _pointer(self, place: Address | None, shift: str | None = None) -> str:
+    def _pointer(self, place: ArrayAddress | None, shift: str | None = None) -> str:
         if place is None:
             return "scratch"
         array = "workspace" if place.external is None else self._fields[place.external]
@@ -190,7 +190,7 @@ def constant(value: float) -> str:
     return short if len(short) < 8 else value.hex()
 
 
-def _used(part: Part) -> set[str]:
+def _used(part: SplitPart) -> set[str]:
     """Return the pointers that a part reads or writes."""
     program = part.program
     read = {a for i in program.instructions for a in i.args} | {p for o in program.outputs for p in o.places}
@@ -198,7 +198,7 @@ def _used(part: Part) -> set[str]:
     return sources | {number.pointer for numbers in part.wanted.values() for number in numbers}
 
 
-def _body(part: Part) -> list[str]:
+def _body(part: SplitPart) -> list[str]:
     """Return the lines of the operations; every result is stored as soon as it is computed."""
     program, wanted, kept = part.program, part.wanted, signs_to_keep(part.program, of_operands=True)
     names: dict[int, str] = {}
@@ -227,5 +227,5 @@ def _body(part: Part) -> list[str]:
     return lines
 
 
-def _at(number: Number) -> str:
+def _at(number: NumberPlace) -> str:
     return f"{number.pointer}[{number.place * number.access.step}]"

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from holdfast.compiler.program import Program
 from holdfast.compiler.schedule import Call
-from holdfast.compiler.targets.layout import Address, Layout
-from holdfast.compiler.targets.split import Access, Number, Part, SplitProgram, signs_to_keep, split
+from holdfast.compiler.targets.layout import ArrayAddress, Layout
+from holdfast.compiler.targets.split import Access, NumberPlace, SplitPart, SplitProgram, signs_to_keep, split
 
 # A number in memory that has not been used for so many operations is loaded again. LLVM would keep it in a register, or
 # rather write it to the stack, a second time, because more numbers are in use than there are registers.
@@ -118,7 +118,7 @@ def _operations(lanes: int) -> dict[str, str]:
     }
 
 
-def _body(part: Part, lanes: int, before: str) -> tuple[list[str], set[str]]:
+def _body(part: SplitPart, lanes: int, before: str) -> tuple[list[str], set[str]]:
     """Return the lines of the operations and the pointers that they use.
 
     Numbers are loaded when they are used, and stored when they are computed. The names of pointers through which
@@ -131,7 +131,7 @@ def _body(part: Part, lanes: int, before: str) -> tuple[list[str], set[str]]:
     lines: list[str] = []
     names: dict[int, str] = {}
     now = first_operation = program.input_size
-    stored: dict[int, Number] = {}  # results and values for later parts that this part has computed
+    stored: dict[int, NumberPlace] = {}  # results and values for later parts that this part has computed
     used: dict[int, int] = {}  # when each number that is in memory was last used
     pointers: set[str] = set()
 
@@ -236,7 +236,7 @@ class Module:
             return label
         return self._loop(made, runs, lines, label)
 
-    def _loop(self, made: ProgramInLlvm, runs: list[list[Address | None]], lines: list[str], label: str) -> str:
+    def _loop(self, made: ProgramInLlvm, runs: list[list[ArrayAddress | None]], lines: list[str], label: str) -> str:
         n, count = self.label(), len(runs)
         lines += [f"  br label %loop{n}", f"loop{n}:"]
         lines.append(f"  %t{n} = phi i64 [ 0, %{label} ], [ %t{n}.next, %loop{n} ]")
@@ -278,7 +278,7 @@ class Module:
         return self._known[key]
 
 
-def _pointer(lines: list[str], name: str, place: Address | None, moving: str | None) -> str:
+def _pointer(lines: list[str], name: str, place: ArrayAddress | None, moving: str | None) -> str:
     """Append the line that computes an address; return the argument."""
     if place is None:
         return "ptr %scratch"
