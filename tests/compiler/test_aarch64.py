@@ -15,8 +15,7 @@ from tests.compiled.problems import chain_of, numbers, one
 from tests.compiler.emulated import outputs, require_emulator
 from tests.compiler.programs import NUMBERS, programs, same_bits, schedule_of
 from tests.compiler.schedules import inputs_of, schedules
-from tests.compiler.test_trigonometry import PROGRAM as SINE_AND_COSINE
-from tests.compiler.test_trigonometry import hard_arguments
+from tests.compiler.test_elementary import CIRCLE, hard_arguments
 
 few = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
@@ -55,7 +54,7 @@ def test_sine_and_cosine():
     """Of the arguments that are hardest to reduce, and of random ones."""
     random = np.random.default_rng(0)
     x = np.concatenate([hard_arguments()[::40], random.uniform(-1e5, 1e5, 300), [0.0, 1e5, 2e5, np.inf, np.nan]])
-    check(schedule_of(lowered(SINE_AND_COSINE)), [{"in0": np.array([v])} for v in x])
+    check(schedule_of(lowered(CIRCLE.program)), [{"in0": np.array([v])} for v in x])
 
 
 def test_chain():

@@ -65,30 +65,31 @@ def solve_by_elimination(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
 
     Args:
         matrix: (n, n) scalars of any kind that has + - * / and abs.
-        rhs: (n,) scalars.
+        rhs: (n,) scalars, or (n, m) for several right-hand sides.
 
     Returns:
-        (n,) object array.
+        (n,) or (n, m) object array.
 
     Raises:
         ZeroDivisionError: the matrix is exactly singular.
     """
-    rows = [[*list(row), value] for row, value in zip(matrix, rhs, strict=True)]
-    size = len(rows)
+    rows = [[*row, *values] for row, values in zip(matrix, np.reshape(rhs, (len(matrix), -1)), strict=True)]
+    size, width = len(rows), len(rows[0])
     for column in range(size):
         best = max(range(column, size), key=lambda i, column=column: abs(rows[i][column]))
         if rows[best][column] == 0:
             raise ZeroDivisionError(f"column {column} of {size} has no pivot")
         rows[column], rows[best] = rows[best], rows[column]
         pivot = rows[column]
-        active = [(j, pivot[j]) for j in range(column + 1, size + 1) if pivot[j] != 0]
+        active = [(j, pivot[j]) for j in range(column + 1, width) if pivot[j] != 0]
         for row in rows[column + 1 :]:
             if row[column] != 0:
                 factor = row[column] / pivot[column]
                 for j, value in active:
                     row[j] = row[j] - factor * value
-    solution = np.empty(size, dtype=object)
+    solution = np.empty((size, width - size), dtype=object)
     for i in reversed(range(size)):
-        known = (rows[i][j] * solution[j] for j in range(i + 1, size) if rows[i][j] != 0)
-        solution[i] = (rows[i][size] - sum(known)) / rows[i][i]
-    return solution
+        known = [(j, rows[i][j]) for j in range(i + 1, size) if rows[i][j] != 0]
+        for k in range(width - size):
+            solution[i, k] = (rows[i][size + k] - sum(x * solution[j, k] for j, x in known)) / rows[i][i]
+    return solution.reshape(np.shape(rhs))

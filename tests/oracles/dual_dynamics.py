@@ -21,7 +21,7 @@ from holdfast.model.closed_chain import TRUNK
 from holdfast.model.trunk import Trunk
 from tests.oracles.arithmetic import arithmetic
 from tests.oracles.chain_derivatives import OUTPUTS, Derivatives, Seeded, names_of, numbers_of
-from tests.oracles.dual import tangents_of, values_of
+from tests.spatial.dual import tangents_of, values_of
 from tests.systems.as_chain import Problem
 
 OF_BODY = ("mass", "com", "inertia")

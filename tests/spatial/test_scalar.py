@@ -24,7 +24,7 @@ def test_functions(name, derivative, x):
     assert getattr(scalar, name)(x) == getattr(math, name)(x)
     if name != "sqrt" or x > 0:
         other = getattr(scalar, name)(Dual(x, 2.0))
-        assert (other.value, other.slope) == (getattr(math, name)(x), 2.0 * derivative(x))
+        assert (other.value, other.tangent) == (getattr(math, name)(x), 2.0 * derivative(x))
 
 
 def test_root_of_a_negative():
