@@ -23,8 +23,8 @@ import numpy as np
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from tests.oracles.arithmetic import Arithmetic, arithmetic, solve_by_elimination
 from tests.oracles.arm_kinematics import cross_matrix
-from tests.spatial.dual import tangents_of, values_of, with_tangents
 from tests.oracles.held_equations import missing, unknowns
+from tests.spatial.dual import tangents_of, values_of, with_tangents
 from tests.systems.as_chain import Problem
 
 OUTPUTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
@@ -213,7 +213,10 @@ class Equations:
         N = self.at.size
         exact = self.plain["gravity"].dtype == object
         found = missing(
-            p.chain, self.plain, with_tangents(numbers.array(np.zeros(N)), np.eye(N, dtype=object if exact else float)), numbers
+            p.chain,
+            self.plain,
+            with_tangents(numbers.array(np.zeros(N)), np.eye(N, dtype=object if exact else float)),
+            numbers,
         )
         self.K, self.rhs = tangents_of(found.equations, N), -values_of(found.equations)
         bases = np.concatenate([found.base_wrench.ravel(), found.trunk_base_wrench])
