@@ -1,6 +1,7 @@
 """`sequential` keeps its digits, by the reference and by machine code; what is singular is refused and nothing else.
 
-Light and heavy objects, nearly straight arms, far-off points, constantly low rank: against 50 digits."""
+Light and heavy objects, nearly straight arms, far-off points, constantly low rank: against 50 digits.
+"""
 
 from __future__ import annotations
 

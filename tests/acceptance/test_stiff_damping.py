@@ -1,4 +1,4 @@
-"""Stiff damping: stock URDF files of hands, by steps of a millisecond and a microsecond, and a thousand damped chains."""
+"""Stiff damping: stock URDF files of hands, steps of a millisecond and a microsecond, and a thousand damped chains."""
 
 from __future__ import annotations
 
