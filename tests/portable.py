@@ -35,7 +35,7 @@ ARM = "tests/compiler/test_aarch64.py"
 MACHINE_CODE = [  # those that run it; what is written of programs and schedules before is the same everywhere
     *(
         f"tests/compiler/test_{name}.py"
-        for name in ("builtin", "elementary", "graph", "kernel", "llvm", "schedule", "signs_of_zeros", "two_arms")
+        for name in ("builtin", "elementary", "graph", "kernel", "llvm", "schedule", "signs_of_zeros")
     ),
     "tests/compiled/test_batches.py",
 ]

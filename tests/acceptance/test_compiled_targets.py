@@ -16,6 +16,7 @@ from benchmarks.bench import rollout_entries
 from benchmarks.bench.clock import Effort, timed
 from benchmarks.bench.systems import make_system
 from benchmarks.circling import PERIOD, circling
+from benchmarks.operation_counts import two_pandas
 
 import holdfast
 from holdfast import ClosedChain, ControlLaw, compile_rollout
@@ -28,7 +29,6 @@ from tests.compiled.problems import FIELDS, STATE, answer, numbers, one, outputs
 from tests.compiled.test_functions import EVERY
 from tests.compiled.test_functions import disagreement as of_function
 from tests.compiler.programs import all_same_bits
-from tests.compiler.test_two_arms import chain as two_pandas
 from tests.systems import random_system, scaled_condition, two_collinear_stretched_6r, well_conditioned_system
 from tests.systems.as_chain import Problem, as_chain
 from tests.systems.problems import CASES, stored
@@ -51,7 +51,7 @@ def mixed_chain() -> ClosedChain:
 @pytest.mark.parametrize("name", ["two pandas", "mixed"])
 def test_same_bits(name, capsys):
     """1,000 random states: single = lanes = tails = threads = as many by the interpreter as fit in a minute."""
-    chain = two_pandas("rigid") if name == "two pandas" else mixed_chain()
+    chain = two_pandas() if name == "two pandas" else mixed_chain()
     fast = holdfast.compile(chain, parameters=("link_wrench",))
     given = numbers(chain, 1000) | problems.forces(chain, 1000)
     out = fast.forward_dynamics(**one(given, 0))
