@@ -59,11 +59,6 @@ def hard_arguments() -> np.ndarray:
     return near[near <= LARGEST_ARGUMENT]
 
 
-def ulps(found: np.ndarray, exact: list[mpmath.mpf]) -> float:
-    """Return the largest error in units in the last place of the exact value."""
-    return max(float(abs(mpmath.mpf(f) - e)) / math.ulp(float(e)) for f, e in zip(found.tolist(), exact, strict=True))
-
-
 def drawn(seed: int, low: float, high: float, count: int) -> np.ndarray:
     """Return random numbers."""
     return np.random.default_rng(seed).uniform(low, high, count)

@@ -26,7 +26,7 @@ Leaf = Sequence[Node]  # the distinct nodes of one array, in order of appearance
 
 
 class ImagesOf(Protocol):
-    """The images of what a loop's body has returned, for one item: nodes that are made when they are asked for.
+    """Lazily created nodes for one item's results of a loop body.
 
     Attributes:
         group: the items that run the body.
@@ -42,7 +42,7 @@ class ImagesOf(Protocol):
 
 
 class ItemLeaf(Sequence[Node]):
-    """A leaf of one item of a loop, whose nodes are made when they are first asked for.
+    """A leaf of one item of a loop, whose nodes are created when first used.
 
     Attributes:
         images: the images of the item.
@@ -72,7 +72,7 @@ class ItemLeaf(Sequence[Node]):
 
 
 class KnownValue(NamedTuple):
-    """What is known of a value that holds traced nodes: its key, and its leaves `leaves[begin:end]`."""
+    """The key of a value that holds traced nodes, and its leaves `leaves[begin:end]`."""
 
     value: Any  # kept, so that its id is not reused
     key: Hashable
@@ -81,7 +81,7 @@ class KnownValue(NamedTuple):
     end: int
 
 
-Maker = Callable[[list[Any], bool], Any]  # makes a value again with other numbers per leaf, at once or late
+Maker = Callable[[list[Any], bool], Any]  # rebuilds a value with other numbers per leaf, at once or late
 
 
 class Values:
@@ -185,14 +185,14 @@ class Values:
         return make([ItemLeaf(images, leaf) for leaf in leaves], True)
 
     def _maker_of(self, value: Any) -> tuple[list[Leaf], Maker]:
-        """Return the leaves of a value, and what makes it again."""
+        """Return the leaves of a value, and its maker."""
         if id(value) not in self._makers:
             leaves, _ = self.leaves(value)  # remembers the parts without nodes, which are not made again
             self._makers[id(value)] = value, leaves, self._maker(value, 0)[0]
         return self._makers[id(value)][1:]
 
     def _maker(self, value: Any, begin: int) -> tuple[Maker, int]:
-        """Return what makes a value with the leaves `begin` to `end` again, and `end`."""
+        """Return the maker of a value with the leaves `begin` to `end`, and `end`."""
         if value is None or isinstance(value, _PLAIN) or id(value) in self._static or id(value) in self._open:
             return (lambda leaves, late: value), begin
         if isinstance(value, self.kind):
@@ -224,7 +224,7 @@ class Values:
         return remembered, end
 
     def _makers_in(self, parts: Iterable[Any], end: int) -> tuple[list[Maker], int]:
-        """Return what makes every one of several values again, and the number of leaves up to their end."""
+        """Return the makers of several values, and the number of leaves up to their end."""
         makers = []
         for x in parts:
             make, end = self._maker(x, end)
@@ -233,7 +233,7 @@ class Values:
 
 
 def _array_maker(value: np.ndarray, leaf: Leaf, begin: int) -> Maker:
-    """Return what makes an array, whose traced nodes are `leaf`, again from the nodes of the leaf `begin`."""
+    """Return the maker of an array with the traced nodes `leaf`; it reads the leaf number `begin`."""
     entries, shape = value.ravel().tolist(), value.shape
     if len(leaf) == len(entries):
         return lambda leaves, late: array_of(leaves[begin], shape)
@@ -243,12 +243,12 @@ def _array_maker(value: np.ndarray, leaf: Leaf, begin: int) -> Maker:
 
 
 def _container_maker(value: Any, parts: list[Maker]) -> Maker:
-    """Return what makes a tuple, list or dict of parts that are made again."""
+    """Return the maker of a tuple, list or dict from the makers of its parts."""
     return lambda leaves, late: _with_parts(value, [make(leaves, late) for make in parts])
 
 
 def _dataclass_maker(value: Any, parts: list[Maker]) -> Maker:
-    """Return what makes a dataclass of parts that are made again: at once, or late, when each is first used."""
+    """Return the maker of a dataclass from those of its parts, called at once, or late, when each is first used."""
     kind = _late(_kind(value))
     makers = dict(zip(_fields(kind) or (), parts, strict=True))
 

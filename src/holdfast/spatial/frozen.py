@@ -38,11 +38,11 @@ class Frozen:
     """A base of frozen dataclasses. What they hold cannot be written, so that a deep copy is the object itself."""
 
     def __post_init__(self) -> None:
-        """Freeze what the constructor was given; a class that converts it does so itself."""
+        """Freeze the arguments of the constructor; a class that converts them freezes them itself."""
         self.__setstate__(dict(vars(self)))
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
-        """Take the attributes of a copy or a pickle; arrays come back writeable from there."""
+        """Restore the attributes of a copy or a pickle, in which arrays are writeable."""
         self.__dict__.update({name: frozen(value) for name, value in state.items()})
 
     def __deepcopy__(self, memo: Any) -> Self:
@@ -63,7 +63,7 @@ class FrozenDict(dict[Any, Any]):
     clear = pop = popitem = setdefault = update = _refuse  # type: ignore[assignment]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what makes the mapping again."""
+        """Return how pickle rebuilds the mapping."""
         return type(self), (dict(self),)
 
 

@@ -41,7 +41,7 @@ USUAL = {"dtype": None, "keepdims": False, "initial": getattr(np, "_NoValue", No
 
 
 class TracedArray(np.ndarray):
-    """An array of traced scalars; what NumPy's functions make of it is one again."""
+    """An array of traced scalars; NumPy functions of it return traced arrays."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         """Return the result of a function of NumPy, by its replacement if there is one."""
