@@ -13,7 +13,7 @@ import holdfast as hf
 from holdfast.interop import jacobian_operator, to_jax
 from holdfast.questions.arrays import ARRAYS, FLOATING, STATE
 from holdfast.questions.question import QUESTIONS
-from tests.fuzz.calls import Later, call, everything, fixed
+from tests.fuzz.calls import Later, call, everything, fixed, shown
 from tests.questions.every import direct
 
 # Machine code.
@@ -45,7 +45,7 @@ def _forward(**given: Any) -> Any:
     return compiled().forward_dynamics(**given)
 
 
-@call(
+call(
     "compiled batch",
     **{
         **given_compiled(**ACTING),
@@ -53,9 +53,7 @@ def _forward(**given: Any) -> Any:
         "gravity": np.tile([0.0, 0.0, -9.81], (4, 1)),
         "threads": 2,
     },
-)
-def _batch(**given: Any) -> Any:
-    return compiled().forward_dynamics(**given)
+)(_forward)
 
 
 @call("bind", **given_compiled(object_wrench=np.ones(6)))
@@ -126,16 +124,14 @@ for _name in direct():
     of_question(_name)
 
 
-@call(
+call(
     "compile",
     chain=Later(lambda: fixed().chain),
     dtype="float64",
     method="auto",
     parameters=["link_inertia"],
     generic_rank=9,
-)
-def _compile(**given: Any) -> Any:
-    return repr(hf.compile(**given))
+)(shown(hf.compile))
 
 
 @call("jacobian_operator", **GIVEN, of="qdd", by=["tau"])

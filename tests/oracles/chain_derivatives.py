@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import TRUNK
+from holdfast.questions.arrays import arguments_of
 from tests.oracles.arithmetic import Arithmetic, arithmetic, solve_by_elimination
 from tests.oracles.arm_kinematics import cross_matrix
 from tests.oracles.held_equations import missing, unknowns
@@ -30,6 +31,7 @@ from tests.systems.as_chain import Problem
 OUTPUTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 POSES = {"object_pose": "object", "grasp_pose": "grasp", "base_pose": "base", "floating_pose": "floating"}
 INERTIAS = ("object_inertia", "link_inertia", "trunk_link_inertia")
+names_of = arguments_of  # of all directions of a chain
 SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
@@ -88,18 +90,6 @@ def numbers_of(p: Problem, numbers: Arithmetic) -> dict[str, np.ndarray]:
             given["floating_R"], given["floating_p"] = state.base_frame.R, state.base_frame.p
             given["floating_twist"] = state.base_twist
     return {name: numbers.array(x) for name, x in given.items()}
-
-
-def names_of(chain: ClosedChain) -> tuple[str, ...]:
-    """Return the names of all directions of a chain."""
-    names = ["q", "qd", "tau", "object_pose", "object_twist", "object_wrench", "gravity", "object_mass", "object_com"]
-    names += ["object_inertia", "grasp_pose", "base_pose", "base_twist", "base_acceleration", "link_mass", "link_com"]
-    names += ["link_inertia", "link_wrench", "armature", "damping"]
-    if chain.trunk is not None:
-        names += ["trunk_link_mass", "trunk_link_com", "trunk_link_inertia", "trunk_link_wrench"]
-        floats = chain.trunk.floating is not None
-        names += ["floating_pose", "floating_twist"] if floats else ["trunk_base_twist", "trunk_base_acceleration"]
-    return tuple(names)
 
 
 class Seeded:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -17,19 +17,8 @@ from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, maximum, sin, sqrt, where
 from holdfast.spatial.vector import axial, cross
 
-
-class TipTurn(NamedTuple):
-    """Three functions of the tip's attitude in contact axes, (3, 3).
-
-    Attributes:
-        closing: returns the rotation vector that closes the angles, (3,) [rad].
-        opening: returns the opposite vector, with the sine of the angle as its length, (3,).
-        cosine: returns the cosine of the angle. A negative one belongs to an angle that its sine does not show.
-    """
-
-    closing: Callable[[Array], Array]
-    opening: Callable[[Array], Array]
-    cosine: Callable[[Array], Scalar]
+# Functions of the tip's attitude in contact axes, as `turn`, `opening` and `cosine` of `GraspKind`.
+_TurnOpeningCosine = tuple[Callable[[Array], Array], Callable[[Array], Array], Callable[[Array], Scalar]]
 
 
 def no_turn(tip: Array) -> Array:
@@ -52,13 +41,13 @@ def full_opening(tip: Array) -> Array:
     return 0.5 * axial(tip)
 
 
-def turn_of_axis(k: int) -> TipTurn:
+def turn_of_axis(k: int) -> _TurnOpeningCosine:
     """Return the functions of the shortest turn between axis k of the tip and that of the contact frame."""
     axis = np.eye(3)[k]
-    return TipTurn(
-        closing=lambda tip: rotation.align(tip[:, k], axis),
-        opening=lambda tip: cross(axis, tip[:, k]),
-        cosine=lambda tip: tip[k, k],
+    return (
+        lambda tip: rotation.align(tip[:, k], axis),
+        lambda tip: cross(axis, tip[:, k]),
+        lambda tip: tip[k, k],
     )
 
 
@@ -73,10 +62,10 @@ def cross_opening(tip: Array) -> Array:
     return concatenate([np.zeros(2), [tip[1, 0]]])
 
 
-_FULL = TipTurn(full_turn, full_opening, rotation.cosine)
+_FULL = full_turn, full_opening, rotation.cosine
 _ABOUT_X = turn_of_axis(0)
 _ABOUT_Z = turn_of_axis(2)
-_CROSS = TipTurn(cross_turn, cross_opening, no_cosine)  # its angle never exceeds a quarter turn
+_CROSS = cross_turn, cross_opening, no_cosine  # its angle never exceeds a quarter turn
 
 
 PERPENDICULAR = 1e-6  # sine of the angle below which two directions count as parallel
