@@ -12,8 +12,7 @@ from holdfast.compiler.interpret import interpret
 from holdfast.compiler.lowering import expand, fuse, lowered
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
-from tests.compiler.programs import NUMBERS, all_same_bits, programs
-from tests.compiler.schedules import stage
+from tests.compiler.programs import NUMBERS, all_same_bits, programs, stage
 
 FREE = {"constant", "negate", "absolute", "less", "less_equal"}
 SEVEN = st.lists(NUMBERS, min_size=7, max_size=7)

@@ -20,8 +20,7 @@ from holdfast.compiler.program import Program
 from holdfast.compiler.targets import batch_module, cpu, single_module
 from holdfast.compiler.targets.llvm.transposition import transpositions
 from holdfast.compiler.trace import trace
-from tests.compiler.programs import all_same_bits, compile_program, programs, schedule_of
-from tests.compiler.schedules import stage
+from tests.compiler.programs import all_same_bits, compile_program, programs, schedule_of, stage
 from tests.processors import levels
 
 

@@ -11,8 +11,7 @@ from holdfast.compiler.interpret import interpret_schedule
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, External, Group, Internal, Schedule, Wire
 from holdfast.compiler.targets import split
 from holdfast.compiler.targets.layout import Layout
-from tests.compiler.programs import ArrayKernel, all_same_bits, same_bits
-from tests.compiler.schedules import COUNTS, Writer, inputs_of, schedules, stage
+from tests.compiler.programs import COUNTS, ArrayKernel, Writer, all_same_bits, inputs_of, same_bits, schedules, stage
 
 
 def kernel_of(schedule: Schedule, lanes: int) -> ArrayKernel:
