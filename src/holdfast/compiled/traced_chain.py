@@ -41,10 +41,8 @@ def externals(
 ) -> dict[str, External]:
     """Return a computation's arrays: inputs, then parameters, then outputs."""
     roles: tuple[tuple[ExternalRole, Iterable[str]], ...] = (
-        ("input", inputs),
-        ("parameter", parameters),
-        ("output", outputs),
-    )
+        ("input", inputs), ("parameter", parameters), ("output", outputs)
+    )  # fmt: skip
     return {name: External(shape[name], role) for role, names in roles for name in names}
 
 
