@@ -71,7 +71,7 @@ capabilities: $(VENV)/.dev
 bench: $(VENV)/.bench
 	mkdir -p results
 	$(BIN)/python -m benchmarks.bench --json > results/bench.json
-	$(BIN)/python benchmarks/write_benchmarks.py results/bench.json
+	$(BIN)/python benchmarks/bench_page.py results/bench.json
 	$(BIN)/python benchmarks/simulation_cost.py --write docs/limitations.md
 
 # Closure error against time, beside Pinocchio and MuJoCo, into docs/drift.md (minutes).

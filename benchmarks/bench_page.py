@@ -1,9 +1,20 @@
-"""The document of a run as Markdown: the page of the documentation, and the README's table."""
+"""Write what a benchmark run measured: the page of the documentation, its figures, and the README's table.
+
+python -m benchmarks.bench --json > results/bench.json
+python benchmarks/bench_page.py results/bench.json
+"""
 
 from __future__ import annotations
 
+import argparse
+import json
+import sys
+from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks import bench_plots
 from benchmarks.bench import acceptance, tables
 from benchmarks.bench.entries import BIND, PUBLIC
 from benchmarks.bench.tables import MISSING, Document, Table, number
@@ -108,3 +119,19 @@ def _machine(document: Document) -> str:
         f"Machine: {machine['processor']}, {machine['cores']} cores, {', '.join(machine['features'])},"
         f" {machine['lanes']} doubles in a register; {machine['system']}, Python {machine['python']}; {listed}."
     )
+
+
+def main() -> None:
+    """Write page, figures and table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("document", type=Path, help="what `python -m benchmarks.bench --json` printed")
+    document, root = json.loads(parser.parse_args().document.read_text()), Path(__file__).parents[1]
+    (root / "docs" / "benchmarks.md").write_text(page(document))
+    bench_plots.save(document, root / "docs" / "images")
+    path = root / "README.md"
+    path.write_text(with_table(path.read_text(), readme(document)))
+    print("wrote docs/benchmarks.md, docs/images/bench_*.png and the table in README.md")
+
+
+if __name__ == "__main__":
+    main()

@@ -6,15 +6,20 @@ Run it with HOLDFAST_COMPILE unset, on a quiet machine: `python benchmarks/contr
 from __future__ import annotations
 
 import functools
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import holdfast as hf
+from benchmarks.bench.clock import least_time
+from benchmarks.bench.systems import facing_pandas
 from holdfast.control import ObjectTracking, RestToRest, compile_law, holding_law
-from holdfast.robots import panda
 
 STEP, STEPS, FEW, ROUNDS = 1e-3, 500, 100, 3
 
@@ -34,28 +39,9 @@ class Timed:
         return found
 
 
-def least(call: Callable[[], Any], calls: int) -> float:
-    """Return the least process time of a call over several rounds, in microseconds."""
-    call()
-    rounds = []
-    for _ in range(ROUNDS):
-        begin = time.process_time()
-        for _ in range(calls):
-            call()
-        rounds.append((time.process_time() - begin) / calls)
-    return 1e6 * min(rounds)
-
-
 def main() -> None:
     """Print milliseconds a step, of which the law's, and microseconds of compiled laws."""
-    arms = {
-        "left": panda(hf.Pose.translation(-0.55, 0, 0)),
-        "right": panda(hf.Pose.from_rpy(0, 0, np.pi, [0.55, 0, 0])),
-    }
-    places = {"left": ([-0.15, 0, 0], [1, 0, 0]), "right": ([0.15, 0, 0], [-1, 0, 0])}
-    grasps = {name: hf.Grasp("rigid", hf.contact_frame(at, into=into)) for name, (at, into) in places.items()}
-    box = hf.HeldObject.box(mass=3.0, x=0.3, y=0.2, z=0.2)
-    chain, state = hf.assemble(arms, box, grasps, object_pose=hf.Pose.translation(0, 0, 0.72))
+    chain, state = facing_pandas()
     hold, limits = (
         hf.holding_torques(chain, state, internal_force=20.0),
         [joint.effort_limit for joint in chain.all_joints],
@@ -93,6 +79,11 @@ def main() -> None:
     laws_of_arrays(chain, state, track)
 
 
+def microseconds(call: Callable[[], Any], calls: int) -> float:
+    """Return the least processor time of a call [us]."""
+    return 1e6 * least_time(call, calls, ROUNDS)
+
+
 def laws_of_arrays(chain: hf.ClosedChain, state: hf.State, track: ObjectTracking) -> None:
     """Print microseconds a system of compiled laws: a single call, bound, in a batch, and by the reference."""
     many, upward = 4096, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -110,9 +101,10 @@ def laws_of_arrays(chain: hf.ClosedChain, state: hf.State, track: ObjectTracking
     ):
         fast = compile_law(law, chain)
         bound = fast.bind(object_pose=state.object_pose, q=state.q, **given)
-        single = least(functools.partial(fast.torques, 0.3, state.q, *rest, **given), 2000)
-        batch = least(functools.partial(fast.torques, 0.3, q, *rest, **given), 5) / many
-        print(f"{name:16} {single:10.2f} {least(bound, 2000):6.2f} {batch:11.2f} {least(reference, 20):10.0f}")
+        single = microseconds(functools.partial(fast.torques, 0.3, state.q, *rest, **given), 2000)
+        batch = microseconds(functools.partial(fast.torques, 0.3, q, *rest, **given), 5) / many
+        plain, slow = microseconds(bound, 2000), microseconds(reference, 20)
+        print(f"{name:16} {single:10.2f} {plain:6.2f} {batch:11.2f} {slow:10.0f}")
 
 
 if __name__ == "__main__":

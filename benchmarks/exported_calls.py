@@ -16,7 +16,7 @@ from pathlib import Path
 
 import holdfast as hf
 from holdfast.codegen import export_c
-from holdfast.codegen.export import EXACT
+from holdfast.codegen.export import EXACT_FLAGS
 from holdfast.codegen.functions import generic_rank_of
 from holdfast.control import compile_law
 from holdfast.scenario.build import Scenario
@@ -47,7 +47,7 @@ def library(scene: Scenario, folder: Path, source: bool) -> ctypes.CDLL:
     export_c(scene.chain, folder, name="pandas", functions=["forward_dynamics"], laws=laws, source=source, state=state)
     (folder / "timed.c").write_text(TIMED)
     code = "pandas.c" if source else "pandas.o"
-    flags = ["-std=gnu11", "-O2", "-march=x86-64-v3", *EXACT.split(), "-shared", "-fPIC"]
+    flags = ["-std=gnu11", "-O2", "-march=x86-64-v3", *EXACT_FLAGS.split(), "-shared", "-fPIC"]
     subprocess.run(["gcc", *flags, "-o", "timed.so", "timed.c", code, "-lm"], cwd=folder, check=True)
     made = ctypes.CDLL(str(folder / "timed.so"))
     for name in ("forward_dynamics", "control"):

@@ -5,44 +5,29 @@ Run it with HOLDFAST_COMPILE unset, on a quiet machine: `python benchmarks/jax_c
 
 from __future__ import annotations
 
-import time
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import holdfast as hf
-from holdfast.robots import panda
+from benchmarks.bench.clock import least_time
+from benchmarks.bench.systems import facing_pandas
 
 CALLS, ROUNDS = 2000, 7
 STEP, STEPS, SYSTEMS = 1e-3, 50, 16
 
 
-def seconds(call: Callable[[], Any], calls: int = CALLS) -> float:
-    """Return the least process time of a call over several rounds [s]."""
-    call()
-    rounds = []
-    for _ in range(ROUNDS):
-        begin = time.process_time()
-        for _ in range(calls):
-            call()
-        rounds.append((time.process_time() - begin) / calls)
-    return min(rounds)
-
-
 def main() -> None:
     """Print microseconds a call."""
     jax.config.update("jax_enable_x64", True)
-    arms = {
-        "left": panda(hf.Pose.translation(-0.55, 0, 0)),
-        "right": panda(hf.Pose.from_rpy(0, 0, np.pi, [0.55, 0, 0])),
-    }
-    places = {"left": ([-0.15, 0, 0], [1, 0, 0]), "right": ([0.15, 0, 0], [-1, 0, 0])}
-    grasps = {name: hf.Grasp("rigid", hf.contact_frame(at, into=into)) for name, (at, into) in places.items()}
-    box = hf.HeldObject.box(mass=3.0, x=0.3, y=0.2, z=0.2)
-    chain, state = hf.assemble(arms, box, grasps, object_pose=hf.Pose.translation(0, 0, 0.72))
+    chain, state = facing_pandas()
     values = (state.q, state.qd, hf.holding_torques(chain, state), state.object_pose, state.object_twist)
     fast = hf.compile(chain)
     f = hf.interop.to_jax(fast, of=["qdd"])
@@ -59,9 +44,9 @@ def main() -> None:
     gradient = jax.jit(jax.grad(lambda *x: jnp.sum(f(*x)["qdd"]), argnums=(0, 1, 2, 3, 4)))
 
     def of(program: Callable[..., Any]) -> float:
-        return seconds(lambda: jax.block_until_ready(program(*given)))
+        return least_time(lambda: jax.block_until_ready(program(*given)), CALLS, ROUNDS)
 
-    vjp, dispatch = seconds(own.run), of(empty)
+    vjp, dispatch = least_time(own.run, CALLS, ROUNDS), of(empty)
     print(f"route {f.route}")
     print(f"machine code's own gradient {1e6 * vjp:6.1f} us; an empty jit {1e6 * dispatch:6.1f} us")
     print(f"JAX: forward dynamics       {1e6 * of(forward):6.1f} us")
@@ -84,7 +69,7 @@ def of_rollouts(rollout: Any, state: hf.State, tau: np.ndarray) -> None:
 
     whole = jax.jit(jax.value_and_grad(lambda tau: jax.vmap(lambda one: run(*given, tau=one)["q"].sum())(tau).sum()))
     assert np.allclose(whole(torques)[1], by_tape(), rtol=1e-9, atol=0)
-    own, through = seconds(by_tape, 5), seconds(lambda: jax.block_until_ready(whole(torques)), 5)
+    own, through = (least_time(call, 5, ROUNDS) for call in (by_tape, lambda: jax.block_until_ready(whole(torques))))
     print(f"rollout of {SYSTEMS} systems, {STEPS} steps: value and gradient by the tape {1e3 * own:.1f} ms, ", end="")
     print(f"in JAX {1e3 * through:.1f} ms, {through / own:.2f} times as much")
 

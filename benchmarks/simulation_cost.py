@@ -8,52 +8,34 @@ python benchmarks/simulation_cost.py [--write docs/limitations.md]
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import holdfast as hf
+from benchmarks.bench.clock import least_time
+from benchmarks.bench.systems import facing_pandas
 from holdfast.cli.doctor import processor
-from holdfast.robots import panda
 
 STEP, STEPS, ROUNDS, MANY = 1e-3, 500, 5, 1000
 BEGIN, END = "<!-- cost:begin -->\n", "<!-- cost:end -->\n"
 
 
-def held(kind: Any, contact: hf.Friction | None = None) -> tuple[hf.ClosedChain, hf.State]:
-    """Return two Pandas that face each other and hold a box."""
-    arms = {"left": panda([1, 0, 0, 0, -0.55, 0, 0]), "right": panda([0, 0, 0, 1, 0.55, 0, 0])}
-    frames = {name: hf.contact_frame([0.15 * x, 0, 0], into=[-x, 0, 0]) for name, x in {"left": -1, "right": 1}.items()}
-    grasps = {name: hf.Grasp(kind, frame, contact=contact) for name, frame in frames.items()}
-    box = hf.HeldObject.box(3.0, 0.3, 0.2, 0.2)
-    chain, state = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.72])
-    return chain, state
-
-
-def microseconds(run: Callable[[], Any], steps: int) -> float:
-    """Return the processor time of a step, the least of several runs after one that compiles [us]."""
-    run()
-    times = []
-    for _ in range(ROUNDS):
-        begin = time.process_time()
-        run()
-        times.append(time.process_time() - begin)
-    return 1e6 * min(times) / steps
-
-
 def costs() -> Iterator[tuple[str, float]]:
     """Yield what is run, and the processor time of a step [us]."""
-    rigid, state = held("rigid")
+    rigid, state = facing_pandas()
     hold = hf.holding_torques(rigid, state, internal_force=40.0)
 
     def springs(t: Any, now: Any, memory: Any) -> tuple[Any, Any]:
         return hold + 200.0 * (state.q - now.q) - 0.5 * now.qd, memory
 
     law = hf.ControlLaw(lambda t, now, memory, given: springs(t, now, memory))
-    gripped, _ = held("softfinger", hf.Friction(mu=0.8, torsion_radius=0.02))
+    gripped, _ = facing_pandas("softfinger", hf.Friction(mu=0.8, torsion_radius=0.02))
     for what, chain, controller, options in (
         ("`simulate`, a Python function called at every stage", rigid, springs, {}),
         ("`simulate`, a Python function called once per step (`sample_time`)", rigid, springs, {"sample_time": STEP}),
@@ -61,17 +43,17 @@ def costs() -> Iterator[tuple[str, float]]:
         ("`simulate`, a `ControlLaw`, soft fingers with friction", gripped, law, {}),
     ):
         run = lambda c=chain, f=controller, o=options: hf.simulate(c, state, f, STEPS * STEP, STEP, **o)  # noqa: E731
-        yield what, microseconds(run, STEPS)
+        yield what, 1e6 * least_time(run, 1, ROUNDS) / STEPS
     rollout = hf.compile_rollout(rigid, law)
     for count in (1, MANY):
         steps = STEPS if count == 1 else 20
         systems = rollout.start(np.tile(state.q, (count, 1)), state.qd, state.object_pose, state.object_twist)
         run = lambda s=systems, n=steps: rollout.step(s.copy(), STEP, steps=n)  # noqa: E731
         plural = "system" if count == 1 else "systems, each of them"
-        yield f"rollout of {count} {plural}, the same `ControlLaw`", microseconds(run, steps * count)
+        yield f"rollout of {count} {plural}, the same `ControlLaw`", 1e6 * least_time(run, 1, ROUNDS) / (steps * count)
     wanted = hf.forward_dynamics(gripped, state, hold)
     best = lambda: hf.forces.largest_margin(gripped, state, wanted, effort_limits=True)  # noqa: E731
-    yield "one `largest_margin` of the soft fingers, with effort limits", microseconds(best, 1)
+    yield "one `largest_margin` of the soft fingers, with effort limits", 1e6 * least_time(best, 1, ROUNDS)
 
 
 def table() -> str:

@@ -20,8 +20,10 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import holdfast as hf
-from holdfast.robots import panda
+from benchmarks.bench.systems import facing_pandas
 from holdfast.sweeps import NearPose, Normal, Progress, Uniform
 from holdfast.sweeps.plan import Plan, find_generic_rank, plan_of
 
@@ -34,12 +36,7 @@ SAMPLE_EVERY = 10  # chunks
 
 def problem() -> tuple[hf.ClosedChain, hf.ControlLaw, hf.State, dict[str, Any]]:
     """Return two arms that hold a box on springs, and what differs from run to run."""
-    at = {"left": [1, 0, 0, 0, -0.55, 0, 0], "right": [0, 0, 0, 1, 0.55, 0, 0]}
-    arms = {name: panda(base, armature=0.3) for name, base in at.items()}  # with the drives' inertia
-    left, right = hf.contact_frame([-0.15, 0, 0], into=[1, 0, 0]), hf.contact_frame([0.15, 0, 0], into=[-1, 0, 0])
-    grasps = {"left": hf.Grasp("rigid", left), "right": hf.Grasp("rigid", right)}
-    box = hf.HeldObject.box(3.0, 0.3, 0.2, 0.2)
-    chain, state = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.72])
+    chain, state = facing_pandas(armature=0.3)  # with the drives' inertia
     hold = hf.holding_torques(chain, state, internal_force=40.0)
 
     def stay(t: Any, now: hf.State, memory: Any, given: Any) -> tuple[Any, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.control.torque_schedule import TorqueSchedule
-from holdfast.robots.mechanisms import CONTACT, three_finger_hand
+from holdfast.robots.mechanisms import FINGERTIP, three_finger_hand
 from holdfast.view.figure_style import DPI
 from holdfast.view.plots import friction_margin_figure
 
@@ -36,7 +36,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     recorded = hf.simulate(chain, state, loosening, DURATION, step=0.02, on_slip="record")
     slip = stopped.occurrences[0]
 
-    mu, weight = CONTACT.mu, -hand.held_object.mass * chain.gravity[2]
+    mu, weight = FINGERTIP.mu, -hand.held_object.mass * chain.gravity[2]
     needed = weight / 3 / mu
     expected = DURATION * (FIRM - needed) / (FIRM - WEAK)
 

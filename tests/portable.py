@@ -35,9 +35,8 @@ ARM = "tests/compiler/test_aarch64.py"
 MACHINE_CODE = [  # those that run it; what is written of programs and schedules before is the same everywhere
     *(
         f"tests/compiler/test_{name}.py"
-        for name in ("arithmetic", "builtin", "kernel", "llvm", "schedule", "signs_of_zeros")
+        for name in ("builtin", "elementary", "graph", "kernel", "llvm", "schedule", "signs_of_zeros")
     ),
-    *(f"tests/compiler/test_{name}.py" for name in ("target", "transposition", "trigonometry", "two_arms")),
     "tests/compiled/test_batches.py",
 ]
 FORWARD = "tests/compiled/test_forward.py"  # against the reference; levels with fma have equal bits

@@ -28,8 +28,8 @@ def settings() -> dict[str, dict[str, str]]:
 
 def levels(fma: bool) -> list[str]:
     """Return the values of HOLDFAST_CPU that this processor can run, those with fma or those without."""
-    runnable = [name for name, needs in cpu.LEVELS.items() if cpu.features().issuperset(needs)]
-    return [name for name in runnable if ("fma" in cpu.LEVELS[name]) == fma]
+    runnable = [name for name, needs in cpu.X86_LEVELS.items() if cpu.features().issuperset(needs)]
+    return [name for name in runnable if ("fma" in cpu.X86_LEVELS[name]) == fma]
 
 
 def environment(setting: dict[str, str]) -> dict[str, str]:

@@ -71,6 +71,18 @@ def _seconds(entry: Timed, sweeps: int, now: Callable[[], float]) -> float:
             gc.enable()
 
 
+def least_time(call: Callable[[], object], calls: int, rounds: int) -> float:
+    """Return the processor time of a call, the least of several rounds after a first call, which may compile [s]."""
+    call()
+    found = []
+    for _ in range(rounds):
+        begin = time.process_time()
+        for _ in range(calls):
+            call()
+        found.append((time.process_time() - begin) / calls)
+    return min(found)
+
+
 def summary(seconds: Array) -> dict[str, float]:
     """Return the median of an entry's rounds and the quartiles [us]."""
     low, middle, high = 1e6 * np.percentile(seconds, [25, 50, 75])

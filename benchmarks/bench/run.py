@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 import holdfast
-from benchmarks.bench import acceptance, derivative_entries, entries, machine, peers, trunk_entries
+from benchmarks.bench import acceptance, derivative_entries, entries, machine, peers, trunks
 from benchmarks.bench.clock import Effort, summary, timed
 from benchmarks.bench.compile_times import compile_times
 from benchmarks.bench.entries import ACCURATE, LIBRARY, relative_error
 from benchmarks.bench.measure import measure_system, reference
 from benchmarks.bench.rollout_entries import MUJOCO, SCHEMES, STEP, STEPS, mj_step, rollout
 from benchmarks.bench.systems import System, make_system
-from benchmarks.bench.trunk_systems import FLOATING, TORSO
+from benchmarks.bench.trunks import FLOATING, TORSO
 
 Size = tuple[int, int]  # number of arms, joints per arm
 
@@ -210,7 +210,7 @@ class Work:
         """Compare this library with Pinocchio on a trunk, and with itself without one."""
         here = "version" in self.document["peers"]["pinocchio"]
         plain = self.system(self.plan.batch_of)
-        self.document["trunks"].append(trunk_entries.compare(name, plain, self.plan.effort, pinocchio=here))
+        self.document["trunks"].append(trunks.compare(name, plain, self.plan.effort, pinocchio=here))
 
     def derivatives(self, size: Size) -> None:
         """Time derivatives relative to forward dynamics, and Pinocchio's relative to ours."""

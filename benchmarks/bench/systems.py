@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from holdfast import Arm, ClosedChain, ClosureError, Grasp, HeldObject, Joint, Link, Pose
+import holdfast as hf
+from holdfast import Arm, ClosedChain, ClosureError, Friction, Grasp, HeldObject, Joint, Link, Pose, State
 from holdfast.dynamics import tip_jacobian, tip_pose
 from holdfast.robots import HOME, panda
 from holdfast.robots.panda import FR3_ARMATURE
@@ -70,6 +72,15 @@ class System:
         """Return the system with its states repeated in turn until there are `count`."""
         given = {name: x for name, x in vars(self).items() if isinstance(x, np.ndarray)}
         return replace(self, **{name: np.resize(x, (count, x.shape[1])) for name, x in given.items()})
+
+
+def facing_pandas(kind: Any = "rigid", contact: Friction | None = None, **options: Any) -> tuple[ClosedChain, State]:
+    """Return two Pandas that face each other and hold a box of 3 kg, at rest; options are those of `panda`."""
+    arms = {"left": panda([1, 0, 0, 0, -0.55, 0, 0], **options), "right": panda([0, 0, 0, 1, 0.55, 0, 0], **options)}
+    frames = {name: hf.contact_frame([0.15 * x, 0, 0], into=[-x, 0, 0]) for name, x in {"left": -1, "right": 1}.items()}
+    grasps = {name: Grasp(kind, frame, contact=contact) for name, frame in frames.items()}
+    chain, state = hf.assemble(arms, HeldObject.box(3.0, 0.3, 0.2, 0.2), grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.72])
+    return chain, state
 
 
 def make_system(arm_count: int, joint_count: int, states: int | None = None, seed: int = 0) -> System:

@@ -42,13 +42,13 @@ from .errors import StateError as StateError
 from .errors import StepTooLongError as StepTooLongError
 from .identification.identify import identify as identify
 from .io.result_reader import load_result as load_result
-from .model.anchor import Anchor as Anchor
+from .model.arm import Anchor as Anchor
 from .model.arm import Arm as Arm
 from .model.closed_chain import ClosedChain as ClosedChain
-from .model.contact_frame import contact_frame as contact_frame
 from .model.grasp import Friction as Friction
 from .model.grasp import Grasp as Grasp
 from .model.grasp import WrenchLimits as WrenchLimits
+from .model.grasp import contact_frame as contact_frame
 from .model.held_object import HeldObject as HeldObject
 from .model.joint import Joint as Joint
 from .model.link import Link as Link

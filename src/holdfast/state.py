@@ -14,8 +14,16 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.converted import NOT_GIVEN, REQUIRED, ArrayField, Converted, OptionalArrayField, making
-from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.frozen import (
+    NOT_GIVEN,
+    REQUIRED,
+    ArrayField,
+    Converted,
+    Frozen,
+    OptionalArrayField,
+    frozen_property,
+    making,
+)
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 

@@ -1,7 +1,8 @@
-"""Damping as in hands' stock URDF files: steps of a millisecond against steps of a microsecond."""
+"""Stiff damping: stock URDF files of hands, steps of a millisecond and a microsecond, and a thousand damped chains."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,6 +13,7 @@ import holdfast as hf
 from holdfast.dynamics import tip_pose
 from tests.acceptance.test_real_robots import FOLDER
 from tests.control.two_pandas import two_pandas
+from tests.simulation.damped import outcome, problem
 
 pytestmark = pytest.mark.long
 STEP, THOUSAND = 1e-3, 1000
@@ -96,3 +98,30 @@ def test_a_thousandth_of_the_step(name):
     print(f"{name}: {said}; moved by {moved:.2g} rad, off by "
           + ", ".join(f"{error:.1e}" for error in errors) + " rad at 4, 2, 1, 0.5, 0.25 ms, orders "
           + ", ".join(f"{order:.2f}" for order in orders))  # fmt: skip
+
+
+FAMILIES = 20
+BATCH = 250
+
+
+@pytest.mark.parametrize("batch", range(4))
+def test_a_thousand_damped_chains(batch):
+    """One or two arms of three to seven joints, all grasps, by rk4 and midpoint, against dop853 or finer steps."""
+    begin = time.perf_counter()
+    seeds = range(batch * BATCH, (batch + 1) * BATCH)
+    found = [outcome(problem(seed, FAMILIES), "midpoint" if seed // FAMILIES % 5 == 0 else "rk4") for seed in seeds]
+    stopped = [one.stopped for one in found if one.stopped is not None]
+    sides = [[one for one in found if one.implicit is implicit] for implicit in (False, True)]
+    worst = np.array([[max(getattr(one, name) for one in side) for name in ("position", "velocity")] for side in sides])
+    explicit, implicit = (f"{len(side)}, right to {x:.1e} rad or m, {v:.1e} of velocities" for side, (x, v) in
+                          zip(sides, worst, strict=True))  # fmt: skip
+    ratios = [one.ratio for one in found]
+    print(
+        f"\n{len(found)} damped chains, h lambda {min(ratios):.2g} to {max(ratios):.2g}: by explicit steps {explicit};"
+        f" by implicit ones {implicit}; {len(stopped)} stopped; {time.perf_counter() - begin:.0f} s",
+        end="",
+    )
+    assert not stopped, stopped[:3]
+    assert worst.max() <= 1e-3
+    assert max(one.ratio for one in sides[0]) <= 0.9 * 2.7853
+    assert min(one.ratio for one in sides[1]) > 1.8

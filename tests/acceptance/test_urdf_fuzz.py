@@ -1,10 +1,11 @@
-"""Mutated URDFs: each is a clear error of ours or a valid arm, in bounded time and memory."""
+"""Mutated URDFs and meshes: each is a clear error of ours, or a valid arm or surface, in bounded time and memory."""
 
 from __future__ import annotations
 
 import random
 import re
 import resource
+import sys
 import time
 from collections import Counter
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from holdfast import HoldfastError
 from holdfast.robots.urdf import UrdfChain, load_urdf_arms, read_urdf, urdf_chain, urdf_tree, urdf_visuals
 from tests.robots.arm_dynamics import mass_jacobian_bias
+from tests.robots.mesh_files.test_mesh_files import fuzz as fuzz_meshes
 from tests.robots.two_armed import TWO_ARMED
 from tests.systems import mutated_text
 from tests.systems.mutated_text import bytes_flipped
@@ -195,3 +197,13 @@ def test_3000_mutated_files(tmp_path):
         print(f"{name:14s} {counts[name, 'loaded']:5d} loaded {counts[name, 'refused']:5d} refused")
     print(f"{sum(counts.values())} files, {time.process_time() - start:.0f} s, {grown:.2f} GiB more at most")
     assert grown < GIGABYTES
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.skipif(sys.platform != "linux", reason="needs limits of memory as on Linux")
+def test_mutated_meshes(tmp_path):
+    """6,000 mutated files of every kind."""
+    read, refused = fuzz_meshes(300, 6300, tmp_path)
+    assert read + refused == 6000
+    assert min(read, refused) > 300

@@ -42,7 +42,7 @@ def test_page_on_drift():
     """Figures in caption and table are the runs'; ours is the first, the best of the others is named."""
     pytest.importorskip("matplotlib", reason="needs matplotlib: pip install 'holdfast[plot]'")
     from benchmarks import drift_figure
-    from benchmarks.drift_runs import Run
+    from benchmarks.drift_figure import Run
 
     gaps = (np.full(400, 2e-16), np.full(400, 3e-6), np.r_[np.full(399, 4e-9), 5e-9])
     runs = [Run(f"lib{k} 1.0", f"way {k}", f"set {k}", 1e-3, gap) for k, gap in enumerate(gaps)]

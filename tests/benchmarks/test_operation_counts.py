@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from benchmarks.bench.systems import make_system
-from benchmarks.bench.trunk_systems import FLOATING, TORSO, make_trunk_system
+from benchmarks.bench.trunks import FLOATING, TORSO, make_trunk_system
 from benchmarks.operation_counts import on_trunk
 
 from holdfast.compiled.forward_schedule import forward_schedule

@@ -8,7 +8,7 @@ from benchmarks.bench.clock import Effort
 from benchmarks.bench.entries import Answers, Candidate, Entry
 from benchmarks.bench.measure import reference
 from benchmarks.bench.run import Plan, run
-from benchmarks.bench.trunk_systems import TRUNKS
+from benchmarks.bench.trunks import TRUNKS
 
 EFFORT = Effort(turn=1e-4, rounds=3)
 TINY = Plan(

@@ -125,18 +125,13 @@ CHAINS: dict[str, Callable[[], Problem]] = {
 
 
 @dataclass(frozen=True)
-class Case:
+class Case(Problem):
     """What is asked about.
 
     Attributes:
-        chain, state, tau, inputs: arguments of `forward_dynamics`.
-        base_motion: of the bases that move, by arm.
+        base_motion: motions of the bases that move, by arm.
     """
 
-    chain: hf.ClosedChain
-    state: hf.State
-    tau: np.ndarray
-    inputs: hf.Inputs
     base_motion: Mapping[str, Callable]
 
     @property
@@ -149,4 +144,4 @@ class Case:
 def chain_with(capability: str) -> Case:
     """Return the chain of a capability, a state and torques."""
     p = CHAINS[capability]()
-    return Case(p.chain, p.state, p.tau, p.inputs, motions_of(capability, p.chain))
+    return Case(**vars(p), base_motion=motions_of(capability, p.chain))

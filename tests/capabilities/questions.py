@@ -14,7 +14,7 @@ import holdfast as hf
 from holdfast import dynamics, forces
 from holdfast.interop import to_mjcf
 from holdfast.interop.mcap_writer import write_mcap
-from holdfast.questions.arrays import FLOATING_RESULT
+from holdfast.questions.arrays import FLOATING, FLOATING_RESULT, STATE
 from holdfast.questions.question import QUESTIONS
 from holdfast.view.page import page
 from holdfast.view.playback import playback_of_run
@@ -41,14 +41,9 @@ class Question:
     quick: bool = True
 
 
-def solved(c: Case, **options: Any) -> dynamics.ForwardResult:
-    """Return forward dynamics."""
-    return hf.forward_dynamics(c.chain, c.state, c.tau, inputs=c.inputs, **options)
-
-
 def inverse(c: Case) -> Any:
     """Return the torques of the accelerations and wrenches that forward dynamics finds."""
-    found = solved(c)
+    found = c.solved()
     base = found.base_acceleration if c.chain.floats else None
     return hf.inverse_dynamics(c.chain, c.state, found.qdd, found.grasp_wrench, inputs=c.inputs, base_acceleration=base)
 
@@ -61,7 +56,7 @@ def run(c: Case, **options: Any) -> hf.simulation.Trajectory:
 
 def momenta(c: Case) -> Any:
     """Return energies, momentum, power, and how fast momentum changes."""
-    found = solved(c)
+    found = c.solved()
     power = dynamics.power(c.chain, c.state, c.tau, found, c.inputs)
     return [
         dynamics.kinetic_energy(c.chain, c.state, c.inputs),
@@ -79,23 +74,9 @@ def let_go(c: Case) -> Any:
     return dynamics.attach(free, c.state, name, c.chain.grasps[name], inputs=c.inputs).state.qd
 
 
-def as_batch(c: Case) -> list[Any]:
+def as_batch(c: Case) -> dict[str, Any]:
     """Return what machine code takes, for two systems."""
-    s = c.state
-    return [np.tile(x, (2, 1)) for x in (s.q, s.qd, c.tau, s.object_pose, s.object_twist)]
-
-
-def parameters(c: Case) -> dict[str, Any]:
-    """Return the run-time parameters of machine code."""
-    given = c.inputs.shaped(c.chain)
-    found = {"object_wrench": given.object_wrench}
-    if np.any(given.base_twists) or np.any(given.base_accelerations):
-        found |= {"base_twist": given.base_twists, "base_acceleration": given.base_accelerations}
-    if given.link_wrenches is not None:
-        found |= {"link_wrench": given.link_wrenches}
-    if c.state.base_pose is not None:
-        found |= {"floating_pose": c.state.base_pose, "floating_twist": c.state.base_twist}
-    return found
+    return {name: np.tile(x, (2,) + (1,) * np.ndim(x)) for name, x in c.arguments.items()}
 
 
 def compiled(c: Case) -> hf.compiled.CompiledChain:
@@ -105,7 +86,7 @@ def compiled(c: Case) -> hf.compiled.CompiledChain:
 
 def by_machine_code(c: Case) -> Any:
     """Return qdd of a batch."""
-    found = compiled(c).forward_dynamics(*as_batch(c), **parameters(c))
+    found = compiled(c).forward_dynamics(**as_batch(c))
     assert set(found.status) <= ANSWERED, found.status
     return found.qdd
 
@@ -113,18 +94,16 @@ def by_machine_code(c: Case) -> Any:
 def gradients_by_machine_code(c: Case) -> Any:
     """Return gradients of sum(qdd) of a batch."""
     cotangent = np.ones((2, c.chain.joint_count))
-    return compiled(c).forward_dynamics_vjp(*as_batch(c), qdd=cotangent, by=BY, **parameters(c)).q
+    return compiled(c).forward_dynamics_vjp(**as_batch(c), qdd=cotangent, by=BY).q
 
 
 def started(c: Case) -> tuple[Any, Any]:
     """Return a rollout, and two systems at the state."""
     law = hf.ControlLaw(lambda t, state, memory, given: (given["tau"], memory), parameters={"tau": c.tau.shape})
     made = hf.compile_rollout(c.chain, law, inputs=c.wrenches, base_motion=c.base_motion)
-    q, qd, _, pose, twist = as_batch(c)
-    floating = {} if c.state.base_pose is None else {
-        "floating_pose": np.tile(c.state.base_pose, (2, 1)), "floating_twist": np.tile(c.state.base_twist, (2, 1))
-    }  # fmt: skip
-    return made, made.start(q, qd, pose, twist, tau=c.tau, **floating)
+    given = as_batch(c)
+    state = {name: given[name] for name in (*STATE, *FLOATING) if name in given}
+    return made, made.start(**state, tau=c.tau)
 
 
 def rollout(c: Case) -> Any:
@@ -159,7 +138,7 @@ def through_steps(c: Case) -> Any:
 
 def of_questions(c: Case) -> list[Any]:
     """Return a gradient of every question that is answered without the equations of motion."""
-    found = solved(c)
+    found = c.solved()
     given = {"tau": c.tau, "qdd": found.qdd, "grasp_wrench": found.grasp_wrench, "result": found}
     given |= {FLOATING_RESULT: found.base_acceleration} if c.chain.floats else {}
     gradients = []
@@ -180,7 +159,7 @@ def exported(c: Case) -> Any:
 
 def parameters_rows(c: Case) -> Any:
     """Return the wrenches of the payload's ten parameters."""
-    found = solved(c)
+    found = c.solved()
     return hf.regressor(
         c.chain,
         c.state,
@@ -212,9 +191,9 @@ def tracking(c: Case) -> Any:
 
 
 DYNAMICS = [
-    Question("forward dynamics", lambda c: solved(c).qdd),
-    Question("dense equations (`kkt`)", lambda c: solved(c, method="kkt").qdd),
-    Question("RCCFD 1 .. 3 of the paper", lambda c: [solved(c, method=f"rccfd{k}").qdd for k in (1, 2, 3)]),
+    Question("forward dynamics", lambda c: c.solved().qdd),
+    Question("dense equations (`kkt`)", lambda c: c.solved(method="kkt").qdd),
+    Question("RCCFD 1 .. 3 of the paper", lambda c: [c.solved(method=f"rccfd{k}").qdd for k in (1, 2, 3)]),
     Question("inverse dynamics", inverse),
     Question("`close`", lambda c: hf.close(c.chain, c.state, inputs=c.inputs).q),
     Question("`project`", lambda c: hf.project(c.chain, c.state, c.inputs)[0].q),
@@ -225,10 +204,10 @@ DYNAMICS = [
     Question("`release`, `attach`", let_go),
 ]
 FORCES = [
-    Question("motion and internal forces", lambda c: forces.split(c.chain, c.state, solved(c).grasp_wrench).internal),
-    Question("margins of the grasps", lambda c: forces.grasp_margins(c.chain, c.state, solved(c).grasp_wrench)),
-    Question("largest margin", lambda c: forces.largest_margin(c.chain, c.state, solved(c), inputs=c.inputs).margin),
-    Question("wrenches at wrists", lambda c: forces.wrist_wrenches(c.chain, c.state, solved(c))),
+    Question("motion and internal forces", lambda c: forces.split(c.chain, c.state, c.solved().grasp_wrench).internal),
+    Question("margins of the grasps", lambda c: forces.grasp_margins(c.chain, c.state, c.solved().grasp_wrench)),
+    Question("largest margin", lambda c: forces.largest_margin(c.chain, c.state, c.solved(), inputs=c.inputs).margin),
+    Question("wrenches at wrists", lambda c: forces.wrist_wrenches(c.chain, c.state, c.solved())),
     Question("holding torques", lambda c: hf.holding_torques(c.chain, at_rest(c))),
     Question("`ObjectTracking`", tracking),
 ]

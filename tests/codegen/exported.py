@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.codegen.export import EXACT
+from holdfast.codegen.export import EXACT_FLAGS
 from holdfast.codegen.functions import ExportedFunction
 from holdfast.codegen.header import CFunction
 
-FLAGS = ["-std=c11", "-O2", *EXACT.split()]
+FLAGS = ["-std=c11", "-O2", *EXACT_FLAGS.split()]
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 APART = {"aarch64": ["qemu-aarch64"]}  # what runs programs of other processors
 INSTALL = (

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import holdfast as hf
-from holdfast.codegen.arrays import CONTROL, LAST
 from holdfast.codegen.functions import ExportedFunction, exported_function, exported_law
+from holdfast.codegen.header import CARRIED_PREFIX, LAW_PREFIX
 from holdfast.compiled.derivative_schedule import FOUND, UNITS
 from holdfast.control import compile_law
 from holdfast.spatial.scalar import sin
@@ -195,12 +195,16 @@ def steps(compiled, state, count, base_motion=None) -> Truth:
                 state.q, state.qd, state.object_pose, state.object_twist, tau=np.zeros(chain.joint_count), **of_base
             )
         tau = np.random.default_rng((k, 5)).normal(size=chain.joint_count)
-        before = {f"{LAST}{n}": x[0].copy() for n, x in systems.arrays.items()}
+        before = {f"{CARRIED_PREFIX}{n}": x[0].copy() for n, x in systems.arrays.items()}
         rollout.step(systems, STEP, tau=tau)
         if not systems.running.all():
             break
-        given.append(before | {f"{CONTROL}tau": tau, "step": np.array(STEP)})
-        after = {name: x[0].copy() for n, x in systems.arrays.items() if (name := f"{LAST}{n}") in function.externals}
+        given.append(before | {f"{LAW_PREFIX}tau": tau, "step": np.array(STEP)})
+        after = {
+            name: x[0].copy()
+            for n, x in systems.arrays.items()
+            if (name := f"{CARRIED_PREFIX}{n}") in function.externals
+        }
         expected.append(after | {"returned": np.array(0)})
     assert len(given) > count // 2
     return Truth(function, given, expected)

@@ -1,6 +1,8 @@
 """The call and the command: what they write, and what they refuse by name."""
 
 import json
+import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -9,15 +11,20 @@ import pytest
 
 import holdfast as hf
 from holdfast.cli import main as command
+from holdfast.cli.commands import run
 from holdfast.codegen import export_c
-from holdfast.codegen.arrays import fields_of, meaning
+from holdfast.codegen.export import files_of
 from holdfast.codegen.functions import exported_function, exported_names
-from holdfast.codegen.header import CFunction, header
-from tests.codegen.exported import STRICT, require
-from tests.codegen.problems import chain_and_state
+from holdfast.codegen.header import CFunction, fields_of, header, meaning
+from holdfast.compiler.targets import OBJECT_TARGETS, cpu
+from holdfast.control import compile_law
+from holdfast.spatial.scalar import cos, sin
+from tests.codegen.exported import APART, STRICT, built, outputs, require
+from tests.codegen.problems import NAMES, chain_and_state, steps, truths
+from tests.compiler.programs import same_bits
+from tests.longer import mostly_slow
 
 ROOT = Path(__file__).parents[2]
-SCENE = str(ROOT / "examples" / "two_pandas.toml")
 
 
 def test_files(tmp_path):
@@ -148,11 +155,11 @@ def test_a_full_disk_leaves_the_old_export(tmp_path, monkeypatch):
 def test_command(tmp_path, capsys):
     """JSON of what was written; a function that is none is refused with the exit code of bad input."""
     options = ["--function", "control", "--function", "kinetic_energy", "--json"]
-    assert command(["export-c", SCENE, "--out", str(tmp_path / "code"), *options]) == 0
+    assert command(["export-c", str(SCENE), "--out", str(tmp_path / "code"), *options]) == 0
     report = json.loads(capsys.readouterr().out)
     assert set(report["functions"]) == {"two_pandas_control", "two_pandas_kinetic_energy"}
     assert all(size["workspace"] > 0 for size in report["functions"].values())
-    assert command(["export-c", SCENE, "--out", str(tmp_path / "b"), "--function", "dynamic"]) != 0
+    assert command(["export-c", str(SCENE), "--out", str(tmp_path / "b"), "--function", "dynamic"]) != 0
     assert "no 'dynamic'" in capsys.readouterr().err
     assert not (tmp_path / "b").exists()
 
@@ -176,3 +183,166 @@ def test_memory_begins_at_the_state(tmp_path):
     assert np.array_equal(found.values["q"], state.q)
     assert np.array_equal(found.values["gravity"], chain.gravity)
     assert found.values["generic_rank"] == chain.constraint_row_count
+
+
+HERE = [name for name, needs in cpu.X86_LEVELS.items() if "fma" in needs and cpu.features().issuperset(needs)]
+COMPILERS = {"aarch64": ["aarch64-linux-gnu-gcc"]}
+
+
+def check(name, target, source, compilers, folder, count, derivatives=True, with_step=True):
+    """Library = exported, for every function, system and array."""
+    known = [truth for truth in truths(name, count, derivatives) if with_step or truth.function.name != "step"]
+    check_all(known, target, source, compilers, folder)
+
+
+def check_all(known, target, source, compilers, folder):
+    """The same for functions whose answers are known."""
+    require(*APART.get(target, []), *compilers)
+    exported = files_of("part", [truth.function for truth in known], OBJECT_TARGETS[target], source)
+    folder.mkdir(exist_ok=True)
+    for file, content in exported.files.items():
+        (folder / file).write_bytes(content)
+    for compiler in compilers:
+        flags = OBJECT_TARGETS[target].flags
+        program = built(folder, "part", exported.functions, compiler, target, flags)
+        given = {truth.function.name: truth.given for truth in known}
+        found = outputs(program, [truth.function for truth in known], given, APART.get(target, ()))
+        for truth in known:
+            of_function = found[truth.function.name]
+            for k, (got, expected) in enumerate(zip(of_function, truth.expected, strict=True)):
+                for array, x in expected.items():
+                    assert same_bits(got[array].ravel(), np.asarray(x, dtype=got[array].dtype).ravel()), (
+                        truth.function.name,
+                        k,
+                        array,
+                    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", mostly_slow((False, True), (True,)))
+def test_one_chain(source, tmp_path):
+    """Object file and source of two arms, one of which holds."""
+    if not HERE:
+        pytest.skip("this processor has no fma: its machine code rounds products apart")
+    check("one holds", HERE[-1], source, ["gcc"], tmp_path, 20, derivatives=False, with_step=not source)
+
+
+@pytest.mark.slow
+def test_a_step_on_moving_bases(tmp_path):
+    """The base's motion is part of the code: as the rollout steps that has it, whose base has moved by then."""
+    if not HERE:
+        pytest.skip("this processor has no fma: its machine code rounds products apart")
+    chain, state = chain_and_state("one holds")
+    name = next(iter(chain.arms))
+    base, along = chain.arms[name].base, np.array([0.0, 0.05, 0.02])
+
+    def heave(t):
+        still = np.zeros(3)
+        twist, acceleration = (np.concatenate([still, x * along]) for x in (5.0 * sin(5.0 * t), 25.0 * cos(5.0 * t)))
+        return hf.Pose(base.R, base.p + (1.0 - cos(5.0 * t)) * along), twist, acceleration
+
+    found = steps(hf.compile(chain), state, 20, {name: heave})
+    assert not same_bits(found.expected[-1]["last.q"], steps(hf.compile(chain), state, 20).expected[-1]["last.q"])
+    check_all([found], HERE[-1], False, ["gcc"], tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("source", [False, True])
+@pytest.mark.parametrize("name", NAMES)
+def test_ten_chains(name, source, tmp_path):
+    """1,000 systems of every chain, for every processor, by both compilers."""
+    for target in (*HERE, "aarch64"):
+        compilers = COMPILERS.get(target, ["gcc", "clang"] if source else ["gcc"])
+        check(name, target, source, compilers, tmp_path / target, 1000, derivatives=name == "two of seven")
+
+
+pytestmark = pytest.mark.slow
+
+EXAMPLE, SCENE = ROOT / "examples" / "robot_code", ROOT / "examples" / "two_pandas.toml"
+SAMPLE = 1e-3
+
+
+@pytest.fixture(scope="module")
+def code(tmp_path_factory):
+    """The folder that the example's command writes."""
+    folder = tmp_path_factory.mktemp("robot") / "code"
+    text = (EXAMPLE / "CMakeLists.txt").read_text()
+    command = re.search(r"holdfast (export-c .*?)\n#\n", text, re.DOTALL)[1].replace("\\\n#", "").split()
+    command[command.index("../two_pandas.toml")] = str(SCENE)
+    command[command.index("code")] = str(folder)
+    assert run(command) == 0
+    return folder
+
+
+def build(source: Path, folder: Path, **definitions: Path) -> None:
+    """Configure and build a CMake project."""
+    defined = [f"-D{name}={x}" for name, x in definitions.items()]
+    subprocess.run(["cmake", "-S", source, "-B", folder, *defined], check=True, timeout=300, capture_output=True)
+    subprocess.run(["cmake", "--build", folder], check=True, timeout=300, capture_output=True)
+
+
+@pytest.mark.slow
+def test_carry(code, tmp_path, monkeypatch):
+    """Two seconds of controller and plant, 1,000 times a second: the box where Python's run has it, to the bit."""
+    require("cmake", "gcc", "g++")
+    build(EXAMPLE, tmp_path, CODE=code)
+    out = subprocess.run([tmp_path / "carry"], check=True, capture_output=True, text=True, timeout=60).stdout
+    exactly = re.search(r"exactly:(.*)", out)[1].split()
+    assert [float.fromhex(x) for x in exactly] == list(carried_by_python())
+    times = re.findall(r"([\d.]+) s: the box is at .* (\d\.\d+) m", out)
+    assert [t for t, _ in times] == ["0.4", "0.8", "1.2", "1.6", "2.0"]
+    assert float(times[-1][1]) == pytest.approx(0.92, abs=1e-3)  # 0.72 m and the 0.2 m of the path
+
+
+def carried_by_python() -> np.ndarray:
+    """Return the box's pose after the same two seconds."""
+    scene = hf.load_scene(SCENE)
+    law, rollout = compile_law(scene.controller, scene.chain), hf.compile_rollout(scene.chain)
+    s = scene.state
+    systems = rollout.start(s.q, s.qd, s.object_pose, s.object_twist, tau=np.zeros(14))
+    for k in range(2000):
+        tau = law.torques(k * SAMPLE, systems.q, systems.qd, systems.object_pose, systems.object_twist).tau
+        rollout.step(systems, SAMPLE, tau=tau)
+    return systems.object_pose[0]
+
+
+@pytest.mark.slow
+def test_ros2_controller(code, tmp_path):
+    """The ros2_control example's torques, from joint states alone, are the controller's; invalid states are refused."""
+    require("g++")
+    stand_in = Path(__file__).parent / "ros"
+    program = tmp_path / "manager"
+    include = [f"-I{x}" for x in (code, stand_in, EXAMPLE / "ros2_control")]
+    sources = [stand_in / "manager.cpp", EXAMPLE / "ros2_control" / "carry_controller.cpp", code / "pandas.o"]
+    flags = ["-std=c++17", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+    subprocess.run(["g++", *flags, *include, "-o", program, *sources], check=True, timeout=300)
+    scene = hf.load_scene(SCENE)
+    run = hf.simulate(scene.chain, scene.state, scene.controller, duration=1.0, step=0.01)
+    rows = [np.concatenate([run.q[k], run.qd[k]]) for k in range(0, 100, 10)]
+    text = "\n".join(" ".join(map(repr, row.tolist())) for row in rows) + "\n" + "nan " * 28
+    done = subprocess.run([program], input=text, capture_output=True, text=True, check=True, timeout=60)
+    *found, refused = done.stdout.splitlines()
+    assert refused == "refused"
+    for k, line in enumerate(found):
+        state = run.state(10 * k)
+        tau, _ = scene.controller(k * SAMPLE, state, None)
+        assert np.allclose([float(x) for x in line.split()], tau, rtol=0.0, atol=1e-8), k
+    assert len(found) == len(rows)
+
+
+def test_find_package_and_pkg_config(code, tmp_path):
+    """The other two ways in which projects find code."""
+    require("cmake", "gcc", "pkg-config")
+    (tmp_path / "main.c").write_text('#include "pandas.h"\nint main(void) { return PANDAS_STEP_RUNNING; }\n')
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.16)\nproject(p LANGUAGES C)\nfind_package(pandas REQUIRED)\n"
+        "add_executable(p main.c)\ntarget_link_libraries(p holdfast::pandas)\n"
+    )
+    build(tmp_path, tmp_path / "build", pandas_DIR=code)
+    subprocess.run([tmp_path / "build" / "p"], check=True, timeout=60)
+    environment = {**os.environ, "PKG_CONFIG_PATH": str(code)}
+    asked = ["pkg-config", "--cflags", "--libs", "pandas"]
+    flags = subprocess.run(asked, env=environment, check=True, capture_output=True, text=True).stdout.split()
+    command = ["gcc", "main.c", *flags, "-o", "q"]
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=60)
+    subprocess.run([tmp_path / "q"], check=True, timeout=60)

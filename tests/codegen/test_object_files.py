@@ -13,8 +13,8 @@ from holdfast.codegen.functions import exported_function
 from holdfast.compiled.chain import compile
 from holdfast.compiler.arithmetic import fma
 from holdfast.compiler.targets import OBJECT_TARGETS, cpu
+from holdfast.compiler.targets.llvm.functions import filled
 from holdfast.compiler.targets.llvm.object_file import stack_needed
-from holdfast.compiler.targets.llvm.templates import filled
 from tests.codegen.exported import built, outputs, require
 from tests.codegen.problems import chain_and_state, truths
 from tests.compiler.programs import same_bits
@@ -55,7 +55,7 @@ def test_nothing_is_undefined(target, tmp_path):
 def test_valgrind(tmp_path):
     """Every read is of memory that was written, every access within its array."""
     require("valgrind", "gcc")
-    if not cpu.features().issuperset(cpu.LEVELS["x86-64-v3"]):
+    if not cpu.features().issuperset(cpu.X86_LEVELS["x86-64-v3"]):
         pytest.skip("this processor has no AVX2")
     functions = written(tmp_path, "x86-64-v3")
     program = built(tmp_path, "part", functions, "gcc", "x86-64-v3", "-march=x86-64-v3")
@@ -105,7 +105,7 @@ CALLS
 def test_stack(tmp_path):
     """A call needs no more of the stack than the header says, and not much less."""
     require("gcc")
-    if not cpu.features().issuperset(cpu.LEVELS["x86-64-v3"]):
+    if not cpu.features().issuperset(cpu.X86_LEVELS["x86-64-v3"]):
         pytest.skip("this processor has no AVX2")
     functions = written(tmp_path, "x86-64-v3")
     around, calls = [], []

@@ -113,28 +113,9 @@ def test_new_inputs_each_time(owner):
         assert np.array_equal(owner.out.memory, [7.0 + 3 * k, 24.0 - 2 * k])
 
 
-class Named(Owner):
-    """The same kernel, its second input given by name."""
-
-    def __init__(self):
-        super().__init__()
-        self.entry = Builtin(
-            sums().address,
-            np.zeros(3, dtype=np.int64),
-            ((3,), (2,)),
-            self.fallback,
-            "sums",
-            "(a, *, b, out=None)",
-            "",
-            ["b"],
-        )
-        self.function = self.entry.function
-        self.expect(self.out)
-
-
 def test_inputs_by_name():
     """In any order; a name missing, unknown, or given by place, is the fallback's."""
-    owner = Named()
+    owner = Owner(names=["b"])
     for call in ({"b": B, "out": owner.out}, {"out": owner.out, "b": B}):
         owner.out.memory[...] = 0.0
         assert owner.function(A, **call) is owner.out
@@ -169,7 +150,7 @@ def test_inputs_of_two_axes():
 
 def test_names_given_twice():
     """No call from Python does so; one from C may, and finds no input that is not there."""
-    owner = Named()
+    owner = Owner(names=["b"])
     call = ctypes.pythonapi.PyObject_Vectorcall
     call.argtypes = [ctypes.py_object, ctypes.c_void_p, ctypes.c_size_t, ctypes.py_object]
     call.restype = ctypes.py_object

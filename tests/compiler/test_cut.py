@@ -1,4 +1,4 @@
-"""Programs in pieces compute the same bits, and remember no more than they must."""
+"""Programs lowered, in pieces and in phases compute the same bits, and remember no more than they must."""
 
 import math
 
@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from holdfast.compiler.cut import Pieces, by_length, by_phase
 from holdfast.compiler.interpret import interpret
-from holdfast.compiler.lowering import lowered
+from holdfast.compiler.lowering import expand, fuse, lowered
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
-from tests.compiler.programs import NUMBERS, all_same_bits, programs
+from tests.compiler.programs import NUMBERS, all_same_bits, programs, stage
 
 FREE = {"constant", "negate", "absolute", "less", "less_equal"}
 SEVEN = st.lists(NUMBERS, min_size=7, max_size=7)
@@ -152,3 +152,90 @@ def test_long_programs(length):
     assert max(pieces.memory) <= 2
     results = run(pieces, [[np.array([0.7])]] * len(pieces.programs))
     assert all_same_bits((results[-1][0],), interpret(program, np.array([0.7]), fused=False))
+
+
+X = np.array([1.0 + 2.0**-30, 1.0 + 2.0**-29, 3.0])
+
+
+def fused(function):
+    """Return the fused program of a function on three numbers."""
+    return fuse(trace(function, [(3,)]))
+
+
+def test_forms():
+    """ab + c, ab - c, c - ab, and a constant factor: one operation, rounded once."""
+    exact = float(2.0**-30 * 2.0**-29)
+    for function in (
+        lambda x: (x[0] * x[1] + (-1.0 - 3 * 2.0**-30),),
+        lambda x: (x[0] * x[1] - (1.0 + 3 * 2.0**-30),),
+    ):
+        assert fused(function).counts["fma"] == 1
+        assert interpret(trace(function, [(3,)]), X)[0] == exact
+    assert fused(lambda x: (x[2] - x[0] * x[1],)).counts == {"fma": 1, "negate": 1}
+    assert fused(lambda x: (x[2] - 0.3 * x[1],)).counts == {"fma": 1}
+    assert fused(lambda x: (x[0] * x[1] - x[2],)).counts == {"fma": 1, "negate": 1}
+
+
+def test_only_products_used_once():
+    """A product that something else needs too stays, and so does a result."""
+    assert fused(lambda x: (x[0] * x[1] + x[2], x[0] * x[1] - x[2])).counts["fma"] == 0
+    assert fused(lambda x: (x[0] * x[1] + x[2], x[0] * x[1])).counts["fma"] == 0
+    assert fused(lambda x: ((x[0] * x[1]) + (x[0] * x[1]),)).counts["fma"] == 0
+
+
+def test_the_later_product():
+    """Of two products the later goes into the sum, so the bits are fixed."""
+    program = fused(lambda x: (x[0] * x[1] + x[1] * x[2],))
+    assert program.counts == {"multiply": 1, "fma": 1}
+    multiply = next(i for i in program.instructions if i.kind == "multiply")
+    assert multiply.args == (0, 1)
+
+
+@settings(max_examples=50, deadline=None)
+@given(programs())
+def test_repeatable(program):
+    """Lowering twice changes nothing, nor does it lose an operand's order or a result."""
+    once = lowered(program)
+    assert lowered(once) == once
+    assert fuse(expand(program)) == once
+    assert all(a < place for place, i in enumerate(once.instructions) for a in i.args)
+    x = (np.array([0.5, -1.25, 3.0]), np.array([[2.0, -0.0], [1e-3, 7.0]]))
+    assert all_same_bits(interpret(program, *x), interpret(once, *x))
+
+
+def test_small_error():
+    """Fused and unfused programs differ by rounding only."""
+    program = trace(lambda x: (np.sin(x) @ x + np.cos(x) * x[0] - x / 3.0,), [(3,)])
+    (a,), (b,) = interpret(program, X), interpret(program, X, fused=False)
+    expected = np.sin(X) @ X + np.cos(X) * X[0] - X / 3
+    assert np.abs(a - expected).max() < 1e-15 and np.abs(b - expected).max() < 2e-15
+    assert math.isfinite(a[0])
+
+
+A, B, C = np.array([0.5, -1.25]), np.array([3.0]), np.array([[1.0, 2.0], [-0.5, 4.0]])
+
+
+def function(a, b, c):
+    """What is known of a comes first, what b adds next."""
+    s = np.sin(a)
+    t = s * b[0]
+    return s @ a, 2.0, c @ t, t
+
+
+def test_stage():
+    """Ports by phase; each piece has what was known by then and the memories before it."""
+    made = stage("three", function, [{"a": (2,)}, {"b": (1,)}, {"c": (2, 2)}], [("aa", "two"), (), ("ct", "t")])
+    assert made.input_ports == ("a", "b", "c")
+    assert made.outputs == ({"aa": (), "two": ()}, {}, {"ct": (2,), "t": (2,)})
+    assert made.shapes == {"a": (2,), "b": (1,), "c": (2, 2), "aa": (), "two": (), "ct": (2,), "t": (2,)}
+    assert [made.size(port) for port in ("a", "c", "aa")] == [2, 4, 1]
+    first, second, third = made.pieces.programs
+    nothing = np.full(1, np.nan), np.full((2, 2), np.nan)
+    aa, two, sines = interpret(first, A, *nothing, fused=False)
+    (t,) = interpret(second, A, B, nothing[1], sines, fused=False)
+    ct, same, none = interpret(third, np.full(2, np.nan), nothing[0], C, sines, t, fused=False)
+    expected = interpret(made.program, A, B, C, fused=False)
+    for found, x in zip((aa, two, ct, same), expected, strict=True):
+        assert np.array_equal(found, x)
+    np.testing.assert_allclose(ct, C @ (np.sin(A) * B), rtol=1e-14)
+    assert sines.shape == t.shape == (2,) and none.shape == (0,)

@@ -11,8 +11,7 @@ from holdfast.compiler.interpret import interpret_schedule
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, External, Group, Internal, Schedule, Wire
 from holdfast.compiler.targets import split
 from holdfast.compiler.targets.layout import Layout
-from tests.compiler.programs import ArrayKernel, all_same_bits, same_bits
-from tests.compiler.schedules import COUNTS, Writer, inputs_of, schedules, stage
+from tests.compiler.programs import COUNTS, ArrayKernel, Writer, all_same_bits, inputs_of, same_bits, schedules, stage
 
 
 def kernel_of(schedule: Schedule, lanes: int) -> ArrayKernel:
@@ -55,7 +54,7 @@ def test_same_bits(schedule, lanes, seed, wild, shared, short):
     """Random schedules, with long functions and with ones that are cut after five operations."""
     with pytest.MonkeyPatch.context() as patch:
         if short:
-            patch.setattr(split, "LONGEST", 5)
+            patch.setattr(split, "LONGEST_PART", 5)
         kernel = kernel_of(schedule, lanes)
         kernel.run_batch(np.zeros((len(schedule.externals), 2), dtype=np.int64), 0)  # compiles
     systems = [inputs_of(schedule, seed + k, wild) for k in range(2 * lanes + 3)]

@@ -17,7 +17,7 @@ from holdfast.compiler.targets import DEFINITIONS, cpu, single_source
 from holdfast.compiler.trace import program_of, trace
 from holdfast.spatial.scalar import less, where
 from tests.codegen.exported import FLAGS, require
-from tests.compiler import emulated
+from tests.compiler import test_aarch64 as emulated
 from tests.compiler.programs import compile_program, same_bits, schedule_of
 
 # Of a b + c the negative alone, both, the negative in another sum, and negatives of products and choices.

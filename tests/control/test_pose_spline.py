@@ -14,7 +14,7 @@ from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
 from holdfast.control.pose_spline import PoseSpline
 from holdfast.spatial import rotation
-from holdfast.spatial.rotation_curve import exp_curve
+from holdfast.spatial.rotation import exp_curve
 from tests.control.two_pandas import two_pandas
 
 RANDOM = np.random.default_rng(0)

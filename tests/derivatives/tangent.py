@@ -7,8 +7,8 @@ from scipy.linalg import null_space
 
 from tests.oracles.arithmetic import arithmetic
 from tests.oracles.chain_derivatives import Seeded, numbers_of
-from tests.oracles.dual import tangents_of
 from tests.oracles.held_equations import relative_twists
+from tests.spatial.dual import tangents_of
 from tests.systems.as_chain import Problem
 
 

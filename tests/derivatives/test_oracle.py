@@ -14,8 +14,7 @@ from tests.derivatives.moved import moved_problem
 from tests.derivatives.stored import OF, columns, gaps, names, stored
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS, chain_derivatives
-from tests.oracles.dual_dynamics import dynamics_derivatives
-from tests.oracles.minimum_norm_forces import minimum_norm_derivatives
+from tests.oracles.dual_dynamics import dynamics_derivatives, minimum_norm_derivatives
 from tests.systems.as_chain import Problem
 from tests.systems.problems import relative_gap
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from tests.fuzz.fuzzed import fuzzed
-from tests.fuzz.table import every_call
+from tests.fuzz.fuzzed import every_call, fuzzed
 
 
 def main(count: int = 3000, seed: int = 0) -> int:

@@ -52,6 +52,11 @@ def call(name: str, /, **given: Any) -> Callable[[Callable[..., Any]], Callable[
     return add
 
 
+def shown(ask: Callable[..., Any]) -> Callable[..., str]:
+    """Return what shows the text of a function's answer."""
+    return lambda **given: repr(ask(**given))
+
+
 @dataclass(frozen=True)
 class Later:
     """An argument that is made when it is first needed."""

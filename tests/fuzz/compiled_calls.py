@@ -11,9 +11,9 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.interop import jacobian_operator, to_jax
-from holdfast.questions.arrays import ARRAYS
+from holdfast.questions.arrays import ARRAYS, FLOATING, STATE
 from holdfast.questions.question import QUESTIONS
-from tests.fuzz.calls import Later, call, everything, fixed
+from tests.fuzz.calls import Later, call, everything, fixed, shown
 from tests.questions.every import direct
 
 # Machine code.
@@ -27,17 +27,8 @@ def compiled() -> Any:
 
 def given_compiled(**more: Any) -> dict[str, Any]:
     """Return sound arguments of the machine code, and more of them."""
-    found = {}
-    for name, field in (
-        ("q", "q"),
-        ("qd", "qd"),
-        ("object_pose", "object_pose"),
-        ("object_twist", "object_twist"),
-        ("floating_pose", "base_pose"),
-        ("floating_twist", "base_twist"),
-    ):
-        found[name] = Later(lambda field=field: np.array(getattr(everything().state, field)))
-    return {**found, "tau": Later(lambda: np.array(everything().tau)), **more}
+    names = (*STATE, *FLOATING, "tau")
+    return {name: Later(lambda name=name: np.array(everything().arguments[name])) for name in names} | more
 
 
 ACTING = {
@@ -54,7 +45,7 @@ def _forward(**given: Any) -> Any:
     return compiled().forward_dynamics(**given)
 
 
-@call(
+call(
     "compiled batch",
     **{
         **given_compiled(**ACTING),
@@ -62,9 +53,7 @@ def _forward(**given: Any) -> Any:
         "gravity": np.tile([0.0, 0.0, -9.81], (4, 1)),
         "threads": 2,
     },
-)
-def _batch(**given: Any) -> Any:
-    return compiled().forward_dynamics(**given)
+)(_forward)
 
 
 @call("bind", **given_compiled(object_wrench=np.ones(6)))
@@ -79,10 +68,7 @@ def plain() -> Any:
 
 
 GIVEN = {
-    "q": Later(lambda: np.array(fixed().state.q)),
-    "qd": Later(lambda: np.array(fixed().state.qd)),
-    "tau": Later(lambda: np.array(fixed().tau)),
-    "object_pose": Later(lambda: np.array(fixed().state.object_pose)),
+    **{name: Later(lambda name=name: np.array(fixed().arguments[name])) for name in ("q", "qd", "tau", "object_pose")},
     "object_twist": np.zeros(6),
 }
 
@@ -138,16 +124,14 @@ for _name in direct():
     of_question(_name)
 
 
-@call(
+call(
     "compile",
     chain=Later(lambda: fixed().chain),
     dtype="float64",
     method="auto",
     parameters=["link_inertia"],
     generic_rank=9,
-)
-def _compile(**given: Any) -> Any:
-    return repr(hf.compile(**given))
+)(shown(hf.compile))
 
 
 @call("jacobian_operator", **GIVEN, of="qdd", by=["tau"])

@@ -114,9 +114,9 @@ def _identify_wrists(**given: Any) -> Any:
     return _identify(**given)
 
 
-@call("base_parameters", matrix=np.vander(np.arange(1.0, 8.0), 3), names=["a", "b", "c"], tolerance=1e-9)
-def _base_parameters(**given: Any) -> Any:
-    return base_parameters(**given)
+call("base_parameters", matrix=np.vander(np.arange(1.0, 8.0), 3), names=["a", "b", "c"], tolerance=1e-9)(
+    base_parameters
+)
 
 
 # Files.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast import control, dynamics
-from tests.fuzz.calls import Later, call, everything, fixed, named, numbers_of, rigid, state_of, stay
+from tests.fuzz.calls import Later, call, everything, fixed, named, numbers_of, rigid, shown, state_of, stay
 
 # Parts.
 
@@ -53,20 +52,16 @@ def _spring(chain: Any, state: Any, **given: Any) -> Any:
     return dynamics.potential_energy(sprung, state_of(state))
 
 
-def _shown(kind: Callable[..., Any]) -> Callable[..., str]:
-    return lambda **given: repr(kind(**given))
-
-
 call(
     "bushing",
     kind="bushing",
     frame=np.array(POSE),
     stiffness=np.diag([1.0, 2.0, 3.0, 40.0, 50.0, 60.0]),
     damping=np.ones(6),
-)(_shown(hf.Grasp))
-call("grasp by subspace", kind="subspace", frame=np.array(POSE), motion=np.eye(6)[:, [2, 5]])(_shown(hf.Grasp))
-call("screw", kind="screw", frame=np.array(POSE), pitch=0.01)(_shown(hf.Grasp))
-call("Anchor", base=np.array(POSE), tip=np.array(POSE), name="pin")(_shown(hf.Anchor))
+)(shown(hf.Grasp))
+call("grasp by subspace", kind="subspace", frame=np.array(POSE), motion=np.eye(6)[:, [2, 5]])(shown(hf.Grasp))
+call("screw", kind="screw", frame=np.array(POSE), pitch=0.01)(shown(hf.Grasp))
+call("Anchor", base=np.array(POSE), tip=np.array(POSE), name="pin")(shown(hf.Anchor))
 call(
     "State",
     q=np.zeros(4),
@@ -75,7 +70,7 @@ call(
     object_twist=np.zeros(6),
     base_pose=np.array(POSE),
     base_twist=np.zeros(6),
-)(_shown(hf.State))
+)(shown(hf.State))
 call(
     "ClosedChain",
     arms=Later(lambda: dict(everything().chain.arms)),
@@ -85,30 +80,26 @@ call(
     trunk=Later(lambda: everything().chain.trunk),
     mounts=Later(lambda: dict(everything().chain.mounts)),
     springs=Later(lambda: list(everything().chain.springs)),
-)(_shown(hf.ClosedChain))
+)(shown(hf.ClosedChain))
 
 
-@call(
+call(
     "assemble",
     arms=Later(lambda: dict(fixed().chain.arms)),
     held_object=Later(lambda: fixed().chain.held_object),
     grasps=Later(lambda: dict(fixed().chain.grasps)),
     q=Later(lambda: {name: np.zeros(arm.joint_count) for name, arm in fixed().chain.arms.items()}),
     gravity=np.array([0.0, 0.0, -9.81]),
-)
-def _assemble(**given: Any) -> Any:
-    return hf.assemble(**given)
+)(hf.assemble)
 
 
-@call(
+call(
     "state_from_joints",
     chain=Later(lambda: rigid().chain),
     q=Later(lambda: np.array(rigid().state.q)),
     qd=Later(lambda: np.zeros(13)),
     check=False,
-)
-def _from_joints(**given: Any) -> Any:
-    return dynamics.state_from_joints(**given)
+)(dynamics.state_from_joints)
 
 
 @call(

@@ -9,7 +9,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast import control
-from tests.fuzz.calls import Later, call, everything, fixed, inputs_of, numbers_of, rigid, state_of, stay
+from tests.fuzz.calls import Later, call, everything, fixed, inputs_of, numbers_of, rigid, shown, state_of, stay
 
 # Laws and runs.
 
@@ -40,13 +40,11 @@ def _compiled_law(**given: Any) -> Any:
     return compiled_law().torques(**given)
 
 
-@call(
+call(
     "compile_law of",
     controller=Later(lambda: control.GravityCompensation(fixed().chain)),
     chain=Later(lambda: fixed().chain),
-)
-def _law_of(**given: Any) -> Any:
-    return repr(control.compile_law(**given))
+)(shown(control.compile_law))
 
 
 @call("a law's memory", memory=np.zeros(2), returned=np.ones(2), wanted="gain", parameters={"gain": 2.0})
@@ -270,7 +268,7 @@ def _systems(rows: Any, number: Any) -> Any:
     return started().copy(rows), started().state(number)
 
 
-@call(
+call(
     "compile_rollout",
     chain=Later(lambda: rigid().chain),
     law=Later(law),
@@ -278,6 +276,4 @@ def _systems(rows: Any, number: Any) -> Any:
     generic_rank=12,
     base_motion={},
     parameters=["link_wrench"],
-)
-def _compile_rollout(**given: Any) -> Any:
-    return repr(hf.compile_rollout(**given))
+)(shown(hf.compile_rollout))

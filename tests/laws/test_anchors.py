@@ -115,7 +115,7 @@ def test_balances(seed):
     """Energy and momentum change as bases, the anchor's among them, drives and loads say; a moving anchor works."""
     p = held_by_two(seed, ("ball", "hinge", "rigid", "planar")[seed])
     found = p.solved()
-    slopes = [getattr(body.kinetic_energy, "slope", 0.0) for body in bodies(*moving(p, found))]
+    slopes = [getattr(body.kinetic_energy, "tangent", 0.0) for body in bodies(*moving(p, found))]
     armature = np.concatenate([arm.armature for arm in p.chain.arms.values()])
     supplied = power(p.chain, p.state, p.tau, found, p.inputs)
     weights = momentum(p.chain, p.state, inputs=p.inputs)[3:] @ p.chain.gravity

@@ -165,7 +165,7 @@ def test_balances(seed):
     p = random_bushed(seed)
     found = p.solved()
     chain, later, inputs = moving(p, found)
-    slopes = [getattr(body.kinetic_energy, "slope", 0.0) for body in bodies(chain, later, inputs)]
+    slopes = [getattr(body.kinetic_energy, "tangent", 0.0) for body in bodies(chain, later, inputs)]
     armature = np.concatenate([arm.armature for arm in p.chain.arms.values()])
     supplied = power(p.chain, p.state, p.tau, found, p.inputs)
     plain = power(replace(p.chain, grasps={}), p.state, p.tau, found, p.inputs)

@@ -17,7 +17,7 @@ SEEDS = range(40)
 def test_power_balance(seed):
     """sum tau.qd + sum m g.v + base and external power - damping loss = dT/dt, everything on."""
     p, result = sample(seed)
-    rate = sum(getattr(b.kinetic_energy, "slope", 0.0) for b in bodies(*moving(p, result)))
+    rate = sum(getattr(b.kinetic_energy, "tangent", 0.0) for b in bodies(*moving(p, result)))
     rate += np.concatenate([arm.armature for arm in p.chain.arms.values()]) * p.state.qd @ result.qdd
     supplied = power(p.chain, p.state, p.tau, result, p.inputs)
     weights = momentum(p.chain, p.state, inputs=p.inputs)[3:] @ p.chain.gravity

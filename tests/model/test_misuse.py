@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import Pose
-from tests.model.parts import BOX, arm, bar
+from holdfast import Inputs, ModelError, Pose, State, StateError
+from holdfast.model import checks
+from holdfast.spatial import rotation
+from tests.model.parts import BOX, arm, bar, chain
 
 EYE, ZERO, REST = np.eye(3), np.zeros(3), [1, 0, 0, 0, 0, 0, 0]
 LINK, JOINT = hf.Link(1.0, ZERO, EYE), hf.Joint()
@@ -221,3 +223,135 @@ def test_message(name, given, message):
     error = hf.StateError if name == "state: " else hf.ModelError
     with pytest.raises(error, match=f"^{name}{message}"):
         MAKE[name](**given)
+
+
+TURN = rotation.exp(np.array([0.3, -0.4, 1.2]))
+
+
+class Traced:
+    """A stand-in for a scalar of which only the expression is known."""
+
+    def where(self, a, b):
+        """Mark it as one."""
+
+
+def test_vectors():
+    """Integers, booleans and other floats become float64; the result is a read-only copy."""
+    given = np.array([1.0, 2.0, 3.0])
+    for value in ([1, 2, 3], (1, 2.0, 10**30), np.float32([1, 2, 3]), given):
+        a = checks.numbers(value, (3,), "v")
+        assert (a.dtype, a.shape, a.flags.writeable) == (np.dtype(float), (3,), False)
+        assert a is not value
+    assert given.flags.writeable
+
+
+def test_traced_scalars_pass():
+    """Arrays that hold traced scalars keep them; plain objects beside them are not converted."""
+    node = Traced()
+    a = checks.numbers([node, 1, 2.0], (3,), "v")
+    assert a.dtype == object
+    assert a[0] is node
+
+
+@pytest.mark.parametrize("entry", [1e200, -1e308])
+def test_huge_entries_do_not_warn(entry):
+    """Overflow inside a check is part of the refusal, not a warning."""
+    matrix = np.eye(3)
+    matrix[0, 1] = entry
+    for check in (checks.rotation_matrix, checks.symmetric_matrix, checks.rotational_inertia):
+        with pytest.raises(ModelError, match="expected a"):
+            check(matrix, "R")
+    with pytest.raises(ModelError, match="expected a unit vector"):
+        checks.unit_vector([entry, 0.0, 0.0], "axis")
+    with pytest.raises(ModelError, match="expected a unit quaternion"):
+        checks.pose([entry, 0, 0, 0, 0, 0, 0], "pose")
+
+
+def test_huge_inertias_are_inertias():
+    """The largest doubles do not overflow while they are made symmetric."""
+    J = checks.rotational_inertia(1.5e308 * np.eye(3), "inertia")
+    np.testing.assert_array_equal(J, 1.5e308 * np.eye(3))
+
+
+def test_mended_values_are_read_only():
+    """What was off by rounding is made exact, and may not be written either."""
+    R = checks.rotation_matrix(np.round(TURN, 8), "R")
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-15)
+    axis = checks.unit_vector(np.round(TURN[0], 8), "axis")
+    assert np.linalg.norm(axis) == pytest.approx(1.0, abs=1e-15)
+    assert not R.flags.writeable
+    assert not axis.flags.writeable
+
+
+def test_triangle_inequality():
+    """A rod and a lamina are the limits; beyond them no mass distribution has such moments."""
+    checks.rotational_inertia(np.diag([0.0, 1.0, 1.0]), "rod")
+    checks.rotational_inertia(TURN @ np.diag([1.0, 2.0, 3.0]) @ TURN.T, "lamina")
+    impossible = TURN @ np.diag([1.0, 2.0, 3.1]) @ TURN.T
+    with pytest.raises(ModelError, match=r"no mass distribution has principal moments 1, 2, 3\.1"):
+        checks.rotational_inertia(impossible, "body")
+    checks.rotational_inertia(impossible, "body", physical=False)
+
+
+def test_did_you_mean():
+    """The closest name is found in any case; long lists of names are cut, so that a message stays a line."""
+    assert checks.did_you_mean("Q ARM1/Joint1", ["q arm1/joint1", "q arm1/joint2"]) == " Did you mean 'q arm1/joint1'?"
+    assert checks.did_you_mean("x", ["left", "right"]) == " Known: left, right."
+    assert checks.did_you_mean("x", []) == " Known: none."
+    assert checks.did_you_mean("x", map(str, range(500))).endswith(", 39 and 460 more.")
+
+
+POSE = np.r_[1.0, np.zeros(6)]
+
+
+def test_fits():
+    """A state of another chain is refused with both lengths and the arms'."""
+    state = State(np.zeros(4), np.zeros(4), POSE)
+    state.fits(chain(left=2, right=2))
+    with pytest.raises(StateError, match=r"expected 5 joint positions \(left: 2, right: 3\), got 4"):
+        state.fits(chain(left=2, right=3))
+
+
+def test_pose():
+    """A Pose or seven numbers; a quaternion off by rounding is normalised."""
+    frame = Pose(rotation.exp(np.array([0.1, -0.2, 0.3])), np.array([1.0, 2.0, 3.0]))
+    for given in (frame, frame.wxyz_xyz, frame.wxyz_xyz + np.r_[1e-8, np.zeros(6)]):
+        state = State([0.0], [0.0], given)
+        np.testing.assert_allclose(state.object_frame.R, frame.R, atol=3e-8)
+        assert np.linalg.norm(state.object_pose[:4]) == pytest.approx(1.0, abs=1e-15)
+    np.testing.assert_array_equal(state.object_twist, np.zeros(6))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_pose_that_was_normalised_keeps_its_bits(seed):
+    """However often a state is made of another one's pose."""
+    x = np.random.default_rng(seed).normal(size=7)
+    pose = State([0.0], [0.0], np.r_[x[:4] / np.sqrt((x[:4] ** 2).sum()) * (1 + 3e-7), x[4:]]).object_pose
+    for _ in range(5):
+        again = State([0.0], [0.0], pose).object_pose
+        np.testing.assert_array_equal(again, pose)
+        pose = again
+
+
+def test_inputs():
+    """Missing inputs are zero; only link wrenches stay away; each shape is checked by name."""
+    made = chain(left=2, right=3)
+    empty = Inputs().shaped(made)
+    assert empty.link_wrenches is None
+    np.testing.assert_array_equal(empty.object_wrench, np.zeros(6))
+    np.testing.assert_array_equal(empty.base_twists, np.zeros((2, 6)))
+    np.testing.assert_array_equal(empty.base_accelerations, np.zeros((2, 6)))
+    shapes = {"object_wrench": (6,), "link_wrenches": (5, 6), "base_twists": (2, 6), "base_accelerations": (2, 6)}
+    for field, shape in shapes.items():
+        assert getattr(Inputs(**{field: np.ones(shape)}).shaped(made), field).shape == shape
+        with pytest.raises(StateError, match=rf"inputs: {field}: expected shape \({shape[0]}"):
+            Inputs(**{field: np.zeros((9, 9))}).shaped(made)
+        with pytest.raises(StateError, match=rf"inputs: {field}: expected finite"):
+            Inputs(**{field: np.full(shape, np.nan)}).shaped(made)
+
+
+def test_inputs_of_lists():
+    """Whatever is given, arrays are held; what is none is refused at once."""
+    assert isinstance(Inputs(object_wrench=[0, 0, 0, 0, 0, 1]).object_wrench, np.ndarray)
+    with pytest.raises(StateError, match="inputs: base_twists: expected an array of numbers, got"):
+        Inputs(base_twists=[[0], [0, 0]])

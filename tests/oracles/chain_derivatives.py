@@ -20,16 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.model.closed_chain import TRUNK, ClosedChain
-from tests.oracles.arithmetic import Arithmetic, arithmetic
+from holdfast.model.closed_chain import TRUNK
+from holdfast.questions.arrays import arguments_of
+from tests.oracles.arithmetic import Arithmetic, arithmetic, solve_by_elimination
 from tests.oracles.arm_kinematics import cross_matrix
-from tests.oracles.dual import duals, tangents_of, values_of
 from tests.oracles.held_equations import missing, unknowns
+from tests.spatial.dual import tangents_of, values_of, with_tangents
 from tests.systems.as_chain import Problem
 
 OUTPUTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 POSES = {"object_pose": "object", "grasp_pose": "grasp", "base_pose": "base", "floating_pose": "floating"}
 INERTIAS = ("object_inertia", "link_inertia", "trunk_link_inertia")
+names_of = arguments_of  # of all directions of a chain
 SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
@@ -90,18 +92,6 @@ def numbers_of(p: Problem, numbers: Arithmetic) -> dict[str, np.ndarray]:
     return {name: numbers.array(x) for name, x in given.items()}
 
 
-def names_of(chain: ClosedChain) -> tuple[str, ...]:
-    """Return the names of all directions of a chain."""
-    names = ["q", "qd", "tau", "object_pose", "object_twist", "object_wrench", "gravity", "object_mass", "object_com"]
-    names += ["object_inertia", "grasp_pose", "base_pose", "base_twist", "base_acceleration", "link_mass", "link_com"]
-    names += ["link_inertia", "link_wrench", "armature", "damping"]
-    if chain.trunk is not None:
-        names += ["trunk_link_mass", "trunk_link_com", "trunk_link_inertia", "trunk_link_wrench"]
-        floats = chain.trunk.floating is not None
-        names += ["floating_pose", "floating_twist"] if floats else ["trunk_base_twist", "trunk_base_acceleration"]
-    return tuple(names)
-
-
 class Seeded:
     """The numbers of a problem with a tangent along every direction asked for.
 
@@ -131,7 +121,7 @@ class Seeded:
                         flat[body + np.flatnonzero(row), self.at[name].start + k] = 1
                 else:
                     flat[range(x.size), range(self.at[name].start, self.at[name].stop)] = 1
-                self.given[name] = duals(x, tangents)
+                self.given[name] = with_tangents(x, tangents)
 
     def _seed_pose(self, what: str, R: np.ndarray, start: int) -> None:
         """Seed turn and shift of one pose or several: R -> exp(turn) R, p -> p + shift."""
@@ -143,7 +133,7 @@ class Seeded:
                 unit = np.eye(3, dtype=int)[k]
                 of_R[(*where, slice(None), slice(None), start + 6 * i + k)] = cross_matrix(unit) @ R[where]
                 of_p[(*where, k, start + 6 * i + 3 + k)] = 1
-        self.given[f"{what}_R"], self.given[f"{what}_p"] = duals(R, of_R), duals(p, of_p)
+        self.given[f"{what}_R"], self.given[f"{what}_p"] = with_tangents(R, of_R), with_tangents(p, of_p)
 
     def _none(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return tangents that are 0, of many digits too."""
@@ -213,7 +203,10 @@ class Equations:
         N = self.at.size
         exact = self.plain["gravity"].dtype == object
         found = missing(
-            p.chain, self.plain, duals(numbers.array(np.zeros(N)), np.eye(N, dtype=object if exact else float)), numbers
+            p.chain,
+            self.plain,
+            with_tangents(numbers.array(np.zeros(N)), np.eye(N, dtype=object if exact else float)),
+            numbers,
         )
         self.K, self.rhs = tangents_of(found.equations, N), -values_of(found.equations)
         bases = np.concatenate([found.base_wrench.ravel(), found.trunk_base_wrench])
@@ -222,7 +215,7 @@ class Equations:
     def solved(self, b: np.ndarray) -> np.ndarray:
         """Return K^-1 b of columns."""
         if b.dtype == object:
-            return eliminated(self.K, b)
+            return solve_by_elimination(self.K, b)
         x = np.linalg.solve(self.K, b)
         return x + np.linalg.solve(self.K, b - self.K @ x)
 
@@ -254,18 +247,3 @@ class Equations:
             return found
 
         return Derivatives(parts(z, of_z.bases), parts(dz, of_bases), self.seeded.at)
-
-
-def eliminated(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return the solution of many right-hand sides by elimination with partial pivoting, in any arithmetic."""
-    A, size = np.concatenate([matrix, columns], axis=1), len(matrix)
-    for k in range(size):
-        best = k + int(np.argmax(np.abs(A[k:, k].astype(float))))
-        A[[k, best]] = A[[best, k]]
-        for i in range(k + 1, size):
-            if A[i, k] != 0:
-                A[i, k:] = A[i, k:] - A[k, k:] * (A[i, k] / A[k, k])
-    x = A[:, size:]
-    for k in reversed(range(size)):
-        x[k] = (x[k] - A[k, k + 1 : size] @ x[k + 1 :] if k + 1 < size else x[k]) / A[k, k]
-    return x

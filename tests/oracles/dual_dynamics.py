@@ -20,8 +20,8 @@ from holdfast.dynamics.closed.sequential import sequential
 from holdfast.model.closed_chain import TRUNK
 from holdfast.model.trunk import Trunk
 from tests.oracles.arithmetic import arithmetic
-from tests.oracles.chain_derivatives import OUTPUTS, Derivatives, Seeded, names_of, numbers_of
-from tests.oracles.dual import tangents_of, values_of
+from tests.oracles.chain_derivatives import OUTPUTS, Along, Derivatives, Equations, Seeded, names_of, numbers_of
+from tests.spatial.dual import tangents_of, values_of
 from tests.systems.as_chain import Problem
 
 OF_BODY = ("mass", "com", "inertia")
@@ -109,3 +109,53 @@ def _inputs(chain: ClosedChain, given: Mapping[str, Any]) -> Inputs:
             of_trunk["trunk_base_acceleration"] = given["trunk_base_acceleration"]
     bases = given["base_twist"], given["base_acceleration"]
     return Inputs(given["object_wrench"], given["link_wrench"], *bases, **of_trunk)
+
+
+STATE = ("q", "object_pose", "qd", "object_twist")
+CUTOFF = 1e-10  # singular values below this share of the largest count as 0
+
+
+def minimum_norm_derivatives(p: Problem, tangent: np.ndarray) -> Derivatives:
+    """Return forward dynamics with the least sum of |m/L|^2 + |f|^2, and its derivatives along motions.
+
+    Args:
+        p: the problem; L is the contact points' rms distance from their centroid.
+        tangent: (2n + 12, m) columns (dq, turn, shift, dqd, d omega, dv) that keep positions and rates closed.
+
+    Returns:
+        Its matrices are along the tangent, all of them one block by the name of "tangent".
+    """
+    equations = Equations(p, arithmetic(None), STATE)
+    at, K = equations.at, equations.K
+    others = np.setdiff1d(np.arange(at.size), np.arange(at.f.start, at.f.stop))
+    B, w = K[others, at.f], metric(p)
+    basis = null_space(B / np.sqrt(w)) / np.sqrt(w)[:, None]  # N^T W N = 1
+
+    def least(f: np.ndarray) -> np.ndarray:
+        return f - basis @ (basis.T @ (w * f.T).T)
+
+    z = np.linalg.lstsq(K, equations.rhs, rcond=CUTOFF)[0]
+    z[at.f] = least(z[at.f])
+    mu = np.zeros(at.size)
+    mu[others] = np.linalg.lstsq(B.T, w * z[at.f], rcond=CUTOFF)[0]
+    of_z, none = equations.along(z), np.zeros(at.size)
+    turned = (equations.along(mu).slopes - equations.along(none).slopes)[at.f] @ tangent
+    dz = np.linalg.lstsq(K, -of_z.slopes @ tangent, rcond=CUTOFF)[0]
+    dz[at.f] = least(dz[at.f]) + basis @ (basis.T @ turned)
+    along = Along(of_z.slopes @ tangent, of_z.of_bases @ tangent, of_z.bases)
+    equations.seeded.at.clear()
+    equations.seeded.at["tangent"] = slice(0, tangent.shape[1])
+    return equations.named(z, dz, along)
+
+
+def metric(p: Problem) -> np.ndarray:
+    """Return W, (6 g,): 1/L^2 of moments, 1 of forces."""
+    points = np.array([p.state.object_frame.R @ grasp.frame.p for grasp in p.chain.grasps.values()])
+    length = np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean())
+    return np.tile(np.repeat([length**-2.0, 1.0], 3), len(points))
+
+
+def null_space(B: np.ndarray) -> np.ndarray:
+    """Return orthonormal columns that a matrix takes to zero."""
+    _, values, rows = np.linalg.svd(B)
+    return rows[(values > CUTOFF * values[0]).sum() :].T

@@ -23,11 +23,10 @@ from scipy.linalg import qr
 
 from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.pose import Pose
-from tests.oracles.arithmetic import arithmetic
+from tests.oracles.arithmetic import SparseSystem, arithmetic
 from tests.oracles.arm_kinematics import MovingFrame, centripetal, child_frame, cross, cross_matrix
 from tests.oracles.body_equations import body_equation, moved
 from tests.oracles.grasp_rows import Side, grasp_rows
-from tests.oracles.sparse_system import SparseSystem
 from tests.systems.as_chain import Problem
 
 NULL = 1e-11  # of the largest eigenvalue: smaller ones belong to rows that follow from others

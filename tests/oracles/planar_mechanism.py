@@ -14,7 +14,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from holdfast import Arm, ClosedChain, Grasp, HeldObject, Joint, Link, Pose, State
-from tests.oracles.stepping import runge_kutta
+from tests.oracles.stepping import constrained, random_rates, runge_kutta
 from tests.systems.five_bar import ACROSS
 
 GRAVITY = -9.81j
@@ -72,10 +72,7 @@ class PlanarMechanism:
 
     def accelerations(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return M a + J^T lambda = f, J a = -J' u, solved for a; the forces need not be unique."""
-        M, f, J, bias = self.equations(x, u)
-        n, rows = len(x), len(J)
-        whole = np.block([[M, J.T], [J, np.zeros((rows, rows))]])
-        return np.linalg.lstsq(whole, np.concatenate([f, -bias]), rcond=1e-13)[0][:n]
+        return constrained(*self.equations(x, u))
 
     def equations(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return M, f, J and J' u."""
@@ -167,7 +164,4 @@ def random_mechanism(seed: int, others: Sequence[str] = ("rigid", "hinge", "ball
     start = np.concatenate([*angles, [place.real, place.imag, turn]])
     still = PlanarMechanism(arms, random.uniform(0.5, 5.0), random.uniform(0.02, 0.2), start, np.zeros(len(start)))
     J = still.equations(start, np.zeros(len(start)))[2]
-    _, sizes, Vt = np.linalg.svd(J)
-    free = Vt[int((sizes > 1e-9).sum()) :]
-    rates = random.normal(size=len(free)) @ free
-    return PlanarMechanism(arms, still.mass, still.inertia, start, rates / max(1.0, float(np.abs(rates).max())))
+    return PlanarMechanism(arms, still.mass, still.inertia, start, random_rates(random, J))

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from holdfast import Arm, ClosedChain, Grasp, HeldObject, Joint, Link, Pose, State
-from tests.oracles.stepping import runge_kutta
+from tests.oracles.stepping import constrained, random_rates, runge_kutta
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -75,11 +75,8 @@ class SphericalMechanism:
         """Return d/dt of joint angles, attitude and rates."""
         n = len(self.q)
         R, u = y[n : n + 9].reshape(3, 3), y[n + 9 :]
-        M, f, J, bias = self.equations(y[:n], R, u)
-        rows = len(J)
-        whole = np.block([[M, J.T], [J, np.zeros((rows, rows))]])
-        found = np.linalg.lstsq(whole, np.concatenate([f, -bias]), rcond=1e-13)[0]
-        return np.concatenate([u[:n], (np.cross(np.eye(3), u[n:]) @ R).ravel(), found[: n + 3]])
+        found = constrained(*self.equations(y[:n], R, u))
+        return np.concatenate([u[:n], (np.cross(np.eye(3), u[n:]) @ R).ravel(), found])
 
     def equations(self, q: np.ndarray, R: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return M, f, J and J' u of rates (joints, object's angular velocity)."""
@@ -169,8 +166,4 @@ def random_spherical(seed: int) -> SphericalMechanism:
     centre = random.uniform(-0.2, 0.2, size=3)
     still = SphericalMechanism(arms, random.uniform(0.5, 4.0), centre, inertia(), q, np.zeros(n + 3))
     J = still.equations(q, np.eye(3), np.zeros(n + 3))[2]
-    _, sizes, Vt = np.linalg.svd(J)
-    free = Vt[int((sizes > 1e-9).sum()) :]
-    rates = random.normal(size=len(free)) @ free
-    rates = 1.5 * rates / max(1.0, float(np.abs(rates).max()))
-    return SphericalMechanism(arms, still.mass, centre, still.inertia, q, rates)
+    return SphericalMechanism(arms, still.mass, centre, still.inertia, q, 1.5 * random_rates(random, J))

@@ -42,6 +42,20 @@ def runge_kutta(slope: Callable[[np.ndarray], np.ndarray], y: np.ndarray, durati
     return y
 
 
+def constrained(M: np.ndarray, f: np.ndarray, J: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    """Return a of M a + J^T lambda = f, J a = -bias; the forces lambda need not be unique."""
+    whole = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
+    return np.linalg.lstsq(whole, np.concatenate([f, -bias]), rcond=1e-13)[0][: len(M)]
+
+
+def random_rates(random: np.random.Generator, J: np.ndarray) -> np.ndarray:
+    """Return random rates with J rates = 0, none of them above 1."""
+    _, sizes, Vt = np.linalg.svd(J)
+    free = Vt[int((sizes > 1e-9).sum()) :]
+    rates = random.normal(size=len(free)) @ free
+    return rates / max(1.0, float(np.abs(rates).max()))
+
+
 def _move_body(body: dict, alpha: np.ndarray, dt: float) -> None:
     """Advance pose and twist of a body with acceleration [omega_dot; v_dot]."""
     omega, v = np.array(body["omega"]), np.array(body["v"])

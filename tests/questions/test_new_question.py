@@ -22,7 +22,7 @@ from holdfast.spatial.vector import cross
 from tests.capabilities.chains import chain_with
 from tests.capabilities.questions import of_questions
 from tests.codegen import problems as exported
-from tests.codegen import test_bits
+from tests.codegen import test_export as test_bits
 from tests.compiled import test_functions as compiled
 from tests.derivatives import test_compiled_functions as compiled_derivatives
 from tests.derivatives import test_functions as derivatives

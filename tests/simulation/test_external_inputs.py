@@ -20,8 +20,7 @@ from tests.simulation.runs import limp
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 from tests.systems.problems import relative_gap
-from tests.systems.springs_by_hand import by_hand
-from tests.systems.sprung import with_springs
+from tests.systems.sprung import by_hand, with_springs
 from tests.systems.trunk_runs import still_base
 
 FREE = hf.ControlLaw(lambda t, state, memory, given: (0.0 * state.qd, memory), key="tests: no torques")

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from holdfast.compiler.interpret import interpret
+from holdfast.compiler.trace import trace
 from holdfast.spatial import rotation
 from tests.systems.random_parts import rotation as random_rotation
 from tests.systems.random_parts import rotation_vector_matrix, unit_vector
@@ -24,6 +26,7 @@ ANGLES = (
     *(math.pi - d for d in (1e-3, 1e-8)),
 )
 AXES = [*np.eye(3), *-np.eye(3), *(unit_vector(np.random.default_rng(seed)) for seed in range(6))]
+MANY_AXES = np.array([*AXES, *(unit_vector(np.random.default_rng(seed)) for seed in range(6, 40))])
 
 
 @pytest.mark.parametrize("angle", [*ANGLES, math.pi])
@@ -35,22 +38,19 @@ def test_exp_is_rodrigues(angle):
         assert rotation.is_rotation(R, 3e-15)  # 2.7e-15 at most about 20,000 random axes
 
 
-@pytest.mark.parametrize("angle", ANGLES)
-def test_log_undoes_exp(angle):
-    """log(exp(r)) = r for |r| < pi, in relative precision down to the smallest angles."""
-    for axis in AXES:
-        np.testing.assert_allclose(
-            rotation.log(rotation.exp(angle * axis)), angle * axis, rtol=1e-14, atol=4e-16 * angle
-        )
-
-
-def test_log_at_pi():
-    """At pi both signs are right: the length is pi and exp brings the rotation back."""
-    for axis in AXES:
-        R = 2 * np.outer(axis, axis) - np.eye(3)
-        r = rotation.log(R)
-        assert np.linalg.norm(r) == pytest.approx(math.pi, abs=1e-14)
-        np.testing.assert_allclose(rotation.exp(r), R, atol=1e-14)
+@pytest.mark.parametrize("angle", [*ANGLES, math.pi - 1e-15, math.pi])
+def test_log(angle):
+    """log(exp(r)) = r, in relative precision down to the smallest angles; at pi both signs are right."""
+    R = np.array([rotation.exp(angle * axis) for axis in MANY_AXES])
+    found = np.array([rotation.log(each) for each in R])
+    if angle < 3.1:
+        np.testing.assert_allclose(found, angle * MANY_AXES, rtol=1e-14, atol=4e-16 * angle)
+    else:
+        np.testing.assert_allclose(np.linalg.norm(found, axis=-1), angle, atol=1e-14)
+        np.testing.assert_allclose([rotation.exp(r) for r in found], R, atol=1e-14)
+    program = trace(lambda R: (rotation.log(R),), [(3, 3)])
+    traced = np.array([interpret(program, each)[0] for each in R[::5]])
+    np.testing.assert_allclose(traced, found[::5], rtol=1e-14, atol=0.0)
 
 
 @pytest.mark.parametrize("angle", [*ANGLES, math.pi])
@@ -134,3 +134,27 @@ def test_align(angle):
         np.testing.assert_allclose(rotation.exp(turn) @ a, b, atol=2e-12 + 2 * loose)
     for axis in np.eye(3):
         np.testing.assert_allclose(rotation.exp(rotation.align(axis, -axis)) @ axis, -axis, atol=1e-15)
+
+
+@pytest.mark.parametrize("angle", [*ANGLES, math.pi - 1e-15, math.pi])
+def test_align_when_traced(angle):
+    """The rotation does turn a to b, exactly opposed vectors included."""
+    random = np.random.default_rng(1)
+    a = MANY_AXES
+    across = np.cross(a, random.normal(size=a.shape))
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    b = np.array([rotation.exp(angle * axis) @ v for axis, v in zip(across, a, strict=True)])
+    if angle == np.pi:
+        b = -a
+    program = trace(lambda a, b: (rotation.align(a, b),), [(3,), (3,)])
+    for v, w in zip(a[::3], b[::3], strict=True):
+        for r in (rotation.align(v, w), interpret(program, v, w)[0]):
+            np.testing.assert_allclose(rotation.exp(r) @ v, w, atol=2e-15)
+
+
+def test_not_a_number():
+    """Not-a-number stays, without a warning."""
+    R = np.full((3, 3), np.nan)
+    with np.errstate(all="raise"):
+        assert np.isnan(rotation.log(R)).all()
+        assert np.isnan(rotation.align(R[0], np.eye(3)[1])).all()

@@ -11,6 +11,7 @@ from holdfast.dynamics import ForwardResult, tip_pose
 from holdfast.io import typed
 from holdfast.io.case_data import CaseData
 from holdfast.io.case_file import build_case
+from holdfast.questions.arrays import ARRAYS
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,14 @@ class Problem:
     def solved(self, **options) -> ForwardResult:
         """Return forward dynamics."""
         return forward_dynamics(self.chain, self.state, self.tau, inputs=self.inputs, **options)
+
+    @property
+    def arguments(self) -> dict[str, np.ndarray]:
+        """What machine code takes, by name; inputs that are zero anyhow are left out."""
+        rows = [row for row in ARRAYS.values() if row.field and row.exists(self.chain)]
+        state = {row.name: getattr(self.state, row.field) for row in rows if row.role == "state"}
+        inputs = {row.name: getattr(self.inputs, row.field) for row in rows if row.role == "input"}
+        return state | {"tau": self.tau} | {name: x for name, x in inputs.items() if np.any(x)}
 
 
 def as_chain(case: dict) -> Problem:

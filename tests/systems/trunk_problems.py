@@ -111,18 +111,4 @@ def random_on_trunk(seed: int, joints: int, *, floating: bool = False, **options
 
 def in_machine_code(p: Problem):
     """Return forward dynamics by machine code; wrenches on links and driven bases are run-time parameters."""
-    inputs = p.inputs.shaped(p.chain)
-    parameters = {
-        "object_wrench": inputs.object_wrench,
-        "link_wrench": inputs.link_wrenches,
-        "trunk_link_wrench": inputs.trunk_link_wrenches,
-        "base_twist": inputs.base_twists,
-        "base_acceleration": inputs.base_accelerations,
-        "trunk_base_twist": inputs.trunk_base_twist,
-        "trunk_base_acceleration": inputs.trunk_base_acceleration,
-        "floating_pose": p.state.base_pose,
-        "floating_twist": p.state.base_twist,
-    }
-    given = {name: x for name, x in parameters.items() if x is not None}
-    state = (p.state.q, p.state.qd, p.tau, p.state.object_pose, p.state.object_twist)
-    return holdfast.compile(p.chain, parameters=["link_wrench"]).forward_dynamics(*state, **given)
+    return holdfast.compile(p.chain, parameters=["link_wrench"]).forward_dynamics(**p.arguments)

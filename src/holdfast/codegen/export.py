@@ -12,8 +12,7 @@ from string import Template
 from typing import NamedTuple
 
 from holdfast.codegen.functions import ExportedFunction, exported_function, exported_law, exported_names
-from holdfast.codegen.header import CFunction, header
-from holdfast.codegen.wrapper import wrapper
+from holdfast.codegen.header import CFunction, header, wrapper
 from holdfast.compiled.chain import CompiledChain, compile
 from holdfast.compiler.targets import (
     DEFINITIONS,
@@ -36,7 +35,7 @@ from holdfast.state import State
 
 # For GCC and Clang: no fma that is not in the source. GCC 12 fuses a product and a sum in neighbouring numbers
 # in spite of -ffp-contract when it vectorises straight-line code.
-EXACT = "-ffp-contract=off -fno-tree-slp-vectorize -fno-math-errno"
+EXACT_FLAGS = "-ffp-contract=off -fno-tree-slp-vectorize -fno-math-errno"
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
 
 
@@ -208,7 +207,7 @@ def files_of(
         "Units": "SI: m, rad, s, kg, N, N m. Twists, wrenches: angular part first, world axes",
     }
     kind = "source" if source else "objects"
-    values = {"name": name, "version": version, "flags": f"{target.flags} {EXACT}", "description": of_functions}
+    values = {"name": name, "version": version, "flags": f"{target.flags} {EXACT_FLAGS}", "description": of_functions}
     files = {
         f"{name}.c" if source else f"{name}.o": code,
         f"{name}.h": header(name, functions, says).encode(),
@@ -246,7 +245,7 @@ def _objects(name: str, found: Sequence[ExportedFunction], target: ObjectTarget)
 def _source(name: str, found: Sequence[ExportedFunction], target: ObjectTarget) -> tuple[bytes, list[CFunction]]:
     """Return the C source and its functions."""
     lines = [
-        f"/* Compile with: -std=c11 -O2 {target.flags} {EXACT} */",
+        f"/* Compile with: -std=c11 -O2 {target.flags} {EXACT_FLAGS} */",
         f'#include "{name}.h"',
         "",
         DEFINITIONS,

@@ -31,7 +31,7 @@ from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-STEP = "step"
+STEP_FUNCTION = "step"
 
 _ANSWERS = {
     "ok": (OK, "everything is unique"),
@@ -59,7 +59,7 @@ _KINDS = {
 def exported_names() -> tuple[str, ...]:
     """Return the names of everything that can be exported: questions, derivatives of them, and a step."""
     derivatives = (f"{name}_{kind}" for name, of in QUESTIONS.items() if of.by for kind in get_args(Kind))
-    return *QUESTIONS, *derivatives, STEP
+    return *QUESTIONS, *derivatives, STEP_FUNCTION
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ def exported_function(
     Raises:
         ModelError: there is no such computation, a step has no state, or a motion belongs to no base.
     """
-    if name == STEP:
+    if name == STEP_FUNCTION:
         return _step(compiled, state, scheme, base_motion or {})
     chain, rank = compiled.chain, generic_rank_of(compiled, state)
     own = parameters_of(chain, rank) | {"object_pose": np.eye(7)[0]} | _arrays(chain, state)
@@ -193,4 +193,4 @@ def _step(
     def schedule() -> Schedule:
         return replace(made.schedule(), status="last.code")  # returned, and not only carried to the next step
 
-    return _function(STEP, _STEP_SUMMARY, kernel.externals, schedule, values, _STEPS)
+    return _function(STEP_FUNCTION, _STEP_SUMMARY, kernel.externals, schedule, values, _STEPS)

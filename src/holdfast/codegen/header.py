@@ -1,22 +1,37 @@
-"""The C header of exported functions, with shapes and units of arrays, sizes of the caller's memory, and statuses."""
+"""The headers of exported functions, with shapes and units of arrays, sizes of the caller's memory, and statuses.
+
+The C header declares the functions. The C++17 header wraps them: a class for each function, which owns its memory;
+arrays are spans of known length.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from holdfast.codegen.arrays import LAST, extent, fields_of, meaning
-from holdfast.codegen.functions import STEP, ExportedFunction
+from holdfast.codegen.functions import STEP_FUNCTION, ExportedFunction
+from holdfast.compiled.derivative_schedule import FOUND, WITH
 from holdfast.compiler.schedule import External
 from holdfast.io.files import one_line
+from holdfast.questions.arrays import ARRAYS, Row
+from holdfast.questions.question import QUESTIONS
 from holdfast.spatial.scalar import Array
 
 _ALIGNMENT = 64  # alignment of working memory: a cache line, which the widest registers need [bytes]
+CARRIED_PREFIX, LAW_PREFIX = "last.", "control."  # prefixes of the arrays that a step carries on, and of its torques
+_KEYWORDS = frozenset(
+    """
+    alignas alignof and asm auto bool break case catch char class const continue default delete do double else enum
+    explicit export extern false float for friend goto if inline int long mutable namespace new not operator or
+    private protected public register restrict return short signed sizeof static struct switch template this throw
+    true try typedef typename union unsigned using virtual void volatile while
+    """.split()  # noqa: SIM905
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +78,7 @@ class CFunction:
             f"void {self.name}_prepare(const {self.name}_arrays *arrays);",
             "",
             *self._begin(),
-            *(self._start() if self.of.name == STEP else []),
+            *(self._start() if self.of.name == STEP_FUNCTION else []),
         ]
 
     def _statuses(self) -> list[str]:
@@ -134,7 +149,11 @@ class CFunction:
 
     def _start(self) -> list[str]:
         """Return the function that starts a run at another state."""
-        field = {name.removeprefix(LAST): self.fields[name] for name in self.of.externals if name.startswith(LAST)}
+        field = {
+            name.removeprefix(CARRIED_PREFIX): self.fields[name]
+            for name in self.of.externals
+            if name.startswith(CARRIED_PREFIX)
+        }
         sizes = {self.fields[name]: e.size for name, e in self.of.externals.items()}
         begin = {"work": "0.0", "count": "0.0", "worst_margin": "INFINITY"}
         fresh = [(field[name], value) for name, value in begin.items() if name in field]
@@ -212,3 +231,95 @@ def _number(value: float) -> str:
     if math.isnan(value):
         return "NAN"
     return repr(value) if math.isfinite(value) else "INFINITY" if value > 0 else "-INFINITY"
+
+
+def fields_of(externals: Iterable[str]) -> dict[str, str]:
+    """Return the C names of arrays, without prefix where possible."""
+    found: dict[str, str] = {}
+    taken = {"workspace", *_KEYWORDS}
+    for name in externals:
+        field = name.removeprefix(CARRIED_PREFIX).removeprefix(LAW_PREFIX).replace(".", "_")
+        while field in taken:
+            field += "_"
+        taken.add(field)
+        found[name] = field
+    return found
+
+
+def meaning(name: str) -> str:
+    """Return the description of an array; "" for a parameter of a law."""
+    rows = {**ARRAYS, **{row: of for question in QUESTIONS.values() for row, of in question.rows.items()}}
+    for prefix, words in ((WITH, "what is multiplied, as"), (FOUND, "derivatives by or of")):
+        if name.startswith(prefix):
+            rest = name.removeprefix(prefix)
+            return f"{words} {described(rows[rest])}" if rest in rows else f"{words} {rest}"
+    row = rows.get(name.removeprefix(CARRIED_PREFIX).removeprefix(LAW_PREFIX))
+    return "" if row is None else described(row)
+
+
+def described(row: Row) -> str:
+    """Return an array's meaning and unit."""
+    return f"{row.meaning} [{row.unit}]" if row.unit else row.meaning
+
+
+def extent(external: External) -> str:
+    """Return an array's shape in C syntax; [1] for a number."""
+    return "".join(f"[{n}]" for n in external.shape) if math.prod(external.shape) and external.shape else "[1]"
+
+
+_SPAN = """
+/* An array of known length; std::span comes with C++20 only. */
+template <typename T, std::size_t N>
+class span {
+public:
+    constexpr explicit span(T *first) noexcept : first_(first) {}
+    constexpr T *data() const noexcept { return first_; }
+    constexpr T *begin() const noexcept { return first_; }
+    constexpr T *end() const noexcept { return first_ + N; }
+    static constexpr std::size_t size() noexcept { return N; }
+    constexpr T &operator[](std::size_t k) const noexcept { return first_[k]; }
+
+private:
+    T *first_;
+};
+"""
+
+
+def wrapper(prefix: str, functions: Sequence[CFunction]) -> str:
+    """Return the C++ header."""
+    guard = f"HOLDFAST_{prefix.upper()}_HPP"
+    lines = [f"/* The functions of {prefix}.h as classes. They never throw and never ask for memory. */"]
+    lines += [f"#ifndef {guard}", f"#define {guard}", "", "#include <cstddef>", "#include <cstdint>", ""]
+    lines += [f'#include "{prefix}.h"', "", f"namespace {prefix} {{", *_SPAN.splitlines()]
+    for function in functions:
+        lines += _class(function)
+    return "\n".join([*lines, "", f"}} // namespace {prefix}", "", "#endif", ""])
+
+
+def _class(function: CFunction) -> list[str]:
+    own, name = "".join(part.capitalize() for part in function.of.name.split("_")), function.name
+    lines = ["", f"/* {function.of.summary} */", f"class {own} {{", "public:"]
+    lines += [f"    {own}() noexcept {{ {name}_begin(&memory_, &arrays_); }}"]
+    lines += [f"    {own}(const {own} &) = delete;", f"    {own} &operator=(const {own} &) = delete;", ""]
+    for array, external in function.of.externals.items():
+        if not external.size:
+            continue
+        field, size = function.fields[array], math.prod(external.shape)
+        first = f"&memory_.{field}{'[0]' * max(1, len(external.shape))}"
+        const = "" if external.role in ("input", "parameter", "carried") else "const "
+        after = " const noexcept" if const else " noexcept"
+        words = meaning(array)
+        lines += [f"    /* {words} */"] if words else []
+        kind = f"span<{const}double, {size}>"
+        lines.append(f"    {kind} {field}(){after} {{ return {kind}({first}); }}")
+    result = f"{name}_status" if function.of.statuses else "void"
+    call = f"return static_cast<{result}>({name}(&arrays_));" if function.of.statuses else f"{name}(&arrays_);"
+    lines += ["", "    /* Compute the outputs. */", f"    {result} operator()() noexcept {{ {call} }}"]
+    lines += ["", "    /* Take the parameters, after they have changed. */"]
+    lines.append(f"    void prepare() noexcept {{ {name}_prepare(&arrays_); }}")
+    if function.of.name == STEP_FUNCTION:
+        lines += ["", "    /* Begin at the state that memory holds. */"]
+        lines.append(
+            f"    {result} start() noexcept {{ return static_cast<{result}>({name}_start(&memory_, &arrays_)); }}"
+        )
+    return [*lines, "", "private:", f"    {name}_memory memory_;", f"    {name}_arrays arrays_;", "};"]

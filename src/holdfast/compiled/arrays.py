@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled.result import Results
+from holdfast.compiler.elementary import LARGEST_ARGUMENT
 from holdfast.compiler.kernel import address_of
 from holdfast.compiler.schedule import External
-from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.checks import ROTATION_TOLERANCE

@@ -14,7 +14,7 @@ from holdfast.compiler.composition import Composition
 from holdfast.compiler.constant import Constant, constants
 from holdfast.compiler.derivation import derived
 from holdfast.compiler.node import Node
-from holdfast.compiler.schedule import External, Role, Schedule
+from holdfast.compiler.schedule import External, ExternalRole, Schedule
 from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import inputs, tracing
 from holdfast.dynamics.arm.regrouping import regrouped
@@ -40,7 +40,9 @@ def externals(
     inputs: Iterable[str], parameters: Iterable[str], outputs: Iterable[str], shape: Mapping[str, Shape]
 ) -> dict[str, External]:
     """Return a computation's arrays: inputs, then parameters, then outputs."""
-    roles: tuple[tuple[Role, Iterable[str]], ...] = (("input", inputs), ("parameter", parameters), ("output", outputs))
+    roles: tuple[tuple[ExternalRole, Iterable[str]], ...] = (
+        ("input", inputs), ("parameter", parameters), ("output", outputs)
+    )  # fmt: skip
     return {name: External(shape[name], role) for role, names in roles for name in names}
 
 

@@ -15,15 +15,15 @@ from typing import Any
 from holdfast.compiler.graph import Graph
 from holdfast.compiler.node import Node
 from holdfast.compiler.region import (
-    Carry,
     Classes,
-    Origin,
+    ImageOrigin,
     Outside,
     PhaseCall,
+    PortSource,
     Region,
     RegionInput,
     Scan,
-    Source,
+    ScanCarry,
     TracedGroup,
     Traversal,
     Turns,
@@ -49,7 +49,7 @@ class Composition:
     def __init__(self) -> None:
         self.graph = Graph()
         self.parameters: set[Node] = set()
-        self.origins: dict[Node, Origin] = {}
+        self.origins: dict[Node, ImageOrigin] = {}
         self._outside = Outside(self.graph, self.origins)
         self.groups: list[TracedGroup] = []
         self.phase_calls: list[PhaseCall] = []
@@ -124,7 +124,7 @@ class Composition:
             done = traversals[pairs[0][1]]
             group.region = done.after
             self._give(group, done.ports, [flat[j][0] for _, j in sorted(pairs)])
-            group.take(Source(done.carried, group.done + 1, None, scan))
+            group.take(PortSource(done.carried, group.done + 1, None, scan))
         turns.open = list(order)
         group, i = order[-1]
         images = group.images[i]
@@ -135,7 +135,7 @@ class Composition:
     def _traversals(
         self,
         f: Callable[..., Any],
-        initial: Carry,
+        initial: ScanCarry,
         items: Sequence[Any],
         flat: Sequence[tuple[list[Leaf], Hashable]],
         homes: Sequence[tuple[TracedGroup, int]] | None,
@@ -262,7 +262,7 @@ class Composition:
         f: Callable[..., Any],
         x: Any,
         flat: tuple[list[Leaf], Hashable],
-        carry: Carry | None = None,
+        carry: ScanCarry | None = None,
     ) -> Traversal:
         """Trace the loop's body for one item of a region, or return the traversal known from an equal item."""
         leaves, key = flat
@@ -297,9 +297,9 @@ class Composition:
         region.further[what] = done
         return done
 
-    def _taken_apart(self, carry: Any) -> Carry:
+    def _taken_apart(self, carry: Any) -> ScanCarry:
         numbers, shape = numbers_of(carry), self._values.leaves(with_numbers(carry, lambda _: None))[1]
-        return Carry(carry, numbers, _classes(numbers), shape)
+        return ScanCarry(carry, numbers, _classes(numbers), shape)
 
     # ---- order ----
 
@@ -312,7 +312,7 @@ class Composition:
             given.append((port, numbers))
         for port, numbers in given:  # in a second loop, because `settle` may have called a phase of this very group
             known = all(self._known_before(node) for of_one in numbers for node in of_one)
-            group.take(Source(port.inputs, 0 if known else group.done + 1, numbers))
+            group.take(PortSource(port.inputs, 0 if known else group.done + 1, numbers))
 
     def _known_before(self, node: Node) -> bool:
         """Return whether a node of the glue depends on parameters only."""

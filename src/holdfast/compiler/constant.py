@@ -8,34 +8,44 @@ constants of the machine code are the same on every processor.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.errors import CompileError, place_of_call
 
-NUMBERS = (float, int, np.floating, np.integer, np.bool_)
+NUMBER_TYPES = (float, int, np.floating, np.integer, np.bool_)
 
 
-def _binary(kind: str, swapped: bool = False) -> Callable[[Constant, Any], Any]:
-    """Return an operator method; it leaves nodes and arrays to their own operators."""
-    operation = OPERATIONS[kind]
-
-    def operator(self: Constant, other: Any) -> Any:
-        if isinstance(other, Constant):
-            other = other.value
-        elif isinstance(other, NUMBERS):
-            other = float(other)
-        else:
-            return NotImplemented
-        found = operation(other, self.value) if swapped else operation(self.value, other)
-        return found if isinstance(found, bool) else Constant(found)
-
-    return operator
+def _both_ways(kind: str) -> tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]]:
+    """Return the methods of an operation for a scalar on its left and on its right."""
+    return (
+        lambda self, other: self._operation(kind, self, other),
+        lambda self, other: self._operation(kind, other, self),
+    )
 
 
-class Constant:
+class Operators:
+    """Python's operators of a scalar in terms of its `_operation(kind, a, b)`, of which it is one operand itself."""
+
+    __slots__ = ()
+
+    # With this priority np.float64(2) * x calls the scalar's operator, and array * x goes entry by entry.
+    __array_priority__ = -1.0
+
+    __add__, __radd__ = _both_ways("add")
+    __sub__, __rsub__ = _both_ways("subtract")
+    __mul__, __rmul__ = _both_ways("multiply")
+    __truediv__, __rtruediv__ = _both_ways("divide")
+    __lt__, __gt__ = _both_ways("less")
+    __le__, __ge__ = _both_ways("less_equal")
+
+    def __pos__(self) -> Self:
+        return self
+
+
+class Constant(Operators):
     """A float64 that NumPy treats as an object; its sum or product with a number is a `Constant` again.
 
     Attributes:
@@ -44,29 +54,19 @@ class Constant:
 
     __slots__ = ("value",)
 
-    __array_priority__ = -1.0  # as for `Node`: NumPy's scalars defer to this class, and arrays go entry by entry
-
     def __init__(self, value: float) -> None:
         self.value = float(value)
 
-    __add__ = _binary("add")
-    __radd__ = _binary("add", swapped=True)
-    __sub__ = _binary("subtract")
-    __rsub__ = _binary("subtract", swapped=True)
-    __mul__ = _binary("multiply")
-    __rmul__ = _binary("multiply", swapped=True)
-    __truediv__ = _binary("divide")
-    __rtruediv__ = _binary("divide", swapped=True)
-    __lt__ = _binary("less")
-    __gt__ = _binary("less", swapped=True)
-    __le__ = _binary("less_equal")
-    __ge__ = _binary("less_equal", swapped=True)
+    def _operation(self, kind: str, a: Any, b: Any) -> Any:
+        """Return the result for two numbers; nodes and arrays are left to their own operators."""
+        other = b if a is self else a
+        if not isinstance(other, NUMBER_TYPES) and not isinstance(other, Constant):
+            return NotImplemented
+        found = OPERATIONS[kind](float(a), float(b))
+        return found if isinstance(found, bool) else Constant(found)
 
     def __neg__(self) -> Constant:
         return Constant(-self.value)
-
-    def __pos__(self) -> Constant:
-        return self
 
     def __abs__(self) -> Constant:
         return Constant(abs(self.value))

@@ -9,7 +9,7 @@ from holdfast.compiler.composition import Composition
 from holdfast.compiler.graph import Graph
 from holdfast.compiler.needed import Needed
 from holdfast.compiler.node import Node
-from holdfast.compiler.region import Origin, Scan, Source, TracedGroup
+from holdfast.compiler.region import ImageOrigin, PortSource, Scan, TracedGroup
 from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule, Wire
 from holdfast.compiler.stage import GraphPorts, Stage, Stages, made_of
 from holdfast.compiler.trace import as_node
@@ -69,7 +69,7 @@ class Derivation:
                 if source.numbers is not None and places:
                     self._take(group, source, places)
 
-    def _take(self, group: TracedGroup, source: Source, places: Sequence[int]) -> None:
+    def _take(self, group: TracedGroup, source: PortSource, places: Sequence[int]) -> None:
         """Wire a port: as a whole if it is part of an external array, otherwise only the numbers that are needed."""
         assert source.numbers is not None
         inputs, wire = source.inputs, self._external(source.numbers)
@@ -114,7 +114,7 @@ class Derivation:
         origins = [self.traced.origins.get(node) for node in numbers]
         if None in origins or len({(o.group, o.item) for o in origins}) > 1:  # type: ignore[union-attr]
             return None
-        first: Origin = origins[0]  # type: ignore[assignment]
+        first: ImageOrigin = origins[0]  # type: ignore[assignment]
         return first.group, first.item, tuple([o.node for o in origins])  # type: ignore[union-attr]
 
     def _gathered(self, origins: Sequence[tuple[TracedGroup, int, Leaf]]) -> Wire | None:
@@ -378,9 +378,9 @@ def derived(
     return derivation.schedule(status, guarded)
 
 
-def _runs(origins: Sequence[Origin | None]) -> list[tuple[int, Leaf, Origin | None]]:
+def _runs(origins: Sequence[ImageOrigin | None]) -> list[tuple[int, Leaf, ImageOrigin | None]]:
     """Split numbers into runs of images of one item; return each run's start, region nodes and first origin."""
-    found: list[tuple[int, list[Any], Origin | None]] = []
+    found: list[tuple[int, list[Any], ImageOrigin | None]] = []
     for k, origin in enumerate(origins):
         before = found[-1][2] if found else None
         same = bool(found) and (

@@ -17,7 +17,6 @@ import numpy as np
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.compiler.targets import batch_module, cpu, foreign_call, no_argument_call, single_module
 
-Array = np.ndarray
 _BYTE = ctypes.c_char
 
 _RUN = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)
@@ -58,14 +57,14 @@ class BatchKernel:
         self.externals, self.lanes = externals, lanes or cpu.lanes()
         self._make, self._key = make, f"{key}/{self.lanes}" if key else ""
         self._compiling = threading.Lock()
-        self._idle: deque[Array] = deque()  # working memory of earlier calls, reused because allocating it is slow
+        self._idle: deque[np.ndarray] = deque()  # working memory of earlier calls, reused because allocating it is slow
 
     @cached_property
     def schedule(self) -> Schedule:
         """The schedule, made when first needed."""
         return self._make()
 
-    def run_batch(self, table: Array, batch: int, threads: int = 1, repeats: int = 1) -> None:
+    def run_batch(self, table: np.ndarray, batch: int, threads: int = 1, repeats: int = 1) -> None:
         """Run a batch; the caller is responsible for the addresses.
 
         Args:
@@ -97,7 +96,7 @@ class BatchKernel:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(part, range(threads)))
 
-    def run_arrays(self, arrays: Mapping[str, Array], batch: int, threads: int = 1) -> None:
+    def run_arrays(self, arrays: Mapping[str, np.ndarray], batch: int, threads: int = 1) -> None:
         """Run a batch on float64 arrays in C order, (batch, *shape) each, or (*shape) if all systems share it.
 
         Args:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from holdfast.compiler import exponential, inverse_tangent, trigonometry
+from holdfast.compiler import elementary
 from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.graph import Graph, Value
 from holdfast.compiler.node import Node
@@ -17,11 +17,7 @@ from holdfast.compiler.program import Output, Program, pruned
 from holdfast.compiler.trace import program_of
 
 _WRITTEN: dict[str, Callable[..., Value]] = {
-    "sin": trigonometry.sin,
-    "cos": trigonometry.cos,
-    "exp": exponential.exp,
-    "tanh": exponential.tanh,
-    "arctan2": inverse_tangent.arctan2,
+    name: getattr(elementary, name) for name in ("sin", "cos", "exp", "tanh", "arctan2")
 }
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.node import Node
-from holdfast.compiler.region import Source, TracedGroup
+from holdfast.compiler.region import PortSource, TracedGroup
 
 
 class Needed:
@@ -59,7 +59,7 @@ class Needed:
         sources = [self._sources(*self._given[other][node]) for other in self._like[group]]
         return [(maker and self._first[maker], nodes) for found in sources for maker, nodes in found]
 
-    def _sources(self, source: Source, k: int) -> list[tuple[TracedGroup | None, list[Node]]]:
+    def _sources(self, source: PortSource, k: int) -> list[tuple[TracedGroup | None, list[Node]]]:
         """Return the nodes, with their groups, that feed input number `k` of a source in any item."""
         if source.numbers is not None:
             return [(None, [of_one[k] for of_one in source.numbers])]

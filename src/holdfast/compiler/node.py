@@ -6,26 +6,13 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from holdfast.compiler.arithmetic import TRUTHS
-from holdfast.compiler.constant import NUMBERS, Constant
+from holdfast.compiler.constant import NUMBER_TYPES, Constant, Operators
 from holdfast.compiler.errors import CompileError, place_of_call
 
 if TYPE_CHECKING:
     from holdfast.compiler.graph import Graph
 
-_NUMBERS = (*NUMBERS, Constant)
-
-
-def _binary(kind: str, swapped: bool = False) -> Callable[[Node, Any], Any]:
-    """Return an operator method; it leaves arrays to NumPy, which calls it for each element."""
-
-    def operator(self: Node, other: Any) -> Any:
-        if not isinstance(other, Node):
-            if not isinstance(other, _NUMBERS):
-                return NotImplemented
-            other = float(other)
-        return self.graph.apply(kind, other, self) if swapped else self.graph.apply(kind, self, other)
-
-    return operator
+_NUMBER_TYPES = (*NUMBER_TYPES, Constant)
 
 
 def _misuse(what: str, instead: str) -> Callable[..., NoReturn]:
@@ -37,7 +24,7 @@ def _misuse(what: str, instead: str) -> Callable[..., NoReturn]:
     return refuse
 
 
-class Node:
+class Node(Operators):
     """The result of one operation on other nodes: a float64, or a truth value if it is a comparison.
 
     Only a `Graph` makes nodes; within a graph, equal operations are the same object.
@@ -53,9 +40,6 @@ class Node:
 
     __slots__ = ("args", "graph", "kind", "serial", "value")
 
-    # With this priority np.float64(2) * node calls the node's operator, and array * node goes element by element.
-    __array_priority__ = -1.0
-
     def __init__(self, graph: Graph, serial: int, kind: str, args: tuple[Node, ...], value: float) -> None:
         self.graph, self.serial, self.kind, self.args, self.value = graph, serial, kind, args, value
 
@@ -64,31 +48,24 @@ class Node:
         """Whether it is a truth value rather than a number."""
         return self.kind in TRUTHS
 
-    __add__ = _binary("add")
-    __radd__ = _binary("add", swapped=True)
-    __sub__ = _binary("subtract")
-    __rsub__ = _binary("subtract", swapped=True)
-    __mul__ = _binary("multiply")
-    __rmul__ = _binary("multiply", swapped=True)
-    __truediv__ = _binary("divide")
-    __rtruediv__ = _binary("divide", swapped=True)
-    __lt__ = _binary("less")
-    __gt__ = _binary("less", swapped=True)
-    __le__ = _binary("less_equal")
-    __ge__ = _binary("less_equal", swapped=True)
+    def _operation(self, kind: str, a: Any, b: Any) -> Any:
+        """Return the result of an operation; arrays are left to NumPy, which comes back for each entry."""
+        other = b if a is self else a
+        if not isinstance(other, Node):
+            if not isinstance(other, _NUMBER_TYPES):
+                return NotImplemented
+            a, b = (self, float(other)) if a is self else (float(other), self)
+        return self.graph.apply(kind, a, b)
 
     def __neg__(self) -> Any:
         return self.graph.apply("negate", self)
-
-    def __pos__(self) -> Node:
-        return self
 
     def __abs__(self) -> Any:
         return self.graph.apply("absolute", self)
 
     def __pow__(self, power: Any) -> Any:
         """Return an integer power, by repeated squaring."""
-        if isinstance(power, Node) or not isinstance(power, NUMBERS) or power != int(power):
+        if isinstance(power, Node) or not isinstance(power, NUMBER_TYPES) or power != int(power):
             raise CompileError(f"{place_of_call()}: expected an integer power of a traced value, got {power!r}")
         exponent, square, result = abs(int(power)), self, 1.0
         while exponent:
@@ -157,7 +134,7 @@ class Node:
 def _operand(x: Any) -> Any:
     if isinstance(x, Node):
         return x
-    if isinstance(x, _NUMBERS):
+    if isinstance(x, _NUMBER_TYPES):
         return float(x)
     raise CompileError(
         f"{place_of_call()}: expected a number, got {type(x).__name__}; arrays go entry by entry (select)"

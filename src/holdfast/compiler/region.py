@@ -24,7 +24,7 @@ class RegionInput(NamedTuple):
     places: tuple[int, ...]
 
 
-class Carry(NamedTuple):
+class ScanCarry(NamedTuple):
     """A carry of a scan, taken apart.
 
     Attributes:
@@ -53,7 +53,7 @@ class Traversal(NamedTuple):
 
     value: Any
     ports: tuple[RegionInput, ...]
-    carry: Carry
+    carry: ScanCarry
     carried: Leaf
     after: Region
 
@@ -80,7 +80,7 @@ class Outside(NamedTuple):
     """
 
     graph: Graph
-    origins: dict[Node, Origin]
+    origins: dict[Node, ImageOrigin]
 
 
 class Images(dict[Node, Node]):
@@ -101,7 +101,7 @@ class Images(dict[Node, Node]):
             if any(node.is_truth for node in new):
                 raise CompileError("a loop returned the truth of a comparison; try where(condition, 1.0, 0.0)")
             images = self.outside.graph.inputs(len(new))
-            origins = [Origin(self.group, self.item, node) for node in new]
+            origins = [ImageOrigin(self.group, self.item, node) for node in new]
             self.update(zip(new, images, strict=True))
             self.outside.origins.update(zip(images, origins, strict=True))
         return tuple([self[node] for node in nodes])
@@ -110,7 +110,7 @@ class Images(dict[Node, Node]):
         return self.of((node,))[0]
 
 
-class Origin(NamedTuple):
+class ImageOrigin(NamedTuple):
     """The group, the item and the region's node that an image stands for."""
 
     group: TracedGroup
@@ -118,7 +118,7 @@ class Origin(NamedTuple):
     node: Node
 
 
-class Source(NamedTuple):
+class PortSource(NamedTuple):
     """The numbers that feed a port.
 
     Attributes:
@@ -149,13 +149,13 @@ class TracedGroup:
 
     def __init__(self, outside: Outside, name: str, region: Region, count: int, turns: Turns | None) -> None:
         self.name, self.region, self.count, self.turns = name, region, count, turns
-        self.sources: list[Source] = []
+        self.sources: list[PortSource] = []
         self.done = 0
         self.images = [Images(outside, self, i) for i in range(count)]
         self._phases: list[int] = []
         self._given: dict[int, int] = {}
 
-    def take(self, source: Source) -> None:
+    def take(self, source: PortSource) -> None:
         """Add a port."""
         self.sources.append(source)
         for node in source.inputs:
@@ -199,7 +199,7 @@ class Scan(NamedTuple):
     kept: tuple[tuple[Classes, Hashable], ...]
     handed: tuple[tuple[Any, ...], ...]
 
-    def source(self, group: TracedGroup) -> Source:
+    def source(self, group: TracedGroup) -> PortSource:
         """Return the source of the carry in a group."""
         return next(source for source in group.sources if source.before is self)
 

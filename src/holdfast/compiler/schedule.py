@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 from holdfast.compiler.program import Shape
 from holdfast.compiler.stage import Stage, Wire
 
-Role = Literal["input", "parameter", "output", "carried"]
+ExternalRole = Literal["input", "parameter", "output", "carried"]
 
 # A status is 0 if there was no problem. If it is FIRST_BAD or larger, the guarded outputs are NaN.
 FIRST_BAD = 3.0
@@ -32,7 +32,7 @@ class External(NamedTuple):
     """
 
     shape: Shape
-    role: Role
+    role: ExternalRole
 
     @property
     def size(self) -> int:
@@ -99,7 +99,7 @@ class Schedule:
     status: str | None = None
     guarded: tuple[str, ...] = ()
 
-    def names(self, *roles: Role) -> tuple[str, ...]:
+    def names(self, *roles: ExternalRole) -> tuple[str, ...]:
         """Return the external arrays of the given roles, in order."""
         return tuple(name for name, external in self.externals.items() if external.role in roles)
 

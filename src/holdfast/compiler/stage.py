@@ -161,8 +161,3 @@ def made_of(nodes: Iterable[Node]) -> list[Node]:
             found.add(node)
             waiting += node.args
     return sorted(found, key=SERIAL)
-
-
-def inputs_of(nodes: Iterable[Node]) -> set[Node]:
-    """Return the input nodes on which the given nodes depend."""
-    return {node for node in made_of(nodes) if node.kind == "input"}

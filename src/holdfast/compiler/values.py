@@ -15,10 +15,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from holdfast.compiler.constant import NUMBERS, Constant
+from holdfast.compiler.constant import NUMBER_TYPES, Constant
 from holdfast.compiler.node import Node
 
-_PLAIN = (str, bool, Constant, *NUMBERS)
+_PLAIN = (str, bool, Constant, *NUMBER_TYPES)
 _WORDS = (str, bool)
 _SEQUENCES = (tuple, list)
 
@@ -26,7 +26,7 @@ Leaf = Sequence[Node]  # the distinct nodes of one array, in order of appearance
 
 
 class ImagesOf(Protocol):
-    """The images of what a loop's body has returned, for one item: nodes that are made when they are asked for.
+    """Lazily created nodes for one item's results of a loop body.
 
     Attributes:
         group: the items that run the body.
@@ -42,7 +42,7 @@ class ImagesOf(Protocol):
 
 
 class ItemLeaf(Sequence[Node]):
-    """A leaf of one item of a loop, whose nodes are made when they are first asked for.
+    """A leaf of one item of a loop, whose nodes are created when first used.
 
     Attributes:
         images: the images of the item.
@@ -71,8 +71,8 @@ class ItemLeaf(Sequence[Node]):
         return iter(self.nodes())
 
 
-class Known(NamedTuple):
-    """What is known of a value that holds traced nodes: its key, and its leaves `leaves[begin:end]`."""
+class KnownValue(NamedTuple):
+    """The key of a value that holds traced nodes, and its leaves `leaves[begin:end]`."""
 
     value: Any  # kept, so that its id is not reused
     key: Hashable
@@ -81,7 +81,7 @@ class Known(NamedTuple):
     end: int
 
 
-Maker = Callable[[list[Any], bool], Any]  # makes a value again with other numbers per leaf, at once or late
+Maker = Callable[[list[Any], bool], Any]  # rebuilds a value with other numbers per leaf, at once or late
 
 
 class Values:
@@ -96,7 +96,7 @@ class Values:
         # All but `_numbers` are keyed by `id`, and hold the objects too.
         self._static: dict[int, tuple[Any, int]] = {}  # objects without nodes, and the number of their key
         self._numbers: dict[Hashable, int] = {}
-        self._known: dict[int, Known] = {}  # arrays, tuples and dataclasses with nodes
+        self._known: dict[int, KnownValue] = {}  # arrays, tuples and dataclasses with nodes
         self._makers: dict[int, tuple[Any, list[Leaf], Maker]] = {}
         self._open: set[int] = set()  # functions being visited, which may close over themselves
 
@@ -120,7 +120,7 @@ class Values:
             return "node"
         if value is None or isinstance(value, _WORDS):
             return value
-        if isinstance(value, NUMBERS):
+        if isinstance(value, NUMBER_TYPES):
             return ("number", float(value).hex())
         if isinstance(value, Constant):
             return ("number", value.value.hex())
@@ -131,7 +131,7 @@ class Values:
         key = self._made_of(value, found)
         if len(found) > before:
             if _lasting(value):
-                self._known[id(value)] = Known(value, key, found, before, len(found))
+                self._known[id(value)] = KnownValue(value, key, found, before, len(found))
             return key
         number = self._numbers.setdefault(key, len(self._numbers))
         self._static[id(value)] = (value, number)
@@ -185,14 +185,14 @@ class Values:
         return make([ItemLeaf(images, leaf) for leaf in leaves], True)
 
     def _maker_of(self, value: Any) -> tuple[list[Leaf], Maker]:
-        """Return the leaves of a value, and what makes it again."""
+        """Return the leaves of a value, and its maker."""
         if id(value) not in self._makers:
             leaves, _ = self.leaves(value)  # remembers the parts without nodes, which are not made again
             self._makers[id(value)] = value, leaves, self._maker(value, 0)[0]
         return self._makers[id(value)][1:]
 
     def _maker(self, value: Any, begin: int) -> tuple[Maker, int]:
-        """Return what makes a value with the leaves `begin` to `end` again, and `end`."""
+        """Return the maker of a value with the leaves `begin` to `end`, and `end`."""
         if value is None or isinstance(value, _PLAIN) or id(value) in self._static or id(value) in self._open:
             return (lambda leaves, late: value), begin
         if isinstance(value, self.kind):
@@ -218,13 +218,13 @@ class Values:
         def remembered(leaves: list[Any], late: bool) -> Any:
             other = make(leaves, late)
             if late:
-                self._known[id(other)] = Known(other, key, leaves, begin, end)
+                self._known[id(other)] = KnownValue(other, key, leaves, begin, end)
             return other
 
         return remembered, end
 
     def _makers_in(self, parts: Iterable[Any], end: int) -> tuple[list[Maker], int]:
-        """Return what makes every one of several values again, and the number of leaves up to their end."""
+        """Return the makers of several values, and the number of leaves up to their end."""
         makers = []
         for x in parts:
             make, end = self._maker(x, end)
@@ -233,7 +233,7 @@ class Values:
 
 
 def _array_maker(value: np.ndarray, leaf: Leaf, begin: int) -> Maker:
-    """Return what makes an array, whose traced nodes are `leaf`, again from the nodes of the leaf `begin`."""
+    """Return the maker of an array with the traced nodes `leaf`; it reads the leaf number `begin`."""
     entries, shape = value.ravel().tolist(), value.shape
     if len(leaf) == len(entries):
         return lambda leaves, late: array_of(leaves[begin], shape)
@@ -243,12 +243,12 @@ def _array_maker(value: np.ndarray, leaf: Leaf, begin: int) -> Maker:
 
 
 def _container_maker(value: Any, parts: list[Maker]) -> Maker:
-    """Return what makes a tuple, list or dict of parts that are made again."""
+    """Return the maker of a tuple, list or dict from the makers of its parts."""
     return lambda leaves, late: _with_parts(value, [make(leaves, late) for make in parts])
 
 
 def _dataclass_maker(value: Any, parts: list[Maker]) -> Maker:
-    """Return what makes a dataclass of parts that are made again: at once, or late, when each is first used."""
+    """Return the maker of a dataclass from those of its parts, called at once, or late, when each is first used."""
     kind = _late(_kind(value))
     makers = dict(zip(_fields(kind) or (), parts, strict=True))
 
@@ -286,7 +286,7 @@ def numbers_of(value: Any) -> list[Any]:
 
 def with_numbers(value: Any, new: Callable[[Any], Any]) -> Any:
     """Return the value with every number x, traced or not, replaced by `new(x)`, in order."""
-    if isinstance(value, Node | Constant) or (isinstance(value, NUMBERS) and not isinstance(value, bool)):
+    if isinstance(value, Node | Constant) or (isinstance(value, NUMBER_TYPES) and not isinstance(value, bool)):
         return new(value)
     if isinstance(value, np.ndarray):
         return array_of([new(x) for x in value.flat], value.shape)

@@ -15,8 +15,7 @@ from holdfast.compiler.program import Shape
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.names import called
-from holdfast.spatial.converted import ArrayField, Converted, making
-from holdfast.spatial.frozen import Frozen, FrozenDict
+from holdfast.spatial.frozen import ArrayField, Converted, Frozen, FrozenDict, making
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 

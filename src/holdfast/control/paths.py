@@ -12,8 +12,7 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.names import called
 from holdfast.spatial import rotation
-from holdfast.spatial.converted import REQUIRED, ArrayField, making
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import REQUIRED, ArrayField, Frozen, making
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array, Scalar, maximum, minimum
 

@@ -15,10 +15,9 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.names import called
 from holdfast.spatial import rotation
-from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
-from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.frozen import REQUIRED, ArrayField, Converted, Frozen, frozen_property
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.rotation_curve import exp_curve
+from holdfast.spatial.rotation import exp_curve
 from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, minimum, select, where
 
 HALF_TURN = np.pi - 1e-6  # [rad]: the direction of a larger rotation is ambiguous

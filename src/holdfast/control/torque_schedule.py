@@ -14,8 +14,7 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
-from holdfast.spatial.frozen import Frozen, frozen_property, read_only
+from holdfast.spatial.frozen import REQUIRED, ArrayField, Converted, Frozen, frozen_property, read_only
 from holdfast.spatial.linalg import without_overflow
 from holdfast.spatial.scalar import Array
 from holdfast.state import State

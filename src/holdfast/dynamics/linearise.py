@@ -28,7 +28,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.pose_tangents import rates_of
+from holdfast.spatial.pose import rates_of
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import skew
 from holdfast.state import Inputs, State, shaped_inputs

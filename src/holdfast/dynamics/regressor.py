@@ -32,8 +32,7 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
 from holdfast.names import called
-from holdfast.spatial.converted import making
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import Frozen, making
 from holdfast.spatial.inertia import of_parameters
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array

@@ -21,8 +21,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.spatial import rotation
-from holdfast.spatial.converted import NOT_GIVEN, ArrayField, OptionalArrayField, making
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import NOT_GIVEN, ArrayField, Frozen, OptionalArrayField, making
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
 from holdfast.state import State

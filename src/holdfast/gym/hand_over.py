@@ -26,8 +26,7 @@ from holdfast.names import called
 from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.spatial import rotation
-from holdfast.spatial.converted import NOT_GIVEN, ArrayField, OptionalArrayField, making
-from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.frozen import NOT_GIVEN, ArrayField, Frozen, OptionalArrayField, frozen_property, making
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, array, where
 from holdfast.spatial.spatial_vector import shift_twist

@@ -19,8 +19,7 @@ from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.contact_frame import contact_frame
-from holdfast.model.grasp import Friction, Grasp, GraspName
+from holdfast.model.grasp import Friction, Grasp, GraspName, contact_frame
 from holdfast.model.held_object import HeldObject
 from holdfast.questions.arrays import shapes, state_fields
 from holdfast.robots.panda import panda

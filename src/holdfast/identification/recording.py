@@ -19,8 +19,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.simulation.setting import Setting
 from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory
-from holdfast.spatial.converted import NOT_GIVEN, REQUIRED, ArrayField, OptionalArrayField
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import NOT_GIVEN, REQUIRED, ArrayField, Frozen, OptionalArrayField
 from holdfast.state import Inputs, State
 
 FEWEST_SAMPLES = 8  # samples required by a spline of degree 7

@@ -16,7 +16,7 @@ from holdfast.errors import SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.questions.arrays import POSES, STATE_AND_TORQUES
 from holdfast.simulation.rollout.rollout import Rollout
-from holdfast.spatial.rotation_curve import exp_curve
+from holdfast.spatial.rotation import exp_curve
 from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:

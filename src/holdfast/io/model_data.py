@@ -16,8 +16,7 @@ import msgspec
 import numpy as np
 
 from holdfast.errors import HoldfastError, ResultError
-from holdfast.model.anchor import Anchor
-from holdfast.model.arm import Arm
+from holdfast.model.arm import Anchor, Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject

@@ -9,10 +9,10 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.model.motion_subspace import MatrixRows, rows_of
 from holdfast.spatial.scalar import Array
 
 SEMIDEFINITE = 1e-9  # eigenvalues above minus this, for a matrix scaled to unit diagonal, count as >= 0
-Rows = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class Bushing:
         damping: (6, 6) symmetric matrix for their rates [N m s, N s, N s/m].
     """
 
-    stiffness: Rows
-    damping: Rows
+    stiffness: MatrixRows
+    damping: MatrixRows
 
 
 def bushing(stiffness: Any, damping: Any) -> Bushing:
@@ -39,17 +39,17 @@ def bushing(stiffness: Any, damping: Any) -> Bushing:
         ModelError: a shape is wrong, or a matrix is not symmetric and positive semidefinite.
     """
     none = np.zeros(6)
-    return Bushing(_rows(stiffness, "stiffness"), _rows(none if damping is None else damping, "damping"))
+    return Bushing(_matrix(stiffness, "stiffness"), _matrix(none if damping is None else damping, "damping"))
 
 
-def _rows(given: Any, what: str) -> Rows:
+def _matrix(given: Any, what: str) -> MatrixRows:
     what = f"grasp: {what}"
     x = checks.numbers(given, None, what)
     if x.shape not in ((6,), (6, 6)):
         raise ModelError(f"{what}: expected shape (6,) or (6, 6), got shape {x.shape}")
     matrix = np.diag(x) if x.ndim == 1 else np.array(x)
     _require_semidefinite(matrix, what)
-    return tuple(tuple(row) for row in (0.5 * matrix + 0.5 * matrix.T).tolist())
+    return rows_of(0.5 * matrix + 0.5 * matrix.T)
 
 
 def _require_semidefinite(matrix: Array, what: str) -> None:

@@ -20,8 +20,7 @@ from holdfast.model.spring import Spring
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
 from holdfast.names import called
-from holdfast.spatial.converted import ArrayField, making
-from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
+from holdfast.spatial.frozen import ArrayField, Frozen, FrozenDict, frozen_property, making
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 

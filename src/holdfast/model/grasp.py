@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from numpy.typing import ArrayLike
+
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.bushing import bushing
@@ -13,8 +15,7 @@ from holdfast.model.fingerprint import ADDED
 from holdfast.model.grasp_kinds import GRASP_KINDS, GraspKind
 from holdfast.model.motion_subspace import motion_subspace
 from holdfast.names import called
-from holdfast.spatial.converted import NOT_GIVEN, OptionalArrayField, making
-from holdfast.spatial.frozen import Frozen, changed, frozen_property
+from holdfast.spatial.frozen import NOT_GIVEN, Frozen, OptionalArrayField, changed, frozen_property, making
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
@@ -212,3 +213,21 @@ class Grasp(Frozen):
         """Torsion radius or half length of a one-sided contact of its kind [m]; None if the kind has none."""
         name = self.of_kind.size
         return None if self.contact is None or name is None else getattr(self.contact, name)
+
+
+def contact_frame(point: ArrayLike, into: ArrayLike, x: ArrayLike | None = None) -> Pose:
+    """Return the contact frame at a point of the object, with its z axis along the normal into the object.
+
+    The tip frame of a rigid grasp coincides with this frame; a hinge rotates about its x axis.
+
+    Args:
+        point: (3,) the contact point from C, object axes [m].
+        into: (3,) the normal INTO the object, object axes, of any length.
+        x: (3,) direction to which the x axis is as close as possible. By default, x and y are the axes of a camera that
+            looks along `into`, with x to the right and y downwards (the object's -z); if `into` is parallel to the
+            object's z axis, x is the object's x axis.
+
+    Raises:
+        ModelError: a direction has zero length, or `x` is parallel to `into`.
+    """
+    return Pose.looking(point, z=into, x=x)

@@ -11,12 +11,62 @@ import numpy as np
 
 from holdfast.model.bushing import Bushing
 from holdfast.model.motion_subspace import MotionSubspace
-from holdfast.model.tip_turn import ABOUT_X, ABOUT_Z, CROSS, FULL, no_turn
-from holdfast.model.wrench_condition import MOMENT_Y, MOMENT_Z, NORMAL, Condition, friction_cone
+from holdfast.model.wrench_condition import Condition, sliding, sliding_or_spinning, sliding_or_tipping
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, maximum, sin, sqrt, where
-from holdfast.spatial.vector import cross
+from holdfast.spatial.vector import axial, cross
+
+# Functions of the tip's attitude in contact axes, as `turn`, `opening` and `cosine` of `GraspKind`.
+_TurnOpeningCosine = tuple[Callable[[Array], Array], Callable[[Array], Array], Callable[[Array], Scalar]]
+
+
+def no_turn(tip: Array) -> Array:
+    """Return zeros (3,), because the attitude of the tip (3, 3) is free."""
+    return np.zeros(3)
+
+
+def no_cosine(tip: Array) -> float:
+    """Return 1: there is no angle, or none beyond a quarter turn, which its sine would not show."""
+    return 1.0
+
+
+def full_turn(tip: Array) -> Array:
+    """Return the rotation vector from the tip's attitude to the contact frame, (3,) [rad]."""
+    return rotation.log(tip.T)
+
+
+def full_opening(tip: Array) -> Array:
+    """Return the rotation vector from the contact frame to the tip's attitude, with the sine as its length, (3,)."""
+    return 0.5 * axial(tip)
+
+
+def turn_of_axis(k: int) -> _TurnOpeningCosine:
+    """Return the functions of the shortest turn between axis k of the tip and that of the contact frame."""
+    axis = np.eye(3)[k]
+    return (
+        lambda tip: rotation.align(tip[:, k], axis),
+        lambda tip: cross(axis, tip[:, k]),
+        lambda tip: tip[k, k],
+    )
+
+
+def cross_turn(tip: Array) -> Array:
+    """Return the rotation about z that makes the arms of a cardan cross perpendicular, in its axes, (3,) [rad]."""
+    sine = tip[1, 0]
+    return array([0.0, 0.0, -arctan2(sine, sqrt(maximum((1.0 - sine) * (1.0 + sine), 0.0)))])
+
+
+def cross_opening(tip: Array) -> Array:
+    """Return the opposite rotation, with the sine as its length, (3,)."""
+    return concatenate([np.zeros(2), [tip[1, 0]]])
+
+
+_FULL = full_turn, full_opening, rotation.cosine
+_ABOUT_X = turn_of_axis(0)
+_ABOUT_Z = turn_of_axis(2)
+_CROSS = cross_turn, cross_opening, no_cosine  # its angle never exceeds a quarter turn
+
 
 PERPENDICULAR = 1e-6  # sine of the angle below which two directions count as parallel
 
@@ -64,21 +114,6 @@ def attitude_across_tip_axis(contact: Array, tip: Array) -> Array | None:
     y = contact[:, 1]
     across = _perpendicular(y, tip[:, 0])
     return None if across is None else rotation.exp(rotation.align(y, across)) @ contact
-
-
-def sliding(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
-    """Return the conditions of a contact at a point: mu f_n >= |f_t|."""
-    return friction_cone(mu)
-
-
-def sliding_or_spinning(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
-    """Return the conditions of a contact patch of torsion radius e: mu f_n >= sqrt(|f_t|^2 + (m_n/e)^2)."""
-    return friction_cone(mu, MOMENT_Z / size)
-
-
-def sliding_or_tipping(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
-    """Return the conditions of an edge of half length L: mu f_n >= |f_t|, and f_n >= |m_y| / L."""
-    return *friction_cone(mu), Condition(0.0, NORMAL, array([MOMENT_Y / size]), "tips over its edge")
 
 
 @dataclass(frozen=True)
@@ -298,12 +333,12 @@ def _sine_cosine_past_thread(p: Array, tip: Array, pitch: float) -> tuple[Scalar
 
 
 GRASP_KINDS: dict[str, GraspKind] = {
-    "rigid": GraspKind((), (), (0, 1, 2), *FULL, regrasped=tip_attitude, equality="weld"),
+    "rigid": GraspKind((), (), (0, 1, 2), *_FULL, regrasped=tip_attitude, equality="weld"),
     "hinge": GraspKind(
         (0,),
         ("object",),
         (1, 2),
-        *ABOUT_X,
+        *_ABOUT_X,
         regrasped=attitude_about_tip_axis,
         size="half_length",
         friction=sliding_or_tipping,
@@ -323,18 +358,18 @@ GRASP_KINDS: dict[str, GraspKind] = {
         (0, 1),
         ("tip", "object"),
         (2,),
-        *CROSS,
+        *_CROSS,
         axes=cross_axes,
         regrasped=attitude_across_tip_axis,
     ),
-    "slider": GraspKind((3,), ("object",), (0, 1, 2), *FULL, regrasped=tip_attitude),
-    "cylinder": GraspKind((0, 3), ("object", "object"), (1, 2), *ABOUT_X, regrasped=attitude_about_tip_axis),
-    "screw": GraspKind((0,), ("object",), (1, 2), *ABOUT_X, regrasped=tip_attitude, threaded=True),
+    "slider": GraspKind((3,), ("object",), (0, 1, 2), *_FULL, regrasped=tip_attitude),
+    "cylinder": GraspKind((0, 3), ("object", "object"), (1, 2), *_ABOUT_X, regrasped=attitude_about_tip_axis),
+    "screw": GraspKind((0,), ("object",), (1, 2), *_ABOUT_X, regrasped=tip_attitude, threaded=True),
     "planar": GraspKind(
         (2, 3, 4),
         ("object", "object", "object"),
         (0, 1),
-        *ABOUT_Z,
+        *_ABOUT_Z,
         regrasped=attitude_about_tip_normal,
     ),
     "subspace": GraspKind((), (), (0, 1, 2), axes=tip_attitude, regrasped=tip_attitude, by_hand=True),

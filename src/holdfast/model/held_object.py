@@ -15,8 +15,7 @@ from holdfast.model.fingerprint import PICTURE
 from holdfast.model.visuals import Cylinder, Shape, Sphere
 from holdfast.names import called
 from holdfast.spatial import inertia as spatial_inertia
-from holdfast.spatial.converted import REQUIRED, ArrayField, making
-from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.frozen import REQUIRED, ArrayField, Frozen, frozen_property, making
 from holdfast.spatial.inertia import RigidInertia
 
 

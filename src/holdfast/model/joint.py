@@ -13,8 +13,7 @@ from holdfast.model import checks
 from holdfast.model.fingerprint import ADDED
 from holdfast.model.joint_types import JOINT_TYPES, JointType
 from holdfast.names import called
-from holdfast.spatial.converted import ArrayField, Converted, making
-from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.frozen import ArrayField, Converted, Frozen, frozen_property, making
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import outer, skew

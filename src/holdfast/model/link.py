@@ -10,8 +10,7 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.names import called
 from holdfast.spatial import inertia as spatial_inertia
-from holdfast.spatial.converted import ArrayField, making
-from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.frozen import ArrayField, Frozen, frozen_property, making
 from holdfast.spatial.inertia import RigidInertia
 
 

@@ -20,8 +20,8 @@ from holdfast.spatial.linalg import without_overflow
 from holdfast.spatial.scalar import Array, Scalar, arctan2, concatenate, cos, maximum, sin
 from holdfast.spatial.vector import axial, cross
 
-CLOSED = 1e-9  # tolerance, for unit twists, of dependent columns and of brackets outside the span
-Rows = tuple[tuple[float, ...], ...]
+GROUP_TOLERANCE = 1e-9  # tolerance, for unit twists, of dependent columns and of brackets outside the span
+MatrixRows = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class MotionSubspace:
         pitch: translation along the axis per radian [m/rad].
     """
 
-    columns: Rows
-    rows: Rows
+    columns: MatrixRows
+    rows: MatrixRows
     turning: int
     axis: tuple[float, ...]
     point: tuple[float, ...]
@@ -95,7 +95,7 @@ class MotionSubspace:
 
     def _past_thread(self, R: Array, travel: Scalar) -> tuple[Scalar, Scalar]:
         """Return sine and cosine, up to a factor, of the translation divided by the pitch, minus the rotation."""
-        s, c = 0.5 * (axial(R) @ np.array(self.axis)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+        s, c = 0.5 * (axial(R) @ np.array(self.axis)), rotation.cosine(R)
         angle = travel / self.pitch
         return sin(angle) * c - cos(angle) * s, cos(angle) * c + sin(angle) * s
 
@@ -114,11 +114,11 @@ def motion_subspace(motion: Any) -> MotionSubspace:
         raise ModelError(f"grasp: motion: expected shape (6, k) with k from 1 to 5, got shape {S.shape}")
     scaled = without_overflow(S, axis=0)
     Q, sizes, _ = np.linalg.svd(scaled / np.maximum(np.linalg.norm(scaled, axis=0), 1e-300), full_matrices=False)
-    if not sizes[-1] > CLOSED:
+    if not sizes[-1] > GROUP_TOLERANCE:
         raise ModelError("grasp: motion: expected linearly independent columns, got dependent ones")
     _require_closed(Q)
     U, turns, Vt = np.linalg.svd(Q[:3])
-    r = int((turns > CLOSED).sum())
+    r = int((turns > GROUP_TOLERANCE).sum())
     slides = Q[3:] @ Vt[r:].T  # (3, k - r)
     across = _complement(slides)
     n, point, pitch = np.zeros(3), np.zeros(3), 0.0
@@ -128,7 +128,7 @@ def motion_subspace(motion: Any) -> MotionSubspace:
         n = U[:, 0]
         v = across @ (across.T @ (Q[3:] @ (Vt[0] / turns[0])))
         point, pitch = np.cross(n, v), float(n @ v)
-        pitch = pitch if abs(pitch) > CLOSED else 0.0
+        pitch = pitch if abs(pitch) > GROUP_TOLERANCE else 0.0
         forces = _basis_starting_with(v, across).T
         moments = _complement(n[:, None]).T
         K = np.vstack([np.hstack([moments, np.zeros((2, 3))]), np.hstack([-np.outer(forces @ v, n), forces])])
@@ -138,11 +138,12 @@ def motion_subspace(motion: Any) -> MotionSubspace:
         forces = _basis_starting_with(point, np.eye(3)).T
         K = np.hstack([np.cross(point, forces), forces])
     rows = _plain(np.vstack([Q.T, K / np.linalg.norm(K, axis=1)[:, None]]))
-    axis, place = _rows(_plain(np.array([n, point])))
-    return MotionSubspace(_rows(S.T), _rows(rows), r, axis, place, pitch)
+    axis, place = rows_of(_plain(np.array([n, point])))
+    return MotionSubspace(rows_of(S.T), rows_of(rows), r, axis, place, pitch)
 
 
-def _rows(x: Array) -> Rows:
+def rows_of(x: Array) -> MatrixRows:
+    """Return a matrix as a tuple of rows, which can be compared and hashed."""
     return tuple(tuple(row) for row in x.tolist())
 
 
@@ -151,7 +152,7 @@ def _require_closed(Q: Array) -> None:
     for a in Q.T:
         for b in Q.T:
             bracket = np.concatenate([np.cross(a[:3], b[:3]), np.cross(a[:3], b[3:]) + np.cross(a[3:], b[:3])])
-            if float(np.abs(bracket - Q @ (Q.T @ bracket)).max()) > CLOSED:
+            if float(np.abs(bracket - Q @ (Q.T @ bracket)).max()) > GROUP_TOLERANCE:
                 raise ModelError(
                     "grasp: motion: expected twists closed under the bracket, as those of a joint are, got some"
                     " whose bracket leaves their span, so that no position constraint exists; try a universal or"
@@ -169,7 +170,7 @@ def _complement(vectors: Array) -> Array:
 def _basis_starting_with(v: Array, basis: Array) -> Array:
     """Return an orthonormal basis of the same span with its first column along v, unless v is 0."""
     size = float(np.linalg.norm(v))
-    if size <= CLOSED or basis.shape[1] < 2:
+    if size <= GROUP_TOLERANCE or basis.shape[1] < 2:
         return basis
     turned = basis.T @ v / size
     return basis @ np.linalg.svd(turned[:, None])[0]

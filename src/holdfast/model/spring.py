@@ -12,10 +12,9 @@ from holdfast.model.arm import Arm
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
 from holdfast.names import called
-from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import REQUIRED, ArrayField, Converted, Frozen
 
-WORLD, OBJECT = "world", "object"
+WORLD, HELD_OBJECT = "world", "object"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class SpringEnd(Frozen):
         checks.instance(self.body, str, "spring: body")
         object.__setattr__(self, "point", checks.numbers(self.point, (3,), f"spring: point on '{self.body}'"))
         if self.link is None:
-            if self.body not in (WORLD, OBJECT):
+            if self.body not in (WORLD, HELD_OBJECT):
                 raise ModelError(
                     f"spring: '{self.body}': expected 'world' or 'object', or an arm and a link of it, got no link; try"
                     f" ('{self.body}', link, point), the link by its name or its number from 0"

@@ -12,7 +12,7 @@ from holdfast.model.grasp import Grasp
 from holdfast.spatial.scalar import Array
 
 SHORT = 1e-3  # tips nearer to the last joint than this fraction of the arm's length count as on it
-LIKE = 0.7  # least cosine between the tip's z axis and the last joint's axis for which z counts as along it
+LEAST_COSINE = 0.7  # least cosine between the tip's z axis and the last joint's axis for which z counts as along it
 ALONG = 0.1  # least cosine with the last joint's axis for which a direction determines its outward sense
 
 
@@ -60,7 +60,7 @@ def way_to_tip(arm: Arm) -> Array | None:
     along = float(joint.axis @ offset) / distance if distance > short else 0.0
     if on_joint and abs(along) <= ALONG:
         return None
-    rolls = abs(along) > ALONG and abs(float(joint.axis @ arm.tip.R[:, 2])) >= LIKE
+    rolls = abs(along) > ALONG and abs(float(joint.axis @ arm.tip.R[:, 2])) >= LEAST_COSINE
     way = math.copysign(1.0, along) * joint.axis if on_joint or rolls else offset / distance
     return arm.tip.R.T @ way
 

@@ -16,8 +16,7 @@ from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Visuals
 from holdfast.names import called
-from holdfast.spatial.converted import making
-from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.frozen import Frozen, frozen_property, making
 from holdfast.spatial.pose import Pose, PoseField
 
 NAME = "trunk"  # name of its joints in flat arrays, which no arm may have

@@ -44,6 +44,21 @@ def friction_cone(mu: Scalar, *further: Array) -> tuple[Condition, ...]:
     return sliding, Condition(0.0, NORMAL, np.zeros((1, 6)), "lifts off")
 
 
+def sliding(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
+    """Return the conditions of a contact at a point: mu f_n >= |f_t|."""
+    return friction_cone(mu)
+
+
+def sliding_or_spinning(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
+    """Return the conditions of a contact patch of torsion radius e: mu f_n >= sqrt(|f_t|^2 + (m_n/e)^2)."""
+    return friction_cone(mu, MOMENT_Z / size)
+
+
+def sliding_or_tipping(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
+    """Return the conditions of an edge of half length L: mu f_n >= |f_t|, and f_n >= |m_y| / L."""
+    return *friction_cone(mu), Condition(0.0, NORMAL, array([MOMENT_Y / size]), "tips over its edge")
+
+
 def largest_force_and_moment(moment: Scalar, force: Scalar, lever: Scalar) -> tuple[Condition, ...]:
     """Return the conditions for a largest moment [N m] and force [N]; moments are divided by `lever` [m]."""
     none, unit = np.zeros(6), np.eye(6)

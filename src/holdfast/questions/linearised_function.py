@@ -17,7 +17,7 @@ from holdfast.questions.case import VariedCase
 from holdfast.questions.question import Question
 from holdfast.spatial.differentiation import bare, linearised
 from holdfast.spatial.linear import Linear, arrays_of
-from holdfast.spatial.pose_tangents import by_motions
+from holdfast.spatial.pose import by_motions
 from holdfast.spatial.scalar import Array, concatenate, each
 from holdfast.spatial.symmetric import symmetric_part
 from holdfast.spatial.vector import skew

@@ -14,8 +14,7 @@ from holdfast.assembly.starts import preferred_configuration
 from holdfast.errors import HoldfastError
 from holdfast.io.typed import Location
 from holdfast.model import checks
-from holdfast.model.anchor import Anchor
-from holdfast.model.arm import Arm
+from holdfast.model.arm import Anchor, Arm
 from holdfast.model.closed_chain import TRUNK
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import Trunk

@@ -12,8 +12,7 @@ from holdfast.control.paths import ObjectPath, path_function
 from holdfast.model import checks
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.names import called
-from holdfast.spatial.converted import REQUIRED
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import REQUIRED, Frozen
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import shift_twist

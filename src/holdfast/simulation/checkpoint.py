@@ -38,7 +38,7 @@ from holdfast.simulation.balance import Sums
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.zero_order_hold import HeldTorques
-from holdfast.spatial.converted import making
+from holdfast.spatial.frozen import making
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, exact_state, parts_of

@@ -20,8 +20,7 @@ from holdfast.simulation.events import Occurrence
 from holdfast.simulation.margins import JOINT_QUANTITIES
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import Setting
-from holdfast.spatial.converted import NOT_GIVEN
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import NOT_GIVEN, Frozen
 from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array
 from holdfast.state import State

@@ -253,7 +253,7 @@ def by_rule(found: Sequence[Any], rule: Rule, *given: Any) -> list[Array]:
 
 
 def by_rule_below(make: Callable[..., tuple[Sequence[Any], Rule]], *given: Any) -> list[Array]:
-    """Return results of a function that comes with a rule; numbers of derivatives further in keep theirs.
+    """Return results of a function that comes with a rule; tangents of nested derivatives are unchanged.
 
     Args:
         make: takes what is given without its outermost derivatives, and returns the results and the rule there.

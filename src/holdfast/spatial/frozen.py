@@ -8,31 +8,41 @@
         def moment(self) -> Array: ...
 
 A dataclass that only says `frozen=True` refuses `link.com = x`, but lets `link.com[0] = x` change what others rely on.
+
+Fields may hold an array and take whatever NumPy makes one of: lists, tuples, numbers. With
+
+    com: ArrayField = field(default_factory=making(np.zeros, 3))
+
+and a `__post_init__` that converts what it is given, the constructor's argument is an `ArrayLike` and the attribute an
+`Array` to a type checker. At run time it is an attribute like any other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cached_property
-from typing import Any, NoReturn, Self, TypeVar
+from dataclasses import MISSING
+from functools import cached_property, partial
+from typing import Any, NoReturn, Protocol, Self, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.errors import FrozenError
+from holdfast.spatial.scalar import Array
 
-Value = TypeVar("Value")
-Held = TypeVar("Held")
+PropertyType = TypeVar("PropertyType")
+FrozenType = TypeVar("FrozenType")
 
 
 class Frozen:
     """A base of frozen dataclasses. What they hold cannot be written, so that a deep copy is the object itself."""
 
     def __post_init__(self) -> None:
-        """Freeze what the constructor was given; a class that converts it does so itself."""
+        """Freeze the arguments of the constructor; a class that converts them freezes them itself."""
         self.__setstate__(dict(vars(self)))
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
-        """Take the attributes of a copy or a pickle; arrays come back writeable from there."""
+        """Restore the attributes of a copy or a pickle, in which arrays are writeable."""
         self.__dict__.update({name: frozen(value) for name, value in state.items()})
 
     def __deepcopy__(self, memo: Any) -> Self:
@@ -53,14 +63,14 @@ class FrozenDict(dict[Any, Any]):
     clear = pop = popitem = setdefault = update = _refuse  # type: ignore[assignment]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what makes the mapping again."""
+        """Return how pickle rebuilds the mapping."""
         return type(self), (dict(self),)
 
 
-class frozen_property(cached_property[Value]):
+class frozen_property(cached_property[PropertyType]):
     """A cached property whose value is frozen."""
 
-    def __init__(self, compute: Callable[[Any], Value]) -> None:
+    def __init__(self, compute: Callable[[Any], PropertyType]) -> None:
         super().__init__(lambda instance: frozen(compute(instance)))
         self.__doc__ = compute.__doc__
 
@@ -78,7 +88,7 @@ def frozen(value: Any) -> Any:
     return value
 
 
-def changed(of: Held, **fields: Any) -> Held:
+def changed(of: FrozenType, **fields: Any) -> FrozenType:
     """Return a frozen object with some attributes replaced, for algorithms; nothing is checked or copied.
 
     Cached properties are kept, so those that depend on what is replaced must be replaced, too.
@@ -95,3 +105,32 @@ def read_only(a: np.ndarray) -> np.ndarray:
     view = a.view()
     view.setflags(write=False)
     return view
+
+
+HeldType = TypeVar("HeldType", covariant=True)
+GivenType = TypeVar("GivenType", contravariant=True)
+
+
+class Converted(Protocol[HeldType, GivenType]):
+    """An attribute that is given as one type and held as another, as type checkers understand it: a descriptor."""
+
+    def __get__(self, instance: object, owner: Any) -> HeldType:
+        """Declare the type of the attribute."""
+        ...
+
+    def __set__(self, instance: object, value: GivenType) -> None:
+        """Declare the type of the argument of the constructor."""
+        ...
+
+
+ArrayField = Converted[Array, ArrayLike]
+OptionalArrayField = Converted[Array | None, ArrayLike | None]
+NOT_GIVEN: Any = None  # its default
+# Stands in a default's place where there is none: mypy takes an attribute of a dataclass for a descriptor only if
+# something is assigned to it. To `dataclass` a default that is missing is no default.
+REQUIRED: Any = MISSING
+
+
+def making(make: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+    """Return a default factory whose type is left open: to a type checker no array is a `Converted`."""
+    return partial(make, *arguments)

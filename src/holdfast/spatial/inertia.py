@@ -58,7 +58,7 @@ class RigidInertia(NamedTuple):
         return RigidInertia(self.m + other.m, self.h + other.h, self.I + other.I)
 
     def minus(self, other: RigidInertia) -> RigidInertia:
-        """Return what is left when a body of that inertia is taken away, same point and axes."""
+        """Return the inertia that remains when a body is removed, same point and axes."""
         return RigidInertia(self.m - other.m, self.h - other.h, self.I - other.I)
 
     def moved(self, R: Array, l: Array) -> RigidInertia:
@@ -93,7 +93,7 @@ NO_INERTIA = RigidInertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def turned(inertia: Array, R: Array) -> Array:
-    """Return R J R^T: a rotational inertia (3, 3) in the axes that its own are turned in by R."""
+    """Return R J R^T: a rotational inertia (3, 3) in the axes to which R maps."""
     return product(product(R, inertia), R.T)
 
 

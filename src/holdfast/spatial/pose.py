@@ -1,8 +1,9 @@
-"""The pose of one frame in another: a rotation and an origin."""
+"""The pose of one frame in another, a rotation and an origin, and its tangents [turn; shift]."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,11 +12,10 @@ from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError
 from holdfast.spatial import rotation
-from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
-from holdfast.spatial.frozen import Frozen, frozen_property, read_only
+from holdfast.spatial.frozen import REQUIRED, ArrayField, Converted, Frozen, frozen_property, read_only
 from holdfast.spatial.real_numbers import numbers, pose_numbers, rotation_matrix
-from holdfast.spatial.scalar import Array
-from holdfast.spatial.vector import cross, dot, product
+from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.vector import axial, cross, dot, product, skew
 
 PARALLEL = 1e-6  # sine of the angle between directions that count as one
 UP = np.array([0.0, 0.0, 1.0])
@@ -182,3 +182,29 @@ def _axes(z: Array, hint: ArrayLike | None) -> Array:
 
 
 PoseField = Converted[Pose, Pose | ArrayLike]  # given as a pose, or as unit quaternion and position (7,)
+
+
+def rates_of(tangents: Mapping[str, Array], what: str, R: Array, named: str = "") -> dict[str, Array]:
+    """Return the rates of the matrix and the origin of a pose for its tangent [turn; shift]; empty without a tangent.
+
+    Args:
+        tangents: tangents by argument.
+        what: name of the pose, without "_pose".
+        R: its matrix.
+        named: name of matrix and origin in the result, without "_R" and "_p"; by default `what`.
+    """
+    if f"{what}_pose" not in tangents:
+        return {}
+    motion, name = tangents[f"{what}_pose"], named or what
+    return {f"{name}_R": skew(motion[:3]) @ R, f"{name}_p": motion[3:]}
+
+
+def by_motion(of_R: Array, R: Array, of_p: Array) -> Array:
+    """Return the gradient (6,) with respect to [turn; shift] of a pose from those by its matrix and its origin."""
+    return concatenate([axial(of_R @ R.T), of_p])
+
+
+def by_motions(of_R: Array, R: Array, of_p: Array) -> Array:
+    """Return the gradients (..., 6) with respect to one pose, or to several with a leading axis; see `by_motion`."""
+    each = zip(of_R.reshape(-1, 3, 3), R.reshape(-1, 3, 3), of_p.reshape(-1, 3), strict=True)
+    return np.array([by_motion(*one) for one in each]).reshape(*of_p.shape[:-1], 6)

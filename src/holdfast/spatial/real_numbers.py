@@ -1,4 +1,4 @@
-"""What a caller gave as an array of real numbers, or a refusal that names it: the one place where arrays come in."""
+"""Convert an argument to a float64 array, or raise an error that names it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROTATION_TOLERANCE = 1e-6  # further from orthogonal or unit length is an error;
 
 
 def numbers(value: Any, shape: tuple[int, ...] | None, what: str, error: type[HoldfastError] = ModelError) -> Array:
-    """Return a read-only finite copy of the shape (None: of any), floats unless it holds traced scalars."""
+    """Return a read-only copy with finite entries and the given shape (any if None); traced scalars are kept."""
     if type(value) is np.ndarray and value.dtype == float:
         a = np.array(value, order="C")
     else:
@@ -34,15 +34,15 @@ def numbers(value: Any, shape: tuple[int, ...] | None, what: str, error: type[Ho
 
 
 def real_array(value: Any, what: str, expected: str, error: type[HoldfastError]) -> Array:
-    """Return an array of floats or integers, or of traced scalars, as it is: any shape, not copied if it is one.
+    """Return an argument of any shape as an array of floats, integers or traced scalars, without a copy where possible.
 
-    Masked entries, truth values, texts, dates and complex numbers would be taken for numbers without a word.
+    Masked entries, truth values, texts, dates and complex numbers are refused; NumPy would convert them silently.
 
     Args:
-        value: what a caller gave.
-        what: its name for the message.
-        expected: in words.
-        error: what is raised.
+        value: the argument.
+        what: its name in the message.
+        expected: description of what is expected.
+        error: type of the error.
 
     Raises:
         HoldfastError: of the type `error`.
@@ -66,7 +66,7 @@ def real_array(value: Any, what: str, expected: str, error: type[HoldfastError])
 
 
 def rotation_matrix(value: Any, what: str) -> Array:
-    """Return a rotation matrix; one that is off by more than 1e-6 is refused, less is mended."""
+    """Return a rotation matrix; smaller deviations than 1e-6 are corrected, larger ones are an error."""
     R = numbers(value, (3, 3), what)
     if R.dtype == object:  # traced scalars: their values are not known here
         return R
@@ -81,7 +81,7 @@ def rotation_matrix(value: Any, what: str) -> Array:
 
 
 def pose_numbers(value: Any, what: str) -> Array:
-    """Return wxyz_xyz, (7,), its quaternion of unit length; one that is off by more than 1e-6 is refused."""
+    """Return wxyz_xyz, (7,), with a normalised quaternion; a length off from 1 by more than 1e-6 is an error."""
     a = numbers(value, (7,), f"{what} (wxyz_xyz)")
     if a.dtype == object:
         return a
@@ -94,7 +94,7 @@ def pose_numbers(value: Any, what: str) -> Array:
 
 
 def short(value: Any) -> str:
-    """Return how a value looks, cut after 60 characters."""
+    """Return the representation of a value on one line, cut after 60 characters."""
     try:
         text = " ".join(repr(value).split())
     except Exception:

@@ -26,15 +26,15 @@ class Loops(Protocol):
 
     @property
     def inside(self) -> bool:
-        """Whether a loop is under way; those inside it are Python's own."""
+        """Whether a loop is being traced; loops inside it run in Python."""
         ...
 
     def each(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[Any]:
-        """Take the place of `each`."""
+        """Run the loop of `each`."""
         ...
 
     def scan(self, f: Callable[..., Any], carry: Any, items: list[tuple[Any, ...]]) -> tuple[Any, list[Any]]:
-        """Take the place of `scan`."""
+        """Run the loop of `scan`."""
         ...
 
 
@@ -55,7 +55,7 @@ def each_of(names: Iterable[str], f: Callable[..., Any], *tables: Mapping[str, A
 
 
 def scan(f: Callable[..., Any], carry: Any, *items: Iterable[Any]) -> tuple[Any, list[Any]]:
-    """Return the last carry and what was found on the way: carry, found = f(carry, item), item after item."""
+    """Return the last carry and all results: carry, result = f(carry, item), one item after the other."""
     rows, taker, found = list(zip(*items, strict=True)), loops.get(), []
     if taker is not None and rows and not taker.inside:
         return taker.scan(f, carry, rows)

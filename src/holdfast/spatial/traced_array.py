@@ -37,18 +37,23 @@ REPLACEMENTS: dict[str, Callable[..., Any]] = {  # by the names of NumPy's funct
     "deg2rad": lambda x: x * (math.pi / 180.0),
     "radians": lambda x: x * (math.pi / 180.0),
 }
-USUAL = {"dtype": None, "keepdims": False, "initial": getattr(np, "_NoValue", None), "where": True}  # of a reduction
+_DEFAULTS = {
+    "dtype": None,
+    "keepdims": False,
+    "initial": getattr(np, "_NoValue", None),
+    "where": True,
+}  # of a reduction
 
 
 class TracedArray(np.ndarray):
-    """An array of traced scalars; what NumPy's functions make of it is one again."""
+    """An array of traced scalars; NumPy functions of it return traced arrays."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         """Return the result of a function of NumPy, by its replacement if there is one."""
         given, own = [_plain(x) for x in inputs], REPLACEMENTS.get(ufunc.__name__)
         if own is not None and method == "__call__" and out is None:
             return as_traced(own(*given))
-        usual = all(x is USUAL.get(name, x if name == "axis" else USUAL) for name, x in options.items())
+        usual = all(x is _DEFAULTS.get(name, x if name == "axis" else _DEFAULTS) for name, x in options.items())
         if own is not None and method == "reduce" and usual and out in (None, (None,)):  # as in `np.max`
             axis = options.get("axis", 0)
             rows = given[0].reshape(-1) if axis is None else np.moveaxis(given[0], axis, 0)

@@ -14,11 +14,10 @@ a folder beside it that offers the same names:
 Two functions export code, for the processors named in `OBJECT_TARGETS`; such code is not run here:
 
     object_file       compiles modules into one object file
-    single_source     writes a schedule for one system in C (folder `c`), after DEFINITIONS
+    single_source     writes a schedule for one system in C after DEFINITIONS
 """
 
-from holdfast.compiler.targets.c.functions import DEFINITIONS
-from holdfast.compiler.targets.c.single import single_source
+from holdfast.compiler.targets.c_source import DEFINITIONS, single_source
 from holdfast.compiler.targets.llvm import cpu, foreign_call
 from holdfast.compiler.targets.llvm.batch import batch_module
 from holdfast.compiler.targets.llvm.builtin import Builtin, no_argument_call

@@ -18,7 +18,7 @@ from holdfast.compiler.targets.split import Access, SplitProgram
 _LINE = 8  # [doubles] areas begin at multiples of a cache line, which is the alignment of the widest vector
 
 
-class Address(NamedTuple):
+class ArrayAddress(NamedTuple):
     """The address of a port's numbers.
 
     Attributes:
@@ -76,7 +76,7 @@ class Layout:
                 self._memories[name, phase] = self._area(group.count, size, width)
         self._pack_outputs()
         # The addresses of items that are copies of numbers elsewhere in a batch's working memory, by array and item.
-        self._copies: dict[tuple[str, int], Address] = {}
+        self._copies: dict[tuple[str, int], ArrayAddress] = {}
         for call in schedule.calls if systems > 1 else ():
             for port, address in self._copied(call):
                 wire = schedule.groups[call.group].wires[port]
@@ -124,12 +124,12 @@ class Layout:
         inputs = [self.access(call.group, port) for port in known] + [Access()] * later + [memory] * call.phase
         return inputs, [*(self.access(call.group, port) for port in stage.outputs[call.phase]), memory]
 
-    def places(self, call: Call, made: SplitProgram) -> list[list[Address | None]]:
+    def places(self, call: Call, made: SplitProgram) -> list[list[ArrayAddress | None]]:
         """Return the arguments of a phase's function for every block of its items; None stands for scratch memory."""
         stage = self._group(call.group).stage
         ports, returned = stage.input_ports, tuple(stage.outputs[call.phase])
 
-        def found(item: int) -> list[Address | None]:
+        def found(item: int) -> list[ArrayAddress | None]:
             read = (
                 self.address(call.group, ports[k], item)
                 if k < len(ports)
@@ -146,23 +146,23 @@ class Layout:
 
         return [found(item) for item in self.blocks(call.group, call.items)]
 
-    def _memory(self, group: str, phase: int, item: int) -> Address:
+    def _memory(self, group: str, phase: int, item: int) -> ArrayAddress:
         """Return the address of the memory that a phase keeps for an item."""
         return self._at(self._memories[group, phase], item)
 
-    def address(self, group: str, port: str, item: int) -> Address:
+    def address(self, group: str, port: str, item: int) -> ArrayAddress:
         """Return the address of a port's numbers for an item, which is the first of those that run side by side."""
         wire = self._group(group).wires[port]
         if (group, port) in self.packed:
             return self._at(self.packed[group, port], item)
         if wire.array in self.schedule.externals:
             if self.systems == 1:
-                return Address(self._externals[wire.array], wire.places[item])
-            return Address(None, self.external_areas[wire.array].start + wire.places[item] * self.systems)
+                return ArrayAddress(self._externals[wire.array], wire.places[item])
+            return ArrayAddress(None, self.external_areas[wire.array].start + wire.places[item] * self.systems)
         copied = self._copies.get((wire.array, wire.places[item])) if self.systems > 1 else None
         return copied or self._at(self._internal_areas[wire.array], wire.places[item])
 
-    def _copied(self, call: Call) -> Iterator[tuple[str, Address]]:
+    def _copied(self, call: Call) -> Iterator[tuple[str, ArrayAddress]]:
         """Return the results of a phase that are consecutive numbers of one of its inputs, and where these are."""
         group = self._group(call.group)
         stage, internals = group.stage, self.schedule.internals
@@ -180,7 +180,7 @@ class Layout:
             source, target = group.wires[stage.input_ports[k]].array, group.wires[port].array
             if source in internals and target in internals and internals[target].size == count:
                 start = self.address(call.group, stage.input_ports[k], 0)
-                yield port, Address(None, start.offset + e * self.systems)
+                yield port, ArrayAddress(None, start.offset + e * self.systems)
 
     def _group(self, name: str) -> Group:
         return self.schedule.groups[name]
@@ -218,9 +218,9 @@ class Layout:
         self.total += -(-needed // _LINE) * _LINE
         return area
 
-    def _at(self, area: Area, item: int) -> Address:
+    def _at(self, area: Area, item: int) -> ArrayAddress:
         block, lane = divmod(item, area.width)
-        return Address(None, area.start + (block * area.size * area.width + lane) * self.systems)
+        return ArrayAddress(None, area.start + (block * area.size * area.width + lane) * self.systems)
 
 
 def shared(wire: Wire) -> bool:

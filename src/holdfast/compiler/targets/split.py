@@ -10,7 +10,7 @@ from holdfast.compiler.cut import Pieces, by_length
 from holdfast.compiler.program import Program
 
 # Longer functions are split, because compile time and register spills grow faster than the length of a function.
-LONGEST = 1000
+LONGEST_PART = 1000
 
 
 class Access(NamedTuple):
@@ -25,7 +25,7 @@ class Access(NamedTuple):
     splat: bool = False
 
 
-class Number(NamedTuple):
+class NumberPlace(NamedTuple):
     """The location of a number that a function reads or writes.
 
     Attributes:
@@ -39,7 +39,7 @@ class Number(NamedTuple):
     access: Access
 
 
-class Part(NamedTuple):
+class SplitPart(NamedTuple):
     """One of the functions.
 
     Attributes:
@@ -49,13 +49,13 @@ class Part(NamedTuple):
     """
 
     program: Program
-    sources: Sequence[Number]
-    targets: Sequence[Sequence[Number]]
+    sources: Sequence[NumberPlace]
+    targets: Sequence[Sequence[NumberPlace]]
 
     @property
-    def wanted(self) -> dict[int, dict[Number, str]]:
+    def wanted(self) -> dict[int, dict[NumberPlace, str]]:
         """The locations to which each value is written, by place in the program; each location once, with a name."""
-        found: dict[int, dict[Number, str]] = {}
+        found: dict[int, dict[NumberPlace, str]] = {}
         for k, output in enumerate(self.program.outputs):
             for e, place in enumerate(output.places):
                 if place >= 0:
@@ -73,7 +73,7 @@ class SplitProgram(NamedTuple):
         scratch: the number of values in scratch memory, which is the last parameter; 0 if there is none.
     """
 
-    parts: list[Part]
+    parts: list[SplitPart]
     reads: tuple[int, ...]
     writes: tuple[int, ...]
     scratch: int
@@ -94,38 +94,61 @@ def split(program: Program, lanes: int, inputs: Sequence[Access], outputs: Seque
         inputs: how each input array is accessed.
         outputs: how each output array is accessed.
     """
-    pieces = by_length(program, LONGEST)
+    pieces = by_length(program, LONGEST_PART)
     sizes = [math.prod(shape) for shape in program.input_shapes]
     of_array = [k for k, size in enumerate(sizes) for _ in range(size)]
     used = {of_array[a] for p in pieces.programs for i in p.instructions for a in i.args if a < len(of_array)}
     used |= {of_array[p] for o in program.outputs for p in o.places if 0 <= p < len(of_array)}
     kept = _kept(pieces, lanes, outputs)
-    given = [Number(f"in{k}", e, access) for k, access in enumerate(inputs) for e in range(sizes[k])]
+    given = [NumberPlace(f"in{k}", e, access) for k, access in enumerate(inputs) for e in range(sizes[k])]
     results = [
-        [Number(f"out{j}", e, a) for e in range(math.prod(o.shape))]
+        [NumberPlace(f"out{j}", e, a) for e in range(math.prod(o.shape))]
         for j, (o, a) in enumerate(zip(program.outputs, outputs, strict=True))
     ]
     parts = []
     for k, part in enumerate(pieces.programs):
         start = sum(pieces.memory[:k])
         own = kept[start : start + pieces.memory[k]]
-        parts.append(Part(part, [*given, *kept[:start]], [*results, own]))
+        parts.append(SplitPart(part, [*given, *kept[:start]], [*results, own]))
     writes = tuple(k for k, o in enumerate(program.outputs) if o.places)
     return SplitProgram(parts, tuple(sorted(used)), writes, sum(number.pointer == "scratch" for number in kept))
 
 
-def _kept(pieces: Pieces, lanes: int, outputs: Sequence[Access]) -> list[Number]:
+def _kept(pieces: Pieces, lanes: int, outputs: Sequence[Access]) -> list[NumberPlace]:
     """Return the locations of values that later parts need: in a result if the value is one, else in scratch memory."""
-    found: list[Number] = []
+    found: list[NumberPlace] = []
     count = 0
     for part in pieces.programs:
         *results, memory = part.outputs
         known = {
-            place: Number(f"out{k}", e, outputs[k])
+            place: NumberPlace(f"out{k}", e, outputs[k])
             for k, output in enumerate(results)
             for e, place in enumerate(output.places)
         }
         for place in memory.places:
-            found.append(known.get(place) or Number("scratch", count, Access(lanes)))
+            found.append(known.get(place) or NumberPlace("scratch", count, Access(lanes)))
             count += place not in known
     return found
+
+
+_MOVED_THROUGH = frozenset({"negate", "multiply", "divide", "select"})  # -(x y) is (-x) y, and so on, exactly
+
+
+def signs_to_keep(program: Program, of_operands: bool) -> set[int]:
+    """Return the places of negatives of an fma, or of a product, quotient or choice that contains one.
+
+    Processors have an instruction for (-a) b + (-c): vfnmsub, or fnmadd. GCC uses it for -(a b + c) too, and so does
+    LLVM on ARM, although the signs of zeros differ: -(1 + (-1)) is -0, but -1 + 1 is +0. What these negatives are of
+    must therefore be computed before its sign is changed.
+
+    Args:
+        program: the program.
+        of_operands: whether negatives that are only operands of other fma are included.
+    """
+    fused: list[bool] = []  # whether the sign of a result could be moved into an fma
+    wanted = {place for output in program.outputs for place in output.places}
+    for kind, args, _ in program.instructions:
+        fused.append(kind == "fma" or (kind in _MOVED_THROUGH and any(fused[a] for a in args)))
+        if of_operands or kind != "fma":
+            wanted.update(args)
+    return {p for p in wanted if p >= 0 and program.instructions[p].kind == "negate" and fused[p]}

@@ -41,7 +41,7 @@ from holdfast.questions.arrays import (
     OF_OBJECT,
 )
 from holdfast.spatial.linear import Linear
-from holdfast.spatial.pose_tangents import by_motion, rates_of
+from holdfast.spatial.pose import by_motion, rates_of
 from holdfast.spatial.scalar import Array, array, concatenate, each_of, scan
 from holdfast.spatial.symmetric import symmetric_part
 

@@ -8,7 +8,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.dynamics.trunk.whole_chain import of_whole_chain, whole_chain
 from holdfast.errors import MethodNotApplicable
-from holdfast.spatial.gauss import gauss_solve
+from holdfast.spatial.linalg import gauss_solve
 
 
 def kkt(motion: ChainMotion) -> Solution:

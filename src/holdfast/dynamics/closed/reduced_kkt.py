@@ -7,7 +7,7 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.omega import omega_from_matrices
 from holdfast.dynamics.closed.stacked import Stacked
-from holdfast.spatial.gauss import gauss_solve
+from holdfast.spatial.linalg import gauss_solve
 
 
 def reduced_kkt(motion: ChainMotion) -> Solution:

@@ -17,7 +17,7 @@ from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.spring import OBJECT, Spring, SpringEnd
+from holdfast.model.spring import HELD_OBJECT, Spring, SpringEnd
 from holdfast.spatial.frozen import changed
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each_of, sqrt, where
@@ -97,7 +97,7 @@ def with_springs(chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
             elif at.on_trunk:
                 k = _place(chain, at)
                 bodies[k] = bodies[k] + wrench
-            elif at.body == OBJECT:
+            elif at.body == HELD_OBJECT:
                 of_object = of_object + wrench
     on_trunk = {"trunk_link_wrenches": array(bodies)} if bodies else {}
     return replace(inputs, object_wrench=of_object, link_wrenches=array(rows), **on_trunk)
@@ -130,7 +130,7 @@ def elongations(chain: ClosedChain, state: State, inputs: Inputs) -> list[Elonga
         if end.on_trunk:
             body = at.trunk[_place(chain, end)]
             return _on_body(end.point, body.frame, body.twist)
-        if end.body == OBJECT:
+        if end.body == HELD_OBJECT:
             return _on_body(end.point, state.object_frame, state.object_twist)
         return End(end.point, end.point, np.zeros(3))
 

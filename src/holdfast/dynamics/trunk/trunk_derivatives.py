@@ -12,7 +12,7 @@ from holdfast.dynamics.trunk.trunk_power import MOTION, CarriedBase, TrunkCase, 
 from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import TRUNK
 from holdfast.questions.arrays import BASE_RESULT, FLOATING_RESULT, LINKS, OF_JOINTS, TRUNK_LINKS
-from holdfast.spatial.pose_tangents import by_motion, by_motions, rates_of
+from holdfast.spatial.pose import by_motion, by_motions, rates_of
 from holdfast.spatial.scalar import Array, concatenate, each_of
 
 # Arguments of the trunk only, and their names in its equations.

@@ -13,17 +13,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Role, Schedule
+from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, ExternalRole, Schedule
 from holdfast.compiler.targets.layout import Layout
-from holdfast.compiler.targets.llvm.functions import constant, declarations, number_type
-from holdfast.compiler.targets.llvm.module import Module
-from holdfast.compiler.targets.llvm.templates import filled
+from holdfast.compiler.targets.llvm.functions import Module, constant, declarations, filled, number_type
 from holdfast.compiler.targets.llvm.transposition import transpositions
 
 _ROW = 64  # results of so many numbers go past the caches,
 _LARGE = 2**17  # if they are so many doubles in all: memory then need not be read before it is written
 
-_WAYS: dict[Role, tuple[str, ...]] = {
+_WAYS: dict[ExternalRole, tuple[str, ...]] = {
     "input": ("to_lanes",),
     "parameter": ("to_lanes",),
     "output": ("from_lanes",),
@@ -91,7 +89,7 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
     return "\n".join([*declared, *module.tables, *module.functions, function]), layout.total + module.scratch
 
 
-def _moved(function: str, schedule: Schedule, role: Role, but: Sequence[str] = ()) -> list[str]:
+def _moved(function: str, schedule: Schedule, role: ExternalRole, but: Sequence[str] = ()) -> list[str]:
     return [
         f"  call void @{function}.{external.size}{_arguments(k)}"
         for k, (name, external) in enumerate(schedule.externals.items())

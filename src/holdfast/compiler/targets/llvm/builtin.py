@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiler.targets.llvm import cpu
-from holdfast.compiler.targets.llvm.templates import filled
+from holdfast.compiler.targets.llvm.functions import filled
 
 # Without the global interpreter lock, two threads could write the same table at the same time.
 _POSSIBLE = sys.implementation.name == "cpython" and not sysconfig.get_config_var("Py_GIL_DISABLED")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import gc
 import json
 import os
 import threading
@@ -20,11 +21,11 @@ from typing import Any, NamedTuple
 import llvmlite
 import llvmlite.binding as binding
 
-from holdfast.compiler import cache, collector
+from holdfast.compiler import cache
 from holdfast.compiler.errors import CompileError
 
 lock = threading.Lock()  # LLVM's compiler is used by one thread at a time
-_other: ContextVar[Target | None] = ContextVar("other", default=None)  # see `made_for`
+_other: ContextVar[Processor | None] = ContextVar("other", default=None)  # see `made_for`
 
 # LLVM's level of code generation; optimisation passes are not needed. Level 1 omits the last instruction scheduling,
 # which gains at most one percent but takes a quarter of LLVM's time. It is used for modules longer than _LONG.
@@ -36,10 +37,10 @@ _V2 = ("cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3")
 _V3 = (*_V2, "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 _V4 = (*_V3, "avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl")
 _WIDE = "-prefer-256-bit"  # makes LLVM use registers of 512 bits, which it avoids by default
-LEVELS = {"x86-64-v2": _V2, "x86-64-v3": _V3, "x86-64-v4": _V4}
+X86_LEVELS = {"x86-64-v2": _V2, "x86-64-v3": _V3, "x86-64-v4": _V4}
 
 
-class Target(NamedTuple):
+class Processor(NamedTuple):
     """A processor for which code is made.
 
     Attributes:
@@ -55,7 +56,7 @@ class Target(NamedTuple):
     feature_text: str
 
 
-def target() -> Target:
+def target() -> Processor:
     """Return the processor for which code is made.
 
     Raises:
@@ -65,7 +66,7 @@ def target() -> Target:
 
 
 @contextmanager
-def made_for(other: Target) -> Iterator[None]:
+def made_for(other: Processor) -> Iterator[None]:
     """Within the block and in this thread, write programs for another processor."""
     token = _other.set(other)
     try:
@@ -75,26 +76,26 @@ def made_for(other: Target) -> Iterator[None]:
 
 
 @functools.cache
-def _target(name: str) -> Target:
+def _target(name: str) -> Processor:
     host = features() | ({"fma"} if binding.get_process_triple().startswith(("aarch64", "arm64")) else set())
     if name == "host":
         text = binding.get_host_cpu_features().flatten()
-        return Target(name, binding.get_host_cpu_name(), host, f"{text},{_WIDE}" if "avx512f" in host else text)
-    available = ", ".join(["host", *(level for level, needs in LEVELS.items() if host.issuperset(needs))])
-    if name not in LEVELS:
-        known = ", ".join(["host", *LEVELS])
+        return Processor(name, binding.get_host_cpu_name(), host, f"{text},{_WIDE}" if "avx512f" in host else text)
+    available = ", ".join(["host", *(level for level, needs in X86_LEVELS.items() if host.issuperset(needs))])
+    if name not in X86_LEVELS:
+        known = ", ".join(["host", *X86_LEVELS])
         raise CompileError(
             f"HOLDFAST_CPU: expected one of {known}, got {name!r}. Available on this machine: {available}"
         )
-    lacking = ", ".join(feature for feature in LEVELS[name] if feature not in host)
+    lacking = ", ".join(feature for feature in X86_LEVELS[name] if feature not in host)
     if lacking:
         raise CompileError(f"HOLDFAST_CPU: {name} needs {lacking}, which this processor lacks. Available: {available}")
     return level(name)
 
 
-def level(name: str) -> Target:
+def level(name: str) -> Processor:
     """Return a level of x86-64."""
-    return Target(name, name, frozenset(LEVELS[name]), _WIDE if "avx512f" in LEVELS[name] else "")
+    return Processor(name, name, frozenset(X86_LEVELS[name]), _WIDE if "avx512f" in X86_LEVELS[name] else "")
 
 
 @functools.cache
@@ -120,7 +121,7 @@ def declare(name: str, address: int) -> None:
 
 
 Notes = dict[str, int]
-Source = str | Callable[[], tuple[str, Notes]]
+ModuleSource = str | Callable[[], tuple[str, Notes]]
 
 
 class Code:
@@ -132,7 +133,7 @@ class Code:
         notes: the notes stored with the code when it was compiled.
     """
 
-    def __init__(self, source: Source, *functions: str, key: str = "", quick: bool = False) -> None:
+    def __init__(self, source: ModuleSource, *functions: str, key: str = "", quick: bool = False) -> None:
         """Compile one module, or load its machine code from the cache.
 
         Args:
@@ -170,12 +171,39 @@ def _always_quick() -> bool:
     return how == "quick"
 
 
-def _made(source: Source) -> tuple[str, Notes]:
+def _made(source: ModuleSource) -> tuple[str, Notes]:
     """Return a module's source and its notes."""
     if isinstance(source, str):
         return source, {}
-    with collector.paused():
+    with collector_paused():
         return source()
+
+
+_collector_lock = threading.Lock()
+_pauses = 0
+_wanted = True  # whether the collector ran before the first pause
+
+
+@contextmanager
+def collector_paused() -> Iterator[None]:
+    """Pause Python's garbage collector within the block and restore its state after it; blocks of threads may overlap.
+
+    Tracing makes hundreds of thousands of nodes and instructions, all of them in use. The collector would inspect them
+    again and again, which took more than a third of the compile time.
+    """
+    global _pauses, _wanted
+    with _collector_lock:
+        if not _pauses:
+            _wanted = gc.isenabled()
+            gc.disable()
+        _pauses += 1
+    try:
+        yield
+    finally:
+        with _collector_lock:
+            _pauses -= 1
+            if not _pauses and _wanted:
+                gc.enable()
 
 
 def _compiled(text: str, notes: Notes, quick: bool) -> bytes:

@@ -20,8 +20,7 @@ import numpy as np
 
 from holdfast.compiler.schedule import External
 from holdfast.compiler.targets.llvm import cpu
-from holdfast.compiler.targets.llvm.functions import constant
-from holdfast.compiler.targets.llvm.templates import filled
+from holdfast.compiler.targets.llvm.functions import constant, filled
 
 _MINOR = 1  # the version of XLA's FFI is 0._MINOR: the oldest that XLA accepts; it has all that the handler needs
 _UNKNOWN = "holdfast: this program's kernel is not in this process; expected holdfast.interop.to_jax of its chain first"

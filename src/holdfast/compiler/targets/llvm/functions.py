@@ -1,7 +1,7 @@
-"""Write a program as functions in LLVM's language: straight-line code on numbers or on vectors of lanes.
+"""Write programs as functions in LLVM's language, and the calls of these functions that run a schedule.
 
-No fast-math flag is set, so LLVM neither fuses nor reorders operations: the results are those of the interpreter,
-bit for bit.
+A program becomes straight-line code on numbers or on vectors of lanes. No fast-math flag is set, so LLVM neither fuses
+nor reorders operations: the results are those of the interpreter, bit for bit.
 """
 
 from __future__ import annotations
@@ -9,11 +9,14 @@ from __future__ import annotations
 import functools
 import struct
 from collections.abc import Sequence
+from pathlib import Path
+from string import Template
 from typing import NamedTuple
 
 from holdfast.compiler.program import Program
-from holdfast.compiler.targets.signs import signs_to_keep
-from holdfast.compiler.targets.split import Access, Number, Part, SplitProgram, split
+from holdfast.compiler.schedule import Call
+from holdfast.compiler.targets.layout import ArrayAddress, Layout
+from holdfast.compiler.targets.split import Access, NumberPlace, SplitPart, SplitProgram, signs_to_keep, split
 
 # A number in memory that has not been used for so many operations is loaded again. LLVM would keep it in a register, or
 # rather write it to the stack, a second time, because more numbers are in use than there are registers.
@@ -25,7 +28,7 @@ _FAR = 64
 _BEFORE, _FEW = ".before", 4
 
 
-class Function(NamedTuple):
+class ProgramInLlvm(NamedTuple):
     """A program in LLVM's language.
 
     Attributes:
@@ -48,7 +51,9 @@ class Function(NamedTuple):
         ]
 
 
-def function(name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access]) -> Function:
+def function(
+    name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access]
+) -> ProgramInLlvm:
     """Return a program as one function, or several if it is long; for the arguments see `split`."""
     found = split(program, lanes, inputs, outputs)
     lines: list[str] = []
@@ -59,7 +64,7 @@ def function(name: str, program: Program, lanes: int, inputs: Sequence[Access], 
         own = parameters[f"{name}.{k}"] = [pointer for pointer in known if pointer in used]
         taken = ", ".join([f"ptr noalias %{pointer}" for pointer in own])
         lines += [f"define internal void @{name}.{k}({taken}) noinline nounwind {{", *body, "  ret void", "}"]
-    return Function(lines, parameters, found)
+    return ProgramInLlvm(lines, parameters, found)
 
 
 def declarations(lanes: int) -> list[str]:
@@ -113,7 +118,7 @@ def _operations(lanes: int) -> dict[str, str]:
     }
 
 
-def _body(part: Part, lanes: int, before: str) -> tuple[list[str], set[str]]:
+def _body(part: SplitPart, lanes: int, before: str) -> tuple[list[str], set[str]]:
     """Return the lines of the operations and the pointers that they use.
 
     Numbers are loaded when they are used, and stored when they are computed. The names of pointers through which
@@ -126,7 +131,7 @@ def _body(part: Part, lanes: int, before: str) -> tuple[list[str], set[str]]:
     lines: list[str] = []
     names: dict[int, str] = {}
     now = first_operation = program.input_size
-    stored: dict[int, Number] = {}  # results and values for later parts that this part has computed
+    stored: dict[int, NumberPlace] = {}  # results and values for later parts that this part has computed
     used: dict[int, int] = {}  # when each number that is in memory was last used
     pointers: set[str] = set()
 
@@ -176,3 +181,107 @@ def _body(part: Part, lanes: int, before: str) -> tuple[list[str], set[str]]:
         if place in wanted:
             store(place)
     return lines, pointers
+
+
+def filled(name: str, **values: object) -> str:
+    """Return the template `name.ll` of this folder with every `$name` replaced; a list is a value of several lines."""
+    texts = {key: "\n".join(value) if isinstance(value, list) else value for key, value in values.items()}
+    return Template(Path(__file__).with_name(f"{name}.ll").read_text()).substitute(texts)
+
+
+_UNROLLED = 2  # up to so many calls are written one after the other; more become a loop
+
+
+class Module:
+    """Collects the source of a module.
+
+    Attributes:
+        layout: the addresses of all arrays.
+        functions: the lines of the stage functions written so far.
+        tables: constant tables of the addresses over which loops run.
+        scratch: the number of doubles of scratch memory that the functions need.
+        lanes: the vector lengths that the functions use.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.functions: list[str] = []
+        self.tables: list[str] = []
+        self.scratch = 0
+        self.lanes: set[int] = set()
+        self._known: dict[object, ProgramInLlvm] = {}
+        self._labels = 0
+
+    def calls(self, calls: Sequence[Call], lines: list[str], label: str) -> str:
+        """Append the lines that run the calls; return the label of the block they end in."""
+        for call in calls:
+            label = self._call(call, lines, label)
+        return label
+
+    def label(self) -> int:
+        """Return a number that no label or variable uses yet."""
+        self._labels += 1
+        return self._labels
+
+    def _call(self, call: Call, lines: list[str], label: str) -> str:
+        made = self._function(call)
+        if not made.split.writes:
+            return label
+        runs = self.layout.places(call, made.split)
+        if len(runs) <= _UNROLLED:
+            for places in runs:
+                n = self.label()
+                pointers = [_pointer(lines, f"%p{n}.{j}", place, None) for j, place in enumerate(places)]
+                lines += made.calls(pointers)
+            return label
+        return self._loop(made, runs, lines, label)
+
+    def _loop(self, made: ProgramInLlvm, runs: list[list[ArrayAddress | None]], lines: list[str], label: str) -> str:
+        n, count = self.label(), len(runs)
+        lines += [f"  br label %loop{n}", f"loop{n}:"]
+        lines.append(f"  %t{n} = phi i64 [ 0, %{label} ], [ %t{n}.next, %loop{n} ]")
+        pointers = []
+        for j, place in enumerate(runs[0]):
+            offsets = [run[j].offset for run in runs if run[j] is not None]  # type: ignore[union-attr]
+            moving = None
+            if len(set(offsets)) > 1:
+                values = ", ".join(f"i64 {offset}" for offset in offsets)
+                self.tables.append(f"@table{n}.{j} = private unnamed_addr constant [{count} x i64] [{values}]")
+                lines.append(f"  %a{n}.{j} = getelementptr i64, ptr @table{n}.{j}, i64 %t{n}")
+                lines.append(f"  %o{n}.{j} = load i64, ptr %a{n}.{j}")
+                moving = f"%o{n}.{j}"
+            pointers.append(_pointer(lines, f"%p{n}.{j}", place, moving))
+        lines += made.calls(pointers)
+        lines += [
+            f"  %t{n}.next = add i64 %t{n}, 1",
+            f"  %more{n} = icmp slt i64 %t{n}.next, {count}",
+            f"  br i1 %more{n}, label %loop{n}, label %after{n}",
+            f"after{n}:",
+        ]
+        return f"after{n}"
+
+    def _function(self, call: Call) -> ProgramInLlvm:
+        """Return the function of a stage's phase for this layout; it is written at the first call only."""
+        layout, stage = self.layout, self.layout.schedule.groups[call.group].stage
+        inputs, outputs = layout.accesses(call)
+        lanes = max(layout.systems, layout.width[call.group])
+        program = layout.computed(call)
+        handed = tuple([len(output.places) for output in program.outputs])
+        key = (id(stage), call.phase, lanes, tuple(inputs), tuple(outputs), handed)
+        if key not in self._known:
+            name = f"{stage.name}.{call.phase}.{len(self._known)}"
+            made = function(name, program, lanes, inputs, outputs)
+            self.functions += made.lines
+            self.scratch = max(self.scratch, made.split.scratch * lanes)
+            self.lanes.add(lanes)
+            self._known[key] = made
+        return self._known[key]
+
+
+def _pointer(lines: list[str], name: str, place: ArrayAddress | None, moving: str | None) -> str:
+    """Append the line that computes an address; return the argument."""
+    if place is None:
+        return "ptr %scratch"
+    base = "%arena" if place.external is None else f"%external{place.external}"
+    lines.append(f"  {name} = getelementptr double, ptr {base}, i64 {moving or place.offset}")
+    return f"ptr {name}"

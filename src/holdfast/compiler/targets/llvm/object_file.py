@@ -14,8 +14,7 @@ import llvmlite.binding as binding
 
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.targets.llvm import cpu
-from holdfast.compiler.targets.llvm.functions import number_type
-from holdfast.compiler.targets.llvm.templates import filled
+from holdfast.compiler.targets.llvm.functions import filled, number_type
 
 
 class ObjectTarget(NamedTuple):
@@ -27,7 +26,7 @@ class ObjectTarget(NamedTuple):
         flags: the flags of GCC and Clang that select the same processor.
     """
 
-    made_for: cpu.Target
+    made_for: cpu.Processor
     triple: str
     flags: str
 
@@ -51,8 +50,8 @@ class ObjectFile(NamedTuple):
 
 _X86, _ARM = "x86_64-unknown-linux-gnu", "aarch64-unknown-linux-gnu"
 OBJECT_TARGETS = {
-    **{name: ObjectTarget(cpu.level(name), _X86, f"-march={name}") for name in cpu.LEVELS},
-    "aarch64": ObjectTarget(cpu.Target("aarch64", "generic", frozenset({"fma"}), ""), _ARM, "-march=armv8-a"),
+    **{name: ObjectTarget(cpu.level(name), _X86, f"-march={name}") for name in cpu.X86_LEVELS},
+    "aarch64": ObjectTarget(cpu.Processor("aarch64", "generic", frozenset({"fma"}), ""), _ARM, "-march=armv8-a"),
 }
 
 

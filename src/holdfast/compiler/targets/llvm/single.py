@@ -13,9 +13,7 @@ import math
 
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Schedule, Wire
 from holdfast.compiler.targets.layout import Area, Layout
-from holdfast.compiler.targets.llvm.functions import constant, declarations, number_type
-from holdfast.compiler.targets.llvm.module import Module
-from holdfast.compiler.targets.llvm.templates import filled
+from holdfast.compiler.targets.llvm.functions import Module, constant, declarations, filled, number_type
 from holdfast.compiler.targets.llvm.transposition import masked_load, of_items
 
 _INLINE = 32  # up to so many numbers of an array are checked in straight-line code; more are checked in a loop

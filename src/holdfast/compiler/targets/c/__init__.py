@@ -1,1 +1,0 @@
-"""The C11 target: source code for one system, which the user compiles."""
