@@ -7,7 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.dynamics import link_poses, momentum_rate, potential_energy, power
-from holdfast.dynamics.closed.spring_wrenches import elongations
+from holdfast.dynamics.closed.force_elements import deformations
 from holdfast.simulation.balance import WORK_TERMS
 from tests.dynamics.problems import later
 from tests.simulation.rollout.problems import arrays, assert_rollout_is_run
@@ -26,7 +26,7 @@ def sprung(seed: int) -> Problem:
     return replace(p, chain=with_springs(p.chain, seed))
 
 
-def ends(p: Problem, spring: hf.Spring):
+def ends_of(p: Problem, spring: hf.Spring):
     """Return where a spring's ends are, by the library's poses of links and object."""
     for end in spring.ends:
         frame = hf.Pose.identity() if end.body == "world" else p.state.object_frame
@@ -39,7 +39,7 @@ def stretched(p: Problem) -> np.ndarray:
     """Return how long the springs are."""
     found = []
     for spring in p.chain.springs:
-        (a, _), (b, _) = ends(p, spring)
+        (a, _), (b, _) = ends_of(p, spring)
         found.append(np.linalg.norm(b - a))
     return np.array(found)
 
@@ -60,10 +60,10 @@ def test_wrenches(seed):
     if given.link_wrenches is not None:
         on_links += given.link_wrenches
     for spring, rate in zip(chain.springs, rates(p), strict=True):
-        (a, _), (b, _) = ends(p, spring)
+        (a, _), (b, _) = ends_of(p, spring)
         s = np.linalg.norm(b - a)
         force = (spring.stiffness * (s - spring.length) + spring.damping * rate) * (b - a) / s
-        for end, (at, origin), f in zip(spring.ends, ends(p, spring), (force, -force), strict=True):
+        for end, (at, origin), f in zip(spring.ends, ends_of(p, spring), (force, -force), strict=True):
             wrench = np.r_[np.cross(at - origin, f), f]
             if end.link is not None:
                 on_links[chain.joints[end.body].start + end.link] += wrench
@@ -215,7 +215,7 @@ def test_mujoco():
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
-    n, springs = chain.joint_count, elongations(chain, state, hf.Inputs().shaped(chain))
+    n, springs = chain.joint_count, deformations(chain, state, hf.Inputs().shaped(chain))
     assert data.ten_length == pytest.approx([s.length for s in springs], rel=1e-12)
     assert data.ten_velocity == pytest.approx([s.rate for s in springs], abs=1e-12)
     # a spring's share of the joints' torques: what inverse dynamics asks for less without it

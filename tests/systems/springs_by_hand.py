@@ -9,7 +9,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.dynamics import link_poses
-from holdfast.model.spring import SpringEnd
+from holdfast.model.force_element import SpringEnd
 from holdfast.spatial.scalar import sqrt
 
 

@@ -15,10 +15,10 @@ from holdfast.dynamics.closed.forward_derivatives import VirtualPower, backward
 from holdfast.dynamics.closed.forward_jacobian import jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.sequential import sequential
+from holdfast.dynamics.force_element_rates import force_element_rates, pushforward, pushforward_along, with_pullback
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.minimum_norm_forces import MinimumNormForces, minimum_norm_forces
 from holdfast.dynamics.result import ForwardResult, Status
-from holdfast.dynamics.spring_rates import pushforward, pushforward_along, spring_rates, with_pullback
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -234,7 +234,7 @@ def _point(
     held = {n: z if n in chain.bushings else z._replace(wrench=rows[n]) for n, z in at.unknowns.items()}
     at = replace(at, unknowns=held)
     least = minimum_norm_forces(at) if result.status is Status.INDETERMINATE_FORCES else None
-    return at, result, least, spring_rates(VariedCase(chain, state, given, {}), names)
+    return at, result, least, force_element_rates(VariedCase(chain, state, given, {}), names)
 
 
 def result_named(found: ForwardResult, name: str) -> Array:

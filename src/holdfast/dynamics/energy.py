@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
-from holdfast.dynamics.closed.bushing_wrenches import Deflection, bushing_energy, bushings
-from holdfast.dynamics.closed.spring_wrenches import Elongation, elongations
+from holdfast.dynamics.closed.force_elements import losses, stored_energies
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.trunk.trunk_motion import BaseKinematics, base_kinematics
 from holdfast.errors import StateError
@@ -154,7 +153,8 @@ def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
     if chain.trunk is not None:
         parts.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
     held = held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(gravity)
-    return sum(parts) + held + spring_energy(chain, state) + bushing_energy(chain, state)
+    of_bodies = sum(parts) + held
+    return sum(stored_energies(chain, state), start=of_bodies)
 
 
 def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:
@@ -173,17 +173,12 @@ def elastic_energy(chain: ClosedChain, state: State) -> Scalar:
     in_joints = [arm_elastic_energy(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()]
     if chain.trunk is not None:
         in_joints.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
-    return sum(in_joints) + spring_energy(chain, state) + bushing_energy(chain, state)
+    return sum(stored_energies(chain, state), start=sum(in_joints))
 
 
 def rotor_energy(chain: ClosedChain, state: State) -> Scalar:
     """Return the kinetic energy of the actuators' rotors [J]."""
     return 0.5 * (np.array([joint.armature for joint in chain.all_joints]) @ state.qd**2)
-
-
-def spring_energy(chain: ClosedChain, state: State) -> Scalar:
-    """Return the elastic energy of the springs between bodies [J]."""
-    return sum(map(Elongation.energy, elongations(chain, state, Inputs().shaped(chain)), chain.springs))
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -308,8 +303,7 @@ def power_of(
     damping = concatenate(arm.damping for arm in chain.arms.values())
     if chain.trunk is not None:
         damping = concatenate([[joint.damping for joint in chain.trunk.joints], damping])
-    lost = sum(map(Elongation.loss, elongations(chain, state, inputs), chain.springs))
-    lost = lost + sum(map(Deflection.loss, bushings(chain, state, inputs)))
+    lost = sum(losses(chain, state, inputs))
     external, base = inputs.object_wrench @ state.object_twist, base_wrench.ravel() @ inputs.base_twists.ravel()
     moving = [] if inputs.link_wrenches is None else [*inputs.link_wrenches]
     if inputs.trunk_link_wrenches is not None:

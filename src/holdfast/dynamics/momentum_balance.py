@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.closed.spring_wrenches import with_springs
+from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.energy import (
     Body,
     bodies,
@@ -54,7 +54,7 @@ def momentum_rate(
     require_result_of(chain, result)
     checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
-    given = with_springs(chain, state, shaped_inputs(chain, inputs))
+    given = with_force_elements(chain, state, shaped_inputs(chain, inputs))
     return checks.finite(rate_of(chain, result, given, list(bodies(chain, state)), point), "momentum rate")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from holdfast.dynamics.closed.spring_wrenches import elongations
+from holdfast.dynamics.closed.force_elements import end_motions
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 from holdfast.view.playback import Playback
@@ -23,4 +23,4 @@ def spring_ends(playback: Playback, k: int) -> list[tuple[Array, Array]]:
     state = State(
         playback.q[k], 0.0 * playback.q[k], playback.object_pose[k], base_pose=below if chain.floats else None
     )
-    return [(s.a.position, s.b.position) for s in elongations(moved, state, Inputs().shaped(moved))]
+    return [(a.position, b.position) for a, b in end_motions(moved, state, Inputs().shaped(moved))]

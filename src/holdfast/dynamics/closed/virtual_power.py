@@ -26,8 +26,8 @@ from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
-from holdfast.dynamics.closed.bushing_wrenches import deflection
 from holdfast.dynamics.closed.contact import contact
+from holdfast.dynamics.closed.force_elements import deflection
 from holdfast.dynamics.trunk.trunk_power import Numbers, varied_inertia
 from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
