@@ -7,8 +7,8 @@ import pytest
 
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.forward_derivatives import numbers_of
-from holdfast.dynamics.closed.joint_residuals import joint_residuals
 from holdfast.dynamics.closed.second_solve import point
+from holdfast.dynamics.closed.self_response import joint_residuals
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.virtual_power import Unknowns
 from tests.derivatives.chains import random_chain

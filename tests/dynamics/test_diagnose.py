@@ -10,7 +10,7 @@ import pytest
 import holdfast
 from holdfast import ClosedChain, MethodNotApplicable, SingularChainError, State, diagnose, forward_dynamics
 from holdfast.dynamics import METHODS, Diagnosis
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.stacked import Stacked
 from tests.dynamics.problems import motion_of
 from tests.laws.transformed import rescaled

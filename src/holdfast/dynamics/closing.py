@@ -8,8 +8,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
 from holdfast.dynamics.consistency import residuals
-from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
-from holdfast.dynamics.indeterminate import NULL_SINGULAR_VALUE
+from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE, constraint_rows, coordinate_sizes
 from holdfast.dynamics.projection import Change, moved, position_contact, quickened
 from holdfast.errors import ClosureError, StateError
 from holdfast.model import checks

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, link_twists, tip_twist
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics

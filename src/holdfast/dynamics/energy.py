@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
-from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics, link_twists
 from holdfast.dynamics.closed.force_elements import losses, stored_energies
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.trunk.trunk_motion import BaseKinematics, base_kinematics

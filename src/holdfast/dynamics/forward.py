@@ -8,7 +8,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics import indeterminate, rank
+from holdfast.dynamics import constraint, rank
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.general import FreeDynamics
@@ -118,7 +118,7 @@ def forward_dynamics(
     except MethodNotApplicable as cause:
         raise MethodNotApplicable(f"{chosen.name}: {cause}") from cause
     if status is Status.INDETERMINATE_FORCES and held is None:  # given rows to hold determine the forces
-        found = indeterminate.with_smallest_forces(motion, replace(found, rank=regular.rank))
+        found = constraint.with_smallest_forces(motion, replace(found, rank=regular.rank))
     return _assemble(motion, found, regular, status, chosen.name)
 
 

@@ -24,7 +24,7 @@ from holdfast.dynamics.consistency import (
     position_residual,
     require_closed,
 )
-from holdfast.dynamics.indeterminate import with_smallest_forces
+from holdfast.dynamics.constraint import with_smallest_forces
 from holdfast.dynamics.projection import constraint_impulses, quickened
 from holdfast.dynamics.rank import rank_and_held_near
 from holdfast.dynamics.result import Status

@@ -22,8 +22,7 @@ from holdfast.dynamics.closed.forward_jacobian import unit_wrenches
 from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.dynamics.closed.virtual_power import Unknowns
-from holdfast.dynamics.constraint import length_scale
-from holdfast.dynamics.indeterminate import free_wrenches
+from holdfast.dynamics.constraint import free_wrenches, length_scale
 from holdfast.dynamics.trunk.trunk_derivatives import BASE_RESULT
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns

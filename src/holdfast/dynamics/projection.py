@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmMotion, at_rest
-from holdfast.dynamics.closed.chain_filter import chain_filter
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.held_rows import holding
+from holdfast.dynamics.closed.sequential import chain_filter
 from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.consistency import tip_from_contact
 from holdfast.model.closed_chain import ClosedChain

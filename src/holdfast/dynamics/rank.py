@@ -12,9 +12,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_filter import rest_response
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
-from holdfast.dynamics.closed.sequential import sequential
+from holdfast.dynamics.closed.sequential import rest_response, sequential
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.consistency import largest_position
 from holdfast.dynamics.constraint import coordinate_sizes

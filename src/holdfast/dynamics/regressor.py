@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.bias import bias_accelerations
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, link_twists
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.inverse import acceleration_of_base

@@ -7,7 +7,7 @@ import numpy as np
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.contact_places import tip_frames
-from holdfast.dynamics.feasible_motion import require_holding
+from holdfast.dynamics.inverse import require_holding
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, jacobian, link_twists, tip_twist
 from holdfast.spatial import rotation
 from holdfast.spatial.spatial_vector import rotate, shift_twist
 from holdfast.spatial.vector import skew

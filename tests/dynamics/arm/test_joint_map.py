@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from holdfast import Joint
-from holdfast.dynamics.arm.joint_map import column, expand, project
+from holdfast.dynamics.arm.forward_kinematics import column, expand, project
 from holdfast.spatial.symmetric import symmetric6
 from tests.systems.random_parts import unit_vector
 

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics
-from holdfast.dynamics.arm.joint_map import column, expand, project
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, column, expand, project
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
@@ -114,3 +113,17 @@ def smooth(arm: Arm, at: Kinematics, filter: Filter, nu: Array, base: Array | No
         lam = x + expand(joint, out_k)
         out.append(out_k)
     return array(out), shift_twist(arm.tip.p, lam)
+
+
+def tip_mobility(arm: Arm, at: Kinematics, filter: Filter) -> Symmetric6:
+    """Return Lambda(0) of the tip point in the axes of the last link. One outward sweep, O(N).
+
+    Lambda(k) = psi^T Lambda(k+1) psi + H^T H / D, with psi = phi (I - G H): for
+    Z = phi^T Lambda phi and y = Z G this is Z - H^T y^T - y H + (G.y + 1/D) H^T H.
+    """
+    Y = zero6()  # the mobility of the base is zero
+    for joint, E, l, G, D in zip(arm.joints, at.E, at.l, filter.G, filter.D, strict=True):
+        Z = Y.mobility_shifted(l).rotated(E.T)
+        y = Z.apply(G)
+        Y = Z.plus_symmetric_outer(expand(joint, 1.0), expand(joint, 0.5 * (G @ y + 1.0 / D)) - y)
+    return Y.mobility_shifted(arm.tip.p)

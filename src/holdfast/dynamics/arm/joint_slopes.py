@@ -21,8 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, jacobian
 from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate

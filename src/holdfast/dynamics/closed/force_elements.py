@@ -11,8 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, link_twists, tip_twist
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.model import checks

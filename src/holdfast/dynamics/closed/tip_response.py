@@ -16,12 +16,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.articulated import articulated_filter, smooth, whiten
+from holdfast.dynamics.arm.articulated import articulated_filter, smooth, tip_mobility, whiten
 from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmMotion
-from holdfast.dynamics.arm.tip_mobility import tip_mobility
 from holdfast.spatial.inertia import NO_INERTIA as NO_BODY
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution

@@ -22,10 +22,9 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import acceleration_at_tip, bias_accelerations
-from holdfast.dynamics.arm.forward_kinematics import Kinematics
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, link_twists, tip_twist
 from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
-from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.contact import contact
 from holdfast.dynamics.closed.force_elements import deflection
 from holdfast.dynamics.trunk.trunk_power import Numbers, varied_inertia

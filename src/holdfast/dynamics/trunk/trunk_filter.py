@@ -27,13 +27,13 @@ from holdfast.dynamics.closed.tip_response import BaseResponse, TipResponse
 from holdfast.dynamics.trunk.crossing import (
     CarriedTerms,
     Crossing,
+    FilterState,
     Welded,
     joint_crossed,
     joints_crossed,
     nothing_carried,
     set_free,
 )
-from holdfast.dynamics.trunk.filter_state import FilterState
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkMotion
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, concatenate, each

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import bias_accelerations
+from holdfast.dynamics.arm.forward_kinematics import link_twists
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
-from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.model.arm import Arm
 from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.chain_solution import chain_solution
-from holdfast.dynamics.indeterminate import with_smallest_forces
+from holdfast.dynamics.constraint import with_smallest_forces
 from holdfast.dynamics.projection import FARTHEST
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
