@@ -10,7 +10,7 @@ from holdfast.dynamics.closed.forward_derivatives import numbers_of
 from holdfast.dynamics.closed.second_solve import point
 from holdfast.dynamics.closed.self_response import joint_residuals
 from holdfast.dynamics.closed.sequential import sequential
-from holdfast.dynamics.closed.virtual_power import Unknowns
+from holdfast.dynamics.closed.virtual_power import ArmUnknowns
 from tests.derivatives.chains import random_chain
 
 SAME = 1e-12
@@ -29,7 +29,7 @@ def test_beside_automatic_differentiation(seed):
         for by in ("q", "qd"):
             residual = case.residual(z, tuple(numbers_of([by])))
             for unit, found in zip(np.eye(len(z.qdd)), at_once[by], strict=True):
-                expected = Unknowns(*residual.rates(unit))
+                expected = ArmUnknowns(*residual.rates(unit))
                 for a, b in zip(found, expected, strict=True):
                     size = max(1.0, np.abs(b).max(initial=0.0))
                     worst = max(worst, np.abs(a - b).max(initial=0.0) / size)

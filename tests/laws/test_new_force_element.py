@@ -9,7 +9,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.dynamics import link_poses, potential_energy, power
-from holdfast.model.force_element import EndMotion, ForceElement, Load
+from holdfast.model.force_element import EndLoad, EndMotion, ForceElement
 from holdfast.spatial.converted import REQUIRED
 from holdfast.spatial.scalar import array
 from tests.derivatives.test_bushings import BY, moved
@@ -48,7 +48,7 @@ class MagnetAt(NamedTuple):
         Q, pull = self.Q, self.magnet.k * (self.d @ self.d) * self.d
         axial = array([Q[2, 1] - Q[1, 2], Q[0, 2] - Q[2, 0], Q[1, 0] - Q[0, 1]])
         moment = 0.5 * self.magnet.aligning * axial + self.magnet.damping * self.omega
-        return Load(pull, moment), Load(-pull, -moment)
+        return EndLoad(pull, moment), EndLoad(-pull, -moment)
 
     def energy(self):
         """Return U."""

@@ -26,7 +26,7 @@ from holdfast.model.grasp_kinds import GraspKind
 from holdfast.questions.arrays import STATE, Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
-from holdfast.questions.question import Part, Question, Show
+from holdfast.questions.question import Question, ResultPart, Show
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, concatenate, each_of
 from holdfast.spatial.spatial_vector import rotate
@@ -183,11 +183,11 @@ def rows_of(kind: GraspKind, result: str) -> int:
     return len(kind.position_rows if result == "position" else kind.transmitted)
 
 
-def _by_grasps(chain: ClosedChain, result: str) -> list[Part]:
+def _by_grasps(chain: ClosedChain, result: str) -> list[ResultPart]:
     found, end = [], 0
     for name, grasp in chain.grasps.items():
         begin, end = end, end + rows_of(grasp.of_kind, result)
-        found.append(Part(slice(begin, end), chain.names.index(name)))
+        found.append(ResultPart(slice(begin, end), chain.names.index(name)))
     return found
 
 

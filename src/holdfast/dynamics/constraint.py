@@ -1,8 +1,9 @@
-"""The grasp constraint on velocities: K_i J_i qd_i = K_i A_i V(C) for every arm i.
+"""The grasp constraint on velocities, K_i J_i qd_i = K_i A_i V(C) for every arm i, and the grasp forces without effect.
 
 With a trunk, J_i also has columns for the trunk's joints. With the relative velocities W as unknowns the constraint
 reads [J, -A, H^T] (qd, V(C), W) = base motion, with six rows per grasp; multiplying by K eliminates W, so that
-rank[J, -A, H^T] = rank K[J, -A] + sum n_g.
+rank[J, -A, H^T] = rank K[J, -A] + sum n_g. If rows depend on others, some grasp forces have no effect on the motion, so
+the motion does not determine them; the smallest possible forces are chosen.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
 
-DEPENDENT = 1e-9  # singular values below this fraction of the largest count as zero
+NULL_SINGULAR_VALUE = 1e-9  # singular values below this fraction of the largest count as zero
 SMALLEST_LENGTH = 1e-3  # m: shorter lengths are not used as a length scale
+WORTH_A_WORD = 0.05  # smaller wrenches, relative to the largest of a pattern, are not mentioned
 
 
 class ConstraintRows(NamedTuple):
@@ -50,7 +52,7 @@ class ConstraintRows(NamedTuple):
         if not len(matrix):
             return np.eye(matrix.shape[1])
         _, sizes, Vt = np.linalg.svd(matrix)
-        return Vt[int((sizes > DEPENDENT * sizes[0]).sum()) :].T
+        return Vt[int((sizes > NULL_SINGULAR_VALUE * sizes[0]).sum()) :].T
 
 
 def coordinate_sizes(motion: ChainMotion) -> Array:
@@ -102,10 +104,6 @@ def constraint_rows(motion: ChainMotion) -> ConstraintRows:
         start += len(rows)
     whole = [np.concatenate(rows) for rows in (joint_rows, object_rows, base_rows)]
     return ConstraintRows(whole[0], whole[1], whole[2], slices)
-
-
-NULL_SINGULAR_VALUE = 1e-9
-WORTH_A_WORD = 0.05  # smaller wrenches, relative to the largest of a pattern, are not mentioned
 
 
 class WrenchDirections(NamedTuple):

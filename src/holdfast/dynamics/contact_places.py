@@ -1,4 +1,9 @@
-"""The axes and contact points of the grasps at rest: grasp wrenches are expressed along and about them."""
+"""Contacts: the axes and points to which grasp wrenches refer, and the attitude Theta of each (paper, Appendix A).
+
+Theta describes the attitude of the contact frame, which moves with the object, relative to the tip frame: R_Theta =
+R_tip^T R_contact. Its rate Theta_dot = F(Theta) W follows from the relative angular velocity omega_object - omega_tip =
+h W.
+"""
 
 from __future__ import annotations
 

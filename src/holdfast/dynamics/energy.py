@@ -29,7 +29,7 @@ from holdfast.spatial.spatial_vector import rotate, shift_wrench, unrotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
-class Body(NamedTuple):
+class MovingBody(NamedTuple):
     """A moving rigid body: inertia and twist about its own origin in its own axes, and its pose (R, origin)."""
 
     inertia: RigidInertia
@@ -61,7 +61,7 @@ class Body(NamedTuple):
         return -(gravity @ self.com)
 
 
-def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> Iterator[Body]:
+def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> Iterator[MovingBody]:
     """Yield the trunk's bodies from the base outward, then the links arm by arm, base to tip, then the object."""
     at = base_kinematics(chain, state, shaped_inputs(chain, inputs))
     yield from trunk_bodies(chain, at)
@@ -70,26 +70,26 @@ def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> It
     yield held_body(chain.held_object, state.object_frame, state.object_twist)
 
 
-def trunk_bodies(chain: ClosedChain, at: BaseKinematics) -> list[Body]:
+def trunk_bodies(chain: ClosedChain, at: BaseKinematics) -> list[MovingBody]:
     """Return the bodies of the trunk from its base outward; the list is empty without a trunk."""
     of_trunk = () if chain.trunk is None else chain.trunk.bodies
     return [
-        Body(link.spatial_inertia, unrotate(body.frame.R, body.twist), body.frame.R, body.frame.p)
+        MovingBody(link.spatial_inertia, unrotate(body.frame.R, body.twist), body.frame.R, body.frame.p)
         for link, body in zip(of_trunk, at.trunk, strict=True)
     ]
 
 
-def links(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Iterator[Body]:
+def links(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Iterator[MovingBody]:
     """Yield the links of one arm, base to tip."""
     at = forward_kinematics(arm, q)
     twists = link_twists(arm, at, qd, base_twist)
     for link, V, R, origin in zip(arm.links, twists, at.R, _origins(at), strict=True):
-        yield Body(link.spatial_inertia, V, R, origin)
+        yield MovingBody(link.spatial_inertia, V, R, origin)
 
 
-def held_body(held: HeldObject, frame: Pose, twist: Array) -> Body:
+def held_body(held: HeldObject, frame: Pose, twist: Array) -> MovingBody:
     """Return the object as a body; `twist` is that of C along world axes."""
-    return Body(held.spatial_inertia, unrotate(frame.R, twist), frame.R, frame.p)
+    return MovingBody(held.spatial_inertia, unrotate(frame.R, twist), frame.R, frame.p)
 
 
 @asked
@@ -349,7 +349,7 @@ KINETIC = declare(
     ),
     kinetic_energy,
 )
-POTENTIAL = declare(
+declare(
     Question(
         "potential_energy",
         lambda case: (total_potential_energy(case.chain, case.state),),
@@ -364,7 +364,7 @@ POTENTIAL = declare(
     ),
     potential_energy,
 )
-MOMENTUM = declare(
+declare(
     Question(
         "momentum",
         lambda case: (total_momentum(case.chain, case.state, case.inputs, case.own["about"]),),
@@ -381,7 +381,7 @@ def _centre(case: VariedCase) -> tuple[Array]:
     return (sums[1:] / sums[0],)
 
 
-CENTRE_OF_MASS = declare(
+declare(
     Question(
         "centre_of_mass",
         _centre,

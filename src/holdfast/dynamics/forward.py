@@ -14,7 +14,7 @@ from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.general import FreeDynamics
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.sequential import sequential
-from holdfast.dynamics.closed.tip_response import NO_INERTIA, Route
+from holdfast.dynamics.closed.tip_response import LEAST_INERTIA, Route
 from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.methods import Method, method_named
 from holdfast.dynamics.result import ForwardResult, Status
@@ -140,7 +140,7 @@ def _require_rigid(chain: ClosedChain, method: Method) -> None:
 
 def _require_inertia(what: str, pivots: Array) -> None:
     """Refuse an arm or a trunk whose mass matrix is singular because everything beyond a joint is massless."""
-    lacking = np.flatnonzero(~(pivots > NO_INERTIA * np.max(pivots, initial=0.0, where=np.isfinite(pivots))))
+    lacking = np.flatnonzero(~(pivots > LEAST_INERTIA * np.max(pivots, initial=0.0, where=np.isfinite(pivots))))
     if lacking.size:
         k = int(lacking[-1])  # the singular pivot nearest the tip makes those closer to the base singular too
         raise ModelError(

@@ -1,4 +1,4 @@
-"""Inverse dynamics of a closed chain: the torques for given accelerations and grasp forces."""
+"""Inverse dynamics of a closed chain: torques for given accelerations and grasp forces, if these are feasible."""
 
 from __future__ import annotations
 

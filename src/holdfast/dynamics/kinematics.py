@@ -1,4 +1,4 @@
-"""Kinematics and mass matrix of one arm, for users: the functions of `arm` with checked arguments."""
+"""Kinematics for users: functions of `arm` with checked arguments, and the object's state from the joints (2.8)."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ MASS_MATRIX = declare(
         shown=by_arm(lambda N: (N, N)),
     )
 )
-JACOBIAN = declare(
+declare(
     Question(
         "jacobian",
         _jacobians,
@@ -183,7 +183,7 @@ JACOBIAN = declare(
         shown=by_arm(lambda N: (6, N)),
     )
 )
-TIP_POSES = declare(
+declare(
     Question(
         "tip_poses",
         _tips,
@@ -196,7 +196,7 @@ TIP_POSES = declare(
         shown=by_arm(lambda N: (12,), _frames),
     )
 )
-LINK_POSES = declare(
+declare(
     Question(
         "link_poses",
         _links,

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.energy import (
-    Body,
+    MovingBody,
     bodies,
     total_kinetic_energy,
     total_mass_moment,
@@ -58,7 +58,7 @@ def momentum_rate(
     return checks.finite(rate_of(chain, result, given, list(bodies(chain, state)), point), "momentum rate")
 
 
-def rate_of(chain: ClosedChain, result: ForwardResult, given: Inputs, every: list[Body], point: Array) -> Array:
+def rate_of(chain: ClosedChain, result: ForwardResult, given: Inputs, every: list[MovingBody], point: Array) -> Array:
     """Return `momentum_rate` for given bodies; the inputs are shaped and include the wrenches of springs."""
     *links, held = every
     on_trunk = 0 if chain.trunk is None else len(chain.trunk.bodies)

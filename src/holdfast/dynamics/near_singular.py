@@ -1,9 +1,9 @@
-"""A measure of the distance of a chain and its arms from singular configurations, and the directions concerned.
+"""The distance of a chain and its arms from singular configurations, and the directions that are lost there.
 
-The measure is a relative singular value s, which is 1 far from singular configurations and goes to 0 in proportion to
-the distance from one. For an arm, s belongs to its weakest tip direction (`tip_directions`); for the chain, it is
-condition^-1/2. Forward dynamics stays regular if a single arm is singular. However, a motion of its tip along the lost
-direction needs joint rates that grow as 1/s, and torques that grow faster.
+It is measured by a relative singular value s, which is 1 far from singular configurations and goes to 0 in proportion
+to the distance from one. For an arm, s belongs to its weakest tip direction (`tip_directions`), described as a screw;
+for the chain, it is condition^-1/2. Forward dynamics stays regular if a single arm is singular. However, a motion of
+its tip along the lost direction needs joint rates that grow as 1/s, and torques that grow faster.
 """
 
 from __future__ import annotations
@@ -28,10 +28,13 @@ from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import State
 
 NEARING = 0.07  # s that runs towards a singularity pass 50 ms or more before joint rates and forces grow without bound
-NEAR = 0.03  # s that they pass about 20 ms before
+NEAR_SINGULAR = 0.03  # s that they pass about 20 ms before
 STRENGTH_LOST = 5.0  # largest change of s per radian of a joint, or per displacement relative to the reach
 LOST_BY_ARM = 1e-6  # s below which a direction is lost, at a configuration whose time is known to 1e-9 s
 CONFIGURATIONS_TRIED = 4  # number of configurations with which the generic rank of an arm is determined
+LOST_STRENGTH = 1e-9  # relative singular value below which a direction is lost
+NEARLY_LOST = 1e-3  # relative singular value below which a direction is reported
+PURE = 1e-6  # components of a unit screw below this count as zero
 
 
 def arm_strength(arm: Arm, at: Kinematics, grasp: Grasp, object_rotation: Array) -> float:
@@ -59,7 +62,7 @@ def generic_tip_rank(arm: Arm, grasp: Grasp) -> int:
 
 def _rank_somewhere(arm: Arm, grasp: Grasp, random: np.random.Generator) -> int:
     at = forward_kinematics(arm, random.uniform(-np.pi, np.pi, arm.joint_count))
-    return int((tip_directions(_rows(grasp, at.tip.R), jacobian(arm, at)).strengths > LOST).sum())
+    return int((tip_directions(_rows(grasp, at.tip.R), jacobian(arm, at)).strengths > LOST_STRENGTH).sum())
 
 
 def _rows(grasp: Grasp, R: Array) -> Array:
@@ -71,7 +74,7 @@ def chain_strength(condition: Array) -> Array:
     return 1.0 / np.sqrt(condition)
 
 
-def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR) -> list[str]:
+def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR_SINGULAR) -> list[str]:
     """Return descriptions of the directions with s <= limit, first those of the chain, then those of its arms."""
     motion = chain_at_rest(chain, state)
     condition = constraint_pivots(chain, state).condition
@@ -120,11 +123,6 @@ def _load(motion: ChainMotion, wrenches: Array, length: float) -> str:
     return pattern(motion, each / largest, length)
 
 
-LOST = 1e-9  # relative singular value below which a direction is lost
-NEARLY_LOST = 1e-3  # relative singular value below which a direction is reported
-PURE = 1e-6  # components of a unit screw below this count as zero
-
-
 @dataclass(frozen=True, eq=False)
 class LostDirection(Frozen):
     """A direction, among those that the grasp transmits, in which an arm cannot move its tip.
@@ -161,7 +159,7 @@ def lost_directions(name: str, c: Contact, J: Array, tip: Array) -> list[LostDir
         tip: (3,) tip point, world axes.
     """
     found = tip_directions(c.K, J)
-    lost = found.strengths <= LOST
+    lost = found.strengths <= LOST_STRENGTH
     directions = [(u, 0.0) for u in _moments_apart(found.screws[:, lost])]
     nearly = np.flatnonzero(~lost & (found.strengths <= NEARLY_LOST))
     directions += [(found.screws[:, k], float(found.strengths[k])) for k in reversed(nearly)]
@@ -229,7 +227,7 @@ def described(arm: str, found: TipDirections, K: Array, u: Array, tip: Array, st
         "rotation": "turn its tip about",
         "screw": f"follow the screw of pitch {pitch:.3g} m along",
     }[kind]
-    degree = "cannot" if strength <= LOST else f"can hardly (relative strength {strength:.1e})"
+    degree = "cannot" if strength <= LOST_STRENGTH else f"can hardly (relative strength {strength:.1e})"
     (ax, ay, az), (px, py, pz) = axis, point
     words = (
         f"arm '{arm}' {degree} {action} ({ax:+.3f}, {ay:+.3f}, {az:+.3f}) through"

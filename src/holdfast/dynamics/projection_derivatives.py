@@ -1,4 +1,11 @@
-"""Derivatives of the iterations of a projection, by one more solve with the existing factors."""
+"""Derivatives of the iterations of a projection onto the grasps, by one more solve with the existing factors.
+
+A projection is forward dynamics at rest, without torques, gravity or springs, with a gap in place of the bias
+acceleration at the grasps. Its derivatives follow from its virtual power in the same way (`closed.virtual_power`):
+    L = y_q.(M dq + J^T p) + y_a.(M_C dx - sum A^T p) + y_f.(gap + J dq + H^T s - A dx) + y_s.H p
+The gap, a function of the state, is a small displacement, or V+ - A V(C). L contains the free part s of the relative
+motion although nothing is transmitted there, because the free directions rotate with the object.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +21,12 @@ from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import Route
-from holdfast.dynamics.closed.virtual_power import ArmCase, Numbers, Unknowns
+from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns, Numbers
 from holdfast.dynamics.projection import Change, position_contact, small_displacement
-from holdfast.dynamics.trunk.trunk_derivatives import TRUNK_LINKS
-from holdfast.dynamics.trunk.trunk_power import CarriedBase, TrunkCase, TrunkUnknowns
+from holdfast.dynamics.trunk.trunk_power import MountedBase, TrunkCase, TrunkUnknowns
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import LINKS, TRUNK_LINKS
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each
 from holdfast.spatial.spatial_vector import shift_twist
@@ -28,9 +35,9 @@ from holdfast.state import Inputs, State
 OF_POSITIONS = ("q", "object_pose", "floating_pose")
 OF_VELOCITIES = ("qd", "object_twist", "floating_twist", "base_twist", "trunk_base_twist")
 OF_MODEL = ("grasp_pose", "base_pose", "object_mass", "object_com", "object_inertia", "armature")
-OF_LINKS = ("link_mass", "link_com", "link_inertia", *TRUNK_LINKS)
-OF_ROUND = (*OF_POSITIONS, *OF_MODEL, *OF_LINKS)
+OF_ROUND = (*OF_POSITIONS, *OF_MODEL, *LINKS, *TRUNK_LINKS)
 OF_PROJECTION = (*OF_ROUND, *OF_VELOCITIES)
+RATES = ("qd", "base_twist", "object_twist")  # only the gap depends on these
 
 
 def round_point(chain: ClosedChain, state: State, inputs: Inputs, held: Array | None, route: Route) -> Point:
@@ -96,9 +103,6 @@ def change_of(at: Point) -> Change:
     return Change(dqd, found.object_acceleration, None if found.trunk is None else found.trunk.base)
 
 
-RATES = ("qd", "base_twist", "object_twist")  # only the gap depends on these
-
-
 class RestCase(ArmCase):
     """An arm without dampers and springs, and its grasp."""
 
@@ -119,7 +123,7 @@ class VelocityCase(ArmCase):
         """False, because the arm is at rest and the gap of its grasp replaces the motion of the tip."""
         return False
 
-    def power(self, z: Unknowns, y: Unknowns, varied: Numbers) -> Scalar:
+    def power(self, z: ArmUnknowns, y: ArmUnknowns, varied: Numbers) -> Scalar:
         """Return the arm's and its grasp's part of L; see `ArmCase.power`."""
         given, none = self.given, np.zeros(6)
         holds = self.grasp is not None and self.grasp.of_kind.bushing is None
@@ -168,7 +172,7 @@ class RestTrunk(TrunkCase):
 
     __slots__ = ()
 
-    def outward(self, z: TrunkUnknowns, y: TrunkUnknowns, varied: Numbers) -> tuple[Scalar, list[CarriedBase]]:
+    def outward(self, z: TrunkUnknowns, y: TrunkUnknowns, varied: Numbers) -> tuple[Scalar, list[MountedBase]]:
         """Return the trunk's part of L, and the bases mounted on it; see `TrunkCase.outward`."""
         still = {"qd": np.zeros(len(self.q)), "base_twist": np.zeros(6)}
         power, carried = super().outward(z, y, {**varied, **still})

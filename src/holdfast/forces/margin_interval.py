@@ -1,8 +1,9 @@
-"""The range of the grasp margins for given torques, if the grasp forces are not unique.
+"""The range of the grasp margins for given torques, and the largest margin over all torques with the same motion.
 
-Forces without effect on the joints and the object can be added: f + N z with unknown z, which depends on how the parts
-were assembled. A margin is concave in z, so a margin that depends on z has no lower bound. Internal forces that load a
-joint are not included, because they need other torques (`largest_margin`).
+Grasp wrenches with the same effect on the object are f + N z, with internal wrenches N z, A^T N z = 0. Those that load
+no joint are not determined by the torques, but by how the parts were assembled. A margin is concave in z, so a margin
+that depends on such a z has no lower bound (`margin_range`). All others are balanced by torques tau + J^T N z, which
+change no acceleration: the best torques follow from a cone program in z (`largest_margin`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
+
+LOADING = 1e-9  # loads below this, for wrenches of size 1, are rounding
 
 
 class MarginRange(NamedTuple):
@@ -92,9 +95,6 @@ def affine_margins(motion: ChainMotion, grasp_wrench: Array, N: Array) -> list[l
             ]
         )
     return found
-
-
-LOADING = 1e-9  # loads below this, for wrenches of size 1, are rounding
 
 
 class LargestMargin(NamedTuple):

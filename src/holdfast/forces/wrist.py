@@ -16,7 +16,7 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.questions.arrays import Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
-from holdfast.questions.question import Part, Question
+from holdfast.questions.question import Question, ResultPart
 from holdfast.spatial.scalar import Array, array, each
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
@@ -103,7 +103,7 @@ WRISTS = declare(
         by=("q", "grasp_wrench"),
         depends_on=(),
         require=require_holding,
-        parts=lambda chain, _: [Part(slice(6 * row, 6 * row + 6), row) for row in range(len(chain.arms))],
+        parts=lambda chain, _: [ResultPart(slice(6 * row, 6 * row + 6), row) for row in range(len(chain.arms))],
     ),
     wrist_wrenches,
     own=lambda result: {"grasp_wrench": result.grasp_wrench},

@@ -108,13 +108,13 @@ class EndMotion(NamedTuple):
     R: Array
     omega: Array
 
-    def wrench(self, load: Load) -> Array:
+    def wrench(self, load: EndLoad) -> Array:
         """Return the wrench of a load on the body, (6,) about the body's origin."""
         moment = cross(self.lever, load.force)
         return concatenate([moment if load.moment is None else moment + load.moment, load.force])
 
 
-class Load(NamedTuple):
+class EndLoad(NamedTuple):
     """What a force element exerts at one of its ends, in world axes.
 
     Attributes:
@@ -129,7 +129,7 @@ class Load(NamedTuple):
 class Deformation(Protocol):
     """A force element at one instant: its law, in the vocabulary of `spatial.scalar`."""
 
-    def loads(self) -> tuple[Load, Load]:
+    def loads(self) -> tuple[EndLoad, EndLoad]:
         """Return what the element exerts on the bodies of its two ends."""
         ...
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from holdfast.model import checks
-from holdfast.model.force_element import EndMotion, ForceElement, Load
+from holdfast.model.force_element import EndLoad, EndMotion, ForceElement
 from holdfast.names import called
 from holdfast.spatial.converted import REQUIRED
 from holdfast.spatial.scalar import Array, Scalar, sqrt, where
@@ -67,11 +67,11 @@ class Elongation(NamedTuple):
     rate: Scalar
     direction: Array
 
-    def loads(self) -> tuple[Load, Load]:
+    def loads(self) -> tuple[EndLoad, EndLoad]:
         """Return the pull on both ends."""
         tension = self.spring.stiffness * (self.length - self.spring.length) + self.spring.damping * self.rate
         pull = tension * self.direction
-        return Load(pull), Load(-pull)
+        return EndLoad(pull), EndLoad(-pull)
 
     def energy(self) -> Scalar:
         """Return 1/2 k (s - L)^2 [J]."""

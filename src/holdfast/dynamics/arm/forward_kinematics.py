@@ -1,4 +1,10 @@
-"""Forward kinematics of one arm."""
+"""Kinematics of one arm: joint maps, poses and twists of its links, and the tip Jacobian.
+
+The joint map H(k) with H^T = [h; s] is the motion subspace of a joint with one degree of freedom. Its angular part h or
+linear part s is None where it is zero: revolute [h; 0], prismatic [0; s], screw [h; s]. With it,
+    V(k) = phi^T(k+1, k) V(k+1) + H^T(k) qd(k)                        (paper, Sec. 5)
+    V(0) = J qd,  J = B^T phi^T H^T                                  (5.1b)
+"""
 
 from __future__ import annotations
 

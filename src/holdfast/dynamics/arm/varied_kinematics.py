@@ -1,7 +1,8 @@
 """Forward kinematics of an arm whose joint positions or base carry derivatives.
 
 The derivatives are those of rotating bodies instead of those of matrix entries, which takes a fraction of the
-operations: a joint turns what lies beyond it about its axis, and moves the tip by h x reach.
+operations: a joint turns what lies beyond it about its axis h, and moves the tip by h x reach. Its rotation E obeys
+    d(E x) = E (dx + dq h x x),    d(E^T x) = E^T dx + dq (E^T x) x h
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The matrix Omega = J M^-1 J^T + A M(C)^-1 A^T (3.1) and its factorisation."""
+"""The matrix Omega = J M^-1 J^T + A M(C)^-1 A^T (3.1), its factorisation, and the arms' operators of Sec. 6."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.dynamics.arm.articulated import Filter, articulated_filter, smooth, tip_mobility, whiten
+from holdfast.dynamics.arm.articulated import ArmFilter, articulated_filter, smooth, tip_mobility, whiten
 from holdfast.dynamics.arm.bias import bias_torque
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.closed.chain_motion import ChainMotion
@@ -15,6 +15,10 @@ from holdfast.errors import MethodNotApplicable
 from holdfast.spatial.linalg import MaskedLDL, ldl, ldl_solve
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate, unrotate
+
+# Omega is the sum of the arms' and the object's mobility. If its scaled pivots are below this value, the smaller of the
+# two has lost so many digits in the sum that an accuracy of 1e-9 is not guaranteed.
+WEAKEST_PIVOT = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +32,7 @@ class FilteredArm:
     """
 
     motion: ArmMotion
-    filter: Filter
+    filter: ArmFilter
     T_free: Array
 
     def residual(self, T: Array | None, f: Array | None = None) -> Array:
@@ -63,11 +67,6 @@ def filtered_arms(motion: ChainMotion) -> list[FilteredArm]:
 def per_arm(stacked: Array) -> list[Array]:
     """Return the 6-vectors of a stack as a list."""
     return list(np.reshape(stacked, (-1, 6)))
-
-
-# Omega is the sum of the arms' and the object's mobility. If its scaled pivots are below this value, the smaller of the
-# two has lost so many digits in the sum that an accuracy of 1e-9 is not guaranteed.
-WEAKEST_PIVOT = 1e-5
 
 
 class Omega:

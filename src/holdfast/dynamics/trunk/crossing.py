@@ -19,19 +19,17 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
+from holdfast.dynamics.closed.filter_updates import rigid_update, row_updates, terminal_update
 from holdfast.dynamics.closed.measurement import Measurement, Update, of_beta, size_at_centre
 from holdfast.dynamics.closed.object_filter import sizes_of_rows
-from holdfast.dynamics.closed.row_updates import rigid_update, row_updates, terminal_update
+from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
 from holdfast.dynamics.trunk.trunk_motion import TrunkBody
-from holdfast.spatial.inertia import NO_INERTIA as NO_BODY
-from holdfast.spatial.inertia import RigidInertia
+from holdfast.spatial.inertia import NO_INERTIA, RigidInertia
 from holdfast.spatial.linalg import forward_substitution, ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, where
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import mirrored, symmetric6
 from holdfast.spatial.vector import outer
-
-NO_INERTIA = 1e-14  # inertias below this, relative to the largest about a joint of the trunk, are rounding
 
 
 class FinalUpdate(NamedTuple):
@@ -112,7 +110,7 @@ class FilterState(NamedTuple):
         return self._replace(P=mirrored(self.P + (W * array(D)) @ W.T), size=size)
 
 
-class Welded(NamedTuple):
+class LockedBody(NamedTuple):
     """A body of the trunk together with its arms, whose joints are locked, about its origin.
 
     Attributes:
@@ -123,13 +121,13 @@ class Welded(NamedTuple):
     inertia: RigidInertia
     wrench: Array
 
-    def plus(self, other: Welded) -> Welded:
+    def plus(self, other: LockedBody) -> LockedBody:
         """Return the sum of both."""
-        return Welded(self.inertia.plus(other.inertia), self.wrench + other.wrench)
+        return LockedBody(self.inertia.plus(other.inertia), self.wrench + other.wrench)
 
-    def moved(self, offset: Array) -> Welded:
+    def moved(self, offset: Array) -> LockedBody:
         """Return the quantities about another point of the body; `offset` leads from there to the present point [m]."""
-        return Welded(self.inertia.moved(np.eye(3), offset), shift_wrench(offset, self.wrench))
+        return LockedBody(self.inertia.moved(np.eye(3), offset), shift_wrench(offset, self.wrench))
 
 
 class CarriedTerms(NamedTuple):
@@ -170,7 +168,7 @@ def nothing_carried(columns: int) -> CarriedTerms:
     return CarriedTerms(np.zeros(columns), np.zeros((columns, columns)))
 
 
-def joint_crossed(body: TrunkBody, welded: Welded, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
+def joint_crossed(body: TrunkBody, welded: LockedBody, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
     """Return the result of crossing one joint; see the equations of the module."""
     assert body.H is not None and body.joint is not None
     H, x, X = body.H, filter_state.x[:, 0], filter_state.x[:, 1:]
@@ -193,7 +191,7 @@ def joint_crossed(body: TrunkBody, welded: Welded, filter_state: FilterState, ca
 
 
 def joints_crossed(
-    bodies: Sequence[TrunkBody], welded: Sequence[Welded], filter_state: FilterState, carried: CarriedTerms
+    bodies: Sequence[TrunkBody], welded: Sequence[LockedBody], filter_state: FilterState, carried: CarriedTerms
 ) -> Crossing:
     """Return the result of crossing all joints together, if the columns are their accelerations.
 
@@ -209,19 +207,19 @@ def joints_crossed(
         qdd = found.accelerated(beta, s)[0][::-1]
         first = qdd[0]
         for pivot in found.pivots:
-            first = where(pivot > NO_INERTIA * largest, first, float("nan"))
+            first = where(pivot > LEAST_INERTIA * largest, first, float("nan"))
         qdd = concatenate([[first], qdd[1:]])
         return qdd, qdd
 
     return found._replace(accelerated=accelerated, pivots=found.pivots[::-1])
 
 
-def joint_equations(bodies: Sequence[TrunkBody], welded: Sequence[Welded]) -> tuple[Array, Array]:
+def joint_equations(bodies: Sequence[TrunkBody], welded: Sequence[LockedBody]) -> tuple[Array, Array]:
     """Return the mass matrix (n_t, n_t) and the torques minus bias torques (n_t,) of the trunk's joints. O(n_t^2)."""
     n = len(bodies)
     M: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
     T: list[Scalar] = [0.0] * n
-    carried = Welded(NO_BODY, np.zeros(6))
+    carried = LockedBody(NO_INERTIA, np.zeros(6))
     for k in reversed(range(n)):
         body, carried = bodies[k], carried.plus(welded[k])
         assert body.H is not None and body.joint is not None
@@ -235,7 +233,7 @@ def joint_equations(bodies: Sequence[TrunkBody], welded: Sequence[Welded]) -> tu
     return array(M), array(T)
 
 
-def set_free(welded: Welded, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
+def set_free(welded: LockedBody, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
     """Return the result of crossing a floating base."""
     D = welded.inertia.symmetric().dense() + carried.inertia
     return _released(filter_state, D, -(welded.wrench + carried.load))

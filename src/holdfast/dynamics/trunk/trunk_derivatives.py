@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from holdfast.dynamics.closed.second_solve import Load, Point
-from holdfast.dynamics.closed.virtual_power import Unknowns
-from holdfast.dynamics.trunk.trunk_power import MOTION, CarriedBase, TrunkCase, TrunkUnknowns
+from holdfast.dynamics.closed.virtual_power import ArmUnknowns
+from holdfast.dynamics.trunk.trunk_power import MOTION, MountedBase, TrunkCase, TrunkUnknowns
 from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import TRUNK
 from holdfast.questions.arrays import BASE_RESULT, FLOATING_RESULT, LINKS, OF_JOINTS, TRUNK_LINKS
@@ -16,7 +16,7 @@ from holdfast.spatial.pose_tangents import by_motion, by_motions, rates_of
 from holdfast.spatial.scalar import Array, concatenate, each_of
 
 # Arguments of the trunk only, and their names in its equations.
-OF_TRUNK = {
+TRUNK_TO_ARM_NAMES = {
     **dict(zip(TRUNK_LINKS, LINKS, strict=True)),
     "trunk_link_wrench": "wrenches",
     "trunk_base_twist": "base_twist",
@@ -24,7 +24,7 @@ OF_TRUNK = {
     "floating_twist": "base_twist",
 }
 # The rates of the trunk's dL/dy for rates of the arguments and of the dL/dy of its arms.
-TrunkRates = Callable[[Mapping[str, Array], Mapping[str, Unknowns]], TrunkUnknowns]
+TrunkRates = Callable[[Mapping[str, Array], Mapping[str, ArmUnknowns]], TrunkUnknowns]
 
 
 def trunk_load(at: Point, cotangents: Mapping[str, Array]) -> TrunkLoad:
@@ -37,11 +37,11 @@ def trunk_load(at: Point, cotangents: Mapping[str, Array]) -> TrunkLoad:
 
 
 def trunk_gradient(
-    case: TrunkCase, z: TrunkUnknowns, y: TrunkUnknowns, of_bases: Sequence[CarriedBase], by: Sequence[str]
+    case: TrunkCase, z: TrunkUnknowns, y: TrunkUnknowns, of_bases: Sequence[MountedBase], by: Sequence[str]
 ) -> dict[str, Array]:
     """Return the trunk's part of gradients by some arguments; "base_pose" has one row per arm mounted on the trunk."""
     names = [name for name in OF_JOINTS if name in by]
-    names += [OF_TRUNK[name] for name in OF_TRUNK if name in by]
+    names += [TRUNK_TO_ARM_NAMES[name] for name in TRUNK_TO_ARM_NAMES if name in by]
     names += ["base_acceleration"] if "gravity" in by else []
     names += ["place_R", "place_p"] if "base_pose" in by else []
     names += ["base_R", "base_p"] if "floating_pose" in by else []
@@ -49,7 +49,7 @@ def trunk_gradient(
     found = case.gradient(z, y, of_bases, names) if names else {}
     numbers = case.numbers(names)
     parts = {name: found[name] for name in OF_JOINTS if name in by}
-    parts |= {name: found[own] for name, own in OF_TRUNK.items() if name in by}
+    parts |= {name: found[own] for name, own in TRUNK_TO_ARM_NAMES.items() if name in by}
     if "gravity" in by:
         parts["gravity"] = -found["base_acceleration"][3:]
     if "floating_pose" in by:
@@ -65,7 +65,7 @@ def trunk_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
     assert case is not None
     part = chain.joints[TRUNK]
     found = {name: tangents[name][part] for name in OF_JOINTS if name in tangents}
-    found |= {own: tangents[name] for name, own in OF_TRUNK.items() if name in tangents}
+    found |= {own: tangents[name] for name, own in TRUNK_TO_ARM_NAMES.items() if name in tangents}
     if "gravity" in tangents:
         pseudo = concatenate([np.zeros(3), tangents["gravity"]])
         found["base_acceleration"] = found.get("base_acceleration", np.zeros(6)) - pseudo
@@ -83,7 +83,7 @@ def trunk_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
 
 def multipliers_through_trunk(
     at: Point, loads: Mapping[str, Load], alpha_bar: Array, load: TrunkLoad
-) -> tuple[dict[str, Unknowns], Array, TrunkUnknowns]:
+) -> tuple[dict[str, ArmUnknowns], Array, TrunkUnknowns]:
     """Return y by arm including the virtual twists of all bases, y_a, and the trunk's part of y."""
     case = at.motion.trunk_case
     assert case is not None and at.trunk is not None
@@ -97,8 +97,8 @@ def multipliers_through_trunk(
 
 def gradient_through_trunk(
     at: Point,
-    z: Mapping[str, Unknowns],
-    y: Mapping[str, Unknowns],
+    z: Mapping[str, ArmUnknowns],
+    y: Mapping[str, ArmUnknowns],
     of_trunk: TrunkUnknowns,
     of_arms: Mapping[str, dict[str, Array]],
     by: Sequence[str],
@@ -114,7 +114,7 @@ def gradient_through_trunk(
     for name, wrench in zip(case.mounts, base_wrenches(at, z, y), strict=True):
         g = of_arms[name]
         R, p, twist, acceleration = (g[part] for part in MOTION)
-        of_bases.append(CarriedBase(R, p, twist, acceleration, -wrench))
+        of_bases.append(MountedBase(R, p, twist, acceleration, -wrench))
         g |= {"base_twist": np.zeros(6), "base_acceleration": np.zeros(6)}
     below = trunk_gradient(case, at.trunk, of_trunk, of_bases, by)
     if "base_pose" in by:
@@ -132,17 +132,17 @@ def trunk_residual_rates_along(at: Point, still: Mapping[str, Array]) -> TrunkRa
     """
     case = at.motion.trunk_case
     assert case is not None and at.trunk is not None
-    none = {name: Unknowns(*(np.zeros(len(part)) for part in at.unknowns[name])) for name in case.mounts}
+    none = {name: ArmUnknowns(*(np.zeros(len(part)) for part in at.unknowns[name])) for name in case.mounts}
     linear = case.residual(at.trunk, base_wrenches(at, at.unknowns, none), list(trunk_rates(at, still)))
 
-    def rates(tangents: Mapping[str, Array], of_arms: Mapping[str, Unknowns]) -> TrunkUnknowns:
+    def rates(tangents: Mapping[str, Array], of_arms: Mapping[str, ArmUnknowns]) -> TrunkUnknowns:
         changed = [of_arms[name].base for name in case.mounts]
         return TrunkUnknowns(*linear.rates(*changed, *trunk_rates(at, tangents).values()))
 
     return rates
 
 
-def base_wrenches(at: Point, z: Mapping[str, Unknowns], y: Mapping[str, Unknowns]) -> list[Array]:
+def base_wrenches(at: Point, z: Mapping[str, ArmUnknowns], y: Mapping[str, ArmUnknowns]) -> list[Array]:
     """Return the wrench of the trunk on each arm mounted on it, (6,) about the arm's base origin, for any z and y."""
     assert at.motion.trunk_case is not None
     found = each_of(at.motion.trunk_case.mounts, lambda case, z, y: case.base_wrench(z, y), at.cases, z, y)

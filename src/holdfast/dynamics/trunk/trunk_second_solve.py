@@ -17,7 +17,7 @@ from holdfast.dynamics.closed.chain_solution import base_wrench
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.second_solve import Load, Point, arm_solution, loaded_response, right_hand_side
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.dynamics.closed.virtual_power import Unknowns
+from holdfast.dynamics.closed.virtual_power import ArmUnknowns
 from holdfast.dynamics.trunk.trunk_filter import trunk_filter
 from holdfast.dynamics.trunk.trunk_motion import TrunkMotion
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
@@ -49,7 +49,7 @@ class SecondSolution(NamedTuple):
         base_wrench: (6,) wrench of the base on the trunk.
     """
 
-    arms: dict[str, Unknowns]
+    arms: dict[str, ArmUnknowns]
     object_acceleration: Array
     trunk: TrunkUnknowns
     base_wrench: Array
@@ -95,7 +95,7 @@ def second_solve_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Arr
         [betas[name] for name in chain.grasps],
     )
     others = each_of(lone, lambda tip, beta: tip.back_substitute(none, beta), alone, betas)
-    solved = {name: Unknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in others.items()}
+    solved = {name: ArmUnknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in others.items()}
     solved |= dict(zip(chain.grasps, holds, strict=True))
     of_base = base_wrench(trunk, found.betas, {name: solved[name].base for name in trunk.mounts})
     moved = load.base if found.trunk.base is None else found.trunk.base

@@ -22,7 +22,7 @@ from holdfast.control.traced_law import law_outputs
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
-from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
+from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Gap, after_step, largest_gaps
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, state_fields
@@ -249,7 +249,7 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps:
     fault = where(system.worst[0] <= WORST_CONDITION, fault, float(SINGULAR))
     fault = where(system.worst[1] < FIRST_BAD, fault, float(SINGULAR))
     fault = where(passed < 0.5, fault, float(SINGULAR))
-    fault = where(drift.position <= FARTHEST, fault, float(OPEN))
+    fault = where(drift.position <= WIDEST_GAP, fault, float(OPEN))
     left = where(given["held"][()] > 0.5, 0.0, gaps.position)  # without projection the gaps do not matter
     fault = where(left <= LEFT_OPEN, fault, float(OPEN))
     fault = where(total < float("inf"), fault, float(BROKEN))

@@ -1,4 +1,8 @@
-"""The update of the object's filter by the rows of an arm, which are made independent and included one by one."""
+"""The updates of the object's filter by one arm: a parallel sum of two mobilities for a rigid grasp, else row by row.
+
+With a rigid grasp, the mobility about G becomes its parallel sum with the mobility of the arm. With other grasps, the
+rows of the arm are made independent of each other first, and then included one after the other.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,10 @@ from holdfast.spatial.linalg import RANK_TOLERANCE, back_substitution, halfway, 
 from holdfast.spatial.scalar import Array, Scalar, array, minimum, select, where
 from holdfast.spatial.symmetric import mirrored
 from holdfast.spatial.vector import outer
+
+# A pivot of K Lambda K^T that is smaller than this, relative to its scale, is rounding: the arm cannot move there.
+NEGLIGIBLE_PIVOT = 1e-15
+EQUAL_PIVOTS = 1e-12  # scaled pivots that differ by less count as equal
 
 
 def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array, Array, Update]:
@@ -88,11 +96,6 @@ def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -
         return x + P @ nu + m.R @ z, nu - z
 
     return TerminalUpdate(solution, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest, on_trunk, solve_rhs)
-
-
-# A pivot of K Lambda K^T that is smaller than this, relative to its scale, is rounding: the arm cannot move there.
-ROUNDING = 1e-15
-SAME = 1e-12  # scaled pivots that differ by less count as equal
 
 
 def row_updates(
@@ -196,14 +199,14 @@ def independent_rows(
         for i in range(j + 1, count):
             order = exchange(count, i, j)
             # by more than rounding, so that rows that are equally immobile keep their order
-            larger = R[i, i] * rows[i, inverse_size] > R[j, j] * rows[j, inverse_size] + SAME
+            larger = R[i, i] * rows[i, inverse_size] > R[j, j] * rows[j, inverse_size] + EQUAL_PIVOTS
             R = select(larger, R[np.ix_(order, order)], R)
             rows = select(larger, rows[order], rows)
             exchanges.append((i, where(larger, 1.0, 0.0)))
         if j >= m.most:  # the remainder of R is only rounding
             steps.append((j, exchanges, None))
             return d + [0.0] * (count - j), rows, made_independent
-        alive = R[j, j] * rows[j, inverse_size] > ROUNDING
+        alive = R[j, j] * rows[j, inverse_size] > NEGLIGIBLE_PIVOT
         d.append(where(alive, R[j, j], 0.0))
         below: Array = R[j + 1 :, j] * where(alive, 1.0 / where(alive, R[j, j], 1.0), 0.0)
         rest = R[j + 1 :, j + 1 :] - outer(below, R[j, j + 1 :])
