@@ -15,7 +15,7 @@ from holdfast.dynamics.methods import METHODS
 from tests.acceptance.comparison import relative
 from tests.compiled.problems import answer
 from tests.compiler.conftest import no_cache  # noqa: F401
-from tests.dynamics.test_right_angles import excess
+from tests.dynamics.test_half_turn import excess
 from tests.systems.as_chain import Problem
 from tests.systems.right_angle_systems import right_angle_system
 

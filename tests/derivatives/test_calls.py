@@ -14,10 +14,21 @@ from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, forces, numbers, one
 from tests.compiler.programs import same_bits
-from tests.derivatives.blocks import NAMES, Reference, as_direction, compiled, given, names_for, shapes, size_of
+from tests.derivatives.blocks import (
+    NAMES,
+    Reference,
+    as_direction,
+    compiled,
+    given,
+    names_for,
+    random_cotangents,
+    random_directions,
+    shapes,
+    size_of,
+    state_of,
+)
 from tests.derivatives.chains import random_chain
 from tests.derivatives.functions import problem
-from tests.derivatives.products import random_cotangents, random_directions, state_of
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS
 from tests.systems import random_system, two_collinear_stretched_6r

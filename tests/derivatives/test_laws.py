@@ -9,6 +9,7 @@ import holdfast as hf
 from holdfast.dynamics import object_mobility
 from tests.derivatives.blocks import (
     NAMES,
+    ROUNDING,
     as_direction,
     by_jacobian,
     by_jvp,
@@ -16,10 +17,11 @@ from tests.derivatives.blocks import (
     compiled,
     given,
     names_for,
+    random_cotangents,
+    random_directions,
     size_of,
 )
 from tests.derivatives.chains import TRUNKS, random_chain
-from tests.derivatives.products import ROUNDING, random_cotangents, random_directions
 from tests.derivatives.stored import gaps
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS

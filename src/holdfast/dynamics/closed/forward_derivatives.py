@@ -32,14 +32,7 @@ from holdfast.dynamics.trunk.trunk_derivatives import (
 from holdfast.dynamics.trunk.trunk_power import MOTION, TrunkUnknowns
 from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.questions.arrays import (
-    BASE_RESULT,
-    BODY_POSES,
-    FLOATING_RESULT,
-    OF_JOINTS,
-    OF_LINKS,
-    OF_OBJECT,
-)
+from holdfast.questions.arrays import BASE_RESULT, BODY_POSES, FLOATING_RESULT, OF_JOINTS, OF_LINKS, OF_OBJECT
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose_tangents import by_motion, rates_of
 from holdfast.spatial.scalar import Array, array, concatenate, each_of, scan

@@ -16,12 +16,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmMotion, driven
 from holdfast.dynamics.closed.contact import Contact
-from holdfast.dynamics.closed.forward_derivatives import (
-    arm_rates,
-    forward,
-    forward_along,
-    numbers_of,
-)
+from holdfast.dynamics.closed.forward_derivatives import arm_rates, forward, forward_along, numbers_of
 from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.closed.self_response import JOINT_ARGUMENTS, SelfResponse, joint_responses, self_response
 from holdfast.dynamics.closed.tip_response import RECURSION_PAYS_FROM, TipResponse
