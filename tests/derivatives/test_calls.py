@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -31,7 +29,7 @@ from tests.derivatives.chains import random_chain
 from tests.derivatives.functions import problem
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS
-from tests.systems import random_system, two_collinear_stretched_6r
+from tests.systems import two_collinear_stretched_6r
 from tests.systems.as_chain import Problem, as_chain
 from tests.systems.problems import relative_gap
 
@@ -334,22 +332,10 @@ def test_a_floating_base_is_an_input():
         assert same_bits(many[name][2], found[name])
 
 
-def sprung() -> Problem:
-    """Return a chain with springs from the world to the object, and from one arm to the other and to the object."""
-    p = as_chain(random_system(3, arms=3, joints=[7, 6, 5], grasps=["rigid", "hinge", "ball"], moving_base=True))
-    first, second, *_ = p.chain.arms
-    springs = [
-        hf.Spring(("world", np.zeros(3)), ("object", np.ones(3)), stiffness=10.0, length=0.1, damping=2.0),
-        hf.Spring((first, 1, (0.1, 0.0, 0.0)), (second, 0, (0.0, 0.1, 0.0)), stiffness=30.0, length=0.2, damping=1.0),
-        hf.Spring((first, 0, (0.0, 0.0, 0.1)), ("object", np.zeros(3)), stiffness=20.0, length=0.3),
-    ]
-    return replace(p, chain=replace(p.chain, springs=springs))
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", mostly_long(["springs", "trunk", "floating"], ("springs",)))
-def test_machine_code_of_springs_between_bodies(kind):
-    """It is the reference's, on every kind of body and by all arguments."""
+@pytest.mark.parametrize("kind", mostly_long(["springs", "bushing", "trunk", "floating"], ("springs", "bushing")))
+def test_machine_code_of_force_elements(kind):
+    """Springs on every kind of body, and bushings: products and the matrix are the reference's, by all arguments."""
     p, random = problem(kind), np.random.default_rng(2)
     fast, by, few = compiled(p), names_for(p), ("q", "object_pose", "tau")
     cotangents, along = random_cotangents(p, random), random_directions(p, random, by)
@@ -383,28 +369,3 @@ def test_bits_of_springs_between_bodies():
     whole = at(slice(None))
     for x, tail, threaded, single in zip(whole, at(slice(0, 5)), at(slice(None), 2), at(7), strict=True):
         assert same_bits(x, threaded) and same_bits(x[:5], tail) and same_bits(x[7], single)
-
-
-def test_springs_between_bodies():
-    """The reference knows their wrenches' part, as differences do."""
-    p = sprung()
-    rng, h = np.random.default_rng(0), 1e-5
-    for by in ("q", "qd", "object_twist"):
-        d = rng.normal(size=np.shape(getattr(p.state, by)))
-
-        def slopes(by: str = by, d: np.ndarray = d) -> dict[str, np.ndarray]:
-            at = [replace(p.state, **{by: getattr(p.state, by) + k * h * d}) for k in (1, -1, 2, -2)]
-            a, b, c, e = (hf.forward_dynamics(p.chain, s, p.tau, inputs=p.inputs, check=False) for s in at)
-            return {
-                o: (8 * (getattr(a, o) - getattr(b, o)) - getattr(c, o) + getattr(e, o)) / (12 * h) for o in OUTPUTS
-            }
-
-        expected = slopes()
-        pushed = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, inputs=p.inputs, along={by: d}, check=False)
-        cotangents = {o: rng.normal(size=x.shape) for o, x in expected.items()}
-        pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, by=[by], check=False, **cotangents)
-        for o, x in expected.items():
-            assert np.allclose(pushed[o], x, rtol=1e-7, atol=1e-7 * (1.0 + np.abs(x).max(initial=0.0))), (by, o)
-        assert np.sum(pulled[by] * d) == pytest.approx(
-            sum(np.sum(cotangents[o] * pushed[o]) for o in OUTPUTS), rel=1e-11
-        )

@@ -12,7 +12,7 @@ from holdfast.dynamics import link_poses, potential_energy, power
 from holdfast.model.force_element import EndLoad, EndMotion, ForceElement
 from holdfast.spatial.converted import REQUIRED
 from holdfast.spatial.scalar import array
-from tests.derivatives.test_bushings import BY, moved
+from tests.derivatives.test_bushings import assert_derivatives_are_differences
 from tests.dynamics.problems import later
 from tests.oracles.differenced_positions import exact, rotation_about
 from tests.simulation.runs import limp
@@ -59,13 +59,15 @@ class MagnetAt(NamedTuple):
         return self.magnet.damping * (self.omega @ self.omega)
 
 
-def magnetic(damping: float = 0.7) -> Problem:
+def magnetic(*, moving_base: bool = False) -> Problem:
     """Return two arms with magnets between all sorts of bodies."""
-    p = random_problem(3, joints=(6, 7), grasps=("rigid", "ball"), moving_base=False, extras=False, joint_speed=0.5)
+    p = random_problem(
+        3, joints=(6, 7), grasps=("rigid", "ball"), moving_base=moving_base, extras=False, joint_speed=0.5
+    )
     first, second = p.chain.arms
     magnets = [
-        Magnet(("world", [0.2, 0.1, 0.0]), ("object", [0.0, 0.1, 0.1]), 2.0, 4.0, damping),
-        Magnet(("object", [0.1, 0.0, 0.0]), (second, 2, [0.0, 0.2, 0.1]), 1.0, 3.0, damping),
+        Magnet(("world", [0.2, 0.1, 0.0]), ("object", [0.0, 0.1, 0.1]), 2.0, 4.0, 0.7),
+        Magnet(("object", [0.1, 0.0, 0.0]), (second, 2, [0.0, 0.2, 0.1]), 1.0, 3.0, 0.7),
         Magnet((first, 1, [0.1, 0.1, 0.0]), (second, 4, [0.0, 0.0, 0.3]), 3.0, 5.0),
         hf.Spring((first, 3, [0.0, 0.1, 0.0]), ("world", [0.0, 0.0, 1.0]), 20.0, 0.3, 1.0),
     ]
@@ -144,19 +146,8 @@ def test_balance_of_a_run():
 
 
 def test_derivatives():
-    """Rates are differences of forward dynamics at five points; gradients are their transposes."""
-    p, rng, h = magnetic(), np.random.default_rng(0), 1e-3
-    for by in BY:
-        d = rng.normal(size=np.shape(getattr(p.state, by)) if by != "object_pose" else 6)
-        at = {
-            k: hf.forward_dynamics(p.chain, moved(p.state, by, k * h * d), p.tau, check=False).qdd
-            for k in (-2, -1, 1, 2)
-        }
-        rate = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, along={by: d}, check=False)["qdd"]
-        assert relative_gap(rate, (8.0 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12.0 * h)) < 1e-7, by
-        w = rng.normal(size=rate.shape)
-        gradient = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, by=(by,), qdd=w, check=False)[by]
-        assert gradient @ d == pytest.approx(w @ rate, rel=1e-10)
+    """They are differences of forward dynamics, and transposes of each other; so are those of springs."""
+    assert_derivatives_are_differences(magnetic(moving_base=True), 1e-7)
 
 
 def test_machine_code():

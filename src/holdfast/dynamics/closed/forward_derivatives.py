@@ -22,15 +22,16 @@ from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns
 from holdfast.dynamics.trunk.trunk_derivatives import (
     TRUNK_TO_ARM_NAMES,
+    TrunkLoad,
     TrunkRates,
     gradient_through_trunk,
     multipliers_through_trunk,
+    second_solve_through_trunk,
     trunk_load,
     trunk_rates,
     trunk_residual_rates_along,
 )
 from holdfast.dynamics.trunk.trunk_power import MOTION, TrunkUnknowns
-from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import BASE_RESULT, BODY_POSES, FLOATING_RESULT, OF_JOINTS, OF_LINKS, OF_OBJECT
 from holdfast.spatial.linear import Linear

@@ -1,7 +1,7 @@
 """Linearisation of a time step, by running the code of the step on numbers that carry derivatives.
 
 Forward dynamics and each iteration of the projection are differentiated by one additional solve
-(`dynamics.point_rule`). All other operations, including those of the law, are differentiated one by one. Both
+(`dynamics.derivatives.PointRule`). All other operations, those of the law included, are differentiated one by one. Both
 iterations of the projection are differentiated as they are computed, because the derivative of the converged projection
 would differ by the order of the step's drift.
 """
@@ -20,7 +20,7 @@ from holdfast.compiled.traced_chain import Given, framed
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.force_elements import with_force_elements, without_force_elements
 from holdfast.dynamics.closed.second_solve import Point, point
-from holdfast.dynamics.point_rule import PointRule, by_pose, motion_of
+from holdfast.dynamics.derivatives import PointRule, by_pose, motion_of
 from holdfast.dynamics.projection import STEP_ROUNDS, Change, displaced_by, quickened, turned_and_shifted
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION, OF_ROUND, change_of, impulse_point, round_point
 from holdfast.forces.margins import limited_margins
