@@ -6,9 +6,11 @@ Outputs and directions are flat, in the order of `tests.oracles.chain_derivative
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
+import pytest
 
 import holdfast as hf
 from holdfast import State
@@ -236,3 +238,25 @@ def flat_direction(p: Problem, by: str, direction: np.ndarray) -> np.ndarray:
         entries = np.reshape(direction, (-1, 3, 3))
         return np.array([x[i, j] for x in entries for i, j in SYMMETRIC])
     return np.ravel(direction)
+
+
+def assert_compiled_is_reference(
+    p: Problem, by: Sequence[str], few: Sequence[str], seed: int, floor: float = 0.0
+) -> Any:
+    """Compare gradients, directions and the matrix of machine code with the reference's; return the gradients."""
+    random, fast, options, of = np.random.default_rng(seed), compiled(p), {"inputs": p.inputs}, ("qdd", "grasp_wrench")
+    cotangents, along = random_cotangents(p, random), random_directions(p, random, by)
+    pulled = fast.forward_dynamics_vjp(**given(p), **cotangents, by=by)
+    pushed = fast.forward_dynamics_jvp(**given(p), along=along)
+    matrix = fast.forward_dynamics_jacobian(**given(p), of=of, by=few)
+    for found, expected, names in (
+        (pulled, hf.forward_dynamics_vjp(p.chain, p.state, p.tau, **cotangents, by=by, **options), by),
+        (pushed, hf.forward_dynamics_jvp(p.chain, p.state, p.tau, along=along, **options), cotangents),
+        (matrix, hf.forward_dynamics_jacobian(p.chain, p.state, p.tau, of=of, by=few, **options), product(of, few)),
+    ):
+        for name in names:
+            assert relative_gap(found[name], expected[name], floor=floor) < 1e-11, name
+    parts = [float(np.sum(pulled[name] * x)) for name, x in along.items()]
+    other = sum(float(np.sum(cotangent * pushed[name])) for name, cotangent in cotangents.items())
+    assert sum(parts) == pytest.approx(other, abs=1e-13 * np.abs(parts).sum())
+    return pulled

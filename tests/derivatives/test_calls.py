@@ -16,6 +16,7 @@ from tests.derivatives.blocks import (
     NAMES,
     Reference,
     as_direction,
+    assert_compiled_is_reference,
     compiled,
     given,
     names_for,
@@ -137,24 +138,18 @@ def test_singular_and_invalid_systems():
     clean["q"][singular] += random.uniform(-0.5, 0.5, (singular.sum(), 12))
     many["tau"][invalid, 0] = np.nan
     by, cotangents = ("q", "tau", "object_pose", "object_mass"), {"qdd": random.normal(size=(count, 12))}
-    found, good = (fast.forward_dynamics_vjp(**x, **cotangents, by=by) for x in (many, clean))
-    bad, statuses = (
-        singular | invalid,
-        np.where(singular, Status.SINGULAR, np.where(invalid, Status.INVALID, Status.OK)),
-    )
-    assert found.result.status.tolist() == statuses.tolist()
-    for name in by:
-        x, y = getattr(found, name), getattr(good, name)
-        assert np.isnan(x[bad]).all() and same_bits(x[~bad], y[~bad]), name
     along = {"q": random.normal(size=(count, 12)), "object_mass": random.normal(size=count)}
-    pushed, good = (fast.forward_dynamics_jvp(**x, along=along) for x in (many, clean))
-    for of in OUTPUTS:
-        x = getattr(pushed, of)
-        assert np.isnan(x[bad]).all() and same_bits(x[~bad], getattr(good, of)[~bad]), of
-    matrix, good = (fast.forward_dynamics_jacobian(**x, of=("qdd",), by=by) for x in (many, clean))
-    for name in by:
-        x, y = matrix["qdd", name], good["qdd", name]
-        assert np.isnan(x[bad]).all() and same_bits(x[~bad], y[~bad]), name
+    bad = singular | invalid
+    statuses = np.where(singular, Status.SINGULAR, np.where(invalid, Status.INVALID, Status.OK))
+    for solve, asked, names in (
+        (fast.forward_dynamics_vjp, {**cotangents, "by": by}, by),
+        (fast.forward_dynamics_jvp, {"along": along}, OUTPUTS),
+        (fast.forward_dynamics_jacobian, {"of": ("qdd",), "by": by}, [("qdd", name) for name in by]),
+    ):
+        found, good = (solve(**x, **asked) for x in (many, clean))
+        assert found.result.status.tolist() == statuses.tolist()
+        for name in names:
+            assert np.isnan(found[name][bad]).all() and same_bits(found[name][~bad], good[name][~bad]), name
     with pytest.raises(hf.SingularChainError):
         fast.forward_dynamics_vjp(**one(many, 0), qdd=cotangents["qdd"][0], by=by)
     with pytest.raises(hf.StateError, match="tau: expected finite numbers"):
@@ -232,18 +227,17 @@ def test_out_by_the_builtin(monkeypatch):
     cotangents["by"] = ("tau",)
     out = fast.forward_dynamics_vjp(**state, **cotangents)
     fast.forward_dynamics_vjp(**state, **cotangents, out=out)
-    turned = cotangents | {"grasp_wrench": cotangents["grasp_wrench"].reshape(6, -1)}  # as many numbers
-    with pytest.raises(hf.StateError, match="grasp_wrench: expected shape"):
-        fast.forward_dynamics_vjp(**state, **turned, out=out)
-    with pytest.raises(hf.StateError, match="tau: expected shape"):
-        fast.forward_dynamics_vjp(**state | {"tau": state["tau"][:-1]}, **cotangents, out=out)
-    with pytest.raises(hf.StateError, match="threads"):
-        fast.forward_dynamics_vjp(**state, **cotangents, out=out, threads=True)
-    with pytest.raises(hf.StateError, match="memory of its own"):
-        fast.forward_dynamics_vjp(**state | {"tau": out.tau}, **cotangents, out=out)
-    with pytest.raises(
-        hf.StateError, match=r"forward_dynamics\.jacobian: expected some of"
-    ):  # a text is no list of one name
+    turned = {"grasp_wrench": cotangents["grasp_wrench"].reshape(6, -1)}  # as many numbers
+    for wrong, message in (
+        (turned, "grasp_wrench: expected shape"),
+        ({"tau": state["tau"][:-1]}, "tau: expected shape"),
+        ({"threads": True}, "threads"),
+        ({"tau": out.tau}, "memory of its own"),
+    ):
+        with pytest.raises(hf.StateError, match=message):
+            fast.forward_dynamics_vjp(**state | cotangents | wrong, out=out)
+    message = r"forward_dynamics\.jacobian: expected some of"  # a text is no list of one name
+    with pytest.raises(hf.StateError, match=message):
         fast.forward_dynamics_jacobian(**state, of=["qdd"], by="tau")
 
 
@@ -336,23 +330,8 @@ def test_a_floating_base_is_an_input():
 @pytest.mark.parametrize("kind", mostly_long(["springs", "bushing", "trunk", "floating"], ("springs", "bushing")))
 def test_machine_code_of_force_elements(kind):
     """Springs on every kind of body, and bushings: products and the matrix are the reference's, by all arguments."""
-    p, random = problem(kind), np.random.default_rng(2)
-    fast, by, few = compiled(p), names_for(p), ("q", "object_pose", "tau")
-    cotangents, along = random_cotangents(p, random), random_directions(p, random, by)
-    reference = {"inputs": p.inputs}
-    pulled = fast.forward_dynamics_vjp(**given(p), **cotangents, by=by)
-    expected = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, **cotangents, by=by, **reference)
-    assert all(relative_gap(pulled[name], expected[name], floor=1.0) < LAW for name in by)
-    pushed = fast.forward_dynamics_jvp(**given(p), along=along)
-    expected = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, along=along, **reference)
-    assert all(relative_gap(pushed[name], expected[name], floor=1.0) < LAW for name in cotangents)
-    parts = [float(np.sum(pulled[name] * x)) for name, x in along.items()]
-    other = sum(float(np.sum(cotangent * pushed[name])) for name, cotangent in cotangents.items())
-    assert sum(parts) == pytest.approx(other, abs=1e-13 * np.abs(parts).sum())
-    matrix = fast.forward_dynamics_jacobian(**given(p), by=few)
-    expected = hf.forward_dynamics_jacobian(p.chain, p.state, p.tau, by=few, **reference)
-    for of in ("qdd", "grasp_wrench"):
-        assert all(relative_gap(matrix[of, name], expected[of, name], floor=1.0) < LAW for name in few), of
+    p = problem(kind)
+    assert_compiled_is_reference(p, names_for(p), ("q", "object_pose", "tau"), 2, floor=1.0)
 
 
 @pytest.mark.slow
