@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.dynamics import link_poses, potential_energy, power
+from holdfast.dynamics import potential_energy, power
 from holdfast.model.force_element import EndLoad, EndMotion, ForceElement
 from holdfast.spatial.converted import REQUIRED
 from holdfast.spatial.scalar import array
 from tests.derivatives.test_bushings import assert_derivatives_are_differences
 from tests.dynamics.problems import later
+from tests.laws.test_springs import frame_of, with_wrenches
 from tests.oracles.differenced_positions import exact, rotation_about
 from tests.simulation.runs import limp
 from tests.systems.as_chain import Problem
@@ -74,13 +75,6 @@ def magnetic(*, moving_base: bool = False) -> Problem:
     return replace(p, chain=replace(p.chain, springs=magnets))
 
 
-def frame_of(p: Problem, end) -> hf.Pose:
-    """Return the pose of the body that an end is on."""
-    if end.link is not None:
-        return link_poses(p.chain.arms[end.body], p.state.q[p.chain.joints[end.body]])[end.link]
-    return p.state.object_frame if end.body == "object" else hf.Pose.identity()
-
-
 def stored(magnet: Magnet, frames, dx) -> mpmath.mpf:
     """Return U after displacements of both bodies, [turn; shift] each, in sixty digits."""
     (R_a, x_a), (R_b, x_b) = (
@@ -113,20 +107,15 @@ def test_forward_dynamics_energy_and_power():
     """Its wrenches are the gradient of its energy, written a second time from positions, and the damper's moment."""
     p = magnetic()
     chain, state, plain = p.chain, p.state, replace(p.chain, springs=p.chain.springs[3:])
-    on_object, on_links, energy, lost = np.zeros(6), np.zeros((chain.joint_count, 6)), 0.0, 0.0
+    loads, energy, lost = [], 0.0, 0.0
     with mpmath.workdps(60):
         for magnet, omega in zip(chain.springs[:3], turning(p), strict=True):
             frames = [frame_of(p, end) for end in magnet.ends]
             energy += float(stored(magnet, frames, np.zeros((4, 3), dtype=int)))
             lost += magnet.damping * omega @ omega
             damper = np.r_[magnet.damping * omega, np.zeros(3)]
-            wrenches = differenced(magnet, frames) + np.array([damper, -damper])
-            for end, wrench in zip(magnet.ends, wrenches, strict=True):
-                if end.link is not None:
-                    on_links[chain.joints[end.body].start + end.link] += wrench
-                elif end.body == "object":
-                    on_object += wrench
-    inputs = hf.Inputs(object_wrench=on_object, link_wrenches=on_links)
+            loads += zip(magnet.ends, differenced(magnet, frames) + np.array([damper, -damper]), strict=True)
+    inputs = with_wrenches(p, loads)
     expected = hf.forward_dynamics(plain, state, p.tau, inputs=inputs)
     found = hf.forward_dynamics(chain, state, p.tau)
     for name in ("qdd", "grasp_wrench", "base_wrench", "object_acceleration"):
