@@ -20,7 +20,7 @@ from holdfast.dynamics.constraint import constraint_rows
 from tests.acceptance.comparison import errors, relative
 from tests.compiled.problems import answer, compiled_for
 from tests.compiler.conftest import no_cache  # noqa: F401
-from tests.dynamics.test_right_angles import excess
+from tests.dynamics.test_half_turn import excess
 from tests.oracles.arithmetic import arithmetic
 from tests.oracles.maximal_kkt import KktSystem, solve
 from tests.systems import (

@@ -1,4 +1,4 @@
-"""Derivatives as matrices, in blocks: one row an output, one column a direction.
+"""Derivatives as matrices, in blocks: one row an output, one column a direction; and products with them.
 
 Outputs and directions are flat, in the order of `tests.oracles.chain_derivatives`: an inertia has six.
 """
@@ -6,13 +6,18 @@ Outputs and directions are flat, in the order of `tests.oracles.chain_derivative
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
+import pytest
 
 import holdfast as hf
-from tests.oracles.chain_derivatives import INERTIAS, OUTPUTS, names_of, symmetric_basis
+from holdfast import State
+from tests.derivatives.stored import gaps
+from tests.oracles.chain_derivatives import INERTIAS, OUTPUTS, SYMMETRIC, Derivatives, names_of, symmetric_basis
 from tests.systems.as_chain import Problem
+from tests.systems.problems import relative_gap
 
 STATE = ("q", "qd", "tau", "object_pose", "object_twist")
 NAMES = (
@@ -169,3 +174,89 @@ class Reference:
 
 
 WAYS = {"vjp": by_vjp, "jvp": by_jvp, "jacobian": by_jacobian}
+
+
+RANDOM = 1e-10
+ROUNDING = 1e-13  # of a group's largest entry: blocks that are zero
+
+
+def worst_gap(found, expected: Derivatives, names, nothing: float = ROUNDING) -> float:
+    """Return the worst gap of all blocks from the oracle's."""
+    worst = 0.0
+    for by in names:
+        wanted = {of: expected.block(of, by) for of in OUTPUTS}
+        off = dict(gaps({of: found[of, by] for of in OUTPUTS}, wanted, nothing))
+        assert max(off.values()) < RANDOM, (by, off)
+        worst = max(worst, *off.values())
+    return worst
+
+
+def random_cotangents(p: Problem, random: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return a cotangent of every output."""
+    return {name: random.normal(size=shape) for name, shape in shapes(p).items()}
+
+
+def random_directions(p: Problem, random: np.random.Generator, by=NAMES) -> dict[str, np.ndarray]:
+    """Return a direction of every argument and parameter."""
+    return {name: as_direction(p, name, random.normal(size=size_of(p, name))) for name in by}
+
+
+def worst_of_products(way: Any, p: Problem, expected: Derivatives, random: np.random.Generator, by=NAMES) -> float:
+    """Return how far a gradient of random cotangents and rates along random directions are from the oracle's.
+
+    Args:
+        way: machine code, or the reference.
+        p: the problem.
+        expected: the oracle's matrices.
+        random: where cotangents and directions come from.
+        by: the arguments.
+    """
+    cotangents, along = random_cotangents(p, random), random_directions(p, random, by)
+    pulled = way.forward_dynamics_vjp(**given(p), **cotangents, by=by)
+    pushed = way.forward_dynamics_jvp(**given(p), along=along)
+    worst = 0.0
+    for name in by:
+        parts = [np.ravel(cotangents[of]) @ expected.block(of, name) for of in OUTPUTS]
+        size = max(np.abs(x).max(initial=0.0) for x in parts)
+        off = np.abs(flat_gradient(p, name, getattr(pulled, name)) - sum(parts)).max(initial=0.0)
+        worst = max(worst, off / (size or 1.0))
+    flat = {name: flat_direction(p, name, along[name]) for name in by}
+    for of in OUTPUTS:
+        parts = [expected.block(of, name) @ flat[name] for name in by]
+        worst = max(worst, relative_gap(np.ravel(getattr(pushed, of)), sum(parts)))
+    return worst
+
+
+def state_of(system: dict[str, np.ndarray]) -> State:
+    """Return the state of a system."""
+    return State(*(system[name] for name in ("q", "qd", "object_pose", "object_twist")))
+
+
+def flat_direction(p: Problem, by: str, direction: np.ndarray) -> np.ndarray:
+    """Return a direction as `as_direction` takes it; inertias as six numbers."""
+    if by in INERTIAS:
+        entries = np.reshape(direction, (-1, 3, 3))
+        return np.array([x[i, j] for x in entries for i, j in SYMMETRIC])
+    return np.ravel(direction)
+
+
+def assert_compiled_is_reference(
+    p: Problem, by: Sequence[str], few: Sequence[str], seed: int, floor: float = 0.0
+) -> Any:
+    """Compare gradients, directions and the matrix of machine code with the reference's; return the gradients."""
+    random, fast, options, of = np.random.default_rng(seed), compiled(p), {"inputs": p.inputs}, ("qdd", "grasp_wrench")
+    cotangents, along = random_cotangents(p, random), random_directions(p, random, by)
+    pulled = fast.forward_dynamics_vjp(**given(p), **cotangents, by=by)
+    pushed = fast.forward_dynamics_jvp(**given(p), along=along)
+    matrix = fast.forward_dynamics_jacobian(**given(p), of=of, by=few)
+    for found, expected, names in (
+        (pulled, hf.forward_dynamics_vjp(p.chain, p.state, p.tau, **cotangents, by=by, **options), by),
+        (pushed, hf.forward_dynamics_jvp(p.chain, p.state, p.tau, along=along, **options), cotangents),
+        (matrix, hf.forward_dynamics_jacobian(p.chain, p.state, p.tau, of=of, by=few, **options), product(of, few)),
+    ):
+        for name in names:
+            assert relative_gap(found[name], expected[name], floor=floor) < 1e-11, name
+    parts = [float(np.sum(pulled[name] * x)) for name, x in along.items()]
+    other = sum(float(np.sum(cotangent * pushed[name])) for name, cotangent in cotangents.items())
+    assert sum(parts) == pytest.approx(other, abs=1e-13 * np.abs(parts).sum())
+    return pulled

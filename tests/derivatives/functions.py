@@ -16,9 +16,8 @@ from holdfast.model.grasp import WrenchLimits
 from holdfast.model.joint import Joint
 from holdfast.questions.arrays import ARRAYS
 from holdfast.questions.question import QUESTIONS, Question
-from tests.derivatives.blocks import as_direction, names_for, size_of
+from tests.derivatives.blocks import as_direction, flat_direction, names_for, size_of
 from tests.derivatives.moved import moved_problem
-from tests.derivatives.products import flat_direction
 from tests.questions.every import asked, case_of, computed, differentiable
 from tests.systems.as_chain import Problem
 from tests.systems.bushed import random_bushed

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from tests.derivatives.blocks import NAMES, Reference, compiled
-from tests.derivatives.products import worst_of_products
+from tests.derivatives.blocks import NAMES, Reference, compiled, worst_of_products
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import chain_derivatives
 from tests.systems.anchored import pinned

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,13 +12,25 @@ from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, forces, numbers, one
 from tests.compiler.programs import same_bits
-from tests.derivatives.blocks import NAMES, Reference, as_direction, compiled, given, names_for, shapes, size_of
+from tests.derivatives.blocks import (
+    NAMES,
+    Reference,
+    as_direction,
+    assert_compiled_is_reference,
+    compiled,
+    given,
+    names_for,
+    random_cotangents,
+    random_directions,
+    shapes,
+    size_of,
+    state_of,
+)
 from tests.derivatives.chains import random_chain
 from tests.derivatives.functions import problem
-from tests.derivatives.products import random_cotangents, random_directions, state_of
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS
-from tests.systems import random_system, two_collinear_stretched_6r
+from tests.systems import two_collinear_stretched_6r
 from tests.systems.as_chain import Problem, as_chain
 from tests.systems.problems import relative_gap
 
@@ -128,24 +138,18 @@ def test_singular_and_invalid_systems():
     clean["q"][singular] += random.uniform(-0.5, 0.5, (singular.sum(), 12))
     many["tau"][invalid, 0] = np.nan
     by, cotangents = ("q", "tau", "object_pose", "object_mass"), {"qdd": random.normal(size=(count, 12))}
-    found, good = (fast.forward_dynamics_vjp(**x, **cotangents, by=by) for x in (many, clean))
-    bad, statuses = (
-        singular | invalid,
-        np.where(singular, Status.SINGULAR, np.where(invalid, Status.INVALID, Status.OK)),
-    )
-    assert found.result.status.tolist() == statuses.tolist()
-    for name in by:
-        x, y = getattr(found, name), getattr(good, name)
-        assert np.isnan(x[bad]).all() and same_bits(x[~bad], y[~bad]), name
     along = {"q": random.normal(size=(count, 12)), "object_mass": random.normal(size=count)}
-    pushed, good = (fast.forward_dynamics_jvp(**x, along=along) for x in (many, clean))
-    for of in OUTPUTS:
-        x = getattr(pushed, of)
-        assert np.isnan(x[bad]).all() and same_bits(x[~bad], getattr(good, of)[~bad]), of
-    matrix, good = (fast.forward_dynamics_jacobian(**x, of=("qdd",), by=by) for x in (many, clean))
-    for name in by:
-        x, y = matrix["qdd", name], good["qdd", name]
-        assert np.isnan(x[bad]).all() and same_bits(x[~bad], y[~bad]), name
+    bad = singular | invalid
+    statuses = np.where(singular, Status.SINGULAR, np.where(invalid, Status.INVALID, Status.OK))
+    for solve, asked, names in (
+        (fast.forward_dynamics_vjp, {**cotangents, "by": by}, by),
+        (fast.forward_dynamics_jvp, {"along": along}, OUTPUTS),
+        (fast.forward_dynamics_jacobian, {"of": ("qdd",), "by": by}, [("qdd", name) for name in by]),
+    ):
+        found, good = (solve(**x, **asked) for x in (many, clean))
+        assert found.result.status.tolist() == statuses.tolist()
+        for name in names:
+            assert np.isnan(found[name][bad]).all() and same_bits(found[name][~bad], good[name][~bad]), name
     with pytest.raises(hf.SingularChainError):
         fast.forward_dynamics_vjp(**one(many, 0), qdd=cotangents["qdd"][0], by=by)
     with pytest.raises(hf.StateError, match="tau: expected finite numbers"):
@@ -223,18 +227,17 @@ def test_out_by_the_builtin(monkeypatch):
     cotangents["by"] = ("tau",)
     out = fast.forward_dynamics_vjp(**state, **cotangents)
     fast.forward_dynamics_vjp(**state, **cotangents, out=out)
-    turned = cotangents | {"grasp_wrench": cotangents["grasp_wrench"].reshape(6, -1)}  # as many numbers
-    with pytest.raises(hf.StateError, match="grasp_wrench: expected shape"):
-        fast.forward_dynamics_vjp(**state, **turned, out=out)
-    with pytest.raises(hf.StateError, match="tau: expected shape"):
-        fast.forward_dynamics_vjp(**state | {"tau": state["tau"][:-1]}, **cotangents, out=out)
-    with pytest.raises(hf.StateError, match="threads"):
-        fast.forward_dynamics_vjp(**state, **cotangents, out=out, threads=True)
-    with pytest.raises(hf.StateError, match="memory of its own"):
-        fast.forward_dynamics_vjp(**state | {"tau": out.tau}, **cotangents, out=out)
-    with pytest.raises(
-        hf.StateError, match=r"forward_dynamics\.jacobian: expected some of"
-    ):  # a text is no list of one name
+    turned = {"grasp_wrench": cotangents["grasp_wrench"].reshape(6, -1)}  # as many numbers
+    for wrong, message in (
+        (turned, "grasp_wrench: expected shape"),
+        ({"tau": state["tau"][:-1]}, "tau: expected shape"),
+        ({"threads": True}, "threads"),
+        ({"tau": out.tau}, "memory of its own"),
+    ):
+        with pytest.raises(hf.StateError, match=message):
+            fast.forward_dynamics_vjp(**state | cotangents | wrong, out=out)
+    message = r"forward_dynamics\.jacobian: expected some of"  # a text is no list of one name
+    with pytest.raises(hf.StateError, match=message):
         fast.forward_dynamics_jacobian(**state, of=["qdd"], by="tau")
 
 
@@ -323,39 +326,12 @@ def test_a_floating_base_is_an_input():
         assert same_bits(many[name][2], found[name])
 
 
-def sprung() -> Problem:
-    """Return a chain with springs from the world to the object, and from one arm to the other and to the object."""
-    p = as_chain(random_system(3, arms=3, joints=[7, 6, 5], grasps=["rigid", "hinge", "ball"], moving_base=True))
-    first, second, *_ = p.chain.arms
-    springs = [
-        hf.Spring(("world", np.zeros(3)), ("object", np.ones(3)), stiffness=10.0, length=0.1, damping=2.0),
-        hf.Spring((first, 1, (0.1, 0.0, 0.0)), (second, 0, (0.0, 0.1, 0.0)), stiffness=30.0, length=0.2, damping=1.0),
-        hf.Spring((first, 0, (0.0, 0.0, 0.1)), ("object", np.zeros(3)), stiffness=20.0, length=0.3),
-    ]
-    return replace(p, chain=replace(p.chain, springs=springs))
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", mostly_long(["springs", "trunk", "floating"], ("springs",)))
-def test_machine_code_of_springs_between_bodies(kind):
-    """It is the reference's, on every kind of body and by all arguments."""
-    p, random = problem(kind), np.random.default_rng(2)
-    fast, by, few = compiled(p), names_for(p), ("q", "object_pose", "tau")
-    cotangents, along = random_cotangents(p, random), random_directions(p, random, by)
-    reference = {"inputs": p.inputs}
-    pulled = fast.forward_dynamics_vjp(**given(p), **cotangents, by=by)
-    expected = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, **cotangents, by=by, **reference)
-    assert all(relative_gap(pulled[name], expected[name], floor=1.0) < LAW for name in by)
-    pushed = fast.forward_dynamics_jvp(**given(p), along=along)
-    expected = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, along=along, **reference)
-    assert all(relative_gap(pushed[name], expected[name], floor=1.0) < LAW for name in cotangents)
-    parts = [float(np.sum(pulled[name] * x)) for name, x in along.items()]
-    other = sum(float(np.sum(cotangent * pushed[name])) for name, cotangent in cotangents.items())
-    assert sum(parts) == pytest.approx(other, abs=1e-13 * np.abs(parts).sum())
-    matrix = fast.forward_dynamics_jacobian(**given(p), by=few)
-    expected = hf.forward_dynamics_jacobian(p.chain, p.state, p.tau, by=few, **reference)
-    for of in ("qdd", "grasp_wrench"):
-        assert all(relative_gap(matrix[of, name], expected[of, name], floor=1.0) < LAW for name in few), of
+@pytest.mark.parametrize("kind", mostly_long(["springs", "bushing", "trunk", "floating"], ("springs", "bushing")))
+def test_machine_code_of_force_elements(kind):
+    """Springs on every kind of body, and bushings: products and the matrix are the reference's, by all arguments."""
+    p = problem(kind)
+    assert_compiled_is_reference(p, names_for(p), ("q", "object_pose", "tau"), 2, floor=1.0)
 
 
 @pytest.mark.slow
@@ -372,28 +348,3 @@ def test_bits_of_springs_between_bodies():
     whole = at(slice(None))
     for x, tail, threaded, single in zip(whole, at(slice(0, 5)), at(slice(None), 2), at(7), strict=True):
         assert same_bits(x, threaded) and same_bits(x[:5], tail) and same_bits(x[7], single)
-
-
-def test_springs_between_bodies():
-    """The reference knows their wrenches' part, as differences do."""
-    p = sprung()
-    rng, h = np.random.default_rng(0), 1e-5
-    for by in ("q", "qd", "object_twist"):
-        d = rng.normal(size=np.shape(getattr(p.state, by)))
-
-        def slopes(by: str = by, d: np.ndarray = d) -> dict[str, np.ndarray]:
-            at = [replace(p.state, **{by: getattr(p.state, by) + k * h * d}) for k in (1, -1, 2, -2)]
-            a, b, c, e = (hf.forward_dynamics(p.chain, s, p.tau, inputs=p.inputs, check=False) for s in at)
-            return {
-                o: (8 * (getattr(a, o) - getattr(b, o)) - getattr(c, o) + getattr(e, o)) / (12 * h) for o in OUTPUTS
-            }
-
-        expected = slopes()
-        pushed = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, inputs=p.inputs, along={by: d}, check=False)
-        cotangents = {o: rng.normal(size=x.shape) for o, x in expected.items()}
-        pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, by=[by], check=False, **cotangents)
-        for o, x in expected.items():
-            assert np.allclose(pushed[o], x, rtol=1e-7, atol=1e-7 * (1.0 + np.abs(x).max(initial=0.0))), (by, o)
-        assert np.sum(pulled[by] * d) == pytest.approx(
-            sum(np.sum(cotangents[o] * pushed[o]) for o in OUTPUTS), rel=1e-11
-        )

@@ -1,4 +1,4 @@
-"""Derivatives of forward dynamics: the stored 126-digit answers, and an independent oracle."""
+"""Derivatives of forward dynamics: stored 126-digit answers, an independent oracle, residuals of all joints at once."""
 
 from __future__ import annotations
 
@@ -9,31 +9,35 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.forward_derivatives import numbers_of
+from holdfast.dynamics.closed.second_solve import point
+from holdfast.dynamics.closed.self_response import joint_residuals
+from holdfast.dynamics.closed.sequential import sequential
+from holdfast.dynamics.closed.virtual_power import ArmUnknowns
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, forces, numbers, one
 from tests.derivatives.blocks import (
     NAMES,
+    ROUNDING,
     WAYS,
     Reference,
     as_direction,
     by_jacobian,
     compiled,
+    flat_direction,
     flat_gradient,
     given,
     names_for,
-    shapes,
-    size_of,
-)
-from tests.derivatives.chains import TRUNKS, random_chain
-from tests.derivatives.products import (
-    ROUNDING,
-    flat_direction,
     random_cotangents,
     random_directions,
+    shapes,
+    size_of,
     state_of,
     worst_gap,
     worst_of_products,
 )
+from tests.derivatives.chains import TRUNKS, random_chain
 from tests.derivatives.stored import OF, Stored, columns, gaps, names, stored
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS, chain_derivatives
@@ -328,3 +332,27 @@ def straight(seed: int) -> Problem:
         arms[name] = replace(arm, joints=joints, tip=hf.Pose(arm.tip.R, 0.2 * x))
     q = 1e-6 * random.normal(size=p.chain.joint_count)
     return replace(p, chain=replace(p.chain, arms=arms), state=replace(p.state, q=q))
+
+
+SAME = 1e-12
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_beside_automatic_differentiation(seed):
+    """Torques, base wrench and all that the grasp feels, by every joint's position and velocity."""
+    p = random_chain(700 + seed)
+    motion = chain_motion(p.chain, p.state, p.tau, p.inputs.shaped(p.chain))
+    at = point(motion, sequential(motion), "auto")
+    worst = 0.0
+    for name, case in at.motion.cases.items():
+        z = at.unknowns[name]
+        at_once = joint_residuals(case, z)
+        for by in ("q", "qd"):
+            residual = case.residual(z, tuple(numbers_of([by])))
+            for unit, found in zip(np.eye(len(z.qdd)), at_once[by], strict=True):
+                expected = ArmUnknowns(*residual.rates(unit))
+                for a, b in zip(found, expected, strict=True):
+                    size = max(1.0, np.abs(b).max(initial=0.0))
+                    worst = max(worst, np.abs(a - b).max(initial=0.0) / size)
+    print(f"\n{worst:.1e}")
+    assert worst < SAME

@@ -11,9 +11,8 @@ import pytest
 import holdfast as hf
 from holdfast import dynamics
 from holdfast.questions.question import QUESTIONS
-from tests.derivatives.blocks import names_for
+from tests.derivatives.blocks import names_for, random_directions
 from tests.derivatives.functions import CASES, FunctionCase, function_case, open_grasp, problem
-from tests.derivatives.products import random_directions
 from tests.longer import mostly_slow
 from tests.questions.every import differentiable, flat
 from tests.systems.problems import relative_gap

@@ -5,21 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import holdfast as hf
 from holdfast.dynamics import object_mobility
 from tests.derivatives.blocks import (
     NAMES,
+    ROUNDING,
     as_direction,
+    assert_compiled_is_reference,
     by_jacobian,
     by_jvp,
     by_vjp,
     compiled,
     given,
     names_for,
+    random_cotangents,
+    random_directions,
     size_of,
 )
 from tests.derivatives.chains import TRUNKS, random_chain
-from tests.derivatives.products import ROUNDING, random_cotangents, random_directions
 from tests.derivatives.stored import gaps
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS
@@ -120,22 +122,7 @@ def test_scaling(seed):
 @pytest.mark.parametrize("seed", mostly_long(range(2), (1,)))
 def test_reference_and_machine_code(seed, trunk):
     """The reference forms trace the same functions: gradients, directions, the matrix, and the result beside."""
-    p, random = random_chain(400 + seed, trunk), np.random.default_rng(seed)
-    fast, by = compiled(p), ("q", "qd", "tau", "object_pose", "object_twist")
-    cotangents, directions = random_cotangents(p, random), random_directions(p, random, by)
-    arguments = (p.chain, p.state, p.tau)
-    pulled = fast.forward_dynamics_vjp(**given(p), **cotangents, by=by)
-    expected = hf.forward_dynamics_vjp(*arguments, inputs=p.inputs, **cotangents, by=by)
-    for name in by:
-        assert relative_gap(getattr(pulled, name), getattr(expected, name)) < LAW
-    pushed = fast.forward_dynamics_jvp(**given(p), along=directions)
-    expected = hf.forward_dynamics_jvp(*arguments, inputs=p.inputs, along=directions)
-    for of in OUTPUTS:
-        assert relative_gap(getattr(pushed, of), getattr(expected, of)) < LAW
-    matrix = fast.forward_dynamics_jacobian(**given(p), of=("qdd", "grasp_wrench"), by=by)
-    expected = hf.forward_dynamics_jacobian(*arguments, inputs=p.inputs, of=("qdd", "grasp_wrench"), by=by)
-    for key in [(result, name) for result in ("qdd", "grasp_wrench") for name in by]:
-        assert relative_gap(matrix[key], expected[key]) < LAW
-    plain = fast.forward_dynamics(**given(p))
+    p, by = random_chain(400 + seed, trunk), ("q", "qd", "tau", "object_pose", "object_twist")
+    pulled, plain = assert_compiled_is_reference(p, by, by, seed), compiled(p).forward_dynamics(**given(p))
     for of in OUTPUTS:
         assert relative_gap(getattr(pulled.result, of), getattr(plain, of)) < LAW

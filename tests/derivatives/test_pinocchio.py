@@ -7,8 +7,8 @@ import pytest
 
 from holdfast.robots import HOME, panda
 from tests.derivatives.blocks import by_jacobian, compiled
+from tests.derivatives.moved import closed_rows, tangent
 from tests.derivatives.stored import names, stored
-from tests.derivatives.tangent import closed_rows, tangent
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import chain_derivatives
 from tests.systems.as_chain import Problem

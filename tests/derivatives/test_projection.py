@@ -9,13 +9,7 @@ import pytest
 
 from holdfast.dynamics.closed.chain_motion import chain_at_rest, chain_motion
 from holdfast.dynamics.closed.forward_derivatives import backward, forward
-from holdfast.dynamics.projection import (
-    closer,
-    displaced_by,
-    position_mismatch,
-    project_velocities,
-    quickened,
-)
+from holdfast.dynamics.projection import closer, displaced_by, position_mismatch, project_velocities, quickened
 from holdfast.dynamics.projection import moved as displaced
 from holdfast.dynamics.projection_derivatives import (
     OF_MODEL,
@@ -26,10 +20,9 @@ from holdfast.dynamics.projection_derivatives import (
     round_point,
 )
 from holdfast.simulation.rollout.varied_step import state_arrays
-from tests.derivatives.blocks import shape_of, size_of
+from tests.derivatives.blocks import flat_direction, shape_of, size_of
 from tests.derivatives.chains import TRUNKS, random_chain
 from tests.derivatives.moved import moved_problem
-from tests.derivatives.products import flat_direction
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import INERTIAS, names_of
 from tests.systems.as_chain import Problem

@@ -13,9 +13,8 @@ from holdfast import dynamics
 from holdfast.dynamics import Status
 from holdfast.dynamics.linearise import basis_at
 from holdfast.spatial import rotation
-from tests.derivatives.blocks import as_direction, names_for, size_of
+from tests.derivatives.blocks import as_direction, flat_direction, names_for, random_directions, size_of
 from tests.derivatives.functions import FIVE_POINTS, STEP, displaced, problem
-from tests.derivatives.products import flat_direction, random_directions
 from tests.longer import mostly_slow
 from tests.systems import planar_three_arms
 from tests.systems.as_chain import Problem, as_chain

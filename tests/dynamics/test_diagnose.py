@@ -10,17 +10,12 @@ import pytest
 import holdfast
 from holdfast import ClosedChain, MethodNotApplicable, SingularChainError, State, diagnose, forward_dynamics
 from holdfast.dynamics import METHODS, Diagnosis
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.stacked import Stacked
 from tests.dynamics.problems import motion_of
 from tests.laws.transformed import rescaled
 from tests.longer import mostly_long
-from tests.systems import (
-    one_straight_arm_of_three,
-    planar_parallelogram,
-    planar_three_arms,
-    two_collinear_stretched_6r,
-)
+from tests.systems import one_straight_arm_of_three, planar_parallelogram, planar_three_arms, two_collinear_stretched_6r
 from tests.systems.anchored import pinned
 from tests.systems.as_chain import Problem, as_chain, mounted
 from tests.systems.problems import CASES, STATE, random_problem, stored

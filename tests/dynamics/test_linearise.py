@@ -12,7 +12,7 @@ from scipy.optimize import root_scalar
 
 import holdfast as hf
 from holdfast.spatial import rotation
-from tests.derivatives.tangent import tangent
+from tests.derivatives.moved import tangent
 from tests.longer import mostly_long
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.closed.stacked import Stacked, block_diagonal
 from holdfast.dynamics.operators import ArmOperators, block, phi

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from holdfast.dynamics.arm.articulated import articulated_filter, smooth, whiten
+from holdfast.dynamics.arm.articulated import articulated_filter, smooth, tip_mobility, whiten
 from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian, link_twists
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.arm.tip_mobility import tip_mobility
-from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.dynamics.operators import ArmOperators, block
 from holdfast.spatial.spatial_vector import rotate, unrotate
 from tests.dynamics.problems import random_arm, random_motion

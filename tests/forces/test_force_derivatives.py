@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from tests.derivatives.blocks import flat_direction, random_directions
 from tests.derivatives.functions import FIVE_POINTS, STEP, displaced, function_case
-from tests.derivatives.products import flat_direction, random_directions
 from tests.systems.as_chain import Problem
 
 NAMES = ("grasp_margins", "wrist_wrenches")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.dynamics.energy import Body, bodies
+from holdfast.dynamics.energy import MovingBody, bodies
 from holdfast.forces.wrist import last_joint_wrenches, wrist_wrenches
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 from tests.laws.moving import moving
@@ -15,7 +15,7 @@ seeds = pytest.mark.parametrize("seed", range(6))
 TOLERANCE = 1e-11  # of the sum of absolute terms
 
 
-def needed(now: Body, later: Body, gravity, load, point) -> list[np.ndarray]:
+def needed(now: MovingBody, later: MovingBody, gravity, load, point) -> list[np.ndarray]:
     """Return rate of momentum, less weight, less load (about the body's origin): terms about a fixed point, world."""
     rate = slopes_of(shift_wrench(later.origin - point, rotate(later.R, later.inertia.apply(later.twist))))
     weight = np.r_[np.cross(now.com - now.inertia.m * point, gravity), now.inertia.m * gravity]

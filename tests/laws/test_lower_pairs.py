@@ -52,10 +52,38 @@ def test_joints_in_their_places(kinds, method):
         assert relative_gap(found.contact_acceleration[: len(others)], others) < 1e-11
 
 
-def mechanism(p) -> Mechanism:
-    """The chain from positions alone: joints as turns about axes, grasps as lengths and angles."""
-    chain, body = p.chain, p.chain.held_object
-    R0, C0 = exact(p.state.object_frame.R), exact(p.state.object_pose[4:])
+def mechanism(chain: hf.ClosedChain, state: hf.State, links) -> Mechanism:
+    """The chain from positions alone, grasps as lengths and angles; `links(name, q)` yields R, p and link."""
+    body, frame = chain.held_object, state.object_frame
+
+    def held(y):
+        return rotation_about(y[-6:-3]) @ exact(frame.R), exact(frame.p) + y[-3:]
+
+    def placed(y):
+        return {name: list(links(name, y[:-6][chain.joints[name]])) for name in chain.arms}
+
+    def poses(y):
+        R, C = held(y)
+        found = [(R, x + R @ exact(link.com)) for of_arm in placed(y).values() for R, x, link in of_arm]
+        return [*found, (R, C + R @ exact(body.com))]
+
+    def gaps(y):
+        (R, C), ends, found = held(y), placed(y), []
+        for name, grasp in chain.grasps.items():
+            link_R, x, _ = ends[name][-1]
+            tip, contact = chain.arms[name].tip, R @ exact(grasp.frame.R)
+            T, shift = link_R @ exact(tip.R), x + link_R @ exact(tip.p) - C - R @ exact(grasp.frame.p)
+            found += gap(grasp.kind, contact.T @ T, shift @ contact)
+        return np.array(found)
+
+    at_start = placed(np.concatenate([state.q, np.zeros(6)])).values()
+    bodies = [*(link for of_arm in at_start for _, _, link in of_arm), body]
+    masses, inertias = [mpmath.mpf(b.mass) for b in bodies], [exact(b.inertia) for b in bodies]
+    return Mechanism(poses, gaps, masses, inertias, exact(chain.gravity))
+
+
+def turned_links(chain: hf.ClosedChain):
+    """Return the links of arms whose joints are turns about axes, for `mechanism`."""
 
     def links(name, q):
         arm = chain.arms[name]
@@ -65,27 +93,7 @@ def mechanism(p) -> Mechanism:
             R = R @ exact(joint.placement.R) @ rotation_about(angle * exact(joint.axis))
             yield R, x, link
 
-    def held(y):
-        return rotation_about(y[-6:-3]) @ R0, C0 + y[-3:]
-
-    def poses(y):
-        found = [(R, x + R @ exact(link.com)) for n in chain.arms for R, x, link in links(n, y[:-6][chain.joints[n]])]
-        R, C = held(y)
-        return [*found, (R, C + R @ exact(body.com))]
-
-    def gaps(y):
-        R, C = held(y)
-        found = []
-        for name, grasp in chain.grasps.items():
-            *_, (link_R, x, _) = links(name, y[:-6][chain.joints[name]])
-            tip, contact = chain.arms[name].tip, R @ exact(grasp.frame.R)
-            T, shift = link_R @ exact(tip.R), x + link_R @ exact(tip.p) - C - R @ exact(grasp.frame.p)
-            found += gap(grasp.kind, contact.T @ T, shift @ contact)
-        return np.array(found)
-
-    bodies = [*(link for arm in chain.arms.values() for link in arm.links), body]
-    masses, inertias = [mpmath.mpf(b.mass) for b in bodies], [exact(b.inertia) for b in bodies]
-    return Mechanism(poses, gaps, masses, inertias, exact(chain.gravity))
+    return links
 
 
 def gap(kind, T, p) -> list:
@@ -94,6 +102,7 @@ def gap(kind, T, p) -> list:
     return {
         "rigid": lambda: [*p, *all_across],
         "universal": lambda: [*p, T[1, 0]],
+        "cardan": lambda: [*p, T[1, 0]],
         "slider": lambda: [*p[1:], *all_across],
         "cylinder": lambda: [*p[1:], *x_across],
         "screw": lambda: [p[0] - PITCH * mpmath.atan2(T[2, 1], T[1, 1]), *p[1:], *x_across],
@@ -107,7 +116,9 @@ def test_positions_alone(kinds):
     p = pair(kinds, 11, joints=4)
     rates = np.concatenate([p.state.qd, p.state.object_twist])
     forces = np.concatenate([p.tau, np.zeros(6)])
-    truth = mechanism(p).accelerations(np.concatenate([p.state.q, np.zeros(6)]), rates, forces)
+    truth = mechanism(p.chain, p.state, turned_links(p.chain)).accelerations(
+        np.concatenate([p.state.q, np.zeros(6)]), rates, forces
+    )
     assert np.abs(truth["gap"]).max() < 1e-14
     assert np.abs(truth["rate"]).max() < 1e-12
     found = hf.forward_dynamics(p.chain, p.state, p.tau)

@@ -10,7 +10,8 @@ from holdfast.model.joint_types import JOINT_TYPES, JointType
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import arctan2, array, concatenate, sqrt
 from holdfast.spatial.vector import cross
-from tests.oracles.differenced_positions import Mechanism, exact, rotation_about
+from tests.laws.test_lower_pairs import mechanism
+from tests.oracles.differenced_positions import exact, rotation_about
 from tests.systems.problems import relative_gap
 
 PITCH = 0.03  # m/rad
@@ -107,59 +108,22 @@ class Problem:
         self.state = hf.dynamics.project_velocity(self.chain, hf.State(q, rates[0], held.wxyz_xyz, rates[1]))
         self.tau = random.normal(size=self.chain.joint_count, scale=5.0)
 
-    def mechanism(self) -> Mechanism:
-        """The same from positions alone: joints as screws, cylinders in one, grasps as points and angles."""
-        chain, state = self.chain, self.state
-        R0, C0 = exact(state.object_frame.R), exact(state.object_pose[4:])
-        body = chain.held_object
-
-        def arm_poses(name, q):
-            base = chain.arms[name].base
-            R, p, q = exact(base.R), exact(base.p), list(q)
-            for joint, link in self.joints[name]:
-                axis, turn, slide = exact(joint.axis), mpmath.mpf(0), mpmath.mpf(0)
-                if joint.kind == "cylindrical":
-                    turn, slide = q.pop(0), q.pop(0)
-                elif joint.kind == "prismatic":
-                    slide = q.pop(0)
-                else:
-                    turn = q.pop(0)
-                    slide = PITCH * turn if joint.kind == "screw" else slide
-                parent, placement = R, joint.placement
-                p = p + parent @ (exact(placement.p) + exact(placement.R) @ (slide * axis))
-                R = parent @ exact(placement.R) @ rotation_about(turn * axis)
-                yield R, p, link
-
-        def object_pose(y):
-            return rotation_about(y[-6:-3]) @ R0, C0 + y[-3:]
-
-        def poses(y):
-            found = [
-                (R, p + R @ exact(link.com)) for n in chain.arms for R, p, link in arm_poses(n, y[:-6][chain.joints[n]])
-            ]
-            R, C = object_pose(y)
-            return [*found, (R, C + R @ exact(body.com))]
-
-        def gaps(y):
-            R, C = object_pose(y)
-            found = []
-            for name, grasp in chain.grasps.items():
-                *_, (tip_R, p, _) = arm_poses(name, y[:-6][chain.joints[name]])
-                tip = chain.arms[name].tip
-                contact_R, T = R @ exact(grasp.frame.R), tip_R @ exact(tip.R)
-                found += list(p + tip_R @ exact(tip.p) - C - R @ exact(grasp.frame.p))
-                x, y_axis = T[:, 0], contact_R[:, 1]
-                if grasp.kind == "cardan":
-                    found.append(x @ y_axis)
-                else:
-                    found += [x @ y_axis, x @ contact_R[:, 2], T[:, 1] @ contact_R[:, 2]]
-            return np.array(found)
-
-        links = [link for name in chain.arms for _, link in self.joints[name]]
-        bodies = [*links, body]
-        return Mechanism(
-            poses, gaps, [mpmath.mpf(b.mass) for b in bodies], [exact(b.inertia) for b in bodies], exact(chain.gravity)
-        )
+    def links(self, name, q):
+        """Yield the links of an arm: joints as screws, cylinders in one."""
+        base = self.chain.arms[name].base
+        R, p, q = exact(base.R), exact(base.p), list(q)
+        for joint, link in self.joints[name]:
+            axis, turn, slide = exact(joint.axis), mpmath.mpf(0), mpmath.mpf(0)
+            if joint.kind == "cylindrical":
+                turn, slide = q.pop(0), q.pop(0)
+            elif joint.kind == "prismatic":
+                slide = q.pop(0)
+            else:
+                turn = q.pop(0)
+                slide = PITCH * turn if joint.kind == "screw" else slide
+            p = p + R @ (exact(joint.placement.p) + exact(joint.placement.R) @ (slide * axis))
+            R = R @ exact(joint.placement.R) @ rotation_about(turn * axis)
+            yield R, p, link
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +137,9 @@ def truth(problem):
     """What follows from the positions."""
     y = np.concatenate([problem.state.q, np.zeros(6)])
     rates = np.concatenate([problem.state.qd, problem.state.object_twist])
-    return problem.mechanism().accelerations(y, rates, np.concatenate([problem.tau, np.zeros(6)]))
+    return mechanism(problem.chain, problem.state, problem.links).accelerations(
+        y, rates, np.concatenate([problem.tau, np.zeros(6)])
+    )
 
 
 def test_state_is_closed(truth):

@@ -7,7 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.dynamics import link_poses, momentum_rate, potential_energy, power
-from holdfast.dynamics.closed.spring_wrenches import elongations
+from holdfast.dynamics.closed.force_elements import deformations
 from holdfast.simulation.balance import WORK_TERMS
 from tests.dynamics.problems import later
 from tests.simulation.rollout.problems import arrays, assert_rollout_is_run
@@ -26,20 +26,38 @@ def sprung(seed: int) -> Problem:
     return replace(p, chain=with_springs(p.chain, seed))
 
 
-def ends(p: Problem, spring: hf.Spring):
-    """Return where a spring's ends are, by the library's poses of links and object."""
-    for end in spring.ends:
-        frame = hf.Pose.identity() if end.body == "world" else p.state.object_frame
+def frame_of(p: Problem, end) -> hf.Pose:
+    """Return the pose of the body that an end is on, by the library's poses of links and object."""
+    if end.link is not None:
+        return link_poses(p.chain.arms[end.body], p.state.q[p.chain.joints[end.body]])[end.link]
+    return p.state.object_frame if end.body == "object" else hf.Pose.identity()
+
+
+def ends_of(p: Problem, spring: hf.Spring):
+    """Return where a spring's ends and the origins of their bodies are."""
+    frames = [frame_of(p, end) for end in spring.ends]
+    return [(frame.p + frame.R @ end.point, frame.p) for frame, end in zip(frames, spring.ends, strict=True)]
+
+
+def with_wrenches(p: Problem, loads) -> hf.Inputs:
+    """Return the inputs with wrenches added on the bodies of ends: (end, wrench) each."""
+    given = p.inputs.shaped(p.chain)
+    on_object, on_links = given.object_wrench.copy(), np.zeros((p.chain.joint_count, 6))
+    if given.link_wrenches is not None:
+        on_links += given.link_wrenches
+    for end, wrench in loads:
         if end.link is not None:
-            frame = link_poses(p.chain.arms[end.body], p.state.q[p.chain.joints[end.body]])[end.link]
-        yield frame.p + frame.R @ end.point, frame.p
+            on_links[p.chain.joints[end.body].start + end.link] += wrench
+        elif end.body == "object":
+            on_object += wrench
+    return replace(given, object_wrench=on_object, link_wrenches=on_links)
 
 
 def stretched(p: Problem) -> np.ndarray:
     """Return how long the springs are."""
     found = []
     for spring in p.chain.springs:
-        (a, _), (b, _) = ends(p, spring)
+        (a, _), (b, _) = ends_of(p, spring)
         found.append(np.linalg.norm(b - a))
     return np.array(found)
 
@@ -54,22 +72,15 @@ def rates(p: Problem) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(3))
 def test_wrenches(seed):
     """A spring is two opposite forces on its line, given as external wrenches on links and object."""
-    p = sprung(seed)
-    chain, state, given = p.chain, p.state, p.inputs.shaped(p.chain)
-    on_object, on_links = given.object_wrench.copy(), np.zeros((chain.joint_count, 6))
-    if given.link_wrenches is not None:
-        on_links += given.link_wrenches
+    p, loads = sprung(seed), []
+    chain, state = p.chain, p.state
     for spring, rate in zip(chain.springs, rates(p), strict=True):
-        (a, _), (b, _) = ends(p, spring)
+        (a, _), (b, _) = ends_of(p, spring)
         s = np.linalg.norm(b - a)
         force = (spring.stiffness * (s - spring.length) + spring.damping * rate) * (b - a) / s
-        for end, (at, origin), f in zip(spring.ends, ends(p, spring), (force, -force), strict=True):
-            wrench = np.r_[np.cross(at - origin, f), f]
-            if end.link is not None:
-                on_links[chain.joints[end.body].start + end.link] += wrench
-            elif end.body == "object":
-                on_object += wrench
-    acting = replace(given, object_wrench=on_object, link_wrenches=on_links)
+        for end, (at, origin), f in zip(spring.ends, ends_of(p, spring), (force, -force), strict=True):
+            loads.append((end, np.r_[np.cross(at - origin, f), f]))
+    acting = with_wrenches(p, loads)
     expected = hf.forward_dynamics(replace(chain, springs=()), state, p.tau, inputs=acting)
     found = hf.forward_dynamics(chain, state, p.tau, inputs=p.inputs)
     assert relative_gap(found.qdd, expected.qdd) < 1e-7  # of the differenced rates
@@ -215,7 +226,7 @@ def test_mujoco():
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
-    n, springs = chain.joint_count, elongations(chain, state, hf.Inputs().shaped(chain))
+    n, springs = chain.joint_count, deformations(chain, state, hf.Inputs().shaped(chain))
     assert data.ten_length == pytest.approx([s.length for s in springs], rel=1e-12)
     assert data.ten_velocity == pytest.approx([s.rate for s in springs], abs=1e-12)
     # a spring's share of the joints' torques: what inverse dynamics asks for less without it

@@ -217,7 +217,7 @@ TABLES = ("grasp_kinds", "joint_types")
 NAMES = {*GRASP_KINDS, *JOINT_TYPES}
 # MuJoCo's joints, shapes and motions, which share a name with a grasp
 SHAPES = {"robots/primitive.py", "model/visuals.py", "robots/urdf/visuals.py", "view/link_meshes.py"}
-OTHERS = {"interop/mjcf_tree.py", "dynamics/lost_direction.py"} | SHAPES
+OTHERS = {"interop/mjcf_tree.py", "dynamics/near_singular.py"} | SHAPES
 
 
 def named(node: ast.AST) -> bool:

@@ -8,7 +8,7 @@ import pytest
 from holdfast import Arm, ClosedChain, Grasp, HeldObject, Pose, State, forward_dynamics
 from holdfast.dynamics import project_velocity
 from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmInputs, arm_motion
 from holdfast.robots import HOME, panda

@@ -11,7 +11,7 @@ import numpy as np
 import holdfast as hf
 from holdfast import ClosedChain, Spring
 from holdfast.dynamics import link_poses
-from holdfast.model.spring import SpringEnd
+from holdfast.model.force_element import SpringEnd
 from holdfast.spatial.scalar import sqrt
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.dynamics import project_velocity
-from holdfast.model.spring import SpringEnd
+from holdfast.model.force_element import SpringEnd
 from holdfast.spatial import rotation
 from tests.systems.as_chain import Problem
 from tests.systems.problems import random_problem

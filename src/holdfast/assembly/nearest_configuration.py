@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, jacobian
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.constraint import coordinate_sizes

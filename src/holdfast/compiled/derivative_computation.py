@@ -38,7 +38,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import ARRAYS, LINKS, Shape
 from holdfast.questions.derivatives import require_names
 from holdfast.questions.linearised_function import LinearisedFunction, linearised_function
-from holdfast.questions.question import Part, Question
+from holdfast.questions.question import Question, ResultPart
 from holdfast.spatial.scalar import Array, concatenate
 
 OF_EACH_JOINT = {"q", "qd", "qdd", "tau", "armature", "damping", "link_wrench", *LINKS}  # arguments, row by row
@@ -131,7 +131,7 @@ class FunctionRequest(Request):
         return at.gradient(given) if self.kind == "vjp" else at.rates(given)
 
 
-def own_entries(question: Question, chain: ClosedChain, part: Part, by: str, shape: Shape) -> slice:
+def own_entries(question: Question, chain: ClosedChain, part: ResultPart, by: str, shape: Shape) -> slice:
     """Return the entries of an argument, flat, on which a part of a result may depend.
 
     Arms on bases of their own depend on what is theirs, on gravity, and some results also on the object. Where springs

@@ -19,7 +19,7 @@ from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.closed.forward_derivatives import backward, forward
 from holdfast.dynamics.closed.forward_jacobian import in_each_column, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import point
-from holdfast.dynamics.spring_rates import pushforward, spring_rates, with_pullback
+from holdfast.dynamics.force_element_rates import force_element_rates, pushforward, with_pullback
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import (
     FLOATING,
@@ -139,7 +139,7 @@ class ForwardRequest(Request):
         solved = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], route, cotangents=known)
         at = point(solved.motion, solved.found, route)
         with recorded_loops():
-            springs = spring_rates(VariedCase(chain, state, inputs, {}), self.arguments)
+            springs = force_element_rates(VariedCase(chain, state, inputs, {}), self.arguments)
         if self.kind == "jacobian":
             changed = () if springs is None else springs.names
             rates = dict.fromkeys(changed, lambda at, _: lambda tangents: forward(at, pushforward(springs, tangents)))

@@ -109,8 +109,8 @@ class Structure:
         names = list(self.types)
         order = [names.index(self.type_of[name]) for name in self.chain.names]
         trunk = [] if self.chain.trunk is None else [*_of_trunk(self.chain, self.options.link_inertia)]
-        springs = [fingerprint(self.chain.springs).encode()] if self.chain.springs else []
-        return digest_of([repr((names, order, self.options)).encode(), *trunk, *springs])
+        elements = [f"{type(one).__qualname__} {fingerprint(one)}".encode() for one in self.chain.springs]
+        return digest_of([repr((names, order, self.options)).encode(), *trunk, *elements])
 
     @cached_property
     def type_of(self) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,10 @@ from holdfast.dynamics.arm.regrouping import regrouped
 from holdfast.model.arm import Arm
 from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.force_element import ForceElement, SpringEnd
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.spring import Spring
 from holdfast.model.trunk import Trunk
 from holdfast.questions.arrays import BASE_MOTION, FLOATING, LINKS, TRUNK_BASE_MOTION, TRUNK_LINKS, Shape, link_rows
 from holdfast.spatial import rotation
@@ -103,7 +103,7 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
     gravity = given.get("gravity", np.zeros(3))
     own = {"arms": arms, "held_object": body, "grasps": grasps, "gravity": gravity, "mounts": chain.mounts}
     own["trunk"] = None if chain.trunk is None else _traced_trunk(chain.trunk, given)
-    own["springs"] = tuple(_constant_spring(spring) for spring in chain.springs)
+    own["springs"] = tuple(_constant_element(element) for element in chain.springs)
     other.__dict__.update(own)
     return other
 
@@ -196,10 +196,15 @@ def _constant_link(link: Link) -> Link:
     return replace(plain, mass=Constant(link.mass))
 
 
-def _constant_spring(spring: Spring) -> Spring:
-    a, b = (replace(end, point=constants(end.point)) for end in spring.ends)
-    numbers = {name: Constant(getattr(spring, name)) for name in ("stiffness", "length", "damping")}
-    return replace(spring, a=a, b=b, **numbers)
+def _constant_element(element: ForceElement) -> ForceElement:
+    def constant(value: Any) -> Any:
+        if isinstance(value, SpringEnd):
+            return replace(value, point=constants(value.point))
+        if isinstance(value, np.ndarray):
+            return constants(value)
+        return Constant(value) if isinstance(value, float) else value
+
+    return replace(element, **{field.name: constant(getattr(element, field.name)) for field in fields(element)})
 
 
 def _constant_pose(pose: Pose) -> Pose:

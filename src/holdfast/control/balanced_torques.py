@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.control.computed_torque import joint_accelerations
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, pseudo_gravity
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.inverse import torques

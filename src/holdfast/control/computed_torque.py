@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.trunk.trunk_inverse import TrunkTorques, trunk_torques

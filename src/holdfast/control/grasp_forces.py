@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.closed.bushing_wrenches import bushings
 from holdfast.dynamics.closed.chain_motion import pseudo_gravity
+from holdfast.dynamics.closed.force_elements import deflections, with_force_elements
 from holdfast.dynamics.closed.object_motion import object_motion
-from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.contact_places import contact_places
 from holdfast.forces.force_split import motion_wrenches
@@ -44,10 +43,10 @@ def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, in
     pushed = sum((shift_wrench(at.offset, f) for at, f in zip(places, pushes, strict=True)), start=np.zeros(6))
 
     still = Inputs().shaped(chain)
-    pulled = with_springs(chain, state, still).object_wrench
+    pulled = with_force_elements(chain, state, still).object_wrench
     assert pulled is not None
     offsets = [at.offset for at, of_state in zip(places, soft, strict=True) if of_state]
-    for offset, one in zip(offsets, bushings(chain, state, still), strict=True):
+    for offset, one in zip(offsets, deflections(chain, state, still), strict=True):
         pulled = pulled + shift_wrench(offset, one.wrench())
     body = object_motion(chain.held_object, state.object_frame, state.object_twist, pulled)
     needed = body.inertia.apply(acceleration - pseudo_gravity(chain)) + body.bias - body.wrench

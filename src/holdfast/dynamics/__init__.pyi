@@ -3,8 +3,8 @@
 from .closing import project_velocity as project_velocity
 from .consistency import GraspResidual as GraspResidual
 from .consistency import closure as closure
-from .contact_attitude import ContactAttitude as ContactAttitude
-from .contact_attitude import contact_attitudes as contact_attitudes
+from .contact_places import ContactAttitude as ContactAttitude
+from .contact_places import contact_attitudes as contact_attitudes
 from .diagnose import Diagnosis as Diagnosis
 from .energy import Power as Power
 from .energy import centre_of_mass as centre_of_mass
@@ -17,12 +17,12 @@ from .impulse import attach as attach
 from .impulse import release as release
 from .kinematics import joint_mass_matrix as joint_mass_matrix
 from .kinematics import link_poses as link_poses
+from .kinematics import state_from_joints as state_from_joints
 from .kinematics import tip_jacobian as tip_jacobian
 from .kinematics import tip_pose as tip_pose
 from .methods import METHODS as METHODS
 from .methods import Method as Method
 from .momentum_balance import momentum_rate as momentum_rate
-from .object_from_joints import state_from_joints as state_from_joints
 from .object_level import motion_basis as motion_basis
 from .object_level import object_inertia as object_inertia
 from .object_level import object_mobility as object_mobility

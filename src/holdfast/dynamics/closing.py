@@ -8,8 +8,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
 from holdfast.dynamics.consistency import residuals
-from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
-from holdfast.dynamics.indeterminate import NULL_SINGULAR_VALUE
+from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE, constraint_rows, coordinate_sizes
 from holdfast.dynamics.projection import Change, moved, position_contact, quickened
 from holdfast.errors import ClosureError, StateError
 from holdfast.model import checks
@@ -18,15 +17,15 @@ from holdfast.model.tip_direction import advice_for
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
-CLOSED = 1e-13  # rad, and lengths relative to the arms' reach: the iteration stops below this residual
+CLOSED_RESIDUAL = 1e-13  # rad, and lengths relative to the arms' reach: the iteration stops below this residual
 ACCEPTED = 1e-10  # same units: a state with a residual below this counts as closed
 MAX_ITERATIONS = 200
 # Relative singular value per unit of position residual. Off the constraint manifold, dependent rows can look
 # independent; singular values below this bound are checked again at a closed state.
 NULL_PER_GAP = 1e3
-LONGEST_STEP = 0.5  # largest step of one iteration: rad, or fraction of the arms' reach
+LONGEST_NEWTON_STEP = 0.5  # largest step of one iteration: rad, or fraction of the arms' reach
 WORTH_NAMING = 1e-2  # fraction of the largest residual below which an arm is not reported as unreachable
-MOST_NAMED = 4  # arms named in one message
+MOST_ARMS = 4  # arms named in one message
 MOST_ADVISED = 2  # hints in one message about tip frames that seem to point in the wrong direction
 
 
@@ -166,12 +165,12 @@ def _brought_together(chain: ClosedChain, state: State, low: Array, high: Array,
     damping = 1e-6
     for _ in range(MAX_ITERATIONS):
         size = float(np.abs(gap).max(initial=0.0))
-        if size <= CLOSED:
+        if size <= CLOSED_RESIDUAL:
             break
         sizes = coordinate_sizes(motion)
         rows = np.where(held, 0.0, _position_rows(motion) * sizes)
         step = _inward_step(rows, gap, damping, state.q <= low, state.q >= high)
-        step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
+        step *= min(1.0, LONGEST_NEWTON_STEP / max(float(np.abs(step).max()), 1e-300))
         trial = _clipped(state, sizes * step, low, high)
         trial_motion, trial_gap = _gap(chain, trial)
         if float(np.linalg.norm(trial_gap)) < float(np.linalg.norm(gap)):
@@ -248,9 +247,9 @@ def _require_reached(chain: ClosedChain, state: State) -> None:
         for name, gap in missed.items()
         if gap > WORTH_NAMING * worst
     ]
-    more = f", and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
+    more = f", and {len(named) - MOST_ARMS} more" if len(named) > MOST_ARMS else ""
     raise ClosureError(
-        f"cannot close the chains: {', '.join(named[:MOST_NAMED])}{more}. {_tips_advice(chain, missed, worst)}"
+        f"cannot close the chains: {', '.join(named[:MOST_ARMS])}{more}. {_tips_advice(chain, missed, worst)}"
         "Try a closer object pose, another guess for q, other base poses, or wider joint limits"
     )
 
@@ -261,4 +260,4 @@ def _tips_advice(chain: ClosedChain, missed: dict[str, float], worst: float) -> 
     for name, gap in missed.items():
         if gap > WORTH_NAMING * worst and (told := advice_for(chain.arms[name], chain.grasps[name])):
             advice.setdefault(told, []).append(f"'{name}'")
-    return "".join(f"Of {', '.join(names[:MOST_NAMED])}: {told}. " for told, names in [*advice.items()][:MOST_ADVISED])
+    return "".join(f"Of {', '.join(names[:MOST_ARMS])}: {told}. " for told, names in [*advice.items()][:MOST_ADVISED])

@@ -8,13 +8,12 @@ in docs/theory/contacts.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, link_twists, tip_twist
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
@@ -27,7 +26,7 @@ from holdfast.model.grasp_kinds import GraspKind
 from holdfast.questions.arrays import STATE, Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
-from holdfast.questions.question import Part, Question, Show
+from holdfast.questions.question import Question, ResultPart, Show, arm_parts, of_arms
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, concatenate, each_of
 from holdfast.spatial.spatial_vector import rotate
@@ -179,21 +178,14 @@ def _closure(case: VariedCase) -> tuple[Array, Array]:
     return concatenate([none, *(gap.position for gap in gaps)]), concatenate([none, *(gap.velocity for gap in gaps)])
 
 
-def rows_of(kind: GraspKind, result: str) -> int:
-    """Return how many rows of a residual, `position` or `velocity`, grasps of a kind have."""
-    return len(kind.position_rows if result == "position" else kind.transmitted)
+def _rows(result: str) -> Callable[[int, GraspKind | None], int]:
+    """Return the number of an arm's rows of a residual, `position` or `velocity`, by the kind of its grasp."""
+    return lambda _, kind: 0 if kind is None else len(kind.position_rows if result == "position" else kind.transmitted)
 
 
-def _by_grasps(chain: ClosedChain, result: str) -> list[Part]:
-    found, end = [], 0
-    for name, grasp in chain.grasps.items():
-        begin, end = end, end + rows_of(grasp.of_kind, result)
-        found.append(Part(slice(begin, end), chain.names.index(name)))
-    return found
-
-
-def _row_count(chain: ClosedChain, result: str) -> tuple[int]:
-    return (_by_grasps(chain, result)[-1].entries.stop if chain.grasps else 0,)
+def _by_grasps(chain: ClosedChain, result: str) -> list[ResultPart]:
+    entries = arm_parts(chain, _rows(result))
+    return [ResultPart(entries[name], chain.names.index(name)) for name in chain.grasps]
 
 
 def _residuals(chain: ClosedChain) -> Show:
@@ -213,9 +205,9 @@ CLOSURE = declare(
         "closure",
         _closure,
         (
-            Row("position", lambda chain: _row_count(chain, "position"), "rad, m", "position residuals of all grasps"
+            Row("position", of_arms(_rows("position")), "rad, m", "position residuals of all grasps"
                 " along contact axes, angles first"),
-            Row("velocity", lambda chain: _row_count(chain, "velocity"), "rad/s, m/s", "velocity residuals of all"
+            Row("velocity", of_arms(_rows("velocity")), "rad/s, m/s", "velocity residuals of all"
                 " grasps, K (A V(C) - V+)"),
         ),
         "the constraint residuals of every grasp",

@@ -9,11 +9,10 @@ from typing import Literal
 import numpy as np
 
 from holdfast.dynamics import rank as rank_of
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
-from holdfast.dynamics.constraint import length_scale
-from holdfast.dynamics.indeterminate import free_wrenches, pattern
-from holdfast.dynamics.lost_direction import LostDirection, lost_directions
+from holdfast.dynamics.constraint import free_wrenches, length_scale, pattern
+from holdfast.dynamics.near_singular import LostDirection, lost_directions
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.names import called

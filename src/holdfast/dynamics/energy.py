@@ -8,10 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
-from holdfast.dynamics.arm.velocity import link_twists
-from holdfast.dynamics.closed.bushing_wrenches import Deflection, bushing_energy, bushings
-from holdfast.dynamics.closed.spring_wrenches import Elongation, elongations
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics, link_twists
+from holdfast.dynamics.closed.force_elements import losses, stored_energies
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.trunk.trunk_motion import BaseKinematics, base_kinematics
 from holdfast.errors import StateError
@@ -31,7 +29,7 @@ from holdfast.spatial.spatial_vector import rotate, shift_wrench, unrotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
-class Body(NamedTuple):
+class MovingBody(NamedTuple):
     """A moving rigid body: inertia and twist about its own origin in its own axes, and its pose (R, origin)."""
 
     inertia: RigidInertia
@@ -63,7 +61,7 @@ class Body(NamedTuple):
         return -(gravity @ self.com)
 
 
-def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> Iterator[Body]:
+def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> Iterator[MovingBody]:
     """Yield the trunk's bodies from the base outward, then the links arm by arm, base to tip, then the object."""
     at = base_kinematics(chain, state, shaped_inputs(chain, inputs))
     yield from trunk_bodies(chain, at)
@@ -72,26 +70,26 @@ def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> It
     yield held_body(chain.held_object, state.object_frame, state.object_twist)
 
 
-def trunk_bodies(chain: ClosedChain, at: BaseKinematics) -> list[Body]:
+def trunk_bodies(chain: ClosedChain, at: BaseKinematics) -> list[MovingBody]:
     """Return the bodies of the trunk from its base outward; the list is empty without a trunk."""
     of_trunk = () if chain.trunk is None else chain.trunk.bodies
     return [
-        Body(link.spatial_inertia, unrotate(body.frame.R, body.twist), body.frame.R, body.frame.p)
+        MovingBody(link.spatial_inertia, unrotate(body.frame.R, body.twist), body.frame.R, body.frame.p)
         for link, body in zip(of_trunk, at.trunk, strict=True)
     ]
 
 
-def links(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Iterator[Body]:
+def links(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Iterator[MovingBody]:
     """Yield the links of one arm, base to tip."""
     at = forward_kinematics(arm, q)
     twists = link_twists(arm, at, qd, base_twist)
     for link, V, R, origin in zip(arm.links, twists, at.R, _origins(at), strict=True):
-        yield Body(link.spatial_inertia, V, R, origin)
+        yield MovingBody(link.spatial_inertia, V, R, origin)
 
 
-def held_body(held: HeldObject, frame: Pose, twist: Array) -> Body:
+def held_body(held: HeldObject, frame: Pose, twist: Array) -> MovingBody:
     """Return the object as a body; `twist` is that of C along world axes."""
-    return Body(held.spatial_inertia, unrotate(frame.R, twist), frame.R, frame.p)
+    return MovingBody(held.spatial_inertia, unrotate(frame.R, twist), frame.R, frame.p)
 
 
 @asked
@@ -154,7 +152,8 @@ def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
     if chain.trunk is not None:
         parts.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
     held = held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(gravity)
-    return sum(parts) + held + spring_energy(chain, state) + bushing_energy(chain, state)
+    of_bodies = sum(parts) + held
+    return sum(stored_energies(chain, state), start=of_bodies)
 
 
 def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:
@@ -173,17 +172,12 @@ def elastic_energy(chain: ClosedChain, state: State) -> Scalar:
     in_joints = [arm_elastic_energy(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()]
     if chain.trunk is not None:
         in_joints.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
-    return sum(in_joints) + spring_energy(chain, state) + bushing_energy(chain, state)
+    return sum(stored_energies(chain, state), start=sum(in_joints))
 
 
 def rotor_energy(chain: ClosedChain, state: State) -> Scalar:
     """Return the kinetic energy of the actuators' rotors [J]."""
     return 0.5 * (np.array([joint.armature for joint in chain.all_joints]) @ state.qd**2)
-
-
-def spring_energy(chain: ClosedChain, state: State) -> Scalar:
-    """Return the elastic energy of the springs between bodies [J]."""
-    return sum(map(Elongation.energy, elongations(chain, state, Inputs().shaped(chain)), chain.springs))
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -308,8 +302,7 @@ def power_of(
     damping = concatenate(arm.damping for arm in chain.arms.values())
     if chain.trunk is not None:
         damping = concatenate([[joint.damping for joint in chain.trunk.joints], damping])
-    lost = sum(map(Elongation.loss, elongations(chain, state, inputs), chain.springs))
-    lost = lost + sum(map(Deflection.loss, bushings(chain, state, inputs)))
+    lost = sum(losses(chain, state, inputs))
     external, base = inputs.object_wrench @ state.object_twist, base_wrench.ravel() @ inputs.base_twists.ravel()
     moving = [] if inputs.link_wrenches is None else [*inputs.link_wrenches]
     if inputs.trunk_link_wrenches is not None:
@@ -356,7 +349,7 @@ KINETIC = declare(
     ),
     kinetic_energy,
 )
-POTENTIAL = declare(
+declare(
     Question(
         "potential_energy",
         lambda case: (total_potential_energy(case.chain, case.state),),
@@ -371,7 +364,7 @@ POTENTIAL = declare(
     ),
     potential_energy,
 )
-MOMENTUM = declare(
+declare(
     Question(
         "momentum",
         lambda case: (total_momentum(case.chain, case.state, case.inputs, case.own["about"]),),
@@ -388,7 +381,7 @@ def _centre(case: VariedCase) -> tuple[Array]:
     return (sums[1:] / sums[0],)
 
 
-CENTRE_OF_MASS = declare(
+declare(
     Question(
         "centre_of_mass",
         _centre,

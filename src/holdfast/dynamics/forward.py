@@ -8,13 +8,13 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics import indeterminate, rank
+from holdfast.dynamics import constraint, rank
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.general import FreeDynamics
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.sequential import sequential
-from holdfast.dynamics.closed.tip_response import NO_INERTIA, Route
+from holdfast.dynamics.closed.tip_response import LEAST_INERTIA, Route
 from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.methods import Method, method_named
 from holdfast.dynamics.result import ForwardResult, Status
@@ -118,7 +118,7 @@ def forward_dynamics(
     except MethodNotApplicable as cause:
         raise MethodNotApplicable(f"{chosen.name}: {cause}") from cause
     if status is Status.INDETERMINATE_FORCES and held is None:  # given rows to hold determine the forces
-        found = indeterminate.with_smallest_forces(motion, replace(found, rank=regular.rank))
+        found = constraint.with_smallest_forces(motion, replace(found, rank=regular.rank))
     return _assemble(motion, found, regular, status, chosen.name)
 
 
@@ -140,7 +140,7 @@ def _require_rigid(chain: ClosedChain, method: Method) -> None:
 
 def _require_inertia(what: str, pivots: Array) -> None:
     """Refuse an arm or a trunk whose mass matrix is singular because everything beyond a joint is massless."""
-    lacking = np.flatnonzero(~(pivots > NO_INERTIA * np.max(pivots, initial=0.0, where=np.isfinite(pivots))))
+    lacking = np.flatnonzero(~(pivots > LEAST_INERTIA * np.max(pivots, initial=0.0, where=np.isfinite(pivots))))
     if lacking.size:
         k = int(lacking[-1])  # the singular pivot nearest the tip makes those closer to the base singular too
         raise ModelError(

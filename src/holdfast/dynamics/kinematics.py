@@ -1,26 +1,31 @@
-"""Kinematics and mass matrix of one arm, for users: the functions of `arm` with checked arguments."""
+"""Kinematics for users: functions of `arm` with checked arguments, and the object's state from the joints (2.8)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics, jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
-from holdfast.errors import StateError
+from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import declare
 from holdfast.questions.question import Question, by_arm, of_arms
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, concatenate, each
+from holdfast.spatial.spatial_vector import twist_shift
+from holdfast.state import Inputs, State, shaped_inputs
 
 
 class Frames(NamedTuple):
@@ -158,7 +163,7 @@ MASS_MATRIX = declare(
         shown=by_arm(lambda N: (N, N)),
     )
 )
-JACOBIAN = declare(
+declare(
     Question(
         "jacobian",
         _jacobians,
@@ -178,7 +183,7 @@ JACOBIAN = declare(
         shown=by_arm(lambda N: (6, N)),
     )
 )
-TIP_POSES = declare(
+declare(
     Question(
         "tip_poses",
         _tips,
@@ -191,7 +196,7 @@ TIP_POSES = declare(
         shown=by_arm(lambda N: (12,), _frames),
     )
 )
-LINK_POSES = declare(
+declare(
     Question(
         "link_poses",
         _links,
@@ -204,3 +209,54 @@ LINK_POSES = declare(
         shown=by_arm(lambda N: (N, 12), _frames),
     )
 )  # fmt: skip
+
+
+@np.errstate(all="ignore")  # what overflows is refused
+def state_from_joints(
+    chain: ClosedChain,
+    q: ArrayLike,
+    qd: ArrayLike,
+    *,
+    inputs: Inputs | None = None,
+    check: bool = True,
+    base_pose: Pose | ArrayLike | None = None,
+    base_twist: ArrayLike | None = None,
+) -> State:
+    """Return the state with the object's pose and twist computed from the joints.
+
+    V(C) = (A^T A)^-1 A^T V(0) (2.8a); the pose follows from the tip of the first grasp. O(n).
+
+    Args:
+        chain: a chain with at least one grasp, whose grasps are all rigid.
+        q: (n,) joint positions.
+        qd: (n,) joint rates.
+        inputs: base motion, if the bases move.
+        check: refuse joints that violate the grasps.
+        base_pose: pose of a trunk's floating base, wxyz_xyz, if there is one.
+        base_twist: (6,) twist of its origin, world axes.
+
+    Raises:
+        MethodNotApplicable: a grasp is not rigid, or there is none.
+        StateError: the joints violate the grasps.
+    """
+    checks.instance(chain, ClosedChain, "chain")
+    others = [f"'{name}' is a {grasp.kind} grasp" for name, grasp in chain.grasps.items() if grasp.free]
+    if others or not chain.grasps:
+        raise MethodNotApplicable(
+            f"state_from_joints: needs rigid grasps, but {'; '.join(others[:3]) or 'there is none'}; give the object's"
+            " pose, or try holdfast.close"
+        )
+    given = shaped_inputs(chain, inputs)
+    start = State(q, qd, np.r_[1.0, np.zeros(6)], base_pose=base_pose, base_twist=base_twist)
+    start.fits(chain)
+    arms = chain_motion(chain, start, np.zeros(chain.joint_count), given).arms
+    tips = {name: (arms[name].at.tip, arms[name].tip_twist) for name in chain.grasps}
+    (first, (tip, _)), *_ = tips.items()
+    pose = tip @ chain.grasps[first].frame.inverse()
+    A = np.concatenate([twist_shift(pose.R @ grasp.frame.p) for grasp in chain.grasps.values()])
+    V = np.concatenate([twist for _, twist in tips.values()])
+    checks.finite(np.append(A, V), "state_from_joints")
+    state = replace(start, object_pose=pose.wxyz_xyz, object_twist=np.linalg.lstsq(A, V, rcond=None)[0])
+    if check:
+        require_closed(chain_motion(chain, state, np.zeros(chain.joint_count), given), state)
+    return state

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.constraint import DEPENDENT, constraint_rows
+from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE, constraint_rows
 from holdfast.dynamics.derivatives import forward_dynamics_jacobian, result_named
 from holdfast.dynamics.projection import displacement
 from holdfast.dynamics.trunk.trunk_power import TrunkCase, TrunkUnknowns
@@ -158,7 +158,9 @@ def tangent_basis(motion: ChainMotion) -> Array:
     turned = np.array([gap_rates(unit) for unit in np.eye(half)]).T  # D
     N_v = rows.motions
     turned = turned.reshape(len(rows.matrix), half)
-    follows = -np.linalg.pinv(rows.matrix, rcond=DEPENDENT) @ (turned @ N_p) if len(rows.matrix) else 0.0 * N_p
+    follows = (
+        -np.linalg.pinv(rows.matrix, rcond=NULL_SINGULAR_VALUE) @ (turned @ N_p) if len(rows.matrix) else 0.0 * N_p
+    )
     return np.block([[N_p, np.zeros((half, N_v.shape[1]))], [follows, N_v]])
 
 

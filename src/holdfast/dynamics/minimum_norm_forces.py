@@ -21,9 +21,8 @@ from holdfast.dynamics.closed.forward_derivatives import VirtualPower, arm_resid
 from holdfast.dynamics.closed.forward_jacobian import unit_wrenches
 from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.closed.stacked import Stacked
-from holdfast.dynamics.closed.virtual_power import Unknowns
-from holdfast.dynamics.constraint import length_scale
-from holdfast.dynamics.indeterminate import free_wrenches
+from holdfast.dynamics.closed.virtual_power import ArmUnknowns
+from holdfast.dynamics.constraint import free_wrenches, length_scale
 from holdfast.dynamics.trunk.trunk_derivatives import BASE_RESULT
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
@@ -45,7 +44,7 @@ class MinimumNormForces(NamedTuple):
 
     N: Array
     W: Array
-    mu: Mapping[str, Unknowns]
+    mu: Mapping[str, ArmUnknowns]
     of_trunk: TrunkUnknowns | None
     wrench_jacobians: Mapping[str, Array]
 
@@ -58,7 +57,7 @@ class MinimumNormForces(NamedTuple):
             tangents: rates of the arguments by name.
         """
         rows = holding_rows(at.motion)
-        nothing = {name: Unknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
+        nothing = {name: ArmUnknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
         still_trunk = None if self.of_trunk is None else TrunkUnknowns(*(0.0 * x for x in self.of_trunk))
         turned = arm_residual_rates(with_trunk(at, self.of_trunk), dict(self.mu), tangents)
         still = arm_residual_rates(with_trunk(at, still_trunk), nothing, tangents)
@@ -111,7 +110,7 @@ def minimum_norm_forces(at: Point) -> MinimumNormForces:
     *parts, below = np.split(solved, ends)
     qdd, alpha, rates = parts[: len(counts)], parts[len(counts)], parts[len(counts) + 1 :]
     none = np.zeros(6)
-    mu = {name: Unknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
+    mu = {name: ArmUnknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
     for name, a, W_dot in zip(chain.grasps, qdd, rates, strict=True):
         mu[name] = mu[name]._replace(qdd=a, contact_acceleration=W_dot, object_acceleration=alpha)
     of_trunk = None

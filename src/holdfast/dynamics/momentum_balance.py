@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.closed.spring_wrenches import with_springs
+from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.energy import (
-    Body,
+    MovingBody,
     bodies,
     total_kinetic_energy,
     total_mass_moment,
@@ -54,11 +54,11 @@ def momentum_rate(
     require_result_of(chain, result)
     checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
-    given = with_springs(chain, state, shaped_inputs(chain, inputs))
+    given = with_force_elements(chain, state, shaped_inputs(chain, inputs))
     return checks.finite(rate_of(chain, result, given, list(bodies(chain, state)), point), "momentum rate")
 
 
-def rate_of(chain: ClosedChain, result: ForwardResult, given: Inputs, every: list[Body], point: Array) -> Array:
+def rate_of(chain: ClosedChain, result: ForwardResult, given: Inputs, every: list[MovingBody], point: Array) -> Array:
     """Return `momentum_rate` for given bodies; the inputs are shaped and include the wrenches of springs."""
     *links, held = every
     on_trunk = 0 if chain.trunk is None else len(chain.trunk.bodies)

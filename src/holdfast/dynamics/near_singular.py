@@ -1,36 +1,40 @@
-"""A measure of the distance of a chain and its arms from singular configurations, and the directions concerned.
+"""The distance of a chain and its arms from singular configurations, and the directions that are lost there.
 
-The measure is a relative singular value s, which is 1 far from singular configurations and goes to 0 in proportion to
-the distance from one. For an arm, s belongs to its weakest tip direction (`tip_directions`); for the chain, it is
-condition^-1/2. Forward dynamics stays regular if a single arm is singular. However, a motion of its tip along the lost
-direction needs joint rates that grow as 1/s, and torques that grow faster.
+It is measured by a relative singular value s, which is 1 far from singular configurations and goes to 0 in proportion
+to the distance from one. For an arm, s belongs to its weakest tip direction (`tip_directions`), described as a screw;
+for the chain, it is condition^-1/2. Forward dynamics stays regular if a single arm is singular. However, a motion of
+its tip along the lost direction needs joint rates that grow as 1/s, and torques that grow faster.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics, jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
-from holdfast.dynamics.constraint import length_scale
-from holdfast.dynamics.indeterminate import pattern, wrench_directions
-from holdfast.dynamics.lost_direction import LOST, described, tip_directions
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.constraint import length_scale, pattern, wrench_directions
 from holdfast.dynamics.rank import constraint_pivots
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import State
 
 NEARING = 0.07  # s that runs towards a singularity pass 50 ms or more before joint rates and forces grow without bound
-NEAR = 0.03  # s that they pass about 20 ms before
+NEAR_SINGULAR = 0.03  # s that they pass about 20 ms before
 STRENGTH_LOST = 5.0  # largest change of s per radian of a joint, or per displacement relative to the reach
 LOST_BY_ARM = 1e-6  # s below which a direction is lost, at a configuration whose time is known to 1e-9 s
 CONFIGURATIONS_TRIED = 4  # number of configurations with which the generic rank of an arm is determined
+LOST_STRENGTH = 1e-9  # relative singular value below which a direction is lost
+NEARLY_LOST = 1e-3  # relative singular value below which a direction is reported
+PURE = 1e-6  # components of a unit screw below this count as zero
 
 
 def arm_strength(arm: Arm, at: Kinematics, grasp: Grasp, object_rotation: Array) -> float:
@@ -58,7 +62,7 @@ def generic_tip_rank(arm: Arm, grasp: Grasp) -> int:
 
 def _rank_somewhere(arm: Arm, grasp: Grasp, random: np.random.Generator) -> int:
     at = forward_kinematics(arm, random.uniform(-np.pi, np.pi, arm.joint_count))
-    return int((tip_directions(_rows(grasp, at.tip.R), jacobian(arm, at)).strengths > LOST).sum())
+    return int((tip_directions(_rows(grasp, at.tip.R), jacobian(arm, at)).strengths > LOST_STRENGTH).sum())
 
 
 def _rows(grasp: Grasp, R: Array) -> Array:
@@ -70,7 +74,7 @@ def chain_strength(condition: Array) -> Array:
     return 1.0 / np.sqrt(condition)
 
 
-def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR) -> list[str]:
+def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR_SINGULAR) -> list[str]:
     """Return descriptions of the directions with s <= limit, first those of the chain, then those of its arms."""
     motion = chain_at_rest(chain, state)
     condition = constraint_pivots(chain, state).condition
@@ -117,3 +121,116 @@ def _load(motion: ChainMotion, wrenches: Array, length: float) -> str:
     each = wrenches.reshape(-1, 6)
     largest = np.abs(each * np.r_[np.full(3, 1 / length), np.ones(3)]).max()
     return pattern(motion, each / largest, length)
+
+
+@dataclass(frozen=True, eq=False)
+class LostDirection(Frozen):
+    """A direction, among those that the grasp transmits, in which an arm cannot move its tip.
+
+    The same screw as a wrench loads the arm's structure, but none of its drives.
+
+    Attributes:
+        arm: name of the arm.
+        kind: "translation" along the axis, "rotation" about it (the arm resists a pure moment without its drives), or
+            "screw" (both, coupled).
+        axis: (3,) unit vector, world axes.
+        point: (3,) a point on the axis, world axes [m].
+        strength: relative singular value; 0 if the direction is lost, 1e-3 if it is nearly lost.
+        words: description of the direction.
+    """
+
+    arm: str
+    kind: Literal["translation", "rotation", "screw"]
+    axis: Array
+    point: Array
+    strength: float
+    words: str
+
+
+def lost_directions(name: str, c: Contact, J: Array, tip: Array) -> list[LostDirection]:
+    """Return the lost and nearly lost directions of one arm's tip, the weakest first.
+
+    The result depends neither on the units nor on the scaling of the joints (`tip_directions`).
+
+    Args:
+        name: name of the arm.
+        c: its contact.
+        J: (6, N) tip Jacobian, world axes.
+        tip: (3,) tip point, world axes.
+    """
+    found = tip_directions(c.K, J)
+    lost = found.strengths <= LOST_STRENGTH
+    directions = [(u, 0.0) for u in _moments_apart(found.screws[:, lost])]
+    nearly = np.flatnonzero(~lost & (found.strengths <= NEARLY_LOST))
+    directions += [(found.screws[:, k], float(found.strengths[k])) for k in reversed(nearly)]
+    return [described(name, found, c.K, u, tip, strength) for u, strength in directions]
+
+
+class TipDirections(NamedTuple):
+    """The directions of an arm's tip that its grasp transmits, from the strongest to the weakest.
+
+    Attributes:
+        strengths: (rows,) singular values relative to the largest.
+        screws: (rows, rows) directions as columns, along the rows of K.
+        length: size of the arm, by which moments are divided [m].
+    """
+
+    strengths: Array
+    screws: Array
+    length: float
+
+
+def tip_directions(K: Array, J: Array) -> TipDirections:
+    """Return the singular directions of K J, with moments divided by the arm's size and columns scaled to one.
+
+    Args:
+        K: (rows, 6) the transmitted directions, world axes.
+        J: (6, N) tip Jacobian, world axes.
+    """
+    lever = np.linalg.norm(J[3:], axis=0)[np.linalg.norm(J[:3], axis=0) > 0.5]
+    length = float(lever.max(initial=0.0)) or 1.0
+    KJ = (K * _unit(length)) @ J
+    sizes = np.linalg.norm(KJ, axis=0)
+    KJ = KJ[:, sizes > 0] / sizes[sizes > 0]
+    U, s, _ = np.linalg.svd(KJ)
+    relative = np.zeros(len(KJ))
+    relative[: len(s)] = s / max(float(s.max(initial=0.0)), 1e-300)
+    return TipDirections(relative, U, length)
+
+
+def _unit(length: float) -> Array:
+    return np.r_[np.full(3, length), np.ones(3)]  # twists [w length; v]
+
+
+def _moments_apart(U: Array) -> list[Array]:
+    """Return a basis of span(U), rows [.., force], that begins with the pure moments."""
+    if not U.shape[1]:
+        return []
+    _, sizes, Vt = np.linalg.svd(U[-3:])
+    rank = int((sizes > PURE).sum())
+    return list((U @ Vt[rank:].T).T) + list((U @ Vt[:rank].T).T)
+
+
+def described(arm: str, found: TipDirections, K: Array, u: Array, tip: Array, strength: float) -> LostDirection:
+    """Return the description of a direction u along the rows of K as a screw; `tip` is the tip point [m]."""
+    length, wrench = found.length, (K * _unit(found.length)).T @ u  # [moment; force] about the tip
+    moment, force = wrench[:3], wrench[3:]
+    if np.linalg.norm(force) * length > PURE * np.linalg.norm(moment):
+        axis = force / np.linalg.norm(force)
+        point = tip + np.cross(force, moment) / (force @ force)
+        pitch = float(moment @ axis) / float(np.linalg.norm(force))  # [m]
+        kind: Literal["translation", "rotation", "screw"] = "translation" if abs(pitch) <= PURE * length else "screw"
+    else:
+        axis, point, pitch, kind = moment / np.linalg.norm(moment), tip, 0.0, "rotation"
+    action = {
+        "translation": "move its tip along",
+        "rotation": "turn its tip about",
+        "screw": f"follow the screw of pitch {pitch:.3g} m along",
+    }[kind]
+    degree = "cannot" if strength <= LOST_STRENGTH else f"can hardly (relative strength {strength:.1e})"
+    (ax, ay, az), (px, py, pz) = axis, point
+    words = (
+        f"arm '{arm}' {degree} {action} ({ax:+.3f}, {ay:+.3f}, {az:+.3f}) through"
+        f" ({px:.3f}, {py:.3f}, {pz:.3f}) m, world axes; a load along it causes no joint torque"
+    )
+    return LostDirection(arm, kind, axis, point, strength, words)

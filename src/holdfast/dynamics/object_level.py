@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_filter import rest_response
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closed.object_motion import object_motion
+from holdfast.dynamics.closed.sequential import rest_response
 from holdfast.dynamics.constraint import constraint_rows
 from holdfast.errors import SingularChainError
 from holdfast.model import checks

@@ -8,9 +8,9 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.consistency import largest_position
 from holdfast.dynamics.projection import (
-    CLOSED,
-    FARTHEST,
+    CLOSED_GAP,
     LEFT_OPEN,
+    WIDEST_GAP,
     closer,
     hidden_gaps,
     position_mismatch,
@@ -22,7 +22,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
-ROUNDS = 8
+MOST_PROJECTIONS = 8
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -48,13 +48,13 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
     tau = np.zeros(chain.joint_count)
     motion = chain_motion(chain, state, tau, given)
     held, before, size, shown = None, np.inf, np.inf, np.inf
-    for k in range(ROUNDS):
+    for k in range(MOST_PROJECTIONS):
         gaps = position_mismatch(motion, state)
         shown = max((float(np.abs(gap).max()) for gap in gaps), default=0.0)
         size = max([shown, *map(float, hidden_gaps(motion, state))])
-        if size <= CLOSED or size >= 0.5 * before:
+        if size <= CLOSED_GAP or size >= 0.5 * before:
             break
-        if size > FARTHEST:
+        if size > WIDEST_GAP:
             raise ClosureError(
                 f"the grasps are open by {max(shown, largest_position(motion, state)):.3g} (m or rad), expected a"
                 " step's rounding; try holdfast.close, or a smaller time step"

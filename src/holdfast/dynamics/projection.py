@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmMotion, at_rest
-from holdfast.dynamics.closed.chain_filter import chain_filter
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.held_rows import holding
+from holdfast.dynamics.closed.sequential import chain_filter
 from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.consistency import tip_from_contact
 from holdfast.model.closed_chain import ClosedChain
@@ -34,9 +34,9 @@ from holdfast.spatial.spatial_vector import rotate, shift_twist
 from holdfast.spatial.vector import largest
 from holdfast.state import Inputs, State
 
-CLOSED = 1e-14  # m and rad: the iteration stops below this gap
+CLOSED_GAP = 1e-14  # m and rad: the iteration stops below this gap
 STEP_ROUNDS = 2  # iterations at the end of a step
-FARTHEST = 1e-2  # m and rad: a larger gap does not come from a valid step
+WIDEST_GAP = 1e-2  # m and rad: a larger gap does not come from a valid step
 LEFT_OPEN = 1e-9  # m and rad: a larger remaining gap is not rounding
 
 

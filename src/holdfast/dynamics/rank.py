@@ -12,14 +12,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_filter import rest_response
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
-from holdfast.dynamics.closed.sequential import sequential
+from holdfast.dynamics.closed.sequential import rest_response, sequential
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.consistency import largest_position
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.object_level import motion_basis
-from holdfast.dynamics.projection import CLOSED, FARTHEST, displacement, moved
+from holdfast.dynamics.projection import CLOSED_GAP, WIDEST_GAP, displacement, moved
 from holdfast.dynamics.result import Status
 from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model import checks
@@ -123,7 +122,7 @@ def closed_near(chain: ClosedChain, state: State, inputs: Inputs | None = None) 
         state: a state that nearly satisfies the grasps.
         inputs: base motion, if the bases move.
     """
-    if not largest_position(chain_at_rest(chain, state), state) <= FARTHEST:
+    if not largest_position(chain_at_rest(chain, state), state) <= WIDEST_GAP:
         return None
     try:
         return close(chain, state, limits=False, inputs=inputs)
@@ -159,7 +158,7 @@ def require_trusted(motion: ChainMotion, state: State, found: Pivots) -> None:
 
 def may_mislead(condition: float, gap: float) -> bool:
     """Return whether a gap of the grasps [m or rad] may have made a dependent row seem independent."""
-    return gap > CLOSED and not condition * (ROW_PER_GAP * gap) ** 2 < 1.0
+    return gap > CLOSED_GAP and not condition * (ROW_PER_GAP * gap) ** 2 < 1.0
 
 
 def generic_rank_near(chain: ClosedChain, state: State, here: int) -> int:

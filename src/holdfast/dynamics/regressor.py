@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.bias import bias_accelerations
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, link_twists
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
-from holdfast.dynamics.closed.spring_wrenches import with_springs
+from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.inverse import acceleration_of_base
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.dynamics.trunk.trunk_power import TrunkCase
@@ -146,7 +145,7 @@ def regressor(
     base = acceleration_of_base(chain, base_acceleration)
     given = shaped_inputs(chain, inputs)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
-    pushed = with_springs(chain, state, given).object_wrench
+    pushed = with_force_elements(chain, state, given).object_wrench
     assert pushed is not None
     Y = object_columns(state.object_frame, state.object_twist, alpha - pseudo_gravity(chain))
     rows, drives, of_base = {}, np.zeros(chain.joint_count), np.zeros(6)

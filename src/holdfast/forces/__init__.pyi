@@ -2,10 +2,10 @@
 
 from .force_split import Split as Split
 from .force_split import split as split
+from .margin_interval import LargestMargin as LargestMargin
 from .margin_interval import MarginRange as MarginRange
+from .margin_interval import largest_margin as largest_margin
 from .margin_interval import margin_range as margin_range
-from .margin_maximum import LargestMargin as LargestMargin
-from .margin_maximum import largest_margin as largest_margin
 from .margins import JointMargins as JointMargins
 from .margins import grasp_margins as grasp_margins
 from .margins import joint_margins as joint_margins

@@ -15,15 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
 from holdfast.spatial.scalar import Array
 
 STEEPEST = 1e-6  # N of margin per N of squeezing: a smaller slope is rounding
-FARTHEST = 1e6  # largest |z|, relative to the size of the forces, for a supremum that is not attained
-PRECISION = 1e-10  # relative to the size of the forces
+LARGEST_UNKNOWN = 1e6  # largest |z|, relative to the size of the forces, for a supremum that is not attained
+MARGIN_PRECISION = 1e-10  # relative to the size of the forces
 INSIDE = 1e-6  # a search begins only where the limits are satisfied by more than this relative amount
-CENTRED = 1e-3  # Newton decrement below which a point is close enough to the central path
-MOST_STEPS = 200
-NULL_SINGULAR_VALUE = 1e-9
+CENTRED_DECREMENT = 1e-3  # Newton decrement below which a point is close enough to the central path
+MOST_NEWTON_STEPS = 200
 
 
 class AffineMargin(NamedTuple):
@@ -107,7 +107,7 @@ def largest_within(margins: list[AffineMargin], limits: list[AffineMargin]) -> L
     # z is in units of `size`, and each limit is divided by its constant
     kept = [AffineMargin(1.0, m.a, m.b / m.c, m.B * size / m.c) for m in limits]
     if kept and min(m.at(still) for m in kept) < INSIDE:
-        start = _maximum(kept, [], FARTHEST, still) if len(still) else still
+        start = _maximum(kept, [], LARGEST_UNKNOWN, still) if len(still) else still
         if min(m.at(start) for m in kept) <= 0.0:
             return Largest(-math.inf, np.zeros(k))
     if not len(still):
@@ -117,7 +117,7 @@ def largest_within(margins: list[AffineMargin], limits: list[AffineMargin]) -> L
     if len(nowhere) and min(m.at(_maximum(slopes, [], 1.0, nowhere)) for m in slopes) > STEEPEST:
         return Largest(math.inf, np.zeros(k))
     scaled = [m.scaled(size) for m in margins]
-    z = _maximum(scaled, kept, FARTHEST, start)
+    z = _maximum(scaled, kept, LARGEST_UNKNOWN, start)
     return Largest(float(size) * min(m.at(z) for m in scaled), basis @ (float(size) * z))
 
 
@@ -147,7 +147,7 @@ def _maximum(margins: list[AffineMargin], limits: list[AffineMargin], reach: flo
     weight = 1.0
     while True:
         x = _centred(cones, x, weight)
-        if 2 * len(cones) * weight < PRECISION:
+        if 2 * len(cones) * weight < MARGIN_PRECISION:
             return x[:k]
         weight *= 0.1
 
@@ -157,7 +157,7 @@ def _centred(cones: list[AffineMargin], x: Array, weight: float) -> Array:
 
     The function is self-concordant, so Newton steps scaled by 1 / (1 + decrement) stay in the interior.
     """
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_NEWTON_STEPS):
         gradient, curvature = np.zeros_like(x), np.zeros((len(x), len(x)))
         gradient[-1] = -1.0 / weight
         for cone in cones:
@@ -170,7 +170,7 @@ def _centred(cones: list[AffineMargin], x: Array, weight: float) -> Array:
         step = -np.linalg.lstsq(curvature, gradient, rcond=None)[0]
         decrement = float(np.sqrt(max(-gradient @ step, 0.0)))
         step /= 1.0 + decrement if decrement > 0.25 else 1.0
-        if decrement < CENTRED or min(cone.at(x + step) for cone in cones) <= 0.0:
+        if decrement < CENTRED_DECREMENT or min(cone.at(x + step) for cone in cones) <= 0.0:
             break  # rounding prevents further progress
         x = x + step
     return x

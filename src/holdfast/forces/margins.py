@@ -31,7 +31,7 @@ from holdfast.model.wrench_condition import Condition, largest_force_and_moment
 from holdfast.questions.arrays import CONTACTS, LIMITS, RAD, RATE, TORQUE, Row, value_of
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
-from holdfast.questions.question import Part, Question, by_joints
+from holdfast.questions.question import Question, ResultPart, by_joints
 from holdfast.spatial.scalar import Array, Scalar, array, each, less, minimum, where
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State, require_fit
@@ -205,8 +205,8 @@ def _limited(case: VariedCase) -> tuple[Array, ...]:
     return tuple(where(limited, margin, math.inf) for limited, margin in zip(limits.limited, found, strict=True))
 
 
-def _grasps(chain: ClosedChain, result: str) -> list[Part]:
-    return [Part(slice(k, k + 1), chain.names.index(name)) for k, name in enumerate(chain.grasps)]
+def _grasps(chain: ClosedChain, result: str) -> list[ResultPart]:
+    return [ResultPart(slice(k, k + 1), chain.names.index(name)) for k, name in enumerate(chain.grasps)]
 
 
 GRASP_MARGINS = declare(

@@ -7,7 +7,7 @@ import numpy as np
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.contact_places import tip_frames
-from holdfast.dynamics.feasible_motion import require_holding
+from holdfast.dynamics.inverse import require_holding
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
@@ -16,7 +16,7 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.questions.arrays import Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
-from holdfast.questions.question import Part, Question
+from holdfast.questions.question import Question, ResultPart
 from holdfast.spatial.scalar import Array, array, each
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
@@ -103,7 +103,7 @@ WRISTS = declare(
         by=("q", "grasp_wrench"),
         depends_on=(),
         require=require_holding,
-        parts=lambda chain, _: [Part(slice(6 * row, 6 * row + 6), row) for row in range(len(chain.arms))],
+        parts=lambda chain, _: [ResultPart(slice(6 * row, 6 * row + 6), row) for row in range(len(chain.arms))],
     ),
     wrist_wrenches,
     own=lambda result: {"grasp_wrench": result.grasp_wrench},

@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.closed.spring_wrenches import with_springs
+from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.constraint import constraint_rows
 from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.regressor import UNIT_BODIES, object_columns
@@ -110,7 +110,7 @@ def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Setti
     assert recording.wrist_wrench is not None
     state, alpha, inputs = _sample(chain, recording, k)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
-    known = with_springs(chain, state, inputs).object_wrench
+    known = with_force_elements(chain, state, inputs).object_wrench
     assert known is not None
     places = [chain.names.index(name) for name in chain.grasps]
     measured = recording.wrist_wrench[k][places]

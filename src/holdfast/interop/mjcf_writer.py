@@ -20,10 +20,11 @@ from holdfast.io.files import one_line
 from holdfast.model.arm import Arm
 from holdfast.model.checks import INERTIA_TOLERANCE
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.force_element import WORLD, SpringEnd
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.spring import WORLD, Spring, SpringEnd
+from holdfast.model.spring import Spring
 from holdfast.model.visuals import Cylinder, Sphere
 from holdfast.robots.primitive import LINK_COLOURS, Primitive
 from holdfast.robots.visuals import equal_box, visuals_of, visuals_of_trunk
@@ -100,6 +101,8 @@ def document(chain: ClosedChain, *, visuals: bool) -> Element:
     for name in chain.grasps:
         _add_grasp(equality, world, chain, name)
     for k, spring in enumerate(chain.springs, start=1):
+        if not isinstance(spring, Spring):
+            raise ModelError(f"spring {k - 1}: to_mjcf: expected a Spring, got {type(spring).__name__}")
         _add_spring(root, world, chain, f"spring{k}", spring)
     _require_distinct(root)
     return root

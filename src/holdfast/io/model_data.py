@@ -18,11 +18,12 @@ import numpy as np
 from holdfast.errors import HoldfastError, ResultError
 from holdfast.model.arm import Anchor, Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.force_element import SpringEnd
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.spring import Spring, SpringEnd
+from holdfast.model.spring import Spring
 from holdfast.model.trunk import Trunk
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Sphere, Visual, Visuals
 from holdfast.spatial.pose import Pose

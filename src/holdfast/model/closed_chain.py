@@ -13,10 +13,10 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.fingerprint import ADDED
+from holdfast.model.force_element import ForceElement
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
-from holdfast.model.spring import Spring
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
 from holdfast.names import called
@@ -38,7 +38,7 @@ class ClosedChain(Frozen):
         trunk: the trunk on which the arms in `mounts` are mounted, or None.
         mounts: by arm name, the trunk's link on which the arm is mounted: its name or index, or "base" for a floating
             body. The base of such an arm is a pose relative to that link. The bases of other arms are in the world.
-        springs: springs between points of the world, links and the object.
+        springs: springs, or other force elements, between points of the world, links and the object.
     """
 
     arms: Mapping[str, Arm]
@@ -47,7 +47,7 @@ class ClosedChain(Frozen):
     gravity: ArrayField = field(default_factory=making(np.array, STANDARD_GRAVITY))
     trunk: Trunk | None = field(default=None, metadata=ADDED)
     mounts: Mapping[str, str | int] = field(default_factory=dict, metadata=ADDED)
-    springs: Sequence[Spring] = field(default=(), metadata=ADDED)
+    springs: Sequence[ForceElement] = field(default=(), metadata=ADDED)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -69,7 +69,7 @@ class ClosedChain(Frozen):
         put(self, "arms", FrozenDict({name: replace(arm, name=name) for name, arm in self.arms.items()}))
         put(self, "grasps", FrozenDict({name: self.grasps[name] for name in self.arms if name in self.grasps}))
         put(self, "gravity", checks.numbers(self.gravity, (3,), "chain: gravity"))
-        if not isinstance(self.springs, Sequence) or not all(isinstance(spring, Spring) for spring in self.springs):
+        if not isinstance(self.springs, Sequence) or not all(isinstance(one, ForceElement) for one in self.springs):
             raise ModelError(f"chain: springs: expected a list of Spring, got {checks.short(self.springs)}")
         self._check_trunk()
         put(self, "springs", tuple(spring.found(self.arms, self.trunk) for spring in self.springs))

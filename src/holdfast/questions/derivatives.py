@@ -27,7 +27,7 @@ from holdfast.state import Inputs, shaped_inputs
 
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
-T = TypeVar("T")
+Returned = TypeVar("Returned")
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ class Asked(Protocol[P, R]):
         ...
 
 
-def asked(function: Callable[P, T]) -> Asked[P, T]:
+def asked(function: Callable[P, Returned]) -> Asked[P, Returned]:
     """Mark a function as the answer to a question, which `declare` gives its derivatives at the foot of the file."""
     return cast(Any, function)
 

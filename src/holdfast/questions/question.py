@@ -22,7 +22,7 @@ Found = Mapping[str, Array]
 Show = Callable[[Found], Any]  # the results of one system or a batch -> what a user gets
 
 
-class Part(NamedTuple):
+class ResultPart(NamedTuple):
     """Entries of a result that depend on much the same.
 
     Attributes:
@@ -91,7 +91,7 @@ class Question:
     of: tuple[str, ...] = ()
     depends_on: tuple[Dependence, ...] = ("links",)
     unlimited: bool = False
-    parts: Callable[[ClosedChain, str], Sequence[Part]] | None = None
+    parts: Callable[[ClosedChain, str], Sequence[ResultPart]] | None = None
     of_object: bool = False
     feasibility: Callable[[ClosedChain], Mapping[str, Shape]] = lambda chain: {}
     restricted: Callable[[VariedCase], VariedCase] = lambda case: case
@@ -137,9 +137,9 @@ class Question:
         """Return the names of its arguments that exist for a chain."""
         return tuple(name for name in self.arguments if name in (*self.own(chain), *arguments_of(chain)))
 
-    def parts_of(self, chain: ClosedChain, result: str) -> Sequence[Part]:
+    def parts_of(self, chain: ClosedChain, result: str) -> Sequence[ResultPart]:
         """Return the parts of a result of a chain; one if it has none."""
-        whole = Part(slice(0, math.prod(self.shape(chain, result))), None)
+        whole = ResultPart(slice(0, math.prod(self.shape(chain, result))), None)
         return [whole] if self.parts is None else self.parts(chain, result)
 
     def by_place(self, chain: ClosedChain) -> bool:
@@ -173,10 +173,10 @@ def _declared(name: str) -> Question:
     return QUESTIONS[name]
 
 
-def by_joints(chain: ClosedChain, result: str) -> list[Part]:
+def by_joints(chain: ClosedChain, result: str) -> list[ResultPart]:
     """Return the parts, by arms, of a result with one entry for each joint."""
     rows = {name: row for row, name in enumerate(chain.arms)}
-    return [Part(entries, rows.get(name)) for name, entries in chain.joints.items()]
+    return [ResultPart(entries, rows.get(name)) for name, entries in chain.joints.items()]
 
 
 def arm_parts(chain: ClosedChain, size: Callable[[int, GraspKind | None], int]) -> dict[str, slice]:

@@ -20,9 +20,10 @@ from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.force_element import SpringEnd
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
-from holdfast.model.spring import Spring, SpringEnd
+from holdfast.model.spring import Spring
 from holdfast.model.trunk import Trunk
 from holdfast.scenario import scene
 from holdfast.scenario.joints import inertia_and_shape, pose

@@ -10,7 +10,7 @@ import numpy as np
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.function import Function
 from holdfast.compiled.structure import Options
-from holdfast.dynamics.closed.spring_wrenches import with_springs
+from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.energy import bodies, elastic_energy, rotor_energy
 from holdfast.dynamics.momentum_balance import ACCOUNTS, rate_of
 from holdfast.errors import StateError
@@ -46,7 +46,7 @@ class Accounts(NamedTuple):
 def accounts_of(at: Instant) -> Accounts:
     """Return the balance quantities at an instant. O(n)."""
     chain, state = at.chain, at.state
-    given, every = with_springs(chain, state, at.inputs.shaped(chain)), list(bodies(chain, state, at.inputs))
+    given, every = with_force_elements(chain, state, at.inputs.shaped(chain)), list(bodies(chain, state, at.inputs))
     return Accounts(
         sum(body.kinetic_energy for body in every) + rotor_energy(chain, state),
         sum(body.potential_energy(chain.gravity) for body in every) + elastic_energy(chain, state),

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.near_singular import NEAR, nearly_lost
+from holdfast.dynamics.near_singular import NEAR_SINGULAR, nearly_lost
 from holdfast.errors import HoldfastError
 from holdfast.simulation.adaptive import first_proposal
 from holdfast.simulation.checkpoint import Checkpoint, Origin
@@ -248,5 +248,5 @@ def reason(cause: HoldfastError, last: Instant) -> str:
             f"{what}. The last configuration is nearly singular, where joint rates and forces grow without bound:"
             f" {'; '.join(lost)}. Try a motion that keeps away from it"
         )
-    near = nearly_lost(last.chain, last.state, NEAR)
+    near = nearly_lost(last.chain, last.state, NEAR_SINGULAR)
     return f"{cause}. The last configuration is also near a singular one: {'; '.join(near)}" if near else str(cause)

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.consistency import largest_position
-from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, STEP_ROUNDS, after_step, largest_gaps
+from holdfast.dynamics.projection import LEFT_OPEN, STEP_ROUNDS, WIDEST_GAP, after_step, largest_gaps
 from holdfast.dynamics.rank import held_near
 from holdfast.errors import ClosureError, StateError
 from holdfast.simulation.environment import Environment
@@ -186,7 +186,7 @@ def back_on_constraint(
     def open_by(at: State) -> float:
         return largest_position(chain_at_rest(chain, at), at)
 
-    if not before.position <= FARTHEST:
+    if not before.position <= WIDEST_GAP:
         raise ClosureError(
             f"the grasps are open by {open_by(state):.3g} (m or rad), expected a step's rounding; try a smaller time"
             " step"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.dynamics.near_singular import NEAR, NEARING, chain_strength
+from holdfast.dynamics.near_singular import NEAR_SINGULAR, NEARING, chain_strength
 from holdfast.errors import ModelError
 from holdfast.io.files import file_path, write_atomically
 from holdfast.spatial.scalar import Array
@@ -159,7 +159,7 @@ def meter(playback: Playback) -> dict[str, Any]:
     strengths = np.column_stack([chain_strength(playback.condition), playback.strength])
     nearest = np.argmin(strengths, axis=1)
     weakest = np.maximum(strengths.min(axis=1), GONE)
-    values = np.interp(-np.log(weakest), -np.log([1.0, NEARING, NEAR, GONE]), [0.0, 1 / 3, 2 / 3, 1.0])
+    values = np.interp(-np.log(weakest), -np.log([1.0, NEARING, NEAR_SINGULAR, GONE]), [0.0, 1 / 3, 2 / 3, 1.0])
     return {
         "title": "singularity meter",
         "values": _rounded(values),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.closed.spring_wrenches import elongations
+from holdfast.dynamics.closed.force_elements import end_motions
 from holdfast.dynamics.near_singular import arm_strength
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ModelError
@@ -228,7 +228,7 @@ def spring_ends(playback: Playback, k: int) -> list[tuple[Array, Array]]:
     state = State(
         playback.q[k], 0.0 * playback.q[k], playback.object_pose[k], base_pose=below if chain.floats else None
     )
-    return [(s.a.position, s.b.position) for s in elongations(moved, state, Inputs().shaped(moved))]
+    return [(a.position, b.position) for a, b in end_motions(moved, state, Inputs().shaped(moved))]
 
 
 class BaseTravel(NamedTuple):

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast.dynamics.arm.articulated import articulated_filter
+from holdfast.dynamics.arm.articulated import articulated_filter, tip_mobility
 from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, jacobian, link_twists, tip_twist
 from holdfast.dynamics.arm.free_dynamics import (
     articulated,
     composite,
@@ -15,12 +15,9 @@ from holdfast.dynamics.arm.free_dynamics import (
     three_sweep,
     tip_acceleration,
 )
-from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import arm_motion
 from holdfast.dynamics.arm.newton_euler import newton_euler
-from holdfast.dynamics.arm.tip_mobility import tip_mobility
-from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.spatial.spatial_vector import rotate
 from tests.dynamics.arm.moving import displaced, moving
 from tests.dynamics.problems import motion_of, random_arm, random_motion

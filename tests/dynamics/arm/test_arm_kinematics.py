@@ -1,13 +1,21 @@
-"""Where the links are and how they move: against the oracle's frames and by exact derivatives."""
+"""Where the links are and how they move: the oracle's frames, exact derivatives, and the duality of H and H^T."""
 
 import numpy as np
 import pytest
 
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast import Joint
+from holdfast.dynamics.arm.forward_kinematics import (
+    column,
+    expand,
+    forward_kinematics,
+    jacobian,
+    link_twists,
+    project,
+    tip_twist,
+)
 from holdfast.spatial import rotation
 from holdfast.spatial.spatial_vector import rotate, shift_twist
+from holdfast.spatial.symmetric import symmetric6
 from holdfast.spatial.vector import skew
 from tests.dynamics.arm.moving import displaced, moving
 from tests.dynamics.problems import random_arm
@@ -16,6 +24,7 @@ from tests.oracles.arm_kinematics import link_frames
 from tests.spatial.dual import slopes_of
 from tests.systems import random_system
 from tests.systems.problems import relative_gap
+from tests.systems.random_parts import unit_vector
 
 seeds = pytest.mark.parametrize("seed", range(6))
 
@@ -78,7 +87,23 @@ def test_jacobian(seed):
     at = forward_kinematics(given.arm, given.q)
     J = jacobian(given.arm, at)
     assert J.shape == (6, len(given.q))
-    for column, direction in zip(J.T, np.eye(len(given.q)), strict=True):
+    for along, direction in zip(J.T, np.eye(len(given.q)), strict=True):
         there = forward_kinematics(given.arm, displaced(given, direction).q).tip
-        np.testing.assert_allclose(slopes_of(there.p), column[3:], atol=1e-13)
-        np.testing.assert_allclose(slopes_of(there.R), skew(column[:3]) @ at.tip.R, atol=1e-13)
+        np.testing.assert_allclose(slopes_of(there.p), along[3:], atol=1e-13)
+        np.testing.assert_allclose(slopes_of(there.R), skew(along[:3]) @ at.tip.R, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+@pytest.mark.parametrize("seed", range(4))
+def test_duality(kind, seed):
+    """<H f, r> = <f, H^T r>, and P H^T is the column of P."""
+    rng = np.random.default_rng(seed)
+    joint = Joint(kind, unit_vector(rng))
+    f, r = rng.normal(size=6), rng.normal()
+    twist = expand(joint, r)
+    expected = np.r_[joint.axis * r, np.zeros(3)] if kind == "revolute" else np.r_[np.zeros(3), joint.axis * r]
+    np.testing.assert_array_equal(twist, expected)
+    assert project(joint, f) * r == pytest.approx(f @ twist, abs=1e-14)
+    P = rng.normal(size=(6, 6))
+    P = P + P.T
+    np.testing.assert_allclose(column(joint, symmetric6(P)) * r, P @ twist, atol=1e-13)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from holdfast import Pose
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, link_twists, tip_twist
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
-from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.spatial import rotation
 from holdfast.spatial.differentiation import gradient, linearised
 from tests.dynamics.problems import random_arm

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from holdfast.dynamics.closed.factored_mobility import factored
+from holdfast.dynamics.closed.filter_updates import independent_rows, rigid_update, row_updates
 from holdfast.dynamics.closed.measurement import Measurement
-from holdfast.dynamics.closed.rigid_update import rigid_update
-from holdfast.dynamics.closed.row_updates import independent_rows, row_updates
 from tests.dynamics.problems import relative_gap
 
 seeds = pytest.mark.parametrize("seed", range(8))

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from holdfast import MethodNotApplicable
-from holdfast.dynamics.closed.filtered_arm import filtered_arms
-from holdfast.dynamics.closed.omega import Omega, omega_from_matrices, omega_recursive
+from holdfast.dynamics.closed.omega import Omega, filtered_arms, omega_from_matrices, omega_recursive
 from holdfast.spatial.spatial_vector import shift_twist
 from tests.dynamics.closed.answered import nonrigid, rigid
 from tests.systems.problems import relative_gap

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from holdfast import State
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.arm.free_dynamics import articulated, tip_acceleration
-from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.dynamics.closed.chain_motion import chain_motion

@@ -1,6 +1,7 @@
-"""The Kalman filter of one arm: factorisation, whitening and smoothing (paper, Sec. 5).
+"""The Kalman filter of one arm: factorisation, whitening, smoothing, and the mobility at the tip (paper, Sec. 5, 6).
 
     M = (I + H Phi L) D (I + H Phi L)^T,   (I + H Phi L)^-1 = I - H Psi L    (5.2), (5.3)
+    Lambda(0) = J M^-1 J^T, by a recursion                                   (6.10)
 
 The gain here is G(k) = P(k) H^T(k) / D(k); the paper's is L(k) = phi(k+1, k) G(k).
 """
@@ -11,15 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics
-from holdfast.dynamics.arm.joint_map import column, expand, project
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, column, expand, project
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
 from holdfast.spatial.symmetric import Symmetric6, zero6
 
 
-class Filter(NamedTuple):
+class ArmFilter(NamedTuple):
     """The factorisation of one arm's mass matrix.
 
     Attributes:
@@ -33,7 +33,7 @@ class Filter(NamedTuple):
     at_base: Symmetric6
 
 
-def articulated_filter(arm: Arm, at: Kinematics) -> Filter:
+def articulated_filter(arm: Arm, at: Kinematics) -> ArmFilter:
     """Return D and G. One inward sweep, O(N).
 
     P(k) = phi P_plus phi^T + M(k);  D = H P H^T + armature;  G = P H^T / D;
@@ -49,13 +49,13 @@ def articulated_filter(arm: Arm, at: Kinematics) -> Filter:
         D.insert(0, d)
         G.insert(0, gain)
         carried = P.plus_outer(-gain, PH).rotated(E).inertia_shifted(l)
-    return Filter(array(D), tuple(G), carried)
+    return ArmFilter(array(D), tuple(G), carried)
 
 
 def whiten(
     arm: Arm,
     at: Kinematics,
-    filter: Filter,
+    filter: ArmFilter,
     torque: Array | None,
     wrenches: tuple[Array, ...] | None,
     tip_wrench: Array | None,
@@ -90,7 +90,7 @@ def whiten(
     return array(eps), z
 
 
-def smooth(arm: Arm, at: Kinematics, filter: Filter, nu: Array, base: Array | None = None) -> tuple[Array, Array]:
+def smooth(arm: Arm, at: Kinematics, filter: ArmFilter, nu: Array, base: Array | None = None) -> tuple[Array, Array]:
     """Return (I - H Psi L)^T nu and the tip acceleration J times it.
 
     lambda(k) = psi^T lambda(k+1) + H^T nu(k);  out(k) = nu(k) - L^T lambda(k+1)
@@ -114,3 +114,17 @@ def smooth(arm: Arm, at: Kinematics, filter: Filter, nu: Array, base: Array | No
         lam = x + expand(joint, out_k)
         out.append(out_k)
     return array(out), shift_twist(arm.tip.p, lam)
+
+
+def tip_mobility(arm: Arm, at: Kinematics, filter: ArmFilter) -> Symmetric6:
+    """Return Lambda(0) of the tip point in the axes of the last link. One outward sweep, O(N).
+
+    Lambda(k) = psi^T Lambda(k+1) psi + H^T H / D, with psi = phi (I - G H): for
+    Z = phi^T Lambda phi and y = Z G this is Z - H^T y^T - y H + (G.y + 1/D) H^T H.
+    """
+    Y = zero6()  # the mobility of the base is zero
+    for joint, E, l, G, D in zip(arm.joints, at.E, at.l, filter.G, filter.D, strict=True):
+        Z = Y.mobility_shifted(l).rotated(E.T)
+        y = Z.apply(G)
+        Y = Z.plus_symmetric_outer(expand(joint, 1.0), expand(joint, 0.5 * (G @ y + 1.0 / D)) - y)
+    return Y.mobility_shifted(arm.tip.p)

@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics
-from holdfast.dynamics.arm.joint_map import expand, project
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, expand, project
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array, array, concatenate
 from holdfast.spatial.spatial_vector import acceleration_gradient, rotate, shift_wrench, unrotate

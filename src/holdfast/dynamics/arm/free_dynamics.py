@@ -6,7 +6,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.articulated import articulated_filter, smooth, whiten
 from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmMotion, at_rest
 from holdfast.dynamics.arm.newton_euler import newton_euler

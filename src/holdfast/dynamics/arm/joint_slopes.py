@@ -21,8 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, jacobian
 from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
@@ -123,10 +122,10 @@ def joint_slopes(given: ArmInputs, at: Kinematics, qdd: Array, f: Array) -> tupl
     return by_q, by_qd
 
 
-Motion = tuple[Array, Array]  # twist and acceleration, (6,) each
+TwistPair = tuple[Array, Array]  # twist and acceleration, (6,) each
 
 
-def motions(given: ArmInputs, at: Kinematics, S: list[Array], qdd: Array) -> tuple[list[Motion], list[Motion]]:
+def motions(given: ArmInputs, at: Kinematics, S: list[Array], qdd: Array) -> tuple[list[TwistPair], list[TwistPair]]:
     """Return the twist and the spatial acceleration about the tip of the links before and after every joint.
 
     The linear part of a spatial acceleration is the acceleration of the body's point minus w x v.

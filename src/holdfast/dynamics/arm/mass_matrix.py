@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from holdfast.dynamics.arm.forward_kinematics import Kinematics
-from holdfast.dynamics.arm.joint_map import expand, project
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, expand, project
 from holdfast.model.arm import Arm
 from holdfast.spatial.inertia import NO_INERTIA, RigidInertia
 from holdfast.spatial.scalar import Array, array

@@ -8,8 +8,7 @@ import numpy as np
 
 from holdfast.dynamics.arm import bias as bias_sweep
 from holdfast.dynamics.arm.bias import Bias
-from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
-from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics, link_twists, tip_twist
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench, unrotate

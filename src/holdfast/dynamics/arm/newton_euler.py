@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.arm.joint_map import expand, project
+from holdfast.dynamics.arm.forward_kinematics import expand, project
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate

@@ -9,11 +9,10 @@ import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resting
-from holdfast.dynamics.closed.bushing_wrenches import deflection
 from holdfast.dynamics.closed.contact import Contact, contact
+from holdfast.dynamics.closed.force_elements import deflection, with_force_elements
 from holdfast.dynamics.closed.object_filter import FactoredSolve
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
-from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, ObjectCase
 from holdfast.dynamics.trunk.trunk_motion import (
@@ -128,7 +127,7 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         tau: (n,) joint torques.
         inputs: shaped inputs (`Inputs.shaped`).
     """
-    inputs = with_springs(chain, state, inputs)
+    inputs = with_force_elements(chain, state, inputs)
     assert inputs.base_twists is not None and inputs.base_accelerations is not None
     assert inputs.object_wrench is not None
     gravity, frame, twist_of_object = pseudo_gravity(chain), state.object_frame, state.object_twist

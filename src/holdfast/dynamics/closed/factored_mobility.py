@@ -14,9 +14,9 @@ import numpy as np
 from holdfast.spatial.linalg import largest_first
 from holdfast.spatial.scalar import Array, Scalar, array, where
 
-ROUNDING = 1e-14  # pivots smaller than this, relative to their size, are zero
+ZERO_PIVOT = 1e-14  # pivots smaller than this, relative to their size, are zero
 MOST_FACTORS = 12
-NOTHING = 1e-32  # contributions of columns to sigma that are smaller than this part of it are ignored
+NEGLIGIBLE_PART = 1e-32  # contributions of columns to sigma that are smaller than this part of it are ignored
 
 
 class FactoredMobility(NamedTuple):
@@ -71,7 +71,7 @@ def factored(P: Array, size: Array) -> FactoredMobility:
         P: (6, 6) positive semidefinite.
         size: (6,) size of the terms from which each diagonal entry was summed.
     """
-    return FactoredMobility(*largest_first(P, size, ROUNDING))
+    return FactoredMobility(*largest_first(P, size, ZERO_PIVOT))
 
 
 def updated(P: FactoredMobility, c: Array, d: Scalar, least: Scalar) -> tuple[FactoredMobility, Array, Scalar, Scalar]:
@@ -87,7 +87,7 @@ def updated(P: FactoredMobility, c: Array, d: Scalar, least: Scalar) -> tuple[Fa
     summands = [D * fj * fj for D, fj in zip(P.D, f, strict=True)]
     sigma = sum(summands, start=d)
     alive = sigma > least
-    seen = where(alive, NOTHING * sigma, float("inf"))
+    seen = where(alive, NEGLIGIBLE_PART * sigma, float("inf"))
     alpha, k = d, np.zeros(6)
     D_new, w_new = [], []
     for D, w, fj, summand in zip(P.D, P.w, f, summands, strict=True):

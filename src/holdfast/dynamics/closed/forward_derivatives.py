@@ -19,27 +19,21 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.second_solve import Load, Point, right_hand_side, second_solve
 from holdfast.dynamics.closed.sequential import Second
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
+from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns
 from holdfast.dynamics.trunk.trunk_derivatives import (
-    OF_TRUNK,
+    TRUNK_TO_ARM_NAMES,
+    TrunkLoad,
     TrunkRates,
     gradient_through_trunk,
     multipliers_through_trunk,
+    second_solve_through_trunk,
     trunk_load,
     trunk_rates,
     trunk_residual_rates_along,
 )
 from holdfast.dynamics.trunk.trunk_power import MOTION, TrunkUnknowns
-from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, second_solve_through_trunk
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.questions.arrays import (
-    BASE_RESULT,
-    BODY_POSES,
-    FLOATING_RESULT,
-    OF_JOINTS,
-    OF_LINKS,
-    OF_OBJECT,
-)
+from holdfast.questions.arrays import BASE_RESULT, BODY_POSES, FLOATING_RESULT, OF_JOINTS, OF_LINKS, OF_OBJECT
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose import by_motion, rates_of
 from holdfast.spatial.scalar import Array, array, concatenate, each_of, scan
@@ -57,8 +51,8 @@ class VirtualPower(NamedTuple):
     """
 
     sign: float
-    z: Mapping[str, Unknowns]
-    y: Mapping[str, Unknowns]
+    z: Mapping[str, ArmUnknowns]
+    y: Mapping[str, ArmUnknowns]
     trunk: TrunkUnknowns | None
 
 
@@ -98,7 +92,7 @@ def backward(
         more, under = gradient_of_arms(at, z, multipliers, below_them, by)
         of_arms = {arm: {name: x - sign * more[arm][name] for name, x in g.items()} for arm, g in of_arms.items()}
         below = {name: x - sign * under[name] for name, x in below.items()}
-    found: dict[str, Array] = {name: below[name] for name in (*OF_TRUNK, "floating_pose") if name in below}
+    found: dict[str, Array] = {name: below[name] for name in (*TRUNK_TO_ARM_NAMES, "floating_pose") if name in below}
     if "trunk_link_inertia" in found:
         found["trunk_link_inertia"] = symmetric_part(found["trunk_link_inertia"])
     for name in (*OF_JOINTS, *OF_LINKS):
@@ -120,8 +114,8 @@ def backward(
 
 def gradient_of_arms(
     at: Point,
-    z: Mapping[str, Unknowns],
-    y: Mapping[str, Unknowns],
+    z: Mapping[str, ArmUnknowns],
+    y: Mapping[str, ArmUnknowns],
     of_trunk: TrunkUnknowns | None,
     by: Sequence[str],
 ) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
@@ -141,7 +135,7 @@ def gradient_of_arms(
     return of_arms, {} if of_trunk is None else gradient_through_trunk(at, z, y, of_trunk, of_arms, by)
 
 
-def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
+def arm_gradient(case: ArmCase, z: ArmUnknowns, y: ArmUnknowns, names: Sequence[str]) -> dict[str, Array]:
     """Return -dL/dtheta of one arm with respect to its numbers and its poses."""
     of_grasp = () if case.grasp is not None else ("grasp", "object")
     wanted = [name for name in names if name not in OF_OBJECT and not name.startswith(of_grasp)]
@@ -221,7 +215,7 @@ def solved_for_rates(
     at: Point,
     tangents: Mapping[str, Array],
     of_object: Linear | None,
-    of_arms: Callable[[Mapping[str, Array]], dict[str, Unknowns]],
+    of_arms: Callable[[Mapping[str, Array]], dict[str, ArmUnknowns]],
     of_trunk: TrunkRates | None,
 ) -> dict[str, Array]:
     """Return the rates of the results, of the linearised equations of object, arms and trunk; see `forward`."""
@@ -256,14 +250,16 @@ def solved_for_rates(
     }
 
 
-def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[str, Array]) -> dict[str, Unknowns]:
+def arm_residual_rates(
+    at: Point, z: Mapping[str, ArmUnknowns], tangents: Mapping[str, Array]
+) -> dict[str, ArmUnknowns]:
     """Return the rates of dL/dy of all arms for given rates of the arguments and constant z."""
     return arm_residual_rates_along(at, z, {name: np.zeros(np.shape(x)) for name, x in tangents.items()})(tangents)
 
 
 def arm_residual_rates_along(
-    at: Point, z: Mapping[str, Unknowns], still: Mapping[str, Array]
-) -> Callable[[Mapping[str, Array]], dict[str, Unknowns]]:
+    at: Point, z: Mapping[str, ArmUnknowns], still: Mapping[str, Array]
+) -> Callable[[Mapping[str, Array]], dict[str, ArmUnknowns]]:
     """Return `arm_residual_rates` as a function of rates of the arguments that have some in `still`, which are zero."""
     chain, case = at.motion.chain, at.motion.trunk_case
     motion = None
@@ -281,8 +277,8 @@ def arm_residual_rates_along(
     names = {name: tuple(rates) for name, rates in given(still).items()}
     linear = each_of(chain.arms, lambda case, z, names: case.residual(z, names), at.cases, z, names)
 
-    def rates(one: Linear, given: Mapping[str, Array]) -> Unknowns:
-        return Unknowns(*one.rates(*given.values()))
+    def rates(one: Linear, given: Mapping[str, Array]) -> ArmUnknowns:
+        return ArmUnknowns(*one.rates(*given.values()))
 
     return lambda tangents: each_of(chain.arms, rates, linear, given(tangents))
 
@@ -351,7 +347,7 @@ def numbers_of(arguments: Iterable[str]) -> list[str]:
     """Return the names of the numbers in the equations that make up some arguments, each once."""
     found: list[str] = []
     for name in arguments:
-        if name in OF_TRUNK or name == "floating_pose":
+        if name in TRUNK_TO_ARM_NAMES or name == "floating_pose":
             continue  # only the trunk's equations depend on it
         of_pose = [f"{name.removesuffix('_pose')}_R", f"{name.removesuffix('_pose')}_p"]
         found += of_pose if name in BODY_POSES else ["base_acceleration" if name == "gravity" else name]

@@ -16,16 +16,11 @@ import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmMotion, driven
 from holdfast.dynamics.closed.contact import Contact
-from holdfast.dynamics.closed.forward_derivatives import (
-    arm_rates,
-    forward,
-    forward_along,
-    numbers_of,
-)
+from holdfast.dynamics.closed.forward_derivatives import arm_rates, forward, forward_along, numbers_of
 from holdfast.dynamics.closed.second_solve import Point
-from holdfast.dynamics.closed.self_response import OF_MOTION, SelfResponse, joint_responses, self_response
+from holdfast.dynamics.closed.self_response import JOINT_ARGUMENTS, SelfResponse, joint_responses, self_response
 from holdfast.dynamics.closed.tip_response import RECURSION_PAYS_FROM, TipResponse
-from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
+from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import ARRAYS, OF_JOINTS, OF_LINKS, OF_OBJECT, Shape, gradient_shapes
 from holdfast.spatial.linear import Linear
@@ -93,7 +88,7 @@ def jacobian(
     grasps = {name: k for k, name in enumerate(chain.grasps)}
     arms = tuple([(grasps.get(name), arm.joint_count) for name, arm in chain.arms.items()])
     everyone = Everyone(at.motion.contacts, [tip.mobility for tip in tips], by_wrench, arms)
-    responses = responses_by_joints(at, tuple([name for name in own if name in OF_MOTION]))
+    responses = responses_by_joints(at, tuple([name for name in own if name in JOINT_ARGUMENTS]))
     found: dict[tuple[str, str], list[list[Array]]] = {(result, name): [] for name in by for result in of}
     for name in by:
         if name in whole:
@@ -247,14 +242,14 @@ def arm_columns(
             whole, c = UnitResponses(wrenches, array([alpha for _, alpha in shared]).T), motion.contacts[g]
         own = Own(whole, units[row, : len(order)])
         if arm in residuals:
-            one = Column(motion.cases[arm], residuals[arm], at.tips[arm], motion.arms[arm], c)
+            one = ArmColumn(motion.cases[arm], residuals[arm], at.tips[arm], motion.arms[arm], c)
             found.append(each(column_of(one, own, everyone, name, shape, of), units[:size, :size]))
         else:
             found.append(each(lambda mine, own=own: results(own, everyone, mine, of), responses[arm][name]))
     return found
 
 
-class Column(NamedTuple):
+class ArmColumn(NamedTuple):
     """The data of an arm for a column that is computed separately.
 
     Attributes:
@@ -273,13 +268,13 @@ class Column(NamedTuple):
 
 
 def column_of(
-    one: Column, own: Own, everyone: Everyone, name: str, shape: Shape, of: tuple[str, ...]
+    one: ArmColumn, own: Own, everyone: Everyone, name: str, shape: Shape, of: tuple[str, ...]
 ) -> Callable[[Array], list[Array]]:
     """Return the function that computes the column for a direction of an arm's argument."""
 
     def column(unit: Array) -> list[Array]:
         given = arm_rates(one.case, {name: direction(unit, name, shape)})
-        r = Unknowns(*one.residual.rates(*given.values()))
+        r = ArmUnknowns(*one.residual.rates(*given.values()))
         return results(own, everyone, self_response(one.tip, one.motion, one.contact, r), of)
 
     return column

@@ -21,6 +21,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
+from holdfast.dynamics.closed.filter_updates import TerminalUpdate, rigid_update, row_updates, terminal_update
 from holdfast.dynamics.closed.measurement import (
     BackSubstitution,
     Measurement,
@@ -31,8 +32,6 @@ from holdfast.dynamics.closed.measurement import (
     size_at_centre,
 )
 from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
-from holdfast.dynamics.closed.rigid_update import TerminalUpdate, rigid_update, terminal_update
-from holdfast.dynamics.closed.row_updates import row_updates
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, each, maximum, minimum, scan

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
-from holdfast.dynamics.closed.filtered_arm import filtered_arms, per_arm
-from holdfast.dynamics.closed.omega import omega_recursive
+from holdfast.dynamics.closed.omega import filtered_arms, omega_recursive, per_arm
 from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.spatial.scalar import concatenate
 

@@ -20,7 +20,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.chain_solution import contact_acceleration
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.tip_response import Route, TipResponse, responded, tip_response
-from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
+from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
 from holdfast.spatial.scalar import Array, each, each_of, scan
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
@@ -58,7 +58,7 @@ class Point:
     motion: ChainMotion
     found: Solution
     tips: Mapping[str, TipResponse]
-    unknowns: Mapping[str, Unknowns]
+    unknowns: Mapping[str, ArmUnknowns]
     cases: Mapping[str, ArmCase]
     trunk: TrunkUnknowns | None = None
 
@@ -90,10 +90,11 @@ def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
     )
     held = zip(chain.grasps, found.qdd, found.wrenches, rates, strict=True)
     unknowns = {
-        name: Unknowns(qdd, f, W, alpha, none, none if name in chain.bushings else none[:0]) for name, qdd, f, W in held
+        name: ArmUnknowns(qdd, f, W, alpha, none, none if name in chain.bushings else none[:0])
+        for name, qdd, f, W in held
     }
     free = each_of(lone, lambda tip, beta: responded(tip, none, beta)[0], alone, of_columns)
-    unknowns |= {name: Unknowns(qdd, none, none[:0], alpha, none) for name, qdd in free.items()}
+    unknowns |= {name: ArmUnknowns(qdd, none, none[:0], alpha, none) for name, qdd in free.items()}
     tips = dict(zip(chain.grasps, found.tips, strict=True)) | alone
     return Point(motion, found, tips, unknowns, cases, trunk)
 
@@ -136,7 +137,7 @@ def right_hand_side(
 
 def second_solve(
     at: Point, loads: Mapping[str, Load], wrench: Array, *, together: bool = False
-) -> tuple[dict[str, Unknowns], Array]:
+) -> tuple[dict[str, ArmUnknowns], Array]:
     """Return z by arm, including the base's wrench, and z_a. O(n) + O(l).
 
     Args:
@@ -164,7 +165,7 @@ def second_solve(
         known,
     )
     alone = each_of(lone, lambda *one: loaded_response(*one).back_substitute(none), at.tips, motion.arms, loads)
-    others = {name: Unknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in alone.items()}
+    others = {name: ArmUnknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in alone.items()}
     return dict(zip(chain.grasps, found, strict=True)) | others, alpha
 
 
@@ -181,10 +182,10 @@ def along_free(c: Contact, free: Array) -> Array:
 
 def arm_solution(
     c: Contact, tip: TipResponse, load: Load, f: Array, alpha: Array, beta: Array | None = None
-) -> Unknowns:
+) -> ArmUnknowns:
     """Return one arm's part of z from its wrench f and the accelerations of the object and of the trunk's columns."""
     qdd, base = tip.back_substitute(f, beta)
     apart = load.gap + shift_twist(c.offset, alpha) - tip.free_acceleration + tip.mobility.apply(f)
     if tip.base is not None and beta is not None:
         apart = apart - tip.base.X @ beta
-    return Unknowns(qdd, f, c.rates(apart) if c.grasp.free else np.zeros(0), alpha, base)
+    return ArmUnknowns(qdd, f, c.rates(apart) if c.grasp.free else np.zeros(0), alpha, base)

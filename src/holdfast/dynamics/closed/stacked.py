@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution

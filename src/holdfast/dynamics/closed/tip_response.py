@@ -16,14 +16,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.articulated import articulated_filter, smooth, whiten
+from holdfast.dynamics.arm.articulated import articulated_filter, smooth, tip_mobility, whiten
 from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmMotion
-from holdfast.dynamics.arm.tip_mobility import tip_mobility
-from holdfast.spatial.inertia import NO_INERTIA as NO_BODY
-from holdfast.spatial.inertia import RigidInertia
+from holdfast.spatial.inertia import NO_INERTIA, RigidInertia
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, array, concatenate, maximum, where
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
@@ -34,7 +32,7 @@ Route = Literal["recursive", "mass_matrix", "auto"]
 # Number of joints from which the recursion is cheaper, see docs/operation_counts.md (make counts).
 RECURSION_PAYS_FROM = 18
 
-NO_INERTIA = 1e-14  # articulated inertias smaller than this, relative to the arm's largest, are rounding
+LEAST_INERTIA = 1e-14  # articulated inertias smaller than this, relative to the arm's largest, are rounding
 
 
 class BaseResponse(NamedTuple):
@@ -101,7 +99,7 @@ def prescribed(motion: ArmMotion) -> TipResponse:
     if S is not None:
         count = S.shape[1]
         at_tip = array([shift_twist(reach, column) for column in S.T]).T
-        base = BaseResponse(at_tip, np.zeros((count, count)), np.zeros(count), NO_BODY, known)
+        base = BaseResponse(at_tip, np.zeros((count, count)), np.zeros(count), NO_INERTIA, known)
 
     def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
         return none, known + shift_wrench(reach, f)
@@ -128,7 +126,7 @@ def recursive(motion: ArmMotion) -> TipResponse:
         _, tip = smooth(arm, at, filter, eps / filter.D)
         base = None
         if S is not None and X is not None and Y is not None:
-            base = BaseResponse(X, Y, rotate(base_R, at_base) @ S, NO_BODY, np.zeros(6))
+            base = BaseResponse(X, Y, rotate(base_R, at_base) @ S, NO_INERTIA, np.zeros(6))
 
         def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
             from_wrench, base_from_wrench = whiten(arm, at, filter, None, None, unrotate(R, f))
@@ -204,5 +202,5 @@ def responded(tip: TipResponse, f: Array, beta: Array | None = None) -> tuple[Ar
         return qdd, base
     largest, first = reduce(maximum, tip.pivots, 0.0), qdd[0]
     for pivot in tip.pivots:
-        first = where(pivot > NO_INERTIA * largest, first, float("nan"))
+        first = where(pivot > LEAST_INERTIA * largest, first, float("nan"))
     return concatenate([[first], qdd[1:]]), base

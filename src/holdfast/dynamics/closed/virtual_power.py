@@ -22,12 +22,11 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import acceleration_at_tip, bias_accelerations
-from holdfast.dynamics.arm.forward_kinematics import Kinematics
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, link_twists, tip_twist
 from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
-from holdfast.dynamics.arm.velocity import link_twists, tip_twist
-from holdfast.dynamics.closed.bushing_wrenches import deflection
 from holdfast.dynamics.closed.contact import contact
+from holdfast.dynamics.closed.force_elements import deflection
 from holdfast.dynamics.trunk.trunk_power import Numbers, varied_inertia
 from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
@@ -39,10 +38,10 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.spatial_vector import acceleration_gradient, shift_twist, unrotate
 
-NOTHING = np.zeros(0)
+NO_KNOWN_WRENCH = np.zeros(0)
 
 
-class Unknowns(NamedTuple):
+class ArmUnknowns(NamedTuple):
     """One arm's part of z, or of y.
 
     Attributes:
@@ -59,7 +58,7 @@ class Unknowns(NamedTuple):
     contact_acceleration: Array
     object_acceleration: Array
     base: Array
-    known: Array = NOTHING
+    known: Array = NO_KNOWN_WRENCH
 
 
 class TipMotion(NamedTuple):
@@ -105,7 +104,7 @@ class ArmCase(NamedTuple):
             return self
         return self._replace(given=replace(given, base_acceleration=given.base_acceleration + acceleration))
 
-    def base_wrench(self, z: Unknowns, y: Unknowns) -> Array:
+    def base_wrench(self, z: ArmUnknowns, y: ArmUnknowns) -> Array:
         """Return the derivative of L by the virtual twist of the base, which is its wrench on the arm, (6,)."""
         return gradient(lambda base: self.power(z, y._replace(base=base), {}), y.base)[0]
 
@@ -130,7 +129,7 @@ class ArmCase(NamedTuple):
             own |= {"grasp_R": lambda: frame.R, "grasp_p": lambda: frame.p}
         return {name: own[name]() if name in own else getattr(given, name) for name in names}
 
-    def power(self, z: Unknowns, y: Unknowns, varied: Numbers) -> Scalar:
+    def power(self, z: ArmUnknowns, y: ArmUnknowns, varied: Numbers) -> Scalar:
         """Return the arm's and its grasp's part of L.
 
         Args:
@@ -148,7 +147,7 @@ class ArmCase(NamedTuple):
             arm = arm.standing_at(base)
         return arm, varied_kinematics(arm, varied.get("q", given.q))
 
-    def power_at(self, arm: Arm, at: Kinematics, z: Unknowns, y: Unknowns, varied: Numbers) -> Scalar:
+    def power_at(self, arm: Arm, at: Kinematics, z: ArmUnknowns, y: ArmUnknowns, varied: Numbers) -> Scalar:
         """Return `power` for a given `configuration`."""
         q, qd, tau, base_twist, base_acceleration, external = (
             varied.get(name, getattr(self.given, name))
@@ -170,7 +169,7 @@ class ArmCase(NamedTuple):
         at_tip = TipMotion(at.tip, tip_twist(arm, at, V, base_twist), tip, tip_twist(arm, at, U, y.base))
         return power + self.grasp_power(z, y, at_tip, varied)
 
-    def grasp_power(self, z: Unknowns, y: Unknowns, tip: TipMotion, varied: Numbers) -> Scalar:
+    def grasp_power(self, z: ArmUnknowns, y: ArmUnknowns, tip: TipMotion, varied: Numbers) -> Scalar:
         """Return the grasp's part of L for a given motion of the tip; the other arguments are those of `power`."""
         grasp = self.grasp
         assert grasp is not None
@@ -211,19 +210,19 @@ class ArmCase(NamedTuple):
 
         return linearised(gap, *self.numbers(names).values())
 
-    def gradient(self, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
+    def gradient(self, z: ArmUnknowns, y: ArmUnknowns, names: Sequence[str]) -> dict[str, Array]:
         """Return -dL/dtheta with respect to the named numbers, for constant z and y."""
         numbers = self.numbers(names)
         found = gradient(lambda *x: -self.power(z, y, dict(zip(names, x, strict=True))), *numbers.values())
         return dict(zip(names, found, strict=True))
 
-    def residual(self, z: Unknowns, names: Sequence[str]) -> Linear:
-        """Return the linearisation of dL/dy, an `Unknowns`, in the named numbers for constant z."""
+    def residual(self, z: ArmUnknowns, names: Sequence[str]) -> Linear:
+        """Return the linearisation of dL/dy, an `ArmUnknowns`, in the named numbers for constant z."""
         zero = [np.zeros(len(part)) for part in z]  # L is linear in y
 
         def residual(*x: Array) -> tuple[Array, ...]:
             varied = dict(zip(names, x, strict=True))
-            return gradient(lambda *y: self.power(z, Unknowns(*y), varied), *zero)
+            return gradient(lambda *y: self.power(z, ArmUnknowns(*y), varied), *zero)
 
         return linearised(residual, *self.numbers(names).values())
 

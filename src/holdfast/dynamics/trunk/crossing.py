@@ -1,6 +1,7 @@
-"""The step of the filter across the joints of a trunk, one by one or all together, and across a floating base.
+"""The state of the filter, and its step across the joints of a trunk or a floating base.
 
-The step goes inward. With the inertia I and the wrench z of everything on a body and further out, and W = X H:
+The step goes inward, across one joint or all joints together. With the inertia I and the wrench z of everything on a
+body and further out, and W = X H:
 
     D = H^T I H + armature,  G = I H / D,  eps = tau' - H^T z;   a = (eps + W^T s) / D - G^T phi^T beta
     P += W D^-1 W^T,   x += W eps / D,   X <- (X - W G^T) phi^T
@@ -17,20 +18,99 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.trunk.filter_state import FilterState
+from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
+from holdfast.dynamics.closed.filter_updates import rigid_update, row_updates, terminal_update
+from holdfast.dynamics.closed.measurement import Measurement, Update, of_beta, size_at_centre
+from holdfast.dynamics.closed.object_filter import sizes_of_rows
+from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
 from holdfast.dynamics.trunk.trunk_motion import TrunkBody
-from holdfast.spatial.inertia import NO_INERTIA as NO_BODY
-from holdfast.spatial.inertia import RigidInertia
+from holdfast.spatial.inertia import NO_INERTIA, RigidInertia
 from holdfast.spatial.linalg import forward_substitution, ldl, ldl_solve
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, where
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import mirrored, symmetric6
 from holdfast.spatial.vector import outer
 
-NO_INERTIA = 1e-14  # inertias below this, relative to the largest about a joint of the trunk, are rounding
+
+class FinalUpdate(NamedTuple):
+    """The update by the last arm with a grasp, after which only back-substitution follows.
+
+    Attributes:
+        solution: function of beta (c,) for the trunk's columns, or None, that returns alpha(G) (6,), which includes the
+            effect of the external wrench on the object, and the wrench (6,) of the arm on the object, about G.
+        on_trunk: for a mounted arm, (c, 1 + c) [load | inertia] that it adds to the equations of the trunk's columns,
+            including the load of the external wrench through all arms.
+        independent: as in `Update`.
+    """
+
+    solution: Callable[[Array | None], tuple[Array, Array]]
+    on_trunk: Array | None
+    independent: Array | None
 
 
-class Welded(NamedTuple):
+class FilterState(NamedTuple):
+    """The state of the filter after all arms on the bodies further out have been included.
+
+    Attributes:
+        x: (6, 1 + c) [x | X] with alpha(G) = x + X beta; (6,) x after the trunk.
+        P: the remaining mobility, (6, 6) or in factors.
+        size: (3,) size of P, for judging pivots.
+        kept: number of independent rows of the constraint.
+        weakest: the smallest pivot of these rows, relative to a typical one.
+    """
+
+    x: Array
+    P: Array | FactoredMobility
+    size: Array
+    kept: Scalar
+    weakest: Scalar
+
+    def dense(self) -> Array:
+        """Return P, (6, 6)."""
+        return self.P.dense() if isinstance(self.P, FactoredMobility) else self.P
+
+    def factors(self) -> FactoredMobility:
+        """Return P in factors."""
+        return self.P if isinstance(self.P, FactoredMobility) else factored(self.P, sizes_of_rows(self.size))
+
+    def updated(self, m: Measurement, tolerance: float) -> tuple[FilterState, Update]:
+        """Return the state after the update by an arm, and its back-substitution, by a parallel sum if possible."""
+        if m.parallel and not isinstance(self.P, FactoredMobility):
+            x, P, update = rigid_update(self.x, self.P, m, self.size)
+            size = minimum(self.size, size_at_centre(m.extent))
+        else:
+            x, P, update = row_updates(self.x, self.factors(), m, self.size, tolerance)
+            size = self.size
+        return FilterState(x, P, size, self.kept + update.kept, minimum(self.weakest, update.weakest)), update
+
+    def updated_by_final(self, m: Measurement, tolerance: float, w: Array) -> tuple[FilterState, FinalUpdate]:
+        """Return the state after the update by the last arm, and its update; w is the external wrench on the object."""
+        if m.parallel and not isinstance(self.P, FactoredMobility):
+            end = terminal_update(self.x, self.P, m, self.size, w)
+            return self.updated(m, tolerance)[0], FinalUpdate(end.solution, end.on_trunk, None)
+        after, update = self.updated(m, tolerance)
+        by_w, on_trunk = after.factors().apply(w), update.on_trunk
+        if on_trunk is not None:
+            on_trunk = np.column_stack([on_trunk[:, 0] - w @ after.x[:, 1:], on_trunk[:, 1:]])
+
+        def solution(beta: Array | None) -> tuple[Array, Array]:
+            return of_beta(after.x, beta) + by_w, update.back_substitute(w, beta)
+
+        return after, FinalUpdate(solution, on_trunk, update.independent)
+
+    def released(self, D: list[Scalar], w: list[Array]) -> FilterState:
+        """Return the state with sum D w w^T added to P."""
+        size = self.size
+        for d, column in zip(D, w, strict=True):
+            turning, moving = d * (column[:3] @ column[:3]), d * (column[3:] @ column[3:])
+            size = size + array([turning, moving, moving])
+        if isinstance(self.P, FactoredMobility):
+            return self._replace(P=self.P.plus(D, w), size=size)
+        W = array(w).T
+        return self._replace(P=mirrored(self.P + (W * array(D)) @ W.T), size=size)
+
+
+class LockedBody(NamedTuple):
     """A body of the trunk together with its arms, whose joints are locked, about its origin.
 
     Attributes:
@@ -41,13 +121,13 @@ class Welded(NamedTuple):
     inertia: RigidInertia
     wrench: Array
 
-    def plus(self, other: Welded) -> Welded:
+    def plus(self, other: LockedBody) -> LockedBody:
         """Return the sum of both."""
-        return Welded(self.inertia.plus(other.inertia), self.wrench + other.wrench)
+        return LockedBody(self.inertia.plus(other.inertia), self.wrench + other.wrench)
 
-    def moved(self, offset: Array) -> Welded:
+    def moved(self, offset: Array) -> LockedBody:
         """Return the quantities about another point of the body; `offset` leads from there to the present point [m]."""
-        return Welded(self.inertia.moved(np.eye(3), offset), shift_wrench(offset, self.wrench))
+        return LockedBody(self.inertia.moved(np.eye(3), offset), shift_wrench(offset, self.wrench))
 
 
 class CarriedTerms(NamedTuple):
@@ -88,7 +168,7 @@ def nothing_carried(columns: int) -> CarriedTerms:
     return CarriedTerms(np.zeros(columns), np.zeros((columns, columns)))
 
 
-def joint_crossed(body: TrunkBody, welded: Welded, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
+def joint_crossed(body: TrunkBody, welded: LockedBody, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
     """Return the result of crossing one joint; see the equations of the module."""
     assert body.H is not None and body.joint is not None
     H, x, X = body.H, filter_state.x[:, 0], filter_state.x[:, 1:]
@@ -111,7 +191,7 @@ def joint_crossed(body: TrunkBody, welded: Welded, filter_state: FilterState, ca
 
 
 def joints_crossed(
-    bodies: Sequence[TrunkBody], welded: Sequence[Welded], filter_state: FilterState, carried: CarriedTerms
+    bodies: Sequence[TrunkBody], welded: Sequence[LockedBody], filter_state: FilterState, carried: CarriedTerms
 ) -> Crossing:
     """Return the result of crossing all joints together, if the columns are their accelerations.
 
@@ -127,19 +207,19 @@ def joints_crossed(
         qdd = found.accelerated(beta, s)[0][::-1]
         first = qdd[0]
         for pivot in found.pivots:
-            first = where(pivot > NO_INERTIA * largest, first, float("nan"))
+            first = where(pivot > LEAST_INERTIA * largest, first, float("nan"))
         qdd = concatenate([[first], qdd[1:]])
         return qdd, qdd
 
     return found._replace(accelerated=accelerated, pivots=found.pivots[::-1])
 
 
-def joint_equations(bodies: Sequence[TrunkBody], welded: Sequence[Welded]) -> tuple[Array, Array]:
+def joint_equations(bodies: Sequence[TrunkBody], welded: Sequence[LockedBody]) -> tuple[Array, Array]:
     """Return the mass matrix (n_t, n_t) and the torques minus bias torques (n_t,) of the trunk's joints. O(n_t^2)."""
     n = len(bodies)
     M: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
     T: list[Scalar] = [0.0] * n
-    carried = Welded(NO_BODY, np.zeros(6))
+    carried = LockedBody(NO_INERTIA, np.zeros(6))
     for k in reversed(range(n)):
         body, carried = bodies[k], carried.plus(welded[k])
         assert body.H is not None and body.joint is not None
@@ -153,7 +233,7 @@ def joint_equations(bodies: Sequence[TrunkBody], welded: Sequence[Welded]) -> tu
     return array(M), array(T)
 
 
-def set_free(welded: Welded, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
+def set_free(welded: LockedBody, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
     """Return the result of crossing a floating base."""
     D = welded.inertia.symmetric().dense() + carried.inertia
     return _released(filter_state, D, -(welded.wrench + carried.load))

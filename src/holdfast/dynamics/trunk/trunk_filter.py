@@ -27,13 +27,13 @@ from holdfast.dynamics.closed.tip_response import BaseResponse, TipResponse
 from holdfast.dynamics.trunk.crossing import (
     CarriedTerms,
     Crossing,
-    Welded,
+    FilterState,
+    LockedBody,
     joint_crossed,
     joints_crossed,
     nothing_carried,
     set_free,
 )
-from holdfast.dynamics.trunk.filter_state import FilterState
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkMotion
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, concatenate, each
@@ -207,22 +207,22 @@ def in_order(rows: Mapping[str, Measurement], names: list[str]) -> list[str]:
     return [*(n for n in names if rows[n].parallel), *(n for n in names if not rows[n].parallel)]
 
 
-def with_locked_arms(trunk: TrunkMotion, bases: Mapping[str, BaseResponse]) -> list[Welded]:
+def with_locked_arms(trunk: TrunkMotion, bases: Mapping[str, BaseResponse]) -> list[LockedBody]:
     """Return every body of the trunk together with its arms, whose joints are locked."""
     arms = each(
-        lambda inertia, wrench, offset: Welded(inertia, wrench).moved(offset),
+        lambda inertia, wrench, offset: LockedBody(inertia, wrench).moved(offset),
         [base.locked for base in bases.values()],
         [base.at_rest for base in bases.values()],
         [trunk.mounts[name].offset for name in bases],
     )
-    found = [Welded(body.inertia, body.wrench) for body in trunk.bodies]
+    found = [LockedBody(body.inertia, body.wrench) for body in trunk.bodies]
     for name, arm in zip(bases, arms, strict=True):
         found[on(trunk, name)] = found[on(trunk, name)].plus(arm)
     return found
 
 
 def crossed(
-    trunk: TrunkMotion, k: int, welded: list[Welded], filter_state: FilterState, carried: CarriedTerms
+    trunk: TrunkMotion, k: int, welded: list[LockedBody], filter_state: FilterState, carried: CarriedTerms
 ) -> Crossing:
     """Return the result of crossing the joint of body k, or all joints if the columns are their accelerations."""
     if trunk.by_joints:

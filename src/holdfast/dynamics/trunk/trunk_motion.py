@@ -16,9 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import bias_accelerations
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.dynamics.arm.joint_map import expand
-from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.dynamics.arm.forward_kinematics import expand, forward_kinematics, link_twists
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint

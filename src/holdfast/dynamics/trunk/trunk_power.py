@@ -16,19 +16,18 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import bias_accelerations
+from holdfast.dynamics.arm.forward_kinematics import link_twists
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
-from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.model.arm import Arm
 from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk
+from holdfast.questions.case import Numbers
 from holdfast.spatial.differentiation import gradient, linearised
 from holdfast.spatial.inertia import RigidInertia, about_origin
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate
 from holdfast.spatial.spatial_vector import acceleration_gradient, rotate, shift_twist, unrotate
-
-Numbers = Mapping[str, Array]
 
 
 class TrunkUnknowns(NamedTuple):
@@ -43,7 +42,7 @@ class TrunkUnknowns(NamedTuple):
     base: Array
 
 
-class CarriedBase(NamedTuple):
+class MountedBase(NamedTuple):
     """The motion of a base mounted on the trunk, for the equations of its arm, in world axes.
 
     Attributes:
@@ -60,7 +59,7 @@ class CarriedBase(NamedTuple):
     virtual: Array
 
 
-MOTION = CarriedBase._fields[:-1]
+MOTION = MountedBase._fields[:-1]
 
 
 def varied_inertia(link: Link, k: int, varied: Numbers) -> RigidInertia:
@@ -111,7 +110,7 @@ class TrunkCase(NamedTuple):
         }
         return {name: own[name]() if name in own else getattr(self, name) for name in names}
 
-    def outward(self, z: TrunkUnknowns, y: TrunkUnknowns, varied: Numbers) -> tuple[Scalar, list[CarriedBase]]:
+    def outward(self, z: TrunkUnknowns, y: TrunkUnknowns, varied: Numbers) -> tuple[Scalar, list[MountedBase]]:
         """Return the trunk's part of L, and the motions of the bases mounted on it.
 
         Args:
@@ -145,7 +144,7 @@ class TrunkCase(NamedTuple):
             moved = concatenate([a[:3], a[3:] + K @ shift])
             six = (shift_twist(shift, v), moved, shift_twist(shift, u))
             carried.append(
-                CarriedBase(frame.R @ turn, frame.p + frame.R @ shift, *(rotate(frame.R, part) for part in six))
+                MountedBase(frame.R @ turn, frame.p + frame.R @ shift, *(rotate(frame.R, part) for part in six))
             )
         return power, carried
 
@@ -153,12 +152,12 @@ class TrunkCase(NamedTuple):
         """Return the torques of dampers and springs, which are subtracted from the joint torques, (n_t,)."""
         return varied.get("damping", arm.damping) * qd + arm.stiffness * (q - arm.rest)
 
-    def carried(self, z: TrunkUnknowns, y: TrunkUnknowns) -> dict[str, CarriedBase]:
+    def carried(self, z: TrunkUnknowns, y: TrunkUnknowns) -> dict[str, MountedBase]:
         """Return the motions of the bases mounted on the trunk, by arm."""
         return dict(zip(self.mounts, self.outward(z, y, {})[1], strict=True))
 
     def gradient(
-        self, z: TrunkUnknowns, y: TrunkUnknowns, of_bases: Sequence[CarriedBase], names: Sequence[str]
+        self, z: TrunkUnknowns, y: TrunkUnknowns, of_bases: Sequence[MountedBase], names: Sequence[str]
     ) -> dict[str, Array]:
         """Return -dL/dtheta with respect to the named numbers, for constant z and y.
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution

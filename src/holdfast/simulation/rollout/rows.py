@@ -10,8 +10,8 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.chain_solution import chain_solution
-from holdfast.dynamics.indeterminate import with_smallest_forces
-from holdfast.dynamics.projection import FARTHEST
+from holdfast.dynamics.constraint import with_smallest_forces
+from holdfast.dynamics.projection import WIDEST_GAP
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
@@ -124,8 +124,8 @@ def failure(code: float) -> HoldfastError | None:
         )
     if code == GRASP_OPEN:
         return ClosureError(
-            f"the step leaves a grasp open by more than {FARTHEST:g} (m or rad), or by more than two rounds of Newton's"
-            " method close; try a smaller time step"
+            f"the step leaves a grasp open by more than {WIDEST_GAP:g} (m or rad), or by more than two rounds of"
+            " Newton's method close; try a smaller time step"
         )
     if code == BROKEN:
         return StateError("the step overflows float64, or its inputs are not finite; try a smaller time step")

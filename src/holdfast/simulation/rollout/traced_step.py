@@ -23,7 +23,7 @@ from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
 from holdfast.dynamics.near_singular import STRENGTH_LOST
-from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
+from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Gap, after_step, largest_gaps
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, state_fields
@@ -257,7 +257,7 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps:
     fault = where(system.worst[0] <= WORST_CONDITION, fault, float(PASSES_SINGULAR))
     fault = where(system.worst[1] < FIRST_BAD, fault, float(PASSES_SINGULAR))
     fault = where(passed < 0.5, fault, float(PASSES_SINGULAR))
-    fault = where(drift.position <= FARTHEST, fault, float(GRASP_OPEN))
+    fault = where(drift.position <= WIDEST_GAP, fault, float(GRASP_OPEN))
     left = where(given["held"][()] > 0.5, 0.0, gaps.position)  # without projection the gaps do not matter
     fault = where(left <= LEFT_OPEN, fault, float(GRASP_OPEN))
     fault = where(total < float("inf"), fault, float(BROKEN))

@@ -1,7 +1,7 @@
 """Linearisation of a time step, by running the code of the step on numbers that carry derivatives.
 
 Forward dynamics and each iteration of the projection are differentiated by one additional solve
-(`dynamics.point_rule`). All other operations, including those of the law, are differentiated one by one. Both
+(`dynamics.derivatives.PointRule`). All other operations, those of the law included, are differentiated one by one. Both
 iterations of the projection are differentiated as they are computed, because the derivative of the converged projection
 would differ by the order of the step's drift.
 """
@@ -19,9 +19,9 @@ from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_st
 from holdfast.compiled.parameters import WRENCHES
 from holdfast.compiled.traced_chain import Given, framed
 from holdfast.dynamics.closed.chain_solution import ChainSolution
+from holdfast.dynamics.closed.force_elements import with_force_elements, without_force_elements
 from holdfast.dynamics.closed.second_solve import Point, point
-from holdfast.dynamics.closed.spring_wrenches import with_springs, without_springs
-from holdfast.dynamics.point_rule import PointRule, by_pose, motion_of
+from holdfast.dynamics.derivatives import PointRule, by_pose, motion_of
 from holdfast.dynamics.projection import STEP_ROUNDS, Change, displaced_by, quickened, turned_and_shifted
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION, OF_ROUND, change_of, impulse_point, round_point
 from holdfast.forces.margins import limited_margins
@@ -85,7 +85,7 @@ class VariedSystem(TracedSystem):
     ) -> SolutionWithStatus:
         """Return forward dynamics, with its derivatives."""
         if chain.springs:
-            chain, inputs = without_springs(chain), self._with_springs(chain, state, inputs)
+            chain, inputs = without_force_elements(chain), self._with_springs(chain, state, inputs)
         pushed = self._pushed(inputs)
         acting = replace(inputs, **{INPUT_FIELDS[name]: bare(x) for name, x in pushed.items()})
         with loops_by(self.taker):
@@ -107,7 +107,7 @@ class VariedSystem(TracedSystem):
     def _with_springs(self, chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
         """Return the inputs with the wrenches of springs between bodies, which vary with the state and the bases."""
         case = self._case(chain, state, inputs, ("base",))
-        return with_springs(case.chain, case.state, inputs)
+        return with_force_elements(case.chain, case.state, inputs)
 
     def _case(self, chain: ClosedChain, state: State, inputs: Inputs, moved: Sequence[str]) -> VariedCase:
         """Return a chain at a state, both of which vary; `moved` as in `VariedCase.with_varied`."""
