@@ -26,3 +26,9 @@ def two_pandas(left: str = "rigid", right: str = "rigid") -> tuple[ClosedChain, 
     )
     guess = State(np.tile(ELBOW_UP, 2), np.zeros(14), Pose.translation(0.0, 0.0, 0.72).wxyz_xyz)
     return chain, close(chain, guess, hold_object=True)
+
+
+def pushes(chain: ClosedChain, state: State, wrenches: np.ndarray) -> list[float]:
+    """Return the force of each grasp along its contact's normal [N]."""
+    normals = [state.object_frame.R @ grasp.frame.R[:, 2] for grasp in chain.grasps.values()]
+    return [f @ n for f, n in zip(wrenches[:, 3:], normals, strict=True)]

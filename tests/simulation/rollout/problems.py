@@ -90,10 +90,15 @@ def assert_rollout_is_run(chain: ClosedChain, state: State, duration: float = 0.
 def elsewhere(chain: ClosedChain, state: State, count: int, seed: int = 0) -> dict[str, np.ndarray]:
     """Return states near one, (count, ...) by name; grasps are open by less than a millimetre."""
     random = np.random.default_rng(seed)
-    found = {name: np.tile(x, (count, 1)) for name, x in arrays(state).items()}
+    found = tiled(state, count)
     for name in ("q", "qd"):
         found[name][1:] += 3e-4 * random.normal(size=found[name][1:].shape)
     return found
+
+
+def tiled(state: State, count: int) -> dict[str, np.ndarray]:
+    """Return one state for many systems, (count, ...) by name."""
+    return {name: np.tile(x, (count, 1)) for name, x in arrays(state).items()}
 
 
 def arrays(state: State) -> dict[str, np.ndarray]:

@@ -55,6 +55,7 @@ def test_start(change, message):
         ({"step": "short"}, "step: expected one positive"),
         ({"step": [1e-3] * 3}, "step: expected one positive"),
         ({"steps": 1.0}, "steps: expected an integer >= 1, got 1.0"),
+        ({"stop_at_limits": 0}, "stop_at_limits: expected True or False, got 0"),
         ({"least_margin": "some"}, "least_margin: expected a number, got 'some'"),
         ({"object_mas": 1.0}, "no parameter 'object_mas'. Did you mean 'object_mass'?"),
         ({"begin": 1.0}, "no parameter 'begin'"),

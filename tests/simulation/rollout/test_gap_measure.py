@@ -53,14 +53,10 @@ def test_every_backend_reports_and_closes_the_same_gaps():
     loose, law, rank = opened(chain, state, 1e-4), swinging_law(chain.joint_count), generic_rank(chain, state)
     environment, rk4, tolerance = Environment(chain), scheme("rk4"), Tolerance(1e-6, 1e-9)
     expected, memory = largest_gaps(closure(chain, loose)), law.memory
-
-    def controller(t, state, memory):
-        return law.torque(t, state, memory, {})
-
     steppers = (
-        ReferenceStepper(environment, controller, rank, rk4),
+        ReferenceStepper(environment, law, rank, rk4),
         FusedStepper.of(environment, law, rk4, rank),
-        StagewiseStepper(environment, controller, rank, rk4, tolerance),
+        StagewiseStepper(environment, law, rank, rk4, tolerance),
     )
     starts = [stepper.start(0.0, loose, memory) for stepper in steppers]
     systems = swinging("five").start(**{name: x[None] for name, x in arrays(loose).items()})

@@ -43,11 +43,7 @@ def test_fused(name, by):
     """Torques of time, state and memory; a wrench on the object."""
     chain, state = problem(name)
     environment, law, rank = pushed(chain), swinging_law(chain.joint_count), generic_rank(chain, state)
-
-    def controller(t, state, memory):
-        return law.torque(t, state, memory, {})
-
-    reference = ReferenceStepper(environment, controller, rank, scheme(by))
+    reference = ReferenceStepper(environment, law, rank, scheme(by))
     agree(FusedStepper.of(environment, law, scheme(by), rank), reference, state, law.memory)
 
 
@@ -81,32 +77,20 @@ def shaken(base: Pose, seed: int) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "moving", "by"), [("one", False, "midpoint"), ("five", True, "rk4"), ("five", True, "dop853")]
-)
-def test_stagewise(name, moving, by):
-    """Any controller, wrenches as functions of time, bases that move, schemes that estimate their error."""
+    ("name", "moving", "by", "traced"),
+    [
+        ("one", False, "midpoint", False), ("five", True, "rk4", False), ("five", True, "dop853", False),
+        ("one", False, "dop853", True), ("five", True, "rk4", True),
+    ],
+)  # fmt: skip
+def test_stagewise(name, moving, by, traced):
+    """Any controller, and laws as machine code; wrenches as functions of time, moving bases, estimated errors."""
     chain, state = problem(name)
-    rank = generic_rank(chain, state)
+    law, rank = swinging_law(chain.joint_count) if traced else None, generic_rank(chain, state)
     bases = {arm: shaken(chain.arms[arm].base, k) for k, arm in enumerate(chain.names) if k % 2 == 0}
     environment = Environment(chain, bases, wind) if moving else pushed(chain)
-    reference = ReferenceStepper(environment, stubborn, rank, scheme(by), Tolerance(1e-9))
-    agree(StagewiseStepper(environment, stubborn, rank, scheme(by), Tolerance(1e-9)), reference, state)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "moving", "by"), [("one", False, "dop853"), ("five", True, "rk4")])
-def test_stagewise_with_a_law(name, moving, by):
-    """A law of time, state and memory is machine code too where bases move or errors are estimated."""
-    chain, state = problem(name)
-    law, rank = swinging_law(chain.joint_count), generic_rank(chain, state)
-    bases = {arm: shaken(chain.arms[arm].base, k) for k, arm in enumerate(chain.names) if k % 2 == 0}
-    environment = Environment(chain, bases, wind) if moving else pushed(chain)
-
-    def controller(t, state, memory):
-        return law.torque(t, state, memory, {})
-
-    reference = ReferenceStepper(environment, controller, rank, scheme(by), Tolerance(1e-9))
-    agree(StagewiseStepper(environment, law, rank, scheme(by), Tolerance(1e-9), law), reference, state, law.memory)
+    given = environment, law or stubborn, rank, scheme(by), Tolerance(1e-9)
+    agree(StagewiseStepper(*given, law), ReferenceStepper(*given), state, law and law.memory)
 
 
 @pytest.mark.parametrize("given", ["base_twists", "base_accelerations"])
@@ -116,13 +100,8 @@ def test_constant_motion_of_bases(given):
     law, rank = swinging_law(chain.joint_count), generic_rank(chain, state)
     moves = 0.3 * np.arange(1.0, 6 * len(chain.arms) + 1).reshape(-1, 6)
     environment = Environment(chain, inputs=Inputs(**{given: moves}))
-
-    def controller(t, state, memory):
-        return law.torque(t, state, memory, {})
-
-    reference = ReferenceStepper(environment, controller, rank, scheme("rk4"))
     chosen = stepper_for(environment, law, rank, scheme("rk4"), Tolerance(), steps=1000)
-    agree(chosen, reference, state, law.memory)
+    agree(chosen, ReferenceStepper(environment, law, rank, scheme("rk4")), state, law.memory)
 
 
 def test_failures_are_each_ends_own():
@@ -153,12 +132,9 @@ def test_what_stagewise_cannot_is_refused():
 
     stepper = StagewiseStepper(Environment(chain, inputs=late), stubborn, rank, scheme("rk4"), Tolerance())
     now, _ = stepper.start(BEGIN, state, None)
-    (reached,) = stepper.advance(now, [BEGIN + 1e-3])
-    assert isinstance(reached.failure, MethodNotApplicable) and "inputs: link_wrenches: expected none" in str(
-        reached.failure
-    )
-    short = StagewiseStepper(
-        Environment(chain, inputs=wind), lambda t, x, m: (np.zeros(3), m), rank, scheme("rk4"), Tolerance()
-    )
+    failure = stepper.advance(now, [BEGIN + 1e-3])[0].failure
+    assert isinstance(failure, MethodNotApplicable) and "inputs: link_wrenches: expected none" in str(failure)
+    environment = Environment(chain, inputs=wind)
+    short = StagewiseStepper(environment, lambda t, x, m: (np.zeros(3), m), rank, scheme("rk4"), Tolerance())
     with pytest.raises(StateError, match="controller: torques"):
         short.start(BEGIN, state, None)
