@@ -132,40 +132,30 @@ def test_threads_of_python():
     expected = fast.forward_dynamics(**given)
     start = threading.Barrier(4)
 
-    def singles(_):
-        start.wait()
-        return all(
-            all_same_bits(outputs(fast.forward_dynamics(**one(given, i % 40))), outputs(expected, i % 40))
-            for i in range(200)
-        )
+    def singles():
+        return (fast.forward_dynamics(**one(given, i % 40)) for i in range(200))
 
-    def with_out(_):
+    def with_out():
         out = fast.forward_dynamics(**one(given, 0))
-        start.wait()
-        return all(
-            all_same_bits(
-                outputs(fast.forward_dynamics(*one(given, i % 40).values(), out=out)), outputs(expected, i % 40)
-            )
-            for i in range(200)
-        )
+        return (fast.forward_dynamics(*one(given, i % 40).values(), out=out) for i in range(200))
 
-    def batches(_):
-        start.wait()
-        return all(
-            all_same_bits(outputs(fast.forward_dynamics(**given, threads=2)), outputs(expected)) for _ in range(60)
-        )
+    def batches():
+        return (fast.forward_dynamics(**given, threads=2) for _ in range(60))
 
-    def bound(_):
+    def bound():
         call = fast.bind()
-        start.wait()
         for i in range(200):
             for name in problems.STATE:
                 getattr(call, name)[...] = given[name][i % 40]
             call()
-            if not all_same_bits(outputs(call.result), outputs(expected, i % 40)):
-                return False
-        return True
+            yield call.result
+
+    def right(calls):
+        found = calls()
+        start.wait()
+        rows = (None if calls is batches else i % 40 for i in range(200))
+        return all(all_same_bits(outputs(x), outputs(expected, i)) for x, i in zip(found, rows, strict=False))
 
     with ThreadPoolExecutor(4) as pool:
-        started = [pool.submit(each, 0) for each in (singles, with_out, batches, bound)]
+        started = [pool.submit(right, each) for each in (singles, with_out, batches, bound)]
         assert all(future.result() for future in started)

@@ -210,7 +210,10 @@ HALF, TWICE = [Pose.identity(), Pose.from_rpy(np.pi, 0, 0)], [0.0, 1.0, 1.0]
         (lambda: PoseSpline(POSES[0], [0.0]), "path: poses: expected a list of poses, got Pose"),
         (lambda: PoseSpline("poses", [0.0]), "path: poses: expected a list of poses, got str"),
         (lambda: PoseSpline(POSES, [0.0, 1.0]), "path: times: expected one for each of 5 poses, got 2"),
-        (lambda: PoseSpline(POSES[:3], TWICE), "path: times: expected them to increase, got times[1] = 1 s and times[2] ="),
+        (
+            lambda: PoseSpline(POSES[:3], TWICE),
+            "path: times: expected them to increase, got times[1] = 1 s and times[2] =",
+        ),
         (lambda: PoseSpline(POSES[:2], [0.0, np.nan]), "path: times: expected finite"),
         (
             lambda: PoseSpline(HALF, [0.0, 1.0]),
