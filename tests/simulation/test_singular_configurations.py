@@ -84,18 +84,6 @@ def test_what_no_step_sees():
     assert run.stopped is None and len(run.occurrences) == 1 and energy_error(run) < 1e-2
 
 
-def test_a_run_through_one_resumes_to_the_bit():
-    chain, state = n_four_bar(2)
-    kept = []
-    options = {"scheme": "dop853", "rtol": 1e-9, "on_singular": "continue"}
-    whole = hf.simulate(chain, state, free, 0.8, 2e-2, on_checkpoint=kept.append, **options)
-    for checkpoint in (kept[-3], next(one for one in reversed(kept) if one.now.t < whole.occurrences[0].t)):
-        resumed = hf.simulate(chain, state, free, 0.8, 2e-2, start=checkpoint, **options)
-        assert resumed.q[-1].tobytes() == whole.q[-1].tobytes()
-        missing = len(whole.occurrences) - len(checkpoint.occurrences)
-        assert resumed.occurrences == whole.occurrences[len(whole.occurrences) - missing :]
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("longer", [1e-2, 1e-6])
 def test_nearly_singular(longer):

@@ -7,6 +7,7 @@ import pytest
 
 import holdfast as hf
 from tests.oracles.slider_crank import SliderCrank
+from tests.simulation.runs import differences
 from tests.systems.problems import largest_gaps
 
 START = 0.4, 11.0  # angle and rate of the crank [rad, rad/s]
@@ -86,14 +87,7 @@ def test_a_second_of_motion(mechanism):
     worst = 0.0
     for t, (angle, rate) in zip(times, mechanism.motion(*START, torque, push, times), strict=True):
         found, expected = run.state_at(t), mechanism.state(angle, rate)
-        off = [
-            found.q - expected.q,
-            found.qd - expected.qd,
-            (found.object_frame.R - expected.object_frame.R).ravel(),
-            found.object_frame.p - expected.object_frame.p,
-            found.object_twist - expected.object_twist,
-        ]
-        worst = max(worst, float(np.abs(np.concatenate(off)).max()))
+        worst = max(worst, differences(found, expected).max())
     assert worst <= 1e-9
     assert np.ptp(run.q[:, 0]) > 2 * np.pi
     assert np.abs(run.imbalance).max() < 1e-10 * run.kinetic.max()

@@ -37,7 +37,7 @@ from holdfast.simulation.stability import (
     feedback_resistance,
     passive_resistance,
 )
-from tests.control.two_pandas import two_pandas
+from tests.control.two_pandas import rubber_pandas
 from tests.simulation.damped import outcome, problem
 from tests.simulation.gantries import squeezed
 from tests.simulation.one_step import one_step
@@ -171,8 +171,7 @@ def test_drives_that_are_heavy_enough():
 def test_after_a_grasp_opens():
     """Free slides settle faster than those that carry the block; steps between the two become implicit there."""
     chain, state = squeezed(BALLS, damping=DAMPING)
-    step = 1.25 / (0.5 * (TURN + DAMPING))
-    step *= 2.0
+    step = 2.5 / (0.5 * (TURN + DAMPING))
     run = simulate(chain, state, lifting, 4 * step, step, events=[Release(1.5 * step, "left")])
     assert run.stopped is None
     assert [one.kind for one in run.occurrences] == ["release", "stiff"]
@@ -307,9 +306,7 @@ def test_springs_too_stiff_for_the_step():
         return feedback(0.0)(t, state, memory)[0] - springs * state.q, memory
 
     run = simulate(chain, state, controller, 0.2, STEP)
-    assert run.stopped is not None and re.search(
-        r"too long for joint '(left|right)/[yz]', whose motion changes", run.stopped
-    )
+    assert re.search(r"too long for joint '(left|right)/[yz]', whose motion changes", str(run.stopped))
     assert step_of(run.stopped) <= 5e-4
 
 
@@ -327,14 +324,9 @@ def test_true_slips_stay():
 
 def damped_pandas(damping: float) -> tuple[ClosedChain, State, TorqueSchedule]:
     """Return two Pandas with damped joints, a box between rubber fingers, and torques that push it about."""
-    chain, state = two_pandas("softfinger", "softfinger")
-    arms = {
-        name: replace(arm, joints=[replace(joint, damping=damping) for joint in arm.joints])
-        for name, arm in chain.arms.items()
-    }
-    rubber = Friction(0.8, torsion_radius=0.02)
-    grasps = {name: replace(grasp, contact=rubber) for name, grasp in chain.grasps.items()}
-    chain = ClosedChain(arms, chain.held_object, grasps)
+    chain, state = rubber_pandas(0.8)
+    damped = {name: [replace(x, damping=damping) for x in arm.joints] for name, arm in chain.arms.items()}
+    chain = replace(chain, arms={name: replace(arm, joints=damped[name]) for name, arm in chain.arms.items()})
     hold = holding_torques(chain, state, internal_force=40.0)
     push = hold + np.array([0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 7)
     return chain, state, TorqueSchedule.linear([0.0, 0.1], [hold, push])
