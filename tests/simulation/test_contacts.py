@@ -1,5 +1,7 @@
 """Contacts that give way at instants known on paper; gripping and letting go at given times: impacts, hand-overs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -123,7 +125,7 @@ def test_record():
 def test_release():
     """The grasp opens at its instant, no velocity jumps, and an object that nobody holds flies free."""
     chain, state, controller, expected = ramped_squeeze()
-    moving = state.__class__(state.q, np.tile([0.0, 0.3, 0.0], 2), state.object_pose, [0, 0, 0, 0, 0.3, 0])
+    moving = replace(state, qd=np.tile([0.0, 0.3, 0.0], 2), object_twist=[0, 0, 0, 0, 0.3, 0])
     run = simulate(chain, moving, controller, DURATION, STEP, on_slip="release")
     assert run.stopped is None
     assert (np.diff(run.t) > 0).all()
@@ -156,9 +158,8 @@ def test_slipped_at_the_start():
 def test_wrench_limits():
     """A two-sided grasp that is not strong enough gives way too."""
     chain, state = squeezed(("ball", "ball"))
-    limited = {name: grasp.__class__(grasp.kind, grasp.frame, None, WrenchLimits(force=15.0)) for name, grasp in
-               chain.grasps.items()}  # fmt: skip
-    weak = chain.__class__(chain.arms, chain.held_object, limited, chain.gravity)
+    limits = WrenchLimits(force=15.0)
+    weak = replace(chain, grasps={name: replace(x, wrench_limits=limits) for name, x in chain.grasps.items()})
     run = simulate(weak, state, linear(*([N, 0, 0, -N, 0, 0] for N in (10.0, 30.0))), DURATION, STEP)
     assert run.t[-1] == pytest.approx(0.25 * DURATION, abs=1e-12)
     assert "gives way to the force" in str(run.stopped)
@@ -392,6 +393,5 @@ def test_event_at_the_end():
 def test_open_start_is_refused():
     """Grasps must hold at the start; an event does not excuse a gap."""
     chain, state = carried()
-    away = state.__class__(state.q + 0.01, state.qd, state.object_pose, state.object_twist)
     with pytest.raises(StateError, match="does not satisfy the grasps"):
-        simulate(chain, away, limp, 0.05, GRID, events=[Release(0.01, "left")])
+        simulate(chain, replace(state, q=state.q + 0.01), limp, 0.05, GRID, events=[Release(0.01, "left")])

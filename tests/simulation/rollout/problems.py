@@ -119,23 +119,10 @@ def numbers(at: Instant) -> dict[str, np.ndarray]:
     found = at.result
     of_trunk = {"trunk_base_wrench": found.trunk_base_wrench, "floating_acceleration": found.base_acceleration}
     of_trunk = {name: x for name, x in of_trunk.items() if x is not None}
-    return (
-        arrays(at.state)
-        | of_trunk
-        | {
-            "t": np.array(at.t),
-            "tau": at.tau,
-            "memory": np.ravel(np.zeros(0) if at.memory is None else at.memory),
-            "power": at.power,
-            "qdd": found.qdd,
-            "grasp_wrench": found.grasp_wrench,
-            "object_acceleration": found.object_acceleration,
-            "contact_acceleration": found.contact_acceleration,
-            "base_wrench": found.base_wrench,
-            "rank": np.array(float(found.rank)),
-            "condition": np.array(found.condition),
-        }
-    )
+    names = ["qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench", "rank", "condition"]
+    memory = np.ravel(np.zeros(0) if at.memory is None else at.memory)
+    own = {"t": np.array(at.t), "tau": at.tau, "memory": memory, "power": at.power}
+    return arrays(at.state) | of_trunk | own | {name: np.array(getattr(found, name), float) for name in names}
 
 
 def difference(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray]) -> float:
