@@ -25,20 +25,10 @@ from holdfast.questions.question import QUESTIONS
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from tests.compiled import problems
-from tests.compiled.problems import chain_named, chain_of, compiled, numbers, one
+from tests.compiled.problems import Given, chain_named, chain_of, compiled, numbers, one
 from tests.dynamics.problems import CASES, random_problem, stored
 from tests.longer import mostly_long
-from tests.questions.every import (
-    FUNCTIONS,
-    Given,
-    built_with,
-    direct,
-    flat,
-    inputs_of,
-    parameters_of,
-    reference,
-    taken_by,
-)
+from tests.questions.every import FUNCTIONS, built_with, direct, flat, inputs_of, parameters_of, reference, taken_by
 from tests.surface import PUBLIC
 from tests.systems.as_chain import Problem
 

@@ -8,19 +8,8 @@ import pytest
 import holdfast
 from holdfast import ClosedChain, Grasp, HeldObject, Link, StateError
 from holdfast.compiled import CompiledChain
-from tests.compiled.problems import (
-    STATE,
-    chain_named,
-    compiled,
-    forces,
-    numbers,
-    one,
-    outputs,
-    part,
-    pose,
-    reference,
-    relative_disagreement,
-)
+from tests.compiled import problems
+from tests.compiled.problems import STATE, chain_named, compiled, forces, numbers, one, outputs, part, pose
 from tests.compiler.programs import all_same_bits, same_bits
 
 NAME = "rows first"
@@ -67,7 +56,7 @@ def test_as_if_built_with_them(seed):
     given = one(numbers(chain, 1, seed) | forces(chain, 1, seed), 0)
     expected = other.forward_dynamics(**given)
     assert all_same_bits(outputs(fast.forward_dynamics(**given, **parameters)), outputs(expected))
-    assert relative_disagreement(expected, reference(chain, given)) <= 1e-11
+    assert problems.relative_disagreement(expected, problems.reference(chain, given)) <= 1e-11
     assert not all_same_bits(outputs(fast.forward_dynamics(**given)), outputs(expected))
 
 
@@ -138,7 +127,7 @@ def test_same_code():
     released = fast_of(replace(chain, grasps=fewer))
     assert released.forward_dynamics.calls.kernel is not kernel
     given = one(numbers(chain, 1), 0)
-    expected = reference(released.chain, given)
+    expected = problems.reference(released.chain, given)
     np.testing.assert_allclose(released.forward_dynamics(**given).qdd, expected.qdd, rtol=1e-10, atol=1e-10)
 
 

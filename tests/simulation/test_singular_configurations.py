@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.simulation.adaptive_parts import (
-    AdaptivePartsStepper,
-    EqualPartsStepper,
-    HalvedPartsStepper,
-    agreeing_parts,
-)
+from holdfast.simulation import adaptive_parts
 from holdfast.simulation.collocation import CollocationStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
@@ -118,9 +113,9 @@ def test_parts_of_a_step_near_a_singular_configuration(scheme, same):
     stepper = FusedStepper.of(Environment(cranks.chain), FREE, scheme, generic)
     now, _ = stepper.start(0.0, cranks.state, np.zeros(0))
     (later,) = stepper.advance(now, [0.016])
-    parts = agreeing_parts(stepper, now, later.instant)
+    parts = adaptive_parts.agreeing_parts(stepper, now, later.instant)
     assert parts is not None and 1 < parts <= 32
-    equal, halved = EqualPartsStepper(stepper, 0.016 / parts), HalvedPartsStepper(stepper)
+    equal, halved = adaptive_parts.EqualPartsStepper(stepper, 0.016 / parts), adaptive_parts.HalvedPartsStepper(stepper)
     ends = [one.advance(now, [0.008, 0.016])[1].instant for one in (equal, halved)]
     exact = in_parts(stepper, now, 0.016, 128).instant
     change = np.abs(exact.velocities - now.velocities).max()
@@ -131,7 +126,9 @@ def test_parts_of_a_step_near_a_singular_configuration(scheme, same):
 @pytest.mark.slow
 def test_ordinary_steps_far_from_singular_configurations_need_no_adaptive_parts(monkeypatch):
     """Two Pandas lifting a box in steps of 20 ms once spent ten times as long in such parts as in all steps else."""
-    monkeypatch.setattr(AdaptivePartsStepper, "advance", lambda *_: pytest.fail("a step was taken adaptively"))
+    monkeypatch.setattr(
+        adaptive_parts.AdaptivePartsStepper, "advance", lambda *_: pytest.fail("a step was taken adaptively")
+    )
     chain, state = two_pandas()
     path = hf.control.RestToRest(state.object_frame, [0.0, 0.0, 0.2])
     run = hf.simulate(chain, state, hf.control.ObjectTracking(chain, path, internal_force=20.0), 1.0, 0.02)

@@ -8,23 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import (
-    Arm,
-    ClosedChain,
-    Friction,
-    Grasp,
-    HeldObject,
-    Joint,
-    Link,
-    Pose,
-    Release,
-    State,
-    StepTooLongError,
-    WrenchLimits,
-    forward_dynamics,
-    holding_torques,
-    simulate,
-)
+import holdfast as hf
+from holdfast import ClosedChain, Friction, Release, State, StepTooLongError, WrenchLimits, forward_dynamics, simulate
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.dynamics import state_from_joints
 from holdfast.simulation.checkpoint import Checkpoint
@@ -32,11 +17,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.joint_friction import SMOOTHING_RATE, friction_slope, friction_torque
 from holdfast.simulation.runge_kutta import RK4, SCHEMES, scheme
-from holdfast.simulation.stability import (
-    fastest_decay,
-    feedback_resistance,
-    passive_resistance,
-)
+from holdfast.simulation.stability import fastest_decay, feedback_resistance, passive_resistance
 from tests.control.two_pandas import rubber_pandas
 from tests.simulation.damped import outcome, problem
 from tests.simulation.gantries import squeezed
@@ -182,10 +163,10 @@ def test_after_a_grasp_opens():
 @pytest.mark.slow
 def test_after_a_motion():
     """An elbow that stretches: its inertia falls, and steps become implicit on the way, to the bit in a resumed run."""
-    links = [Link(1.0, [0.5, 0.0, 0.0], 0.01 * np.eye(3)) for _ in range(2)]
-    elbow = Pose.translation(1.0, 0.0, 0.0)
-    arm = Arm([Joint(name="shoulder"), Joint(placement=elbow, name="elbow", damping=20.0)], links, tip=elbow)
-    body, grasps = HeldObject(1.0, 0.01 * np.eye(3)), {"arm": Grasp("rigid", Pose.identity())}
+    links = [hf.Link(1.0, [0.5, 0.0, 0.0], 0.01 * np.eye(3)) for _ in range(2)]
+    elbow = hf.Pose.translation(1.0, 0.0, 0.0)
+    arm = hf.Arm([hf.Joint(name="shoulder"), hf.Joint(placement=elbow, name="elbow", damping=20.0)], links, tip=elbow)
+    body, grasps = hf.HeldObject(1.0, 0.01 * np.eye(3)), {"arm": hf.Grasp("rigid", hf.Pose.identity())}
     chain = ClosedChain({"arm": arm}, body, grasps, np.zeros(3))
     states = [state_from_joints(chain, [0.0, angle], np.zeros(2)) for angle in (2.0, 0.0)]
     bent, stretched = (fastest_decay(chain, at, passive_resistance(chain, at.qd)).rate for at in states)
@@ -320,7 +301,7 @@ def damped_pandas(damping: float) -> tuple[ClosedChain, State, TorqueSchedule]:
     chain, state = rubber_pandas(0.8)
     damped = {name: [replace(x, damping=damping) for x in arm.joints] for name, arm in chain.arms.items()}
     chain = replace(chain, arms={name: replace(arm, joints=damped[name]) for name, arm in chain.arms.items()})
-    hold = holding_torques(chain, state, internal_force=40.0)
+    hold = hf.holding_torques(chain, state, internal_force=40.0)
     push = hold + np.array([0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 7)
     return chain, state, TorqueSchedule.linear([0.0, 0.1], [hold, push])
 

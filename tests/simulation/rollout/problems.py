@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast import ClosedChain, ControlLaw, Inputs, State, compile_rollout, simulate
+from holdfast import ClosedChain, ControlLaw, State, compile_rollout, simulate
 from holdfast.simulation import Rollout, RolloutSystems
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
@@ -139,8 +139,3 @@ def difference(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarra
 def generic_rank(chain: ClosedChain, state: State) -> int:
     """Return the rank at a regular state."""
     return evaluate(Environment(chain), lambda t, x, m: (np.zeros(len(x.q)), m), 0.0, state, None).result.rank
-
-
-def pushed(chain: ClosedChain) -> Environment:
-    """Return the chain with a constant wrench on its object."""
-    return Environment(chain, inputs=Inputs(object_wrench=np.array([0.3, -0.2, 0.1, 1.0, 2.0, -1.5])))

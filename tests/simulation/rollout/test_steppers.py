@@ -19,21 +19,17 @@ from holdfast.simulation.runge_kutta import scheme
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.spatial import rotation
 from tests.dynamics.problems import random_problem
-from tests.simulation.rollout.problems import (
-    arrays,
-    difference,
-    generic_rank,
-    numbers,
-    problem,
-    pushed,
-    swinging,
-    swinging_law,
-)
+from tests.simulation.rollout.problems import arrays, difference, generic_rank, numbers, problem, swinging, swinging_law
 from tests.systems.lower_pairs import JOINTS, grasp_of
 from tests.systems.problems import largest_gaps
 
 ROUNDING = 1e-12
 BEGIN = 0.25
+
+
+def pushed(chain: hf.ClosedChain) -> Environment:
+    """Return the chain with a constant wrench on its object."""
+    return Environment(chain, inputs=Inputs(object_wrench=np.array([0.3, -0.2, 0.1, 1.0, 2.0, -1.5])))
 
 
 def agree(stepper: Stepper, reference: Stepper, state: State, memory: Any = None) -> None:
