@@ -17,6 +17,7 @@ from tests.systems import planar_parallelogram, two_collinear_stretched_6r
 from tests.systems.as_chain import as_chain
 
 LANES = cpu.lanes()
+NAME = "interleaved"
 
 
 @pytest.mark.parametrize("name", CHAINS)
@@ -164,9 +165,6 @@ def test_threads_of_python():
     with ThreadPoolExecutor(4) as pool:
         started = [pool.submit(right, each) for each in (singles, with_out, batches, bound)]
         assert all(future.result() for future in started)
-
-
-NAME = "interleaved"
 
 
 def write(bound, given) -> None:

@@ -15,6 +15,7 @@ from holdfast.simulation.stepper import ReferenceStepper
 from tests.simulation.gantries import LINK, squeezed
 
 NOWHERE = State([0.0], [0.0], [1, 0, 0, 0, 0, 0, 0])
+ASKED = np.array([0.0, 0.0, 60.0, 0.0, 0.0, 20.0])
 
 
 def torque(schedule, t):
@@ -105,9 +106,6 @@ def test_bad_schedules(knots, coefficients, message):
     with pytest.raises(ModelError) as caught:
         TorqueSchedule(knots, coefficients)
     assert message in str(caught.value)
-
-
-ASKED = np.array([0.0, 0.0, 60.0, 0.0, 0.0, 20.0])
 
 
 def limited():

@@ -26,6 +26,7 @@ HOOK = 0.3 + 0.9j  # in the world
 ELBOW = (40.0, 0.35, 1.5)  # from the point to the right outer joint: stiffness, natural length, damping
 STRING = (25.0, 0.2, 0.8)  # from the object's corner to the hook
 TURN, REST = 6.0, -0.4  # of the left outer joint: N m/rad, rad
+START = 0.4, 11.0  # angle and rate of the crank [rad, rad/s]
 
 
 def sprung_five_bar() -> hf.ClosedChain:
@@ -125,9 +126,6 @@ def test_a_second_of_springs():
     print(f"largest difference {gap:.1e}")
     assert run.stopped is None and gap <= 1e-9
     assert abs(run.imbalance).max() < 1e-10 * run.kinetic.max()
-
-
-START = 0.4, 11.0  # angle and rate of the crank [rad, rad/s]
 
 
 def torque(t: float) -> float:

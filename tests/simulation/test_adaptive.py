@@ -18,6 +18,9 @@ from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 
 ORDER = 8
+BEFORE = State(np.array([0.0, 2.0]), np.array([0.0, -40.0]), np.array([1.0, 0, 0, 0, 0, 3.0, 0]), np.arange(6.0))
+AFTER = State(np.array([0.0, -4.0]), np.array([0.5, 30.0]), np.array([1.0, 0, 0, 0, 5.0, 0, 0]), np.zeros(6))
+LIMIT = 1e-10
 
 
 def at(t) -> Any:
@@ -195,10 +198,6 @@ def test_first_proposal():
     assert first_proposal(still).step == 1.0
 
 
-BEFORE = State(np.array([0.0, 2.0]), np.array([0.0, -40.0]), np.array([1.0, 0, 0, 0, 0, 3.0, 0]), np.arange(6.0))
-AFTER = State(np.array([0.0, -4.0]), np.array([0.5, 30.0]), np.array([1.0, 0, 0, 0, 5.0, 0, 0]), np.zeros(6))
-
-
 def estimates(seed=0):
     """Return two estimates of the size of 1e-9."""
     return list(1e-9 * np.random.default_rng(seed).normal(size=(2, 20)))
@@ -242,9 +241,6 @@ def test_tolerance_refused(what, given):
     """A tolerance that is not positive, or finer than floats, is refused by name."""
     with pytest.raises(ModelError, match=f"tolerance: {what}: expected"):
         Tolerance(*given)
-
-
-LIMIT = 1e-10
 
 
 def counting(t, state, memory):

@@ -24,6 +24,9 @@ from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 from tests.systems.bushed import random_bushed
 
+MIXED = ("pandas", "rigid, hinge, ball", "Stewart platform", "parallelogram")
+ROUNDING = 1e-12
+
 
 def test_cubics_are_integrated_exactly():
     """On any grid of four samples or more."""
@@ -124,10 +127,6 @@ def test_summary_and_table(shaken):
     assert "N m s" in lines["momentum balance"]
     assert f"spin about the normal, {chain.names[0]}" in lines
     assert not any(word in text for text in lines.values() for word in ("inf", "nan", "None"))
-
-
-MIXED = ("pandas", "rigid, hinge, ball", "Stewart platform", "parallelogram")
-ROUNDING = 1e-12
 
 
 def instant(name: str):

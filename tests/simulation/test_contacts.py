@@ -19,6 +19,7 @@ G = 9.81
 MU = 0.5
 STEP = 0.013  # divides nothing
 DURATION = 0.1
+GRID = 0.01
 
 
 def linear(*torques):
@@ -237,9 +238,6 @@ def test_margins_are_those_of_the_samples():
         assert run.margin[k] == pytest.approx(grasp_margins(chain, run.state(k), run.grasp_wrench[k]))
     assert (run.lowest_margin <= run.margin).all()
     assert (np.diff(run.lowest_margin_time, axis=0) >= 0).all()
-
-
-GRID = 0.01
 
 
 def carried(v_block=0.4, v_arm=-0.2, wrist="xyz"):

@@ -22,6 +22,7 @@ from tests.systems.parallel_cranks import parallel_cranks
 
 SCHEMES = [{"scheme": "rk4"}, {"scheme": "dop853", "rtol": 1e-9}, {"scheme": "dop853", "rtol": 1e-12}]
 SOON = [(SCHEMES[0], free), (SCHEMES[1], FREE)]
+ROWS, COLUMNS = 11, 9
 
 
 def with_longer_crank(chain, state, longer):
@@ -192,9 +193,6 @@ def test_rollouts_do_not_leap_from_branch_to_branch():
     assert long_steps.status[0].name in ("TOO_LONG", "SINGULAR") and 0.6 < long_steps.t[0] < 0.72
     assert short_steps.status[0].name == "RUNNING" and short_steps.t[0] == pytest.approx(0.8)
     assert np.abs(short_steps.q[0] - exact.q[-1]).max() < 1e-5
-
-
-ROWS, COLUMNS = 11, 9
 
 
 def path(values, seed=0, turning=1.0):

@@ -29,6 +29,11 @@ from tests.systems.as_chain import as_chain
 DAMPING = 1000.0  # N s/m of every slide
 TURN = 0.6 * DAMPING  # 1/s: block and slides, 0.01333 + 2 * 0.1^2 kg m^2, turn about y and z
 BALLS = ("ball", "ball")
+SQUEEZE = 100.0  # N
+RUBBER = Friction(0.5)
+STEP = 1e-3
+SEEDS = (9, 8)  # of random chains; h times their fastest rates are 0.64 and 325
+SLIP = re.compile(r"^grasp '\w+' (slips|lifts off|gives way)")
 
 
 def lifting(t, state, memory):
@@ -204,13 +209,6 @@ def test_problems_without_damping_are_not_checked(monkeypatch):
     monkeypatch.setattr("holdfast.simulation.stability.fastest_decay", None)
     chain, state = PROBLEMS["pandas"]()
     assert simulate(chain, state, lambda t, x, m: (np.zeros(14), m), 1e-3, 1e-3).stopped is None
-
-
-SQUEEZE = 100.0  # N
-RUBBER = Friction(0.5)
-STEP = 1e-3
-SEEDS = (9, 8)  # of random chains; h times their fastest rates are 0.64 and 325
-SLIP = re.compile(r"^grasp '\w+' (slips|lifts off|gives way)")
 
 
 def step_of(run):

@@ -25,6 +25,7 @@ from tests.systems.problems import largest_gaps
 
 ROUNDING = 1e-12
 BEGIN = 0.25
+KINDS = ("rigid", "hinge", "softfinger", "ball", *JOINTS)
 
 
 def pushed(chain: hf.ClosedChain) -> Environment:
@@ -150,9 +151,6 @@ def test_what_stagewise_cannot_is_refused():
     short = StagewiseStepper(environment, lambda t, x, m: (np.zeros(3), m), rank, scheme("rk4"), Tolerance())
     with pytest.raises(StateError, match="controller: torques"):
         short.start(BEGIN, state, None)
-
-
-KINDS = ("rigid", "hinge", "softfinger", "ball", *JOINTS)
 
 
 def opened(chain: hf.ClosedChain, state: hf.State, size: float) -> hf.State:

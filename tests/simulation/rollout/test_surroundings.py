@@ -31,6 +31,8 @@ STEP, STEPS = 1e-3, 20
 AGREEMENT = 1e-11  # gaps of projection apart, steps are the same to rounding
 
 Motion = Callable[[Any], tuple[Any, Any, Any]]
+DAMPING = 1000.0  # N s/m of every slide: 600 1/s
+LAW = ControlLaw(lambda t, state, memory, given: (np.array([0.0, 0.0, 30.0 + t, 0.0, 0.0, 30.0 - t]), memory))
 
 
 def shaken(base: Pose, seed: int, quaternion: bool) -> Motion:
@@ -330,10 +332,6 @@ def test_grasps_that_open_and_close():
         assert not measured or (far.drift[:, 0] > 1e-6).all()
     with pytest.raises(StateError, match="systems: expected those of a rollout with the joints"):
         held.take_over(compile_rollout(problem("one")[0]).start(**arrays(problem("one")[1]), tau=np.zeros(6)))
-
-
-DAMPING = 1000.0  # N s/m of every slide: 600 1/s
-LAW = ControlLaw(lambda t, state, memory, given: (np.array([0.0, 0.0, 30.0 + t, 0.0, 0.0, 30.0 - t]), memory))
 
 
 @pytest.fixture(scope="module")
