@@ -212,7 +212,7 @@ HALF, TWICE = [Pose.identity(), Pose.from_rpy(np.pi, 0, 0)], [0.0, 1.0, 1.0]
         (lambda: PoseSpline(POSES, [0.0, 1.0]), "path: times: expected one for each of 5 poses, got 2"),
         (
             lambda: PoseSpline(POSES[:3], TWICE),
-            "path: times: expected them to increase, got times[1] = 1 s and times[2] =",
+            "path: times: expected them to increase, got times[1] = 1 s and times[2] = 1 s; to",
         ),
         (lambda: PoseSpline(POSES[:2], [0.0, np.nan]), "path: times: expected finite"),
         (
