@@ -60,11 +60,8 @@ def chain_of(arms: tuple[tuple[int, str | None], ...], seed: int = 0) -> ClosedC
     random = np.random.default_rng(seed)
     names = [f"arm{k}" for k in range(len(arms))]
     placed = {name: part(*of).at(pose(random, 1.0)) for name, of in zip(names, arms, strict=True)}
-    grasps = {
-        name: Grasp(kind, pose(random, 0.3))  # type: ignore[arg-type]
-        for name, (_, kind) in zip(names, arms, strict=True)
-        if kind
-    }
+    kinds = {name: kind for name, (_, kind) in zip(names, arms, strict=True) if kind}
+    grasps = {name: Grasp(kind, pose(random, 0.3)) for name, kind in kinds.items()}  # type: ignore[arg-type]
     held = as_chain(random_system(seed, arms=1, joints=3)).chain.held_object
     return ClosedChain(placed, held, grasps, random.normal(size=3) * 6.0)
 

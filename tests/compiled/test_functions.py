@@ -25,29 +25,17 @@ from holdfast.questions.question import QUESTIONS
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from tests.compiled import problems
-from tests.compiled.problems import chain_named, chain_of, compiled, numbers, one
+from tests.compiled.problems import Given, chain_named, chain_of, compiled, numbers, one
 from tests.dynamics.problems import CASES, random_problem, stored
-from tests.questions.every import (
-    FUNCTIONS,
-    Given,
-    built_with,
-    direct,
-    flat,
-    inputs_of,
-    parameters_of,
-    reference,
-    taken_by,
-)
+from tests.longer import mostly_long
+from tests.questions.every import FUNCTIONS, built_with, direct, flat, inputs_of, parameters_of, reference, taken_by
 from tests.surface import PUBLIC
 from tests.systems.as_chain import Problem
 
 BOUND = 1e-11
 EVERY = direct()
 # these compile the filter: elsewhere than against the reference it is the same machinery, and takes longest
-functions = pytest.mark.parametrize(
-    "function",
-    [pytest.param(name, marks=pytest.mark.long) if name in ("project", "object_mobility") else name for name in EVERY],
-)
+functions = pytest.mark.parametrize("function", mostly_long(EVERY, {*EVERY} - {"project", "object_mobility"}))
 
 
 def called(fast: CompiledChain, function: str, given: Given, **options) -> Given:
@@ -72,11 +60,6 @@ def same_bits(found: dict[str, Array], expected: dict[str, Array]) -> bool:
     """Return whether all numbers are equal, not-a-number to itself."""
     assert list(found) == list(expected)
     return all(np.array_equal(found[name], x, equal_nan=True) for name, x in expected.items())
-
-
-def rows(found: dict[str, Array], i: int) -> dict[str, Array]:
-    """Return the i-th system's results."""
-    return {name: x[i] for name, x in found.items()}
 
 
 def stacked(found: list[dict[str, Array]]) -> dict[str, Array]:
@@ -108,22 +91,13 @@ def disagreement(problem: Problem, function: str, seed: int = 0) -> float:
     s, acting, fast = problem.state, problem.inputs.shaped(problem.chain), alone(problem.chain)
     given = one(inputs_of(problem.chain, 1, seed), 0)
     given |= {"q": s.q, "qd": s.qd, "object_pose": s.object_pose, "object_twist": s.object_twist}
-    options = {
-        name: getattr(acting, OF_INPUTS[name]) for name in taken_by(getattr(fast, function)) if name in OF_INPUTS
-    }
-    options = {name: x for name, x in options.items() if x is not None}
+    taken = {x: getattr(acting, OF_INPUTS[x]) for x in taken_by(getattr(fast, function)) if x in OF_INPUTS}
+    options = {name: x for name, x in taken.items() if x is not None}
     found = called(fast, function, given, **options)
     return gap(found, reference(function, problem.chain, given, problem.inputs))
 
 
-def stored_names():
-    """Return the stored cases; one of them is quick, and `test_random_systems` has every kind of arm and grasp."""
-    sample = ("legs_3_RRP_ball_moving_base",)
-    assert set(sample) <= set(CASES)
-    return [pytest.param(name, marks=[] if name in sample else pytest.mark.long) for name in CASES]
-
-
-@pytest.mark.parametrize("name", stored_names())
+@pytest.mark.parametrize("name", mostly_long(CASES, ("legs_3_RRP_ball_moving_base",)))  # others: test_random_systems
 def test_stored_cases(name):
     """All functions agree with the reference on every stored case."""
     for function in EVERY:
@@ -131,7 +105,7 @@ def test_stored_cases(name):
 
 
 @pytest.mark.parametrize("function", EVERY)
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
+@pytest.mark.parametrize("seed", mostly_long(range(3), (0,)))
 def test_random_systems(function, seed):
     """Every grasp kind, an arm without one, prismatic joints, moving bases, wrenches on the links."""
     grasps = ("rigid", "hinge", None, "softfinger", "ball")
@@ -182,7 +156,7 @@ def test_open_states(function, name):
     chain, given = fast.chain, inputs_of(fast.chain, 5)
     found = called(fast, function, given)
     for i in range(5):
-        here = rows(found, i) if chain.grasps or function != "closure" else found
+        here = one(found, i) if chain.grasps or function != "closure" else found
         assert gap(here, reference(function, chain, one(given, i))) < BOUND
 
 
@@ -209,21 +183,19 @@ def test_shared_arguments(function):
     batch = fast.chain.joint_count
     given, extra = inputs_of(fast.chain, batch), parameters_of(getattr(fast, function), batch)
     for varied in (*QUESTIONS[function].inputs, *extra):
-        now = {name: x if name == varied else x[0] for name, x in given.items()}
-        of = {name: x if name == varied else x[0] for name, x in extra.items()}
-        found = called(fast, function, now, **of)
+        found = called(fast, function, varying(given, varied), **varying(extra, varied))
         for i in (0, 1, batch - 1):
-            single = called(
-                fast,
-                function,
-                {name: x[i] if name == varied else x for name, x in now.items()},
-                **{name: x[i] if name == varied else x for name, x in of.items()},
-            )
-            assert same_bits(rows(found, i), single)
+            single = called(fast, function, varying(given, varied, i), **varying(extra, varied, i))
+            assert same_bits(one(found, i), single)
+
+
+def varying(given: Given, varied: str, i: int | slice = slice(None)) -> Given:
+    """Return one array of all systems, or of the i-th; the others are those of the first."""
+    return {name: x[i] if name == varied else x[0] for name, x in given.items()}
 
 
 @functions
-@pytest.mark.parametrize("name", [pytest.param("all kinds", marks=pytest.mark.long), "interleaved"])
+@pytest.mark.parametrize("name", mostly_long(["all kinds", "interleaved"], ["interleaved"]))
 def test_run_time_parameters(function, name):
     """Parameters of a call give what a chain built with them gives, and the next call has the chain's own again."""
     fast = named(name)
@@ -243,7 +215,7 @@ def test_run_time_parameters(function, name):
 @functions
 def test_interpreter(function):
     """The schedule read number by number gives the bits of the machine code."""
-    fast = alone(chain_named("all kinds"))
+    fast = named("all kinds")
     made, given = getattr(fast, function), one(inputs_of(fast.chain, 1), 0)
     expected = interpret_schedule(made.computation.schedule(), made.calls.own | given)
     results = {name: expected[name] for name in QUESTIONS[function].names_at(fast.chain)}
@@ -387,26 +359,21 @@ def test_shapes():
 def test_refusals(function):
     """Wrong shapes, unknown parameters, batches that disagree and odd thread counts are refused by name."""
     fast = named("all kinds")
-    given = one(inputs_of(fast.chain, 1), 0)
-    for name in QUESTIONS[function].inputs:
-        with pytest.raises(StateError, match=rf"{name}: expected shape \(.*\) or \(batch"):
-            called(fast, function, given | {name: np.zeros(2)})
-        with pytest.raises(StateError, match=f"{name}: expected real numbers"):
-            called(fast, function, given | {name: np.full(np.shape(given[name]), 1j)})
-    with pytest.raises(StateError, match="no parameter 'gravitas'"):
-        called(fast, function, given, gravitas=1.0)
-    with pytest.raises(StateError, match="no parameter 'object_wrench'"):
-        called(fast, function, given, object_wrench=np.zeros(6))
-    with pytest.raises(StateError, match="threads: expected an integer >= 1, got 0"):
-        called(fast, function, given, threads=0)
-    if len(QUESTIONS[function].inputs) > 1:
-        first, *_, last = QUESTIONS[function].inputs
-        with pytest.raises(StateError, match=f"expected one batch size, got {first}: 2, {last}: 3"):
-            called(
-                fast,
-                function,
-                given | {name: np.zeros((k, *np.shape(given[name]))) for name, k in ((first, 2), (last, 3))},
-            )
+    given, inputs = one(inputs_of(fast.chain, 1), 0), QUESTIONS[function].inputs
+    refused = [
+        ({}, {"gravitas": 1.0}, "no parameter 'gravitas'"),
+        ({}, {"object_wrench": np.zeros(6)}, "no parameter 'object_wrench'"),
+        ({}, {"threads": 0}, "threads: expected an integer >= 1, got 0"),
+    ]
+    for name in inputs:
+        refused.append(({name: np.zeros(2)}, {}, rf"{name}: expected shape \(.*\) or \(batch"))
+        refused.append(({name: np.full(np.shape(given[name]), 1j)}, {}, f"{name}: expected real numbers"))
+    if len(inputs) > 1:
+        many = {name: np.zeros((k, *np.shape(given[name]))) for name, k in ((inputs[0], 2), (inputs[-1], 3))}
+        refused.append((many, {}, f"expected one batch size, got {inputs[0]}: 2, {inputs[-1]}: 3"))
+    for change, options, message in refused:
+        with pytest.raises(StateError, match=message):
+            called(fast, function, given | change, **options)
 
 
 @functions
@@ -415,10 +382,10 @@ def test_invalid_inputs(function):
     fast = named("all kinds")
     given = inputs_of(fast.chain, 5)
     sound = called(fast, function, given)
-    faults = [(name, value) for name in QUESTIONS[function].inputs for value in (np.nan, np.inf, -np.inf)]
-    for name, value in [*faults, ("q", 1.1e5), ("q", -1.1e5), ("object_pose", 1.5)]:
-        if name not in QUESTIONS[function].inputs:
-            continue
+    inputs = QUESTIONS[function].inputs
+    faults = [(name, value) for name in inputs for value in (np.nan, np.inf, -np.inf)]
+    faults += [x for x in (("q", 1.1e5), ("q", -1.1e5), ("object_pose", 1.5)) if x[0] in inputs]
+    for name, value in faults:
         changed = given | {name: given[name].copy()}
         changed[name].reshape(5, -1)[3, 0] = value
         with pytest.raises(StateError, match=rf"^{name}: expected (finite numbers|at most 100000 rad|a unit quat)"):
@@ -428,10 +395,10 @@ def test_invalid_inputs(function):
         for k in sound:
             assert np.isnan(found[k][3]).all(), (k, name, value)
         for i in (0, 1, 2, 4):
-            assert same_bits(rows(found, i), rows(sound, i))
-        shared = given | {name: changed[name][3]}
-        if len(QUESTIONS[function].inputs) > 1:
-            assert all(np.isnan(x).all() for x in called(fast, function, shared).values())
+            assert same_bits(one(found, i), one(sound, i))
+        if len(inputs) > 1:
+            shared = called(fast, function, given | {name: changed[name][3]})
+            assert all(np.isnan(x).all() for x in shared.values())
 
 
 def test_far_slides():
@@ -467,10 +434,8 @@ def test_fortran_order():
     turned = {name: np.asfortranarray(x) for name, x in extra.items()}
     listed = {name: x.tolist() for name, x in given.items()}
     assert same_bits(called(fast, "inverse_dynamics", listed, **turned), expected)
-    batch = {name: np.stack([x, x]) for name, x in extra.items()}
-    turned = {name: np.asfortranarray(x) for name, x in batch.items()}
-    found = called(fast, "inverse_dynamics", given, **turned)
-    assert same_bits(rows(found, 1), expected)
+    turned = {name: np.asfortranarray([x, x]) for name, x in extra.items()}
+    assert same_bits(one(called(fast, "inverse_dynamics", given, **turned), 1), expected)
 
 
 def test_jacobian_that_nothing_changes():

@@ -5,7 +5,7 @@ import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +19,6 @@ from holdfast.control.controller import held_torques
 from holdfast.dynamics.projection import STEP_ROUNDS
 from holdfast.questions.question import QUESTIONS
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout import traced_step
 from holdfast.simulation.rollout.kernel import step_externals
 from holdfast.simulation.runge_kutta import RK4
@@ -83,34 +82,17 @@ def test_forward_dynamics(problem):
     }
 
 
-class Stepping(NamedTuple):
-    """A chain that the reference steps, and what the trace of a step runs.
-
-    Attributes:
-        state: its state.
-        stepper: the reference, under constant torques.
-        now: its instant at that state.
-        structure: what machine code is made for.
-        traced: how often functions run while a step is traced, by their code.
-    """
-
-    state: holdfast.State
-    stepper: ReferenceStepper
-    now: Instant
-    structure: Structure
-    traced: dict
-
-
 @pytest.fixture(scope="module")
 def stepping():
-    """Every grasp, on arms that can move."""
+    """Every grasp, on arms that can move: where they are, the stepper, and what a traced step runs."""
     problem = random_problem(0, grasps=GRASPS[:4], joints=(6, 4, 2, 4), moving_base=False, extras=False)
     chain, structure = problem.chain, Structure(problem.chain, Options())
     stepper = ReferenceStepper(Environment(chain), lambda t, state, memory: (problem.tau, memory), 18, RK4)
     law = held_torques(chain.joint_count)
     step = partial(traced_step.step, traced_step.StepModel(structure, law, {}, None), RK4)
     traced = functions_run(lambda: traced_chain.traced(step_externals(structure, law), step), ("",), ())
-    return Stepping(problem.state, stepper, stepper.start(0.0, problem.state, None)[0], structure, traced)
+    now, _ = stepper.start(0.0, problem.state, None)
+    return SimpleNamespace(chain=chain, state=problem.state, stepper=stepper, now=now, traced=traced)
 
 
 @pytest.mark.slow
@@ -131,7 +113,7 @@ def test_a_step(stepping):
 @pytest.mark.slow
 def test_gaps_and_projection(stepping):
     """Steps, `project` and `closure` measure gaps and close them by the same objects; a step takes two rounds."""
-    chain, state = stepping.structure.chain, stepping.state
+    chain, state = stepping.chain, stepping.state
     loose = replace(state, q=state.q + 1e-4 * np.sin(np.arange(len(state.q))), qd=state.qd + 1e-4)
     calls = {
         "step": lambda: stepping.stepper.advance(stepping.now, [1e-4]),

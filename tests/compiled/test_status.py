@@ -241,10 +241,3 @@ def test_out_after_an_error():
     with pytest.raises(StateError, match="tau: expected finite numbers"):
         fast.forward_dynamics(**one(given, 1) | {"tau": np.full(12, np.nan)}, out=out)
     assert out.status is INVALID and np.isnan(out.base_wrench).all()
-
-
-def test_nan_wrench():
-    """A wrench that is not finite is refused, as parameters are."""
-    chain, fast = chain_named("nine"), compiled("nine")
-    with pytest.raises(StateError, match="object_wrench: expected finite numbers"):
-        fast.forward_dynamics(**one(numbers(chain, 1), 0), object_wrench=np.full(6, np.nan))

@@ -1,7 +1,7 @@
 """Machine code of forward dynamics with a trunk: the reference's answers, batches, bound calls, refusals."""
 
-import dataclasses
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,22 +25,27 @@ CASES = ["torso3_three_arms_one_free_head", "space_hinge_ball", "links_and_world
 MOVING = ("trunk_base_twist", "trunk_base_acceleration")
 
 
-def given(chain, state, tau, inputs):
+def given(p):
     """Return the arguments of a compiled call."""
-    wanted = {"object_wrench": inputs.object_wrench} | {name: getattr(inputs, name) for name in MOVING}
-    if chain.floats:
-        wanted |= {"floating_pose": state.base_pose, "floating_twist": state.base_twist}
-    arguments = (state.q, state.qd, tau, state.object_pose, state.object_twist)
+    wanted = {"object_wrench": p.inputs.object_wrench} | {name: getattr(p.inputs, name) for name in MOVING}
+    if p.chain.floats:
+        wanted |= {"floating_pose": p.state.base_pose, "floating_twist": p.state.base_twist}
+    arguments = (p.state.q, p.state.qd, p.tau, p.state.object_pose, p.state.object_twist)
     return arguments, {name: x for name, x in wanted.items() if x is not None}
+
+
+@cache
+def compiled(name):
+    """Return a case, its chain as machine code, and the arguments of its call."""
+    case = cases()[name]
+    return case, hf.compile(case.chain), *given(case)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_reference(name):
     """One system and a batch have the reference's answers, and one another's bits."""
-    case = cases()[name]
-    fast = hf.compile(case.chain)
-    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
+    case, fast, arguments, parameters = compiled(name)
     found = fast.forward_dynamics(*arguments, **parameters)
     wanted = hf.forward_dynamics(case.chain, case.state, case.tau, inputs=case.inputs)
     assert (found.rank, found.mobility, found.status) == (wanted.rank, wanted.mobility, wanted.status)
@@ -70,7 +75,7 @@ def test_external_wrenches_inertias_and_driven_bases(seed, joints, floating):
     bodies = [replace(b, mass=1.5 * b.mass, com=b.com + 0.1, inertia=1.3 * b.inertia) for b in trunk.bodies]
     trunk = replace(trunk, links=bodies[floating:], floating=bodies[0] if floating else None)
     p = replace(other, chain=replace(other.chain, trunk=trunk))
-    arguments, parameters = given(p.chain, p.state, p.tau, p.inputs)
+    arguments, parameters = given(p)
     parameters |= {"link_wrench": p.inputs.link_wrenches, "trunk_link_wrench": p.inputs.trunk_link_wrenches}
     for name in ("mass", "com", "inertia"):
         parameters[f"trunk_link_{name}"] = np.array([getattr(body, name) for body in bodies])
@@ -81,9 +86,7 @@ def test_external_wrenches_inertias_and_driven_bases(seed, joints, floating):
 
 def test_bound():
     """A bound call reads pose and twist of the floating base where they are."""
-    case = cases()["space_hinge_ball"]
-    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
-    fast = hf.compile(case.chain)
+    case, fast, arguments, parameters = compiled("space_hinge_ball")
     names = ("q", "qd", "tau", "object_pose", "object_twist")
     bound = fast.bind(**{name: np.array(x) for name, x in zip(names, arguments, strict=True)})
     bound.floating_pose[...], bound.floating_twist[...] = case.state.base_pose, case.state.base_twist
@@ -97,11 +100,9 @@ def test_bound():
 
 def test_by_the_builtin(monkeypatch):
     """A repeated call with a floating base leaves the Python code out, its names in any order, for the same bits."""
-    case = cases()["space_hinge_ball"]
-    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
+    _, fast, arguments, parameters = compiled("space_hinge_ball")
     arguments = [np.array(x, dtype=float) for x in arguments]
     base = {name: np.array(parameters[name]) for name in FLOATING}
-    fast = hf.compile(case.chain)
     expected = fast.forward_dynamics(*arguments, **base)
     out = fast.forward_dynamics(*arguments, **{name: x + 0.0 for name, x in base.items()})
     fast.forward_dynamics(*arguments, **base, out=out)
@@ -118,24 +119,22 @@ def test_by_the_builtin(monkeypatch):
 @pytest.mark.slow
 def test_not_unique_forces():
     """The generic rank is found, and accelerations are the reference's."""
-    case = cases()["many_forces_links_3joint_rigid"]
-    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
-    found = hf.compile(case.chain).forward_dynamics(*arguments, **parameters)
+    case, fast, arguments, parameters = compiled("many_forces_links_3joint_rigid")
+    found = fast.forward_dynamics(*arguments, **parameters)
     assert found.status is Status.INDETERMINATE_FORCES
     assert relative_gap(found.qdd, np.concatenate([case.expected.trunk.qdd, *case.expected.qdd])) < EXACT
 
 
 def test_refused():
     """A floating base whose state is missing, base motion of an arm that the trunk carries."""
-    case = cases()["space_hinge_ball"]
-    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
-    fast = hf.compile(case.chain)
-    with pytest.raises(hf.StateError, match="floating_pose: expected"):
-        fast.forward_dynamics(*arguments)
-    with pytest.raises(hf.StateError, match="floating_pose: expected a unit quaternion"):
-        fast.forward_dynamics(*arguments, **parameters | {"floating_pose": np.ones(7)})
-    with pytest.raises(hf.StateError, match="moves with the trunk"):
-        fast.forward_dynamics(*arguments, **parameters, base_twist=np.ones((2, 6)))
+    _, fast, arguments, parameters = compiled("space_hinge_ball")
+    for options, message in (
+        ({}, "floating_pose: expected"),
+        (parameters | {"floating_pose": np.ones(7)}, "floating_pose: expected a unit quaternion"),
+        (parameters | {"base_twist": np.ones((2, 6))}, "moves with the trunk"),
+    ):
+        with pytest.raises(hf.StateError, match=message):
+            fast.forward_dynamics(*arguments, **options)
 
 
 @pytest.mark.slow
@@ -143,7 +142,7 @@ def test_refused():
 def test_other_functions(floating):
     """Every other question has the reference's answer, and refuses a call without the state of a floating base."""
     p = still_base(3, 2, floating=floating, arms={"arms": 2, "joints": 7, "grasps": ("rigid", "ball")}, in_world=0.4)
-    chain, s, compiled, found = p.chain, p.state, CompiledChain(p.chain, Options(), None), p.solved()
+    chain, s, fast, found = p.chain, p.state, CompiledChain(p.chain, Options(), None), p.solved()
     given = {"q": s.q, "qd": s.qd, "object_pose": s.object_pose, "object_twist": s.object_twist}
     given |= {"qdd": found.qdd, "grasp_wrench": found.grasp_wrench, "tau": p.tau}
     if floating:
@@ -153,14 +152,14 @@ def test_other_functions(floating):
         question, now = QUESTIONS[name], given
         if name == "project":
             now = given | {"q": s.q + 1e-5}
-        own, ask = {x: now[x] for x in question.by_name(chain)}, getattr(compiled, name)
+        own, ask = {x: now[x] for x in question.by_name(chain)}, getattr(fast, name)
         answer = ask(*(now[x] for x in question.inputs), **own)
         assert gap(flat(answer), reference(name, chain, now, hf.Inputs())) < EXACT, name
         for x in own:
             with pytest.raises(hf.StateError, match=f"{x}: expected that of the trunk's floating base"):
                 ask(*(now[y] for y in question.inputs), **{y: value for y, value in own.items() if y != x})
     if not floating:
-        many = compiled.momentum(*(np.array([x, x]) for x in (s.q, s.qd, s.object_pose, s.object_twist)))
+        many = fast.momentum(*(np.array([x, x]) for x in (s.q, s.qd, s.object_pose, s.object_twist)))
         assert np.allclose(many, [hf.dynamics.momentum(chain, s)] * 2, rtol=1e-11, atol=1e-11)
 
 
@@ -169,7 +168,7 @@ def test_a_joint_without_inertia():
     """Two trunk joints about one axis, nothing between them: the reference refuses, machine code says INVALID."""
     p = random_on_trunk(3, 2, floating=False)
     trunk = hf.Trunk([hf.Joint(), hf.Joint()], [hf.Link(0.0), hf.Link(3.0, inertia=np.diag([0.1, 0.2, 0.15]))])
-    chain = dataclasses.replace(p.chain, trunk=trunk, mounts=dict.fromkeys(p.chain.mounts, 1))
+    chain = replace(p.chain, trunk=trunk, mounts=dict.fromkeys(p.chain.mounts, 1))
     s = p.state
     with pytest.raises(hf.ModelError, match="trunk, joint"):
         hf.forward_dynamics(chain, s, p.tau, check=False)

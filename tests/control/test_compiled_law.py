@@ -41,9 +41,8 @@ GIVEN = {"gain": 3.0, "target": np.linspace(0.0, 1.0, N)}
 def moving(seed: int) -> hf.State:
     """Return a state near the grasps, in motion."""
     random = np.random.default_rng(seed)
-    return hf.State(
-        STATE.q + 0.1 * random.normal(size=N), random.normal(size=N), STATE.object_pose, random.normal(size=6)
-    )
+    q = STATE.q + 0.1 * random.normal(size=N)
+    return hf.State(q, random.normal(size=N), STATE.object_pose, random.normal(size=6))
 
 
 @pytest.mark.parametrize("name", LAWS)

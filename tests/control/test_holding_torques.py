@@ -1,17 +1,20 @@
-"""Torques for an acceleration and an internal wrench give both back."""
+"""Torques for an acceleration and an internal wrench give both back; as a law, they are machine code."""
 
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, Friction, State, StateError, forward_dynamics
+import holdfast as hf
+from holdfast import ClosedChain, Friction, MethodNotApplicable, State, StateError, forward_dynamics
 from holdfast.assembly.assemble import assemble
+from holdfast.control.compiled_law import compile_law
 from holdfast.control.gravity_compensation import GravityCompensation
+from holdfast.control.holding_law import holding_law
 from holdfast.control.holding_torques import holding_torques
 from holdfast.dynamics import project_velocity
 from holdfast.dynamics.result import Status
 from holdfast.forces.force_split import split
 from holdfast.robots import stewart_platform, three_finger_hand
-from tests.control.two_pandas import two_pandas
+from tests.control.two_pandas import pushes, two_pandas
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 
@@ -39,13 +42,18 @@ def internal_wrenches(chain, state, seed=0):
 def test_given_back_by_forward_dynamics(kinds):
     """The object accelerates as asked, and the internal part of the grasp wrenches is the chosen one."""
     chain, state = two_pandas(*kinds)
-    state = moving(chain, state)
-    chosen = internal_wrenches(chain, state)
+    assert given_back(chain, moving(chain, state)).status is Status.OK
+
+
+def given_back(chain, state, seed=0):
+    """Return the result under torques for an acceleration and internal wrenches, having asserted that it has both."""
+    chosen = internal_wrenches(chain, state, seed)
     assert np.abs(chosen).max() > 1.0
     found = forward_dynamics(chain, state, holding_torques(chain, state, ACCELERATION, chosen))
-    assert found.status is Status.OK
     assert found.object_acceleration == pytest.approx(ACCELERATION, abs=LAW)
-    assert split(chain, state, found.grasp_wrench).internal == pytest.approx(chosen, abs=LAW * np.abs(chosen).max())
+    size = max(1.0, float(np.abs(found.grasp_wrench).max()))
+    assert split(chain, state, found.grasp_wrench).internal == pytest.approx(chosen, abs=LAW * size)
+    return found
 
 
 def test_random_chains():
@@ -53,19 +61,14 @@ def test_random_chains():
     for seed in range(4):
         kinds = ["rigid", "hinge", None, "ball"]
         p = as_chain(well_conditioned_system(seed, grasps=kinds, joints=[6, 7, 5, 6], moving_base=False))
-        chosen = internal_wrenches(p.chain, p.state, seed)
-        found = forward_dynamics(p.chain, p.state, holding_torques(p.chain, p.state, ACCELERATION, chosen))
-        assert found.object_acceleration == pytest.approx(ACCELERATION, abs=LAW)
-        size = max(1.0, float(np.abs(found.grasp_wrench).max()))
-        assert split(p.chain, p.state, found.grasp_wrench).internal == pytest.approx(chosen, abs=LAW * size)
+        given_back(p.chain, p.state, seed)
 
 
 def test_holding_is_gravity_compensation():
     """At rest, without an acceleration, it is what the controller does, internal force included."""
     chain, state = two_pandas("rigid", "ball")
-    assert holding_torques(chain, state, internal_force=20.0) == pytest.approx(
-        GravityCompensation(chain, internal_force=20.0)(0.0, state, None)[0], abs=1e-12
-    )
+    expected = GravityCompensation(chain, internal_force=20.0)(0.0, state, None)[0]
+    assert holding_torques(chain, state, internal_force=20.0) == pytest.approx(expected, abs=1e-12)
 
 
 def test_only_the_internal_part_counts():
@@ -74,13 +77,10 @@ def test_only_the_internal_part_counts():
     chosen = internal_wrenches(chain, state)
     extra = np.zeros((2, 6))
     extra[1, :3] = 5.0  # a moment at a ball
-    assert holding_torques(chain, state, internal_force=chosen + extra) == pytest.approx(
-        holding_torques(chain, state, internal_force=chosen), abs=1e-10
-    )
     lifted = chosen + split(chain, state, np.tile([0, 0, 0, 0, 0, 9.0], (2, 1))).motion
-    assert holding_torques(chain, state, internal_force=lifted) == pytest.approx(
-        holding_torques(chain, state, internal_force=chosen), abs=1e-10
-    )
+    expected = holding_torques(chain, state, internal_force=chosen)
+    for wrenches in (chosen + extra, lifted):
+        assert holding_torques(chain, state, internal_force=wrenches) == pytest.approx(expected, abs=1e-10)
 
 
 def test_short_legs_and_fingers():
@@ -89,9 +89,8 @@ def test_short_legs_and_fingers():
         state = moving(chain, state)
         found = forward_dynamics(chain, state, holding_torques(chain, state, ACCELERATION, 5.0))
         assert found.object_acceleration == pytest.approx(ACCELERATION, abs=LAW)
-    normals = [state.object_frame.R @ grasp.frame.R[:, 2] for grasp in chain.grasps.values()]
-    internal = split(chain, state, found.grasp_wrench).internal[:, 3:]
-    assert [f @ n for f, n in zip(internal, normals, strict=True)] == pytest.approx([5, 5, 5], abs=1e-9)
+    internal = split(chain, state, found.grasp_wrench).internal
+    assert pushes(chain, state, internal) == pytest.approx([5, 5, 5], abs=1e-9)
     assert isinstance(chain.grasps["finger1"].contact, Friction)
 
 
@@ -122,10 +121,7 @@ def test_platform_weighs_what_it_weighs():
         ({"internal_force": "firm"}, "internal_force: expected a number"),
         ({"passive": ["left/joint9"]}, "passive: no joint 'left/joint9'. Did you mean"),
         ({"passive": [f"left/joint{k}" for k in range(1, 7)]}, None),
-        (
-            {"passive": [f"{arm}/joint{k}" for arm in ("left", "right") for k in range(1, 8)]},
-            "cannot bear this load with 14 passive joints",
-        ),
+        ({"passive": two_pandas()[0].joint_names()}, "cannot bear this load with 14 passive joints"),
     ],
 )
 def test_refused(options, message):
@@ -150,11 +146,85 @@ def test_refused_without_a_hold():
 
 
 def test_refused_where_arms_cannot_follow():
-    """A straight leg's tip cannot leave its line sideways without its tilts: legs of one joint follow one way only."""
+    """A straight leg's tip cannot leave its line sideways without its tilts; of a batch that system is not-a-number."""
     arms, platform, grasps = stewart_platform()
-    poles = {name: Arm([arm.joints[2]], [arm.links[2]], base=arm.base) for name, arm in arms.items()}
+    poles = {name: hf.Arm([arm.joints[2]], [arm.links[2]], base=arm.base) for name, arm in arms.items()}
     chain = ClosedChain(poles, platform, grasps)
     state = State(np.zeros(6), np.zeros(6), LEVEL.object_pose)
-    with pytest.raises(StateError, match=r"expected one that the arms can follow.*arm 'leg1' misses"):
-        holding_torques(chain, state, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    assert np.isfinite(holding_torques(chain, state)).all()
+    fast, sideways = compile_law(holding_law(chain), chain), np.array([np.zeros(6), [0, 0, 0, 0, 0, 1.0]])
+
+    def by_law(acceleration):
+        return fast.torques(0.0, **arrays(state), acceleration=acceleration, internal_force=0.0).tau
+
+    for torques in (by_law, lambda acceleration: holding_torques(chain, state, acceleration)):
+        with pytest.raises(StateError, match=r"expected one that the arms can follow.*arm 'leg1' misses"):
+            torques(sideways[1])
+        assert np.isfinite(torques(sideways[0])).all()
+    assert np.array_equal(by_law(sideways)[0], by_law(sideways[0])) and np.isnan(by_law(sideways)[1]).all()
+
+
+def arrays(state):
+    """Return a state's arrays by the names of a law's arguments."""
+    return {name: getattr(state, name) for name in ("q", "qd", "object_pose", "object_twist")}
+
+
+def chains():
+    """Return chains with states in motion."""
+    for kinds in (("rigid", "rigid"), ("rigid", "ball"), ("hinge", "softfinger")):
+        chain, state = two_pandas(*kinds)
+        yield chain, moving(chain, state)
+    chain, state = assemble(*three_finger_hand())
+    yield chain, moving(chain, state)
+    p = as_chain(well_conditioned_system(1, grasps=["rigid", "hinge", None], joints=[6, 7, 5], moving_base=False))
+    yield p.chain, p.state
+
+
+@pytest.mark.slow
+def test_the_reference_as_machine_code():
+    """Torques to 1e-10 of the reference's, by a push and by wrenches of each arm, single and bound."""
+    for chain, state in chains():
+        fast = compile_law(holding_law(chain), chain)
+        expected = holding_torques(chain, state, ACCELERATION, 12.0)
+        given = {"acceleration": ACCELERATION, "internal_force": 12.0}
+        found = fast.torques(0.0, **arrays(state), **given).tau
+        assert found == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
+        bound = fast.bind(**given)
+        for name, x in arrays(state).items():
+            bound.arrays[name][...] = x
+        assert np.array_equal(bound(), found)
+        wrenches = np.random.default_rng(1).normal(size=(len(chain.arms), 6))
+        wrenches[[name not in chain.grasps for name in chain.names]] = 0.0
+        expected = holding_torques(chain, state, ACCELERATION, wrenches)
+        by_arm = compile_law(holding_law(chain, each_arm=True), chain)
+        found = by_arm.torques(0.0, **arrays(state), **given | {"internal_force": wrenches}).tau
+        assert found == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
+
+
+def test_a_load_that_nothing_bears():
+    """A ball bears no moment: one arm with one holds no box aside of it."""
+    chain, state = two_pandas("ball", "rigid")
+    alone = chain.without_grasp("right")
+    fast, given = compile_law(holding_law(alone), alone), {"acceleration": np.zeros(6), "internal_force": 0.0}
+    for torques in (lambda: holding_torques(alone, state), lambda: fast.torques(0.0, **arrays(state), **given)):
+        with pytest.raises(StateError, match="cannot bear this load"):
+            torques()
+
+
+def test_in_a_run():
+    """A law like any other: under its torques an object at rest stays."""
+    chain, state = two_pandas()
+    law = holding_law(chain)
+    run = hf.simulate(chain, state, law, 0.02, 0.01, parameters={"acceleration": np.zeros(6), "internal_force": 20.0})
+    assert np.abs(run.object_twist).max() < 1e-9
+
+
+def test_laws_refused():
+    """Chains that no drives hold, and laws that compute no numbers."""
+    chain, state = two_pandas()
+    with pytest.raises(MethodNotApplicable, match="got a chain with no grasp"):
+        holding_law(chain.without_grasp("left").without_grasp("right"))
+    with pytest.raises(hf.ModelError, match="holding law: chain: expected ClosedChain"):
+        holding_law(3)  # pyright: ignore[reportArgumentType]
+    poor = compile_law(hf.ControlLaw(lambda t, x, m, given: (x.q / (t - t), m)), chain)
+    with pytest.raises(StateError, match="compiled law: expected finite torques"):
+        poor.torques(0.0, **arrays(state))

@@ -1,19 +1,75 @@
-"""Computed torque gives the object the commanded acceleration and the arms the commanded internal force."""
+"""Gravity compensation holds every chain still; computed torque gives the object the acceleration that is commanded."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from holdfast import ModelError, Pose, State, StateError, close, forward_dynamics
+from holdfast.control.grasp_forces import commanded_wrenches
+from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest, Target
 from holdfast.dynamics import project_velocity
 from holdfast.forces.force_split import split
 from holdfast.simulation.simulate import simulate
 from holdfast.spatial import rotation
-from tests.control.two_pandas import two_pandas
+from tests.control.two_pandas import pushes, two_pandas
+from tests.systems import well_conditioned_system
+from tests.systems.as_chain import as_chain
+
+pairs = pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("rigid", "ball"), ("hinge", "softfinger")])
+
+
+@pairs
+def test_nothing_moves(kinds):
+    """Gravity compensation: forward dynamics under its torques gives no acceleration, whatever the internal force."""
+    chain, state = two_pandas(*kinds)
+    tau, memory = GravityCompensation(chain, internal_force=30.0)(0.0, state, "kept")
+    found = forward_dynamics(chain, state, tau)
+    assert memory == "kept"
+    assert np.abs(found.qdd).max() < 1e-10
+    assert np.abs(found.object_acceleration).max() < 1e-10
+
+
+def test_random_chains_stay_still():
+    """So it is for arms of any shape, one of them without a grasp, gravity along any direction."""
+    for seed in range(4):
+        options = {"grasps": ["rigid", "hinge", None], "joints": [6, 7, 5], "extras": False, "moving_base": False}
+        p = as_chain(well_conditioned_system(seed, **options))
+        tau, _ = GravityCompensation(p.chain)(0.0, p.state.at_rest(), None)
+        assert np.abs(forward_dynamics(p.chain, p.state.at_rest(), tau).qdd).max() < 1e-9
+
+
+def test_squeeze_is_internal_and_of_its_size():
+    """What 20 N more internal force adds moves nothing, and is 20 N along each normal."""
+    chain, state = two_pandas()
+    torques = (GravityCompensation(chain, force)(0.0, state, None)[0] for force in (0.0, 20.0))
+    loose, tight = (forward_dynamics(chain, state, tau).grasp_wrench for tau in torques)
+    added = tight - loose
+    assert split(chain, state, added).motion == pytest.approx(np.zeros((2, 6)), abs=1e-9)
+    assert np.linalg.norm(added[:, 3:], axis=1) == pytest.approx([20.0, 20.0], abs=1e-9)
+    assert pushes(chain, state, added) == pytest.approx([20.0, 20.0], abs=1e-9)
+    assert split(chain, state, loose).internal == pytest.approx(np.zeros((2, 6)), abs=1e-9)
+
+
+def test_one_grasp_cannot_squeeze():
+    """A single arm has no internal forces: the command is taken off again."""
+    chain, state = two_pandas()
+    alone = replace(chain, grasps={"left": chain.grasps["left"]})
+    squeezed = commanded_wrenches(alone, state, np.zeros(6), 20.0)
+    assert squeezed == pytest.approx(commanded_wrenches(alone, state, np.zeros(6)), abs=1e-12)
+    assert squeezed[0, 5] == pytest.approx(3 * 9.81)
+
+
+def test_joint_damping_slows_down():
+    """Damping takes power from every moving joint."""
+    chain, state = two_pandas()
+    moving = State(state.q, np.ones(14), state.object_pose)
+    damped, free = (GravityCompensation(chain, joint_damping=d)(0.0, moving, None)[0] for d in (2.0, 0.0))
+    assert damped - free == pytest.approx(-2.0 * np.ones(14))
 
 
 def moving_state(kinds):
@@ -23,7 +79,7 @@ def moving_state(kinds):
     return chain, project_velocity(chain, guess, hold_object=True)
 
 
-@pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("rigid", "ball"), ("hinge", "softfinger")])
+@pairs
 def test_object_accelerates_as_commanded(kinds):
     """Forward dynamics under its torques returns the commanded acceleration, in full motion."""
     chain, state = moving_state(kinds)
@@ -33,8 +89,7 @@ def test_object_accelerates_as_commanded(kinds):
     found = forward_dynamics(chain, state, tau)
     assert found.object_acceleration == pytest.approx(controller.commanded_acceleration(0.4, state), abs=1e-9)
     internal = split(chain, state, found.grasp_wrench).internal
-    normals = [state.object_frame.R @ grasp.frame.R[:, 2] for grasp in chain.grasps.values()]
-    assert [f @ n for f, n in zip(internal[:, 3:], normals, strict=True)] == pytest.approx([20, 20], abs=1e-8)
+    assert pushes(chain, state, internal) == pytest.approx([20, 20], abs=1e-8)
 
 
 def test_a_path_as_it_is():

@@ -1,4 +1,4 @@
-"""A path through poses passes them, is smooth on SE(3), and is the same law on floats and as machine code."""
+"""Paths: from rest to rest, and through poses, smooth on SE(3); the same law on floats and as machine code."""
 
 from __future__ import annotations
 
@@ -11,23 +11,50 @@ import holdfast as hf
 from holdfast import ModelError, Pose
 from holdfast.control.compiled_law import compile_law
 from holdfast.control.object_tracking import ObjectTracking
-from holdfast.control.paths import RestToRest
+from holdfast.control.paths import RestToRest, quintic
 from holdfast.control.pose_spline import PoseSpline
 from holdfast.spatial import rotation
 from holdfast.spatial.rotation import exp_curve
 from tests.control.two_pandas import two_pandas
 
+START = Pose(rotation.exp(np.array([0.3, -0.2, 1.0])), np.array([0.1, 0.2, 0.3]))
+LINE = RestToRest(START, np.array([0.0, 0.1, 0.2]), np.array([0.4, 0.0, -0.3]), begin=0.2, duration=1.6)
 RANDOM = np.random.default_rng(0)
 POSES = [Pose(rotation.exp(0.8 * RANDOM.normal(size=3)), RANDOM.normal(size=3)) for _ in range(5)]
 TIMES = [0.2, 1.0, 1.7, 3.0, 3.5]
 PATH = PoseSpline(POSES, TIMES)
 
 
-def differenced(path: PoseSpline, t: float, h: float) -> np.ndarray:
+def differenced(path: RestToRest | PoseSpline, t: float, h: float) -> np.ndarray:
     """Return twist and acceleration at t by central differences of pose and twist, (12,)."""
     before, after = path.at(t - h), path.at(t + h)
     turning = rotation.log(after.pose.R @ before.pose.R.T)
     return np.r_[turning, after.pose.p - before.pose.p, after.twist - before.twist] / (2 * h)
+
+
+def test_quintic_is_exact_at_the_ends():
+    """s goes from 0 to 1 with both derivatives zero, and stays."""
+    for x in (-3.0, 0.0):
+        assert quintic(x) == (0.0, 0.0, 0.0)
+    for x in (1.0, 7.0):
+        assert quintic(x) == (1.0, 0.0, 0.0)
+    assert quintic(0.5) == pytest.approx((0.5, 1.875, 0.0))
+
+
+@pytest.mark.parametrize("t", [0.0, 0.2, 0.21, 0.7, 1.5, 1.79, 2.5])
+def test_derivatives_from_rest_to_rest(t):
+    """Central differences of pose and twist."""
+    found, now = differenced(LINE, t, 1e-5), LINE.at(t)
+    assert found[:6] == pytest.approx(now.twist, abs=1e-9)
+    assert found[6:] == pytest.approx(now.acceleration, abs=2e-4)
+
+
+def test_ends_of_rest_to_rest():
+    """It begins at the start pose and ends displaced and turned."""
+    assert pytest.approx(START.R) == LINE.at(0.1).pose.R
+    end = LINE.at(1.8).pose
+    assert end.p == pytest.approx(START.p + LINE.displacement)
+    assert rotation.log(end.R @ START.R.T) == pytest.approx(LINE.turn)
 
 
 def test_passes_its_poses_and_rests_at_both_ends():
@@ -173,37 +200,37 @@ def test_a_run_and_a_rollout_follow_it():
     assert found["object_pose"][-1, 0] == pytest.approx(run.object_pose[-1], abs=1e-9)
 
 
-HALF = [Pose.identity(), Pose.from_rpy(np.pi, 0, 0)]
+HALF, TWICE = [Pose.identity(), Pose.from_rpy(np.pi, 0, 0)], [0.0, 1.0, 1.0]
 
 
 @pytest.mark.parametrize(
-    ("poses", "times", "message"),
+    ("make", "message"),
     [
-        (POSES[:1], [0.0], "path: poses: expected two or more, got 1"),
-        (POSES[0], [0.0], "path: poses: expected a list of poses, got Pose"),
-        ("poses", [0.0], "path: poses: expected a list of poses, got str"),
-        (POSES, [0.0, 1.0], "path: times: expected one for each of 5 poses, got 2"),
+        (lambda: PoseSpline(POSES[:1], [0.0]), "path: poses: expected two or more, got 1"),
+        (lambda: PoseSpline(POSES[0], [0.0]), "path: poses: expected a list of poses, got Pose"),
+        (lambda: PoseSpline("poses", [0.0]), "path: poses: expected a list of poses, got str"),
+        (lambda: PoseSpline(POSES, [0.0, 1.0]), "path: times: expected one for each of 5 poses, got 2"),
         (
-            POSES[:3],
-            [0.0, 1.0, 1.0],
+            lambda: PoseSpline(POSES[:3], TWICE),
             "path: times: expected them to increase, got times[1] = 1 s and times[2] = 1 s; to",
         ),
-        (POSES[:2], [0.0, np.nan], "path: times: expected finite"),
-        (HALF, [0.0, 1.0], "poses[1] is turned against poses[0] by 180 degrees, and either way round is as short"),
-        ([POSES[0], [1.0, 0, 0, 0]], [0.0, 1.0], "path: poses[1] (wxyz_xyz): expected shape (7,)"),
-        ([*POSES[:2], Pose.from_rpy(0, 0, 3.0)], [0.0, 1.0, 1.001], "a smooth path would swing by"),
+        (lambda: PoseSpline(POSES[:2], [0.0, np.nan]), "path: times: expected finite"),
+        (
+            lambda: PoseSpline(HALF, [0.0, 1.0]),
+            "poses[1] is turned against poses[0] by 180 degrees, and either way round is as short",
+        ),
+        (lambda: PoseSpline([POSES[0], [1.0, 0, 0, 0]], [0.0, 1.0]), "path: poses[1] (wxyz_xyz): expected shape (7,)"),
+        (lambda: PoseSpline([*POSES[:2], Pose.from_rpy(0, 0, 3.0)], [0.0, 1.0, 1.001]), "a smooth path would swing by"),
+        (lambda: PoseSpline.at_speed(POSES, 0.0, 1.0), "path: speed: expected > 0"),
+        (lambda: PoseSpline.at_speed([POSES[0], *[POSES[1]] * 2], 1.0, 1.0), "poses[1] and poses[2] are equal"),
+        (lambda: RestToRest(START, duration=0.0), "path: duration: expected > 0"),
+        (lambda: RestToRest(START, begin=-0.1), "path: begin: expected >= 0"),
+        (lambda: RestToRest(START, turn=np.zeros(2)), "path: turn: expected shape (3,)"),
+        (lambda: RestToRest(START, displacement=np.full(3, np.inf)), "path: displacement: expected finite"),
     ],
 )
-def test_refused(poses, times, message):
+def test_refused(make, message):
     """What no path is made of, and how to mend it."""
     with pytest.raises(ModelError) as caught:
-        PoseSpline(poses, times)
+        make()
     assert message in str(caught.value)
-
-
-def test_refused_speeds():
-    """Limits above zero, and poses that differ."""
-    with pytest.raises(ModelError, match="path: speed: expected > 0"):
-        PoseSpline.at_speed(POSES, 0.0, 1.0)
-    with pytest.raises(ModelError, match=r"poses\[1\] and poses\[2\] are equal"):
-        PoseSpline.at_speed([POSES[0], POSES[1], POSES[1]], 1.0, 1.0)

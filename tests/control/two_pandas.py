@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 
-from holdfast import ClosedChain, Grasp, HeldObject, Pose, State, close
+from holdfast import ClosedChain, Friction, Grasp, HeldObject, Pose, State, close
 from holdfast.robots import panda
 from holdfast.spatial import rotation
 
@@ -26,3 +27,16 @@ def two_pandas(left: str = "rigid", right: str = "rigid") -> tuple[ClosedChain, 
     )
     guess = State(np.tile(ELBOW_UP, 2), np.zeros(14), Pose.translation(0.0, 0.0, 0.72).wxyz_xyz)
     return chain, close(chain, guess, hold_object=True)
+
+
+def rubber_pandas(mu: float) -> tuple[ClosedChain, State]:
+    """Return the two with soft fingers of rubber."""
+    chain, state = two_pandas("softfinger", "softfinger")
+    rubber = Friction(mu, torsion_radius=0.02)
+    return replace(chain, grasps={name: replace(x, contact=rubber) for name, x in chain.grasps.items()}), state
+
+
+def pushes(chain: ClosedChain, state: State, wrenches: np.ndarray) -> list[float]:
+    """Return the force of each grasp along its contact's normal [N]."""
+    normals = [state.object_frame.R @ grasp.frame.R[:, 2] for grasp in chain.grasps.values()]
+    return [f @ n for f, n in zip(wrenches[:, 3:], normals, strict=True)]

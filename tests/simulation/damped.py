@@ -61,11 +61,9 @@ def family(seed: int) -> tuple[ClosedChain, State]:
         return replace(joint, damping=float(10 ** rng.uniform(-1, 1) * (rng.random() < 0.6)))
 
     damped_arms = {name: replace(arm, joints=[damped(j) for j in arm.joints]) for name, arm in p.chain.arms.items()}
-    first = next(iter(damped_arms))
-    last = damped_arms[first].joints[-1]  # one is, whatever was drawn
-    damped_arms[first] = replace(
-        damped_arms[first], joints=[*damped_arms[first].joints[:-1], replace(last, damping=max(last.damping, 1.0))]
-    )
+    first, arm = next(iter(damped_arms.items()))
+    last = replace(arm.joints[-1], damping=max(arm.joints[-1].damping, 1.0))  # one is, whatever was drawn
+    damped_arms[first] = replace(arm, joints=[*arm.joints[:-1], last])
     return replace(p.chain, arms=damped_arms), p.state
 
 
@@ -76,14 +74,12 @@ def problem(seed: int, families: int) -> Problem:
     ratio, step = 10 ** rng.uniform(-1, 4), 10 ** rng.uniform(-3.5, -2.5)
     rate = fastest_decay(chain, state, passive_resistance(chain, state.qd)).rate
     scale = step * rate / ratio
-    links = {
-        name: [replace(x, mass=scale * x.mass, inertia=scale * x.inertia) for x in arm.links]
-        for name, arm in chain.arms.items()
-    }
-    arms = {name: replace(arm, links=links[name]) for name, arm in chain.arms.items()}
-    body = chain.held_object
-    body = replace(body, mass=scale * body.mass, inertia=scale * body.inertia)
-    heavy = replace(chain, arms=arms, held_object=body)
+
+    def heavier(body):
+        return replace(body, mass=scale * body.mass, inertia=scale * body.inertia)
+
+    arms = {name: replace(arm, links=[heavier(x) for x in arm.links]) for name, arm in chain.arms.items()}
+    heavy = replace(chain, arms=arms, held_object=heavier(chain.held_object))
     return Problem(heavy, state, scale * rng.normal(size=chain.joint_count), step, ratio)
 
 

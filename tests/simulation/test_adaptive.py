@@ -1,4 +1,4 @@
-"""Step-size control: what error is allowed, how steps grow and shrink, what is hit and what is refused."""
+"""Step-size control: what error is allowed, how steps grow and shrink; steps that drift too far are taken in parts."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -8,15 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import ClosureError, HoldfastError, ModelError, SingularChainError, State, StateError
+from holdfast import ClosureError, HoldfastError, ModelError, SingularChainError, State, StateError, simulate
 from holdfast.simulation.adaptive import Proposal, Tolerance, controlled, first_proposal, next_step, smallest_step
-from holdfast.simulation.runge_kutta import RK4, Tableau, dop853
-from holdfast.simulation.stepper import NO_GAPS, Advance
-from tests.simulation.runs import adaptive, stepper_of
+from holdfast.simulation.runge_kutta import MIDPOINT, RK4, Tableau, dop853
+from holdfast.simulation.stepper import MOST_SUBSTEPS, NO_GAPS, Advance, SubdividingStepper
+from tests.simulation.problems import PROBLEMS
+from tests.simulation.runs import adaptive, differences, limp, numbers, stepper_of
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 
 ORDER = 8
+BEFORE = State(np.array([0.0, 2.0]), np.array([0.0, -40.0]), np.array([1.0, 0, 0, 0, 0, 3.0, 0]), np.arange(6.0))
+AFTER = State(np.array([0.0, -4.0]), np.array([0.5, 30.0]), np.array([1.0, 0, 0, 0, 5.0, 0, 0]), np.zeros(6))
+LIMIT = 1e-10
 
 
 def at(t) -> Any:
@@ -194,10 +198,6 @@ def test_first_proposal():
     assert first_proposal(still).step == 1.0
 
 
-BEFORE = State(np.array([0.0, 2.0]), np.array([0.0, -40.0]), np.array([1.0, 0, 0, 0, 0, 3.0, 0]), np.arange(6.0))
-AFTER = State(np.array([0.0, -4.0]), np.array([0.5, 30.0]), np.array([1.0, 0, 0, 0, 5.0, 0, 0]), np.zeros(6))
-
-
 def estimates(seed=0):
     """Return two estimates of the size of 1e-9."""
     return list(1e-9 * np.random.default_rng(seed).normal(size=(2, 20)))
@@ -241,3 +241,79 @@ def test_tolerance_refused(what, given):
     """A tolerance that is not positive, or finer than floats, is refused by name."""
     with pytest.raises(ModelError, match=f"tolerance: {what}: expected"):
         Tolerance(*given)
+
+
+def counting(t, state, memory):
+    """No torques, and how often the memory has moved on."""
+    return np.zeros(len(state.q)), 1 if memory is None else memory + 1
+
+
+def balls_moving(scheme=RK4, controller=limp):
+    """Return a stepper of three arms with balls in brisk motion, and where it is."""
+    return stepper_of(*PROBLEMS["balls"](), scheme, controller=controller)
+
+
+def test_calm_steps_are_left_alone():
+    """A step within the limit is the whole stepper's, to the bit."""
+    whole, now = balls_moving()
+    (alone,), (found,) = whole.advance(now, [1e-4]), SubdividingStepper(whole, LIMIT).advance(now, [1e-4])
+    assert alone.gaps.position[0] < LIMIT
+    assert found.gaps.position[0] == alone.gaps.position[0]
+    np.testing.assert_array_equal(numbers(found.instant.state), numbers(alone.instant.state))
+
+
+@pytest.mark.parametrize(
+    ("scheme", "step"),
+    [pytest.param(RK4, 0.02, id="rk4"), pytest.param(MIDPOINT, 0.005, id="midpoint", marks=pytest.mark.long)],
+)
+def test_long_steps_are_parted(scheme, step):
+    """Its end is that of as many steps as its drift asks for; work and the worst gaps are those of all of them."""
+    whole, now = balls_moving(scheme)
+    (alone,) = whole.advance(now, [step])
+    parts = int(np.ceil((alone.gaps.position[0] / LIMIT) ** (1 / (scheme.order + 1))))
+    assert 1 < parts < MOST_SUBSTEPS
+    at, work, drift = now, np.zeros(4), 0.0
+    for k in range(1, parts + 1):
+        (part,) = whole.advance(at, [k / parts * step])
+        at, work, drift = part.instant, work + part.work, max(drift, part.gaps.position[0])
+    (found,) = SubdividingStepper(whole, LIMIT).advance(now, [step])
+    assert found.t == step
+    np.testing.assert_allclose(numbers(found.instant.state), numbers(at.state), rtol=0, atol=1e-14)
+    assert found.work == pytest.approx(work, abs=1e-15)
+    assert found.gaps.position[0] == pytest.approx(drift, abs=1e-15)
+    assert drift < 3 * LIMIT
+    exact = stepper_of(*PROBLEMS["balls"]())[0]
+    for k in range(20):
+        now = exact.advance(now, [(k + 1) / 20 * step])[0].instant
+    before, after = (differences(one.instant.state, now.state).max() for one in (alone, found))
+    assert after < 0.1 * before
+
+
+def test_memory_moves_on_once():
+    """Parts are not steps to the controller."""
+    whole, now = balls_moving(controller=counting)
+    assert now.memory == 1
+    (found,) = SubdividingStepper(whole, LIMIT).advance(now, [0.02])
+    assert found.instant.memory == 2
+
+
+def test_what_cannot_be_closed_whole():
+    """A step that leaves the grasps too far open is refused whole, and taken in parts."""
+    whole, now = balls_moving()
+    (alone,) = whole.advance(now, [0.5])
+    assert isinstance(alone.failure, ClosureError)
+    (found,) = SubdividingStepper(whole, LIMIT).advance(now, [0.5])
+    assert found.failure is None
+    assert found.gaps.position[1] < 1e-13
+    (hopeless,) = SubdividingStepper(whole, LIMIT).advance(now, [50.0])
+    assert hopeless.instant is None and hopeless.failure is not None
+
+
+def test_in_a_run():
+    """`simulate` takes steps in parts where `largest_drift` asks for it."""
+    chain, state = PROBLEMS["balls"]()
+    ways = ({}, {"largest_drift": LIMIT}, {"largest_drift": 1e-12})
+    drifts = [simulate(chain, state, limp, 0.02, 0.02, **way).position_gap[-1, 0] for way in ways]
+    assert drifts[2] < 1e-11 < drifts[1] < 3 * LIMIT < drifts[0]
+    with pytest.raises(ModelError, match="simulation: largest_drift: expected > 0, got 0"):
+        simulate(chain, state, limp, 0.02, 0.02, largest_drift=0.0)

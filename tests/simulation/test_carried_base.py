@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import holdfast as hf
 from holdfast import ModelError, Pose
 from holdfast.control.pose_spline import PoseSpline
-from holdfast.robots import panda
 from holdfast.simulation.carried_base import CarriedBase
 from holdfast.spatial import rotation
+from tests.control.two_pandas import two_pandas
 
 LEVEL, TILTED = Pose.identity(), Pose.from_rpy(0.3, 0.1, 0.0)
 TABLE = PoseSpline([LEVEL, TILTED], [0.0, 0.5])
@@ -29,26 +31,11 @@ def test_twist_and_acceleration_are_derivatives():
         assert (V1 - V0) / (2 * h) == pytest.approx(a, abs=1e-5)
 
 
-def chain_on(table: Pose, gravity) -> hf.ClosedChain:
-    """Return two Pandas on a table, which hold a box."""
-    arms = {
-        "left": panda((table @ Pose.translation(-0.55, 0, 0)).wxyz_xyz),
-        "right": panda((table @ Pose.from_rpy(0, 0, np.pi, [0.55, 0, 0])).wxyz_xyz),
-    }
-    grasps = {
-        "left": hf.Grasp("rigid", hf.contact_frame([-0.15, 0, 0], into=[1, 0, 0])),
-        "right": hf.Grasp("rigid", hf.contact_frame([0.15, 0, 0], into=[-1, 0, 0])),
-    }
-    return hf.ClosedChain(arms, hf.HeldObject.box(3.0, 0.3, 0.2, 0.2), grasps, gravity)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("machine_code", [False, True])
 def test_a_table_tilts_two_arms(machine_code):
     """Drives as stiff springs hold the arms on it; at its end they bear the gravity that a tilted world would have."""
-    gravity = np.array([0.0, 0.0, -9.81])
-    chain = chain_on(LEVEL, gravity)
-    _, state = hf.assemble(chain.arms, chain.held_object, chain.grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.72])
+    chain, state = two_pandas()
     table = TABLE if machine_code else type("Table", (), {"at": lambda self, t: TABLE.at(t)})()
     moving = {name: CarriedBase(table, arm.base) for name, arm in chain.arms.items()}
     assert all(base.traceable == machine_code for base in moving.values())
@@ -66,7 +53,7 @@ def test_a_table_tilts_two_arms(machine_code):
     assert held.p == pytest.approx(state.object_pose[4:], abs=0.02)  # it went with the table
     if machine_code:
         # the same state seen from the table, where gravity is what has turned
-        level = chain_on(LEVEL, TILTED.R.T @ gravity)
+        level = replace(chain, gravity=TILTED.R.T @ chain.gravity)
         twist = run.object_twist[-1].reshape(2, 3) @ TILTED.R
         seen = hf.State(run.q[-1], run.qd[-1], held.wxyz_xyz, twist.ravel())
         found = hf.forward_dynamics(level, seen, run.tau[-1])

@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,16 @@ from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.simulation.checkpoint import Checkpoint, packed, unpacked
 from holdfast.simulation.events import Attach, Release
 from holdfast.simulation.simulate import simulate
+from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.simulation.trajectory import array_names
+from tests.longer import mostly_long, mostly_slow
 from tests.simulation.gantries import contact_frame, squeezed
+from tests.simulation.runs import limp
+from tests.simulation.test_external_inputs import sprung
+from tests.systems.bricard import bricard
+from tests.systems.n_four_bar import n_four_bar
+from tests.systems.springs_by_hand import by_hand
+from tests.systems.trunk_runs import still_base
 
 
 def on_disk(checkpoint):
@@ -36,7 +45,7 @@ def swaying(t):
     )
 
 
-def eventful():
+def eventful(**options):
     """A run in which everything happens: knots, memory, a moving base, gripping, letting go, a dip, a slip."""
     contact = Friction(0.5, torsion_radius=0.02), Friction(0.5)
     chain, state = squeezed(("softfinger", "ball"), contact, ("x", ""), effort_limit=33.0)
@@ -52,32 +61,53 @@ def eventful():
             filtered = 0.9 * filtered + 0.1 * state.qd
             return inner(t, state, None)[0] - 0.5 * filtered, (count + 1, filtered)
 
-    options = {
-        "events": [Release(0.033, "right"), Attach(0.041, "right", Grasp("ball", contact_frame(1.0), contact[1]),
-                                                   here=True)],
-        "base_motion": {"left": swaying},
-        "on_slip": "release",
-    }  # fmt: skip
+    grasp = Grasp("ball", contact_frame(1.0), contact[1])
+    options |= {"base_motion": {"left": swaying}, "on_slip": "release"}
+    options["events"] = [Release(0.033, "right"), Attach(0.041, "right", grasp, here=True)]
     return (chain, state, Remembering(), 0.09, 0.01), options
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("scheme", "parts"), [("rk4", 2), pytest.param("dop853", 2, marks=pytest.mark.long)])
-def test_going_on_changes_no_bit(scheme, parts):
+def on_trunk():
+    """A run of arms on a trunk whose base floats."""
+    p = still_base(3, 6, floating=True)
+    return (p.chain, p.state, lambda t, state, memory: (p.tau, memory), 0.01, 2e-3), {"inputs": p.inputs}
+
+
+def sprung_by_hand(**options):
+    """A run under wrenches that depend on the state."""
+    chain, state = sprung()
+    return (replace(chain, springs=()), state, limp, 0.05, 1e-3), {"inputs": by_hand(chain)} | options
+
+
+SINGULAR = {"scheme": "dop853", "rtol": 1e-9, "on_singular": "continue"}
+RUNS = {
+    "rk4": lambda: eventful(scheme="rk4", rtol=1e-4),
+    "dop853": lambda: eventful(scheme="dop853", rtol=1e-4),
+    "a row too many": lambda: ((*bricard(), limp, 0.1, 1e-2), {}),
+    "trunk": on_trunk,
+    "through a singular configuration": lambda: ((*n_four_bar(2), limp, 0.8, 2e-2), SINGULAR),
+    "wrenches of the state": sprung_by_hand,
+    "by the reference": lambda: sprung_by_hand(make_stepper=ReferenceStepper),
+}
+EVENTFUL = mostly_slow(["rk4"], ()) + mostly_long(["dop853"], ())
+
+
+@pytest.mark.parametrize("name", [*[*RUNS][2:], *EVENTFUL])
+def test_going_on_changes_no_bit(name):
     """From any checkpoint, through disk, the rest of the run is bit for bit what it was."""
-    given, options = eventful()
-    options |= {"scheme": scheme, "rtol": 1e-4}
+    given, options = RUNS[name]()
     checkpoints = []
     whole = simulate(*given, **options, on_checkpoint=checkpoints.append)
-    assert whole.stopped is None
-    assert {one.kind for one in whole.occurrences} == {"attach", "release", "violation", "recovery"}
-    assert len(checkpoints) == len(whole)
-    for k in (np.arange(1, parts + 1) * len(whole)) // (parts + 1):
+    assert whole.stopped is None and len(checkpoints) == len(whole)
+    if name in ("rk4", "dop853"):
+        assert {one.kind for one in whole.occurrences} == {"attach", "release", "violation", "recovery"}
+    first = next((k for k, t in enumerate(whole.t) if whole.occurrences and t >= whole.occurrences[0].t), 2)
+    for k in {first - 1, 2 * len(whole) // 3, len(whole) - 3}:
         rest = simulate(*given, **options, start=on_disk(checkpoints[k]))
-        for name in array_names():
-            mine, theirs = getattr(rest, name), getattr(whole, name)[k + 1 :]
+        for array in array_names():
+            mine, theirs = getattr(rest, array), getattr(whole, array)[k + 1 :]
             assert mine.dtype == theirs.dtype
-            assert mine.tobytes() == theirs.tobytes(), (k, name)
+            assert mine.tobytes() == theirs.tobytes(), (k, array)
         assert checkpoints[k].occurrences + rest.occurrences == whole.occurrences
 
 

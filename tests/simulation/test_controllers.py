@@ -9,9 +9,15 @@ from holdfast import ControlLaw, HoldfastError, Inputs, ModelError, StateError, 
 from holdfast.control import TorqueSchedule
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
-from tests.simulation.rollout.problems import problem
+from tests.simulation.rollout.problems import arrays, problem
 
 N = 6
+ZEROS = np.zeros(N)
+LONGER = ControlLaw(lambda t, x, m, given: (-x.qd, np.zeros(3)), np.zeros(2))
+THREE = r"control law: memory: expected shape \(2,\), got (shape )?\(3,\); try ControlLaw\(torque, memory="
+GAIN = ControlLaw(lambda t, x, m, given: (-given["gain"] * x.qd, m), parameters={"gain": ()})
+NO_GAIN = "controller: the law takes gain, got no value; try parameters={'gain': ...}, or holdfast.compile_rollout"
+NO_INPUTS = r"inputs: expected Inputs, or a function \(t\) -> Inputs or \(t, state\) -> Inputs, got ndarray"
 STEPS = {"few": 2, "many": 3 * STEPS_WORTH_COMPILING}  # the reference, and machine code
 
 
@@ -25,11 +31,7 @@ def run(controller, steps: int, **options):
 @pytest.mark.parametrize(
     ("controller", "error", "message"),
     [
-        (
-            lambda t, x, m: np.zeros(N),
-            StateError,
-            r"torques and memory, got an array of shape \(6,\); try `return tau,",
-        ),
+        (lambda t, x, m: ZEROS, StateError, r"torques and memory, got an array of shape \(6,\); try `return tau,"),
         (lambda t, x, m: None, StateError, "torques and memory, got a NoneType"),
         (lambda t, x, m: (np.zeros(N), m, 1), StateError, "torques and memory, got 3 things"),
         (lambda t, x, m: ("none", m), StateError, "controller: torques: expected numbers"),
@@ -40,17 +42,9 @@ def run(controller, steps: int, **options):
         (lambda t, x, m, g: (np.zeros(N), m), ModelError, r"controller: .*, got one of \(t, x, m, g\)"),
         (ControlLaw(lambda t, x, m, given: (-given["kp"] * x.qd, m)), StateError, "parameter 'kp' was not declared"),
         (ControlLaw(lambda t, x, m, given: -x.qd), HoldfastError, "control law: expected .*torques and memory"),
-        (
-            ControlLaw(lambda t, x, m, given: (-x.qd, np.zeros(3)), np.zeros(2)),
-            HoldfastError,
-            r"control law: memory: expected shape \(2,\), got (shape )?\(3,\); try ControlLaw\(torque, memory=",
-        ),
+        (LONGER, HoldfastError, THREE),
         ("holding", ModelError, "controller: expected a function .*, got str"),
-        (
-            ControlLaw(lambda t, x, m, given: (-given["gain"] * x.qd, m), parameters={"gain": ()}),
-            StateError,
-            "controller: the law takes gain, got no value; try parameters={'gain': ...}, or holdfast.compile_rollout",
-        ),
+        (GAIN, StateError, NO_GAIN),
     ],
 )
 def test_no_controllers(controller, error, message, steps):
@@ -70,17 +64,11 @@ def test_schedules_beside_others():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (
-            {"inputs": np.zeros(6)},
-            r"inputs: expected Inputs, or a function \(t\) -> Inputs or \(t, state\) -> Inputs, got ndarray",
-        ),
+        ({"inputs": ZEROS}, NO_INPUTS),
         ({"inputs": lambda t: np.zeros(6)}, "inputs: expected the function to return Inputs, got ndarray"),
         ({"base_motion": np.zeros(6)}, "base motion: expected a mapping"),
         ({"base_motion": {"arm0": np.zeros(7)}}, "base motion 'arm0': expected a function t -> .*, got ndarray"),
-        (
-            {"base_motion": {"arm0": lambda t: np.zeros(7)}},
-            r"base motion of 'arm0': expected \(pose, twist, acc.*ndarray",
-        ),
+        ({"base_motion": {"arm0": lambda t: ZEROS}}, r"base motion of 'arm0': expected \(pose, twist, acc.*ndarray"),
         ({"events": ["release"]}, "events: expected Attach and Release, got str"),
         ({"events": 3}, "events: expected a list of Attach and Release, got int"),
     ],
@@ -131,7 +119,7 @@ def test_parameters_as_in_a_rollout():
     """The same law under the same values: the two go the same way."""
     chain, state = problem("one")
     rollout = compile_rollout(chain, law=PULLED)
-    systems = rollout.start(state.q, state.qd, state.object_pose, state.object_twist, **GIVEN)
+    systems = rollout.start(**arrays(state), **GIVEN)
     rollout.step(systems, 1e-4, steps=STEPS["few"])
     found = run(PULLED, STEPS["few"], parameters=GIVEN)
     np.testing.assert_allclose(systems.q[0], found.q[-1], atol=1e-13)
@@ -159,7 +147,7 @@ def test_no_memory_is_none():
     """A law without memory may return None for it, on floats and in machine code."""
     law = ControlLaw(lambda t, x, m, given: (-x.qd, None))
     chain, state = problem("one")
-    systems = compile_rollout(chain, law).start(state.q, state.qd, state.object_pose, state.object_twist)
+    systems = compile_rollout(chain, law).start(**arrays(state))
     assert systems.running.all() and run(law, 2).stopped is None
 
 
@@ -168,6 +156,6 @@ def test_undeclared_parameters_of_rollouts():
     chain, state = problem("one")
     law = ControlLaw(lambda t, x, m, given: (-given["kd"] * x.qd, m), parameters={"kp": ()})
     with pytest.raises(StateError, match=r"parameter 'kd' was not declared\. Did you mean 'kp'\? Try ControlLaw"):
-        compile_rollout(chain, law).start(state.q, state.qd, state.object_pose, state.object_twist, kp=1.0)
+        compile_rollout(chain, law).start(**arrays(state), kp=1.0)
     with pytest.raises(ModelError, match="parameters: expected names such as 'gain', got 3"):
         ControlLaw(law.torque, parameters={3: ()})  # pyright: ignore[reportArgumentType]

@@ -15,7 +15,9 @@ from holdfast.compiler.errors import CompileError
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.environment import take_state
 from holdfast.simulation.stepper import ReferenceStepper
+from tests.control.two_pandas import rubber_pandas
 from tests.longer import mostly_long, mostly_slow
+from tests.simulation.rollout.problems import arrays, tiled
 from tests.simulation.runs import limp
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
@@ -33,6 +35,7 @@ WAYS = [  # of taking steps, and the damping of every joint [N m s/rad]
     ({}, 3e3),
 ]
 ONCE, AGAIN = ([(*way, (limp, FREE)[(k + again) % 2]) for k, way in enumerate(WAYS)] for again in (0, 1))
+SPRUNG = mostly_slow(ONCE, ONCE[::2][:2]) + mostly_long(AGAIN, ())
 
 
 def sprung(damping: float = 0.0) -> tuple[hf.ClosedChain, hf.State]:
@@ -56,10 +59,7 @@ def compared(found: hf.Trajectory, expected: hf.Trajectory) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("options", "damping", "controller"),
-    [*mostly_slow(ONCE, ONCE[::2][:2]), *mostly_long(AGAIN, ())],
-)
+@pytest.mark.parametrize(("options", "damping", "controller"), SPRUNG)
 def test_a_spring_by_hand(options: dict[str, Any], damping: float, controller: Any):
     """Is the library's spring: same motion, forces and balances, but that what it stores counts as work done on it."""
     chain, state = sprung(damping)
@@ -116,13 +116,7 @@ def test_what_is_recorded():
 @pytest.mark.slow
 def test_slips_events_and_limits():
     """A hand that lets go, one that grips and a contact that slips under the spring: all at the same instants."""
-    rubber = hf.Friction(mu=0.8, torsion_radius=0.02)
-    at = {"left": hf.Pose.translation(-0.55, 0, 0), "right": hf.Pose.from_rpy(0, 0, np.pi, [0.55, 0, 0])}
-    arms = {name: hf.robots.panda(base) for name, base in at.items()}
-    sides = {"left": ([-0.15, 0, 0], [1, 0, 0]), "right": ([0.15, 0, 0], [-1, 0, 0])}
-    grasps = {name: hf.Grasp("softfinger", hf.contact_frame(*side), contact=rubber) for name, side in sides.items()}
-    box = hf.HeldObject.box(3.0, 0.3, 0.2, 0.2)
-    chain, state = hf.assemble(arms, box, grasps, object_pose=hf.Pose.translation(0, 0, 0.72))
+    chain, state = rubber_pandas(0.8)
     spring = hf.Spring(("world", (0, 0, -0.2)), ("object", (0, 0, -0.1)), 300.0, 0.62, 5.0)
     hold = hf.holding_torques(chain, state, internal_force=30.0)
 
@@ -154,19 +148,6 @@ def test_gripping():
     assert gained[1] == pytest.approx(gained[0], rel=1e-12)
 
 
-@pytest.mark.parametrize("make", [ReferenceStepper, None])
-def test_resumed_to_the_bit(make: Any):
-    """A run that goes on from a checkpoint asks for the wrenches at the states that the whole run asked at."""
-    chain, state = sprung()
-    options: dict[str, Any] = {"inputs": by_hand(chain), "make_stepper": make}
-    kept: list[Any] = []
-    plain = replace(chain, springs=())
-    whole = hf.simulate(plain, state, limp, 0.05, 1e-3, on_checkpoint=kept.append, **options)
-    resumed = hf.simulate(plain, state, limp, 0.05, 1e-3, start=kept[20], **options)
-    for name in ("q", "qd", "grasp_wrench", "work"):
-        assert getattr(resumed, name)[-1].tobytes() == getattr(whole, name)[-1].tobytes()
-
-
 @pytest.mark.slow
 def test_on_a_trunk():
     """Wrenches on a trunk's bodies and on the arms' links, where steps are machine code: the reference's."""
@@ -177,17 +158,13 @@ def test_on_a_trunk():
 
     def drag(t: float, now: hf.State) -> hf.Inputs:
         push = (1.0 + t) * now.object_twist
-        return hf.Inputs(
-            -2.0 * push, np.tile(-0.3 * push, (n, 1)), trunk_link_wrenches=np.tile(0.2 * push, (bodies, 1))
-        )
+        on_trunk = np.tile(0.2 * push, (bodies, 1))
+        return hf.Inputs(-2.0 * push, np.tile(-0.3 * push, (n, 1)), trunk_link_wrenches=on_trunk)
 
-    runs = [
-        hf.simulate(chain, p.state, limp, 0.05, 1e-3, inputs=drag, make_stepper=make)
-        for make in (ReferenceStepper, None)
-    ]
-    assert compared(runs[1], runs[0]) <= 1e-11
-    without = hf.simulate(chain, p.state, limp, 0.05, 1e-3, make_stepper=ReferenceStepper)
-    assert compared(without, runs[0]) > 1e-3
+    ways = [(drag, ReferenceStepper), (drag, None), (None, ReferenceStepper)]
+    given = chain, p.state, limp, 0.05, 1e-3
+    reference, fast, without = (hf.simulate(*given, inputs=acting, make_stepper=make) for acting, make in ways)
+    assert compared(fast, reference) <= 1e-11 and compared(without, reference) > 1e-3
 
 
 def test_which_functions_take_the_state():
@@ -204,15 +181,9 @@ def test_which_functions_take_the_state():
     def three(t: float, state: hf.State, gain: float) -> hf.Inputs:
         return nothing
 
-    assert not any(
-        map(take_state, (nothing, lambda t: nothing, lambda t, gain=2.0: nothing, Wind().gust, lambda *a: nothing))
-    )
-    assert all(
-        map(
-            take_state,
-            (lambda t, state: nothing, Wind(), functools.partial(three, gain=1.0), lambda t, x, k=1: nothing),
-        )
-    )
+    of_time = nothing, lambda t: nothing, lambda t, gain=2.0: nothing, Wind().gust, lambda *a: nothing
+    of_state = lambda t, state: nothing, Wind(), functools.partial(three, gain=1.0), lambda t, x, k=1: nothing
+    assert not any(map(take_state, of_time)) and all(map(take_state, of_state))
     for given in (three, lambda: nothing, lambda t, *, state: nothing):
         with pytest.raises(hf.ModelError, match=r"or \(t, state\) -> Inputs, got one that is called with \("):
             take_state(given)
@@ -225,15 +196,16 @@ def test_bases_move_with_time_alone(name: str):
     """Inputs of the state that move bases are refused, in rollouts those of time too; and what is no Inputs."""
     chain, state = sprung()
     moving = hf.Inputs(**{name: np.zeros((2, 6))})
-    with pytest.raises(hf.StateError, match=rf"\(t, state\): {name}: expected none.*try base_motion"):
-        hf.simulate(chain, state, limp, 0.01, 1e-3, inputs=lambda t, now: moving)
+    for inputs, message in (
+        (lambda t, now: moving, rf"\(t, state\): {name}: expected none.*try base_motion"),
+        (lambda t, now: now.qd, "return Inputs, got ndarray"),
+        (lambda t, now: hf.Inputs(now.qd), r"object_wrench: expected shape \(6,\), got shape \(7,\)"),
+    ):
+        with pytest.raises(hf.StateError, match=message):
+            hf.simulate(chain, state, limp, 0.01, 1e-3, inputs=inputs)
     rollout = hf.compile_rollout(chain, FREE, inputs=lambda t: moving)
     with pytest.raises(hf.StateError, match=f"of a rollout: {name}: expected none"):
-        rollout.start(state.q, state.qd, state.object_pose, state.object_twist)
-    with pytest.raises(hf.StateError, match="return Inputs, got ndarray"):
-        hf.simulate(chain, state, limp, 0.01, 1e-3, inputs=lambda t, now: now.qd)  # type: ignore[arg-type,return-value]
-    with pytest.raises(hf.StateError, match=r"object_wrench: expected shape \(6,\), got shape \(7,\)"):
-        hf.simulate(chain, state, limp, 0.01, 1e-3, inputs=lambda t, now: hf.Inputs(now.qd))
+        rollout.start(**arrays(state))
 
 
 def lone() -> tuple[hf.ClosedChain, hf.State]:
@@ -260,23 +232,16 @@ def test_rollouts(scheme: str):
     with_springs, steps = tied(chain), 20
     push = np.array([0.1, 0.2, -0.1, 1.0, -2.0, 0.5])
     rollout = hf.compile_rollout(chain, FREE, scheme=scheme, inputs=by_hand(with_springs))
-    start = {"qd": state.qd, "object_pose": state.object_pose, "object_twist": state.object_twist}
-    systems = rollout.start(np.tile(state.q, (3, 1)), **start, object_wrench=push)
+    systems = rollout.start(**tiled(state, 3), object_wrench=push)
     rollout.step(systems, 1e-3, steps=steps)
     options: dict[str, Any] = {"scheme": scheme, "make_stepper": ReferenceStepper}
     run = hf.simulate(with_springs, state, limp, steps * 1e-3, 1e-3, inputs=hf.Inputs(push), **options)
     assert systems.running.all()
     for name in ("q", "qd", "qdd", "object_pose", "object_twist", "grasp_wrench"):
         assert relative_gap(np.array(getattr(systems, name)[2]), getattr(run, name)[-1]) <= 1e-12
-    own = hf.simulate(
-        chain,
-        state,
-        limp,
-        steps * 1e-3,
-        1e-3,
-        inputs=lambda t, now: pushed(by_hand(with_springs)(t, now), push),
-        **options,
-    )
+    acting = by_hand(with_springs)
+    options["inputs"] = lambda t, now: pushed(acting(t, now), push)
+    own = hf.simulate(chain, state, limp, steps * 1e-3, 1e-3, **options)
     assert relative_gap(systems.work[2], own.work[-1]) <= 1e-11
 
 
@@ -291,10 +256,8 @@ def test_rollouts_of_other_wrenches():
     """Systems that go on in a rollout of other wrenches begin with a slope under these; after a pickle to the bit."""
     chain, state = lone()
     start = (state.q, state.qd, state.object_pose, state.object_twist)
-    calm, windy = (
-        hf.compile_rollout(chain, FREE, scheme="midpoint", inputs=lambda t, now, size=size: drag(t, now, size))
-        for size in (0.0, 3.0)
-    )
+    winds = (lambda t, now, size=size: drag(t, now, size) for size in (0.0, 3.0))
+    calm, windy = (hf.compile_rollout(chain, FREE, scheme="midpoint", inputs=wind) for wind in winds)
     other, from_start = windy.start(*start), windy.start(*start)
     systems = calm.start(*start)
     windy.step(systems, 1e-3, steps=5)
@@ -322,7 +285,7 @@ def test_what_cannot_be_traced():
 
     rollout = hf.compile_rollout(chain, FREE, inputs=stepwise)
     with pytest.raises(CompileError, match=r"test_external_inputs\.py"):
-        rollout.start(state.q, state.qd, state.object_pose, state.object_twist)
+        rollout.start(**arrays(state))
     for given in (3.0, lambda: hf.Inputs()):
         with pytest.raises(hf.ModelError, match=r"inputs: expected"):
             hf.compile_rollout(chain, FREE, inputs=given)  # type: ignore[arg-type]

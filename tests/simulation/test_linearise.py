@@ -13,6 +13,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.varied_step import state_arrays
 from holdfast.spatial import rotation
 from tests.longer import mostly_long
+from tests.simulation.rollout.test_tape import five_points
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
 from tests.systems.sprung import with_springs
@@ -38,9 +39,8 @@ def changed(state: hf.State, x: np.ndarray) -> hf.State:
 def difference(a: hf.State, b: hf.State) -> np.ndarray:
     """Return the small change that leads from b to a."""
     turn = rotation.log(a.object_frame.R @ b.object_frame.R.T)
-    return np.concatenate(
-        [a.q - b.q, turn, a.object_frame.p - b.object_frame.p, a.qd - b.qd, a.object_twist - b.object_twist]
-    )
+    shift = a.object_frame.p - b.object_frame.p
+    return np.concatenate([a.q - b.q, turn, shift, a.qd - b.qd, a.object_twist - b.object_twist])
 
 
 @pytest.mark.slow
@@ -90,8 +90,7 @@ def test_torques(springs):
         run = hf.simulate(p.chain, p.state, lambda *_: (p.tau + far * d, None), STEP, STEP, inputs=p.inputs)
         return difference(run.state(-1), model.end)
 
-    h = 0.1
-    slope = (8 * (end(h) - end(-h)) - (end(2 * h) - end(-2 * h))) / (12 * h)
+    slope = five_points(end, 0.1)
     assert np.abs(model.end_basis @ model.B @ d - slope).max() < 1e-9 * np.abs(slope).max()
 
 
@@ -99,8 +98,7 @@ def test_torques(springs):
 @pytest.mark.parametrize("sprung", [False, True])
 def test_moving_bases(sprung):
     """A and B of a step on a base that moves, by five-point differences of what `simulate` does; time enters."""
-    p, t, random = held(GRASPS[0]), 0.2, np.random.default_rng(3)
-    p = replace(p, chain=with_springs(p.chain)) if sprung else p
+    p, t, random = held(GRASPS[0], springs=sprung), 0.2, np.random.default_rng(3)
     name = p.chain.names[0]
     base, start = p.chain.arms[name].base, swaying(hf.Pose.identity())(t)[0]
     R = start.R.T @ base.R
@@ -116,27 +114,27 @@ def test_moving_bases(sprung):
         run = hf.simulate(here, begin, lambda *_: (tau, None), STEP, STEP, inputs=p.inputs, base_motion=later)
         return difference(run.state(-1), model.end)
 
-    z, d, far = random.normal(size=model.A.shape[1]), random.normal(size=p.chain.joint_count), 1e-3
+    z, d = random.normal(size=model.A.shape[1]), random.normal(size=p.chain.joint_count)
     assert np.abs(end(0.0, z, d)).max() < 1e-12
     for x, du in ((z, 0.0 * d), (0.0 * z, d)):
-        slope = (8 * (end(far, x, du) - end(-far, x, du)) - (end(2 * far, x, du) - end(-2 * far, x, du))) / (12 * far)
+        slope = five_points(lambda far, x=x, du=du: end(far, x, du), 1e-3)
         expected = model.end_basis @ (model.A @ x + model.B @ (1e3 * du))
         assert np.abs(expected - slope).max() < 1e-8 * np.abs(slope).max()
 
 
 def test_refusals():
     """Steps that cannot be made linear say why."""
-    p = held(GRASPS[0])
-    with pytest.raises(hf.ModelError, match="scheme"):
-        hf.linearise(p.chain, p.state, p.tau, step=STEP, scheme="euler")
-    with pytest.raises(hf.HoldfastError, match="step"):
-        hf.linearise(p.chain, p.state, p.tau, step=-1.0)
-    with pytest.raises(hf.StateError, match="base_motion: expected a step"):
-        hf.linearise(p.chain, p.state, p.tau, base_motion={"arm0": lambda t: None})
-    with pytest.raises(hf.StateError, match=r"base_twists: expected none.*try base_motion"):
-        hf.linearise(p.chain, p.state, p.tau, step=STEP, check=False, inputs=hf.Inputs(base_twists=np.ones((2, 6))))
-    with pytest.raises(hf.StateError, match="basis"):
-        hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP, basis=np.eye(3))
+    p, step = held(GRASPS[0]), {"step": STEP}
+    for options, error, message in (
+        (step | {"scheme": "euler"}, hf.ModelError, "scheme"),
+        ({"step": -1.0}, hf.HoldfastError, "step"),
+        ({"base_motion": {"arm0": lambda t: None}}, hf.StateError, "base_motion: expected a step"),
+        (step | {"inputs": hf.Inputs(base_twists=np.ones((2, 6))), "check": False}, hf.StateError,
+         r"base_twists: expected none.*try base_motion"),
+        (step | {"inputs": p.inputs, "basis": np.eye(3)}, hf.StateError, "basis"),
+    ):  # fmt: skip
+        with pytest.raises(error, match=message):
+            hf.linearise(p.chain, p.state, p.tau, **options)
 
 
 def test_coordinates_of_a_step():
@@ -155,10 +153,8 @@ def test_coordinates_of_a_step():
 def test_coordinates_of_another_state():
     """A state of other joints, or none, is refused."""
     p, other = held(GRASPS[0]), as_chain(random_system(2, arms=1, joints=[4], grasps=["rigid"], moving_base=False))
-    for model in (
-        hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs),
-        hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP),
-    ):
+    for step in (None, STEP):
+        model = hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=step)
         with pytest.raises(hf.StateError, match="coordinates: state: expected 10 joints and no floating base, got 4"):
             model.coordinates(other.state)
         with pytest.raises(hf.StateError, match="coordinates: state: expected State, got ndarray"):

@@ -1,5 +1,8 @@
 """Chains whose constraint has rows that follow from others everywhere: a step holds the same ones throughout."""
 
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -11,6 +14,7 @@ from holdfast.dynamics.rank import closed_near, constraint_pivots
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.longer import mostly_long
 from tests.oracles.planar_mechanism import random_mechanism
+from tests.simulation.rollout.problems import arrays, tiled
 from tests.systems.bricard import bars, bricard, line_symmetric
 
 FREE = hf.ControlLaw(lambda t, state, memory, given: (0.0 * state.qd, memory), key="tests: no torques")
@@ -20,6 +24,18 @@ MODELS = [(0.0, 0.0), (0.3, 1.1), (0.7, -0.4), (1.5, 0.0), (-2.0, 0.9)]
 def free(t, state, memory):
     """No torques, by a controller that is asked from Python."""
     return 0.0 * state.qd, memory
+
+
+@cache
+def moved(turns=MODELS[1], duration=0.5):
+    """Return Bricard's mechanism, and a state of it in motion."""
+    chain, state = bricard(turns)
+    return chain, hf.simulate(chain, state, free, duration, 1e-2).state(-1)
+
+
+def beside(state, gap):
+    """Return the state with one joint off its place."""
+    return replace(state, q=state.q + np.array([gap, 0, 0, 0]))
 
 
 def energy_error(run) -> float:
@@ -38,15 +54,14 @@ def converged():
 def test_printed_figure(converged):
     """Exudyn's sum, of a second-order method in 1 ms steps; two of it are the freedom and the redundant row."""
     chain, _ = bricard()
-    moved = bars(chain, converged.state(-1)) - bars(chain, converged.state(0))
+    shifted = bars(chain, converged.state(-1)) - bars(chain, converged.state(0))
     turned = []
     for bar in bars(chain, converged.state(-1)):
         w = 0.5 * np.sqrt(1.0 + np.trace(bar[:, :3]))
         axial = [bar[2, 1] - bar[1, 2], bar[0, 2] - bar[2, 0], bar[1, 0] - bar[0, 1]]
         turned.append([w - 1.0, *(np.array(axial) / (4 * w))])
-    assert np.sqrt(np.sum(moved[:, :, 3] ** 2) + np.sum(np.square(turned))) + 2 == pytest.approx(
-        4.172189649307425, abs=5e-6
-    )
+    size = np.sqrt(np.sum(shifted[:, :, 3] ** 2) + np.sum(np.square(turned)))
+    assert size + 2 == pytest.approx(4.172189649307425, abs=5e-6)
     assert energy_error(converged) < 1e-13
     assert converged.position_gap.max() < 1e-9 and converged.condition.max() < 100
 
@@ -101,7 +116,7 @@ def test_soft_fingers():
     assert run.stopped is None
     assert np.abs(run.q[-1] - mechanism.after(0.1)[0][:-3]).max() < 1e-8
     rollout = hf.compile_rollout(chain, FREE)
-    systems = rollout.start(state.q, state.qd, state.object_pose, state.object_twist)
+    systems = rollout.start(**arrays(state))
     rollout.step(systems, 2.5e-3, steps=40)
     assert np.abs(systems.q[0] - run.q[-1]).max() < 1e-11
 
@@ -116,7 +131,7 @@ def test_all_steppers_and_rollouts_agree():
         hf.simulate(chain, state, FREE, 0.2, 1e-2),
     ]
     rollout = hf.compile_rollout(chain, FREE)
-    systems = rollout.start(np.tile(state.q, (3, 1)), state.qd, state.object_pose, state.object_twist)
+    systems = rollout.start(**tiled(state, 3))
     rollout.step(systems, 1e-2, steps=20)
     assert rollout.generic_rank == 11
     for run in runs[1:]:
@@ -125,60 +140,46 @@ def test_all_steppers_and_rollouts_agree():
     assert np.abs(systems.q - runs[0].q[-1]).max() < 1e-13 and np.abs(systems.qd - runs[0].qd[-1]).max() < 1e-12
 
 
-def test_resumed_to_the_bit():
-    """Rows are chosen from the state alone, so a run that goes on from a checkpoint is the run that was not cut."""
-    chain, state = bricard()
-    kept = []
-    whole = hf.simulate(chain, state, free, 0.1, 1e-2, on_checkpoint=kept.append)
-    resumed = hf.simulate(chain, state, free, 0.1, 1e-2, start=kept[len(kept) // 2])
-    assert resumed.q[-1].tobytes() == whole.q[-1].tobytes()
-    assert resumed.grasp_wrench[-1].tobytes() == whole.grasp_wrench[-1].tobytes()
-
-
 @pytest.mark.slow
 def test_rank_is_that_of_the_closed_state():
     """However the state is displaced before it is projected back; a run that starts beside the grasps knows it too."""
-    chain, state = bricard(MODELS[1])
-    moved = hf.simulate(chain, state, free, 0.5, 1e-2).state(-1)
+    chain, there = moved()
     random = np.random.default_rng(0)
     for size in (1e-6, 1e-5, 1e-4):
-        beside = hf.State(moved.q + size * random.normal(size=4), moved.qd, moved.object_pose, moved.object_twist)
-        closed = closed_near(chain, beside)
+        off = replace(there, q=there.q + size * random.normal(size=4))
+        closed = closed_near(chain, off)
         assert closed is not None and constraint_pivots(chain, closed).rank == 11
-        projected, _ = hf.project(chain, beside)
+        projected, _ = hf.project(chain, off)
         assert constraint_pivots(chain, projected).rank == 11
     rollout = hf.compile_rollout(chain, FREE)
-    rollout.start(beside.q, beside.qd, beside.object_pose, beside.object_twist)
+    rollout.start(**arrays(off))
     assert rollout.generic_rank == 11
 
 
 def test_a_single_call_beside_the_constraint():
     """Where the rank is another on it, the message gives both and the gap; with the rank known the answer is near."""
-    chain, state = bricard(MODELS[1])
-    moved = hf.simulate(chain, state, free, 0.6, 1e-2).state(-1)
-    beside = hf.State(moved.q + np.array([1e-4, 0, 0, 0]), moved.qd, moved.object_pose, moved.object_twist)
+    chain, there = moved(duration=0.6)
+    off = beside(there, 1e-4)
     expected = r"open by 7\.58e-05 .*: 12 of 12 here, 11 where they are closed.*generic_rank=11"
     with pytest.raises(hf.StateError, match=expected):
-        hf.forward_dynamics(chain, beside, np.zeros(4), check=False)
-    near = hf.forward_dynamics(chain, beside, np.zeros(4), check=False, generic_rank=11)
-    exact = hf.forward_dynamics(chain, moved, np.zeros(4))
+        hf.forward_dynamics(chain, off, np.zeros(4), check=False)
+    near = hf.forward_dynamics(chain, off, np.zeros(4), check=False, generic_rank=11)
+    exact = hf.forward_dynamics(chain, there, np.zeros(4))
     assert near.rank == exact.rank == 11
     assert np.abs(near.qdd - exact.qdd).max() < 1e-2
 
 
 def test_machine_code_beside_the_constraint():
     """Single calls raise the same, systems of a batch are INVALID, whichever comes first: never a silent answer."""
-    chain, state = bricard(MODELS[1])
-    moved = hf.simulate(chain, state, free, 0.6, 1e-2).state(-1)
-    given = {"qd": moved.qd, "tau": np.zeros(4), "object_pose": moved.object_pose, "object_twist": moved.object_twist}
-    beside = moved.q + np.array([1e-4, 0, 0, 0])
-    exact = hf.forward_dynamics(chain, moved, np.zeros(4))
+    chain, there = moved(duration=0.6)
+    given, off = arrays(there) | {"tau": np.zeros(4)}, beside(there, 1e-4).q
+    exact = hf.forward_dynamics(chain, there, np.zeros(4))
     for known in (None, 11):
         fast = hf.compile(chain, generic_rank=known)
         with pytest.raises(hf.StateError, match="12 of 12 here, 11 where they are closed"):
-            fast.forward_dynamics(beside, **given)
+            fast.forward_dynamics(**given | {"q": off})
         assert fast.generic_rank == 11
-        many = hf.compile(chain, generic_rank=known).forward_dynamics(np.array([beside, moved.q]), **given)
+        many = hf.compile(chain, generic_rank=known).forward_dynamics(**given | {"q": [off, there.q]})
         assert [status.name for status in many.status] == ["INVALID", "INDETERMINATE_FORCES"]
         assert np.isnan(many.qdd[0]).all() and np.abs(many.qdd[1] - exact.qdd).max() < 1e-9
 
@@ -186,15 +187,14 @@ def test_machine_code_beside_the_constraint():
 @pytest.mark.parametrize("gap", mostly_long([0.0, 1e-12, 1e-10, 1e-8, 1e-7], [1e-12, 1e-7]))
 def test_velocities_beside_the_constraint(gap):
     """Positions that are a little off stop no motion: the dependent row is left out, as where the grasps are closed."""
-    chain, state = bricard(MODELS[1])
-    moved = hf.simulate(chain, state, free, 0.5, 1e-2).state(-1)
-    (way,) = motion_basis(chain, moved).T
+    chain, there = moved()
+    (way,) = motion_basis(chain, there).T
     random = np.random.default_rng(1)
     given = np.concatenate([random.normal(size=4), random.normal(size=6)])
-    beside = hf.State(moved.q + gap * random.normal(size=4), given[:4], moved.object_pose, given[4:])
-    found = hf.dynamics.project_velocity(chain, beside)
+    off = hf.State(there.q + gap * random.normal(size=4), given[:4], there.object_pose, given[4:])
+    found = hf.dynamics.project_velocity(chain, off)
     velocities = np.concatenate([found.qd, found.object_twist])
-    sizes = coordinate_sizes(chain_at_rest(chain, moved))
+    sizes = coordinate_sizes(chain_at_rest(chain, there))
     expected = way * ((way / sizes) @ (given / sizes)) / ((way / sizes) @ (way / sizes))
     assert np.abs(velocities - expected).max() < 1e-12 + 100 * gap
 
@@ -202,20 +202,15 @@ def test_velocities_beside_the_constraint(gap):
 @pytest.mark.parametrize("gap", mostly_long([0.0, 1e-9, 3e-7], [3e-7]))
 def test_an_arm_that_grips_beside_its_grasp(gap):
     """Bricard's loop closes with a row too many: the impulse leaves the motion that the loop allows."""
-    chain, state = bricard(MODELS[2])
-    moved = hf.simulate(chain, state, free, 0.5, 1e-2).state(-1)
-    (way,) = motion_basis(chain, moved).T
+    chain, there = moved(MODELS[2])
+    (way,) = motion_basis(chain, there).T
     random = np.random.default_rng(2)
     left = chain.joints["left"]
-    q, qd = moved.q.copy(), moved.qd.copy()
+    q, qd = there.q.copy(), there.qd.copy()
     q[left] += gap * random.normal(size=2)
     qd[left] += random.normal(size=2)
-    grip = hf.dynamics.attach(
-        chain.without_grasp("left"),
-        hf.State(q, qd, moved.object_pose, moved.object_twist),
-        "left",
-        chain.grasps["left"],
-    )
+    loose, grasp = chain.without_grasp("left"), chain.grasps["left"]
+    grip = hf.dynamics.attach(loose, replace(there, q=q, qd=qd), "left", grasp)
     velocities = np.concatenate([grip.state.qd, grip.state.object_twist])
     assert np.abs(velocities - way * (way @ velocities)).max() < 1e-10 + 100 * gap
     assert np.abs(velocities).max() > 0.1 and grip.energy_change < 0.0

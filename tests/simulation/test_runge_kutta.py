@@ -7,14 +7,7 @@ from scipy.integrate import DOP853
 
 from holdfast.compiler.interpret import interpret
 from holdfast.compiler.trace import trace
-from holdfast.simulation.runge_kutta import (
-    MIDPOINT,
-    RK4,
-    SCHEMES,
-    dop853,
-    rotation_vector_rate,
-    scheme,
-)
+from holdfast.simulation.runge_kutta import MIDPOINT, RK4, SCHEMES, dop853, rotation_vector_rate, scheme
 from holdfast.spatial import rotation
 from tests.simulation.one_step import one_step
 

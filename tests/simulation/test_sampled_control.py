@@ -12,6 +12,7 @@ from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.simulation.events import Attach, Release
 from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from holdfast.simulation.trajectory import Trajectory, array_names
+from tests.longer import mostly_long
 from tests.simulation.gantries import PUSHED, contact_frame, pressed, squeezed
 from tests.simulation.rollout.problems import problem
 from tests.simulation.test_checkpoint import on_disk
@@ -42,20 +43,13 @@ def sampled(law, samples: float, step: float = PERIOD, name: str = "one", **opti
     return simulate(chain, state, law, samples * PERIOD, step, sample_time=PERIOD, **options)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        {"step": 0.3 * PERIOD},
-        {"step": 2.0 * PERIOD},
-        pytest.param({"scheme": "dop853"}, marks=pytest.mark.long),
-        {"scheme": "midpoint", "largest_drift": 1e-9, "step": PERIOD / 4},
-        {"delay": 2.0 * PERIOD},
-        {"delay": 0.4 * PERIOD},
-        {"samples": 2 * STEPS_WORTH_COMPILING + 0.5},
-    ],
-    ids=str,
-)
+WAYS = [
+    {}, {"step": 0.3 * PERIOD}, {"step": 2.0 * PERIOD}, {"delay": 2.0 * PERIOD}, {"delay": 0.4 * PERIOD},
+    {"scheme": "midpoint", "largest_drift": 1e-9, "step": PERIOD / 4}, {"samples": 2 * STEPS_WORTH_COMPILING + 0.5},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("options", WAYS + mostly_long([{"scheme": "dop853"}], ()), ids=str)
 def test_asked_once_a_sample_and_held(options):
     """One question a sample, with time and state of that sample; the torques act from then, or later, to the bit."""
     law, delay = Swinging(), options.get("delay", 0.0)
@@ -78,9 +72,10 @@ def test_asked_once_a_sample_and_held(options):
     assert run.stopped is None
 
 
-@pytest.mark.parametrize(
-    ("scheme", "delay"), [("rk4", 0.0), ("rk4", PERIOD), pytest.param("dop853", 0.0, marks=pytest.mark.long)]
-)
+BY_PIECES = [("rk4", 0.0), ("rk4", PERIOD), ("dop853", 0.0)]
+
+
+@pytest.mark.parametrize(("scheme", "delay"), mostly_long(BY_PIECES, BY_PIECES[:2]))
 def test_run_made_piece_by_piece(scheme, delay):
     """It is the chain of runs under constant torques, each from where the one before has ended."""
     law, count = Swinging(), 5
@@ -101,9 +96,8 @@ def test_run_made_piece_by_piece(scheme, delay):
 def test_whatever_gives_the_torques():
     """A traced law, a ready-made controller and a schedule go by the same samples as a function that asks them."""
     chain, _ = problem("one")
-    remembers = ControlLaw(
-        lambda t, x, m, given: (0.9 * m - x.qd, 0.9 * m + x.q), memory=np.linspace(0.0, 1.0, N), key="remembering"
-    )
+    memory = np.linspace(0.0, 1.0, N)
+    remembers = ControlLaw(lambda t, x, m, given: (0.9 * m - x.qd, 0.9 * m + x.q), memory=memory, key="remembering")
     schedule = TorqueSchedule.linear([0.0, 1.3 * PERIOD, 1.0], np.outer([0.0, 1.0, -2.0], np.arange(N)))
     for law in (remembers, GravityCompensation(chain, joint_damping=0.2), schedule):
         asked = []
@@ -143,11 +137,10 @@ def test_between_samples():
         assert np.abs(coarse.state_at(float(t)).q - fine.state_at(float(t)).q).max() <= 2e-10
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{"delay": 0.4 * PERIOD}, pytest.param({"scheme": "dop853", "delay": PERIOD}, marks=pytest.mark.long)],
-    ids=str,
-)
+DELAYED = [{"delay": 0.4 * PERIOD}, {"scheme": "dop853", "delay": PERIOD}]
+
+
+@pytest.mark.parametrize("options", mostly_long(DELAYED, DELAYED[:1]), ids=str)
 def test_going_on_changes_no_bit(options):
     """From a checkpoint through disk, with torques that wait and a memory."""
     chain, state = squeezed(("softfinger", "ball"), (Friction(0.5, torsion_radius=0.02), Friction(0.5)), ("x", ""))
@@ -158,14 +151,9 @@ def test_going_on_changes_no_bit(options):
         force = 20.0 + (count % 3)
         return np.array([force, 0, 0, 0.01, -force, 0, 0.1]) - 0.5 * filtered, (count + 1, filtered)
 
-    options = options | {
-        "events": [
-            Release(1.7 * PERIOD, "right"),
-            Attach(3 * PERIOD, "right", hf.Grasp("ball", contact_frame(1.0), Friction(0.5)), here=True),
-        ],
-        "on_slip": "release",
-        "sample_time": PERIOD,
-    }
+    grasp = hf.Grasp("ball", contact_frame(1.0), Friction(0.5))
+    events = [Release(1.7 * PERIOD, "right"), Attach(3 * PERIOD, "right", grasp, here=True)]
+    options = options | {"events": events, "on_slip": "release", "sample_time": PERIOD}
     checkpoints = []
     given = chain, state, law, 5 * PERIOD, PERIOD
     whole = simulate(*given, **options, on_checkpoint=checkpoints.append)
@@ -176,9 +164,8 @@ def test_going_on_changes_no_bit(options):
     rest = simulate(*given, **options, start=on_disk(checkpoints[k]))
     for name in array_names():
         assert getattr(rest, name).tobytes() == getattr(whole, name)[k + 1 :].tobytes(), name
-    with pytest.raises(
-        StateError, match=r"start: expected sample_time=0.002 and delay=.*, as the run began with, got no"
-    ):
+    expected = r"start: expected sample_time=0.002 and delay=.*, as the run began with, got no"
+    with pytest.raises(StateError, match=expected):
         simulate(*given, start=checkpoints[3])
 
 
@@ -205,11 +192,12 @@ def test_margins_on_both_sides_of_a_jump():
 def test_a_slip_between_samples_and_one_at_a_sample():
     """A grasp that lets go because a sample pulls slips at that sample; what acts is pulled by a delay as long."""
     chain, state = pressed()
+
+    def pull(t, x, memory):
+        return [3.0 if t < 2.5 * PERIOD else -3.0], memory
+
     for delay in (0.0, 0.6 * PERIOD):
-        run = simulate(
-            chain, state, lambda t, x, m: ([3.0 if t < 2.5 * PERIOD else -3.0], m), 5 * PERIOD, PERIOD,
-            sample_time=PERIOD, delay=delay,
-        )  # fmt: skip
+        run = simulate(chain, state, pull, 5 * PERIOD, PERIOD, sample_time=PERIOD, delay=delay)
         assert run.stopped is not None and "lifts off" in run.stopped
         assert run.t[-1] == pytest.approx(3 * PERIOD + delay, abs=1e-15)
         assert run.margin[-2:, 0] == pytest.approx([0.5 * 3.0 * PUSHED, -3.0 * PUSHED])
@@ -305,20 +293,16 @@ def test_kept_with_the_run(tmp_path):
     """Sample time and delay are in the setting, of a run in memory and of one on disk."""
     run = sampled(Swinging(), 3, delay=PERIOD)
     for one in (run, hf.load_result(run.save(tmp_path / "run")).whole_run()):
-        assert {name: one.setting.options[name] for name in ("sample_time", "delay")} == {
-            "sample_time": PERIOD,
-            "delay": PERIOD,
-        }
+        assert one.setting.options["sample_time"] == one.setting.options["delay"] == PERIOD
     chain, state = problem("one")
     assert "sample_time" not in simulate(chain, state, Swinging(), 2e-3, 1e-3).setting.options
 
 
+BESIDE = [{"scheme": "rk4"}, {"scheme": "dop853", "rtol": 1e-9}]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    [{"scheme": "rk4"}, pytest.param({"scheme": "dop853", "rtol": 1e-9}, marks=pytest.mark.long)],
-    ids=str,
-)
+@pytest.mark.parametrize("options", mostly_long(BESIDE, BESIDE[:1]), ids=str)
 def test_samples_beside_a_singular_configuration(options):
     """The long step that passes a configuration ends at a sample too, where nothing jumps: none is late."""
     chain, state = n_four_bar(2)

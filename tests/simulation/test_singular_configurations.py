@@ -1,4 +1,4 @@
-"""Singular configurations between steps: found, named, and passed where only one motion leads on."""
+"""Singular configurations between steps: found, named, and passed where only one motion leads on; losses of rank."""
 
 import itertools
 from dataclasses import replace
@@ -7,16 +7,12 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.simulation.adaptive_parts import (
-    AdaptivePartsStepper,
-    EqualPartsStepper,
-    HalvedPartsStepper,
-    agreeing_parts,
-)
+from holdfast.simulation import adaptive_parts
 from holdfast.simulation.collocation import CollocationStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.runge_kutta import IMEX, RK4
+from holdfast.simulation.singular_configuration import ConstraintFactors, rank_drop
 from holdfast.simulation.stepper import in_parts
 from tests.control.two_pandas import two_pandas
 from tests.longer import mostly_long
@@ -26,6 +22,7 @@ from tests.systems.parallel_cranks import parallel_cranks
 
 SCHEMES = [{"scheme": "rk4"}, {"scheme": "dop853", "rtol": 1e-9}, {"scheme": "dop853", "rtol": 1e-12}]
 SOON = [(SCHEMES[0], free), (SCHEMES[1], FREE)]
+ROWS, COLUMNS = 11, 9
 
 
 def with_longer_crank(chain, state, longer):
@@ -83,18 +80,6 @@ def test_what_no_step_sees():
     assert run.stopped is None and len(run.occurrences) == 1 and energy_error(run) < 1e-2
 
 
-def test_a_run_through_one_resumes_to_the_bit():
-    chain, state = n_four_bar(2)
-    kept = []
-    options = {"scheme": "dop853", "rtol": 1e-9, "on_singular": "continue"}
-    whole = hf.simulate(chain, state, free, 0.8, 2e-2, on_checkpoint=kept.append, **options)
-    for checkpoint in (kept[-3], next(one for one in reversed(kept) if one.now.t < whole.occurrences[0].t)):
-        resumed = hf.simulate(chain, state, free, 0.8, 2e-2, start=checkpoint, **options)
-        assert resumed.q[-1].tobytes() == whole.q[-1].tobytes()
-        missing = len(whole.occurrences) - len(checkpoint.occurrences)
-        assert resumed.occurrences == whole.occurrences[len(whole.occurrences) - missing :]
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("longer", [1e-2, 1e-6])
 def test_nearly_singular(longer):
@@ -129,9 +114,9 @@ def test_parts_of_a_step_near_a_singular_configuration(scheme, same):
     stepper = FusedStepper.of(Environment(cranks.chain), FREE, scheme, generic)
     now, _ = stepper.start(0.0, cranks.state, np.zeros(0))
     (later,) = stepper.advance(now, [0.016])
-    parts = agreeing_parts(stepper, now, later.instant)
+    parts = adaptive_parts.agreeing_parts(stepper, now, later.instant)
     assert parts is not None and 1 < parts <= 32
-    equal, halved = EqualPartsStepper(stepper, 0.016 / parts), HalvedPartsStepper(stepper)
+    equal, halved = adaptive_parts.EqualPartsStepper(stepper, 0.016 / parts), adaptive_parts.HalvedPartsStepper(stepper)
     ends = [one.advance(now, [0.008, 0.016])[1].instant for one in (equal, halved)]
     exact = in_parts(stepper, now, 0.016, 128).instant
     change = np.abs(exact.velocities - now.velocities).max()
@@ -142,7 +127,9 @@ def test_parts_of_a_step_near_a_singular_configuration(scheme, same):
 @pytest.mark.slow
 def test_ordinary_steps_far_from_singular_configurations_need_no_adaptive_parts(monkeypatch):
     """Two Pandas lifting a box in steps of 20 ms once spent ten times as long in such parts as in all steps else."""
-    monkeypatch.setattr(AdaptivePartsStepper, "advance", lambda *_: pytest.fail("a step was taken adaptively"))
+    monkeypatch.setattr(
+        adaptive_parts.AdaptivePartsStepper, "advance", lambda *_: pytest.fail("a step was taken adaptively")
+    )
     chain, state = two_pandas()
     path = hf.control.RestToRest(state.object_frame, [0.0, 0.0, 0.2])
     run = hf.simulate(chain, state, hf.control.ObjectTracking(chain, path, internal_force=20.0), 1.0, 0.02)
@@ -206,3 +193,62 @@ def test_rollouts_do_not_leap_from_branch_to_branch():
     assert long_steps.status[0].name in ("TOO_LONG", "SINGULAR") and 0.6 < long_steps.t[0] < 0.72
     assert short_steps.status[0].name == "RUNNING" and short_steps.t[0] == pytest.approx(0.8)
     assert np.abs(short_steps.q[0] - exact.q[-1]).max() < 1e-5
+
+
+def path(values, seed=0, turning=1.0):
+    """Return factors of matrices with given singular values, their vectors turning smoothly; and how often asked."""
+    random = np.random.default_rng(seed)
+    left, right = (random.normal(size=(n, n)) for n in (ROWS, COLUMNS))
+    left, right = left - left.T, right - right.T
+
+    def turned(skew, t):
+        w, V = np.linalg.eig(turning * t * skew / np.linalg.norm(skew))
+        return ((V * np.exp(w)) @ np.linalg.inv(V)).real
+
+    def factors(t):
+        s = np.array(values(t))
+        U, V = turned(left, t), turned(right, t)
+        U, s, Vt = np.linalg.svd(U[:, : len(s)] * s @ V[:, : len(s)].T, full_matrices=False)
+        return ConstraintFactors(U, s / s[0], Vt)
+
+    return factors
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("at", [0.013, 0.31, 0.5, 0.72, 0.998])
+def test_one_value_passes_through_zero(seed, at):
+    found = rank_drop(path(lambda t: [3.0, 1.0 + t, 0.5, 0.2 * (t - at) * (2 + t)], seed), 0.0, 1.0, 4)
+    assert found is not None and found.through
+    assert found.at == pytest.approx(at, abs=1e-9) and found.rank == 3
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_several_pass_through_zero_at_once(seed):
+    """An even number of them changes no determinant's sign."""
+    found = rank_drop(path(lambda t: [3.0, 1.0, 0.4 * (t - 0.3), -0.2 * (t - 0.3)], seed), 0.0, 1.0, 4)
+    assert found is not None and found.through
+    assert found.at == pytest.approx(0.3, abs=1e-8) and found.rank == 2
+
+
+def test_the_first_of_two():
+    found = rank_drop(path(lambda t: [3.0, 1.0, 0.4 * (t - 0.3), 0.2 * (t - 0.4)]), 0.0, 1.0, 4)
+    assert found is not None and found.at == pytest.approx(0.3, abs=1e-8) and found.rank == 3
+
+
+def test_zero_is_touched():
+    found = rank_drop(path(lambda t: [3.0, 1.0, 0.5, 0.7 * (t - 0.4) ** 2]), 0.0, 1.0, 4)
+    assert found is not None and not found.through
+    assert found.at == pytest.approx(0.4, abs=1e-3) and found.rank == 3
+
+
+@pytest.mark.parametrize("least", [1e-3, 1e-2, 0.1])
+def test_a_dip_above_zero(least):
+    values = path(lambda t: [3.0, 1.0, 0.5, np.hypot(least, t - 0.4)])
+    assert rank_drop(values, 0.0, 1.0, 4) is None
+
+
+def test_vectors_that_turn():
+    """Singular values that change places, and subspaces that turn by a radian, are no loss of rank."""
+    for seed in range(20):
+        values = path(lambda t: [1.0, 0.5 + t, 0.9 - t / 2, 0.3 + 0.1 * np.sin(9 * t)], seed, turning=2.0)
+        assert rank_drop(values, 0.0, 1.0, 4) is None

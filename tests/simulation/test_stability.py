@@ -1,38 +1,25 @@
-"""How fast damped chains settle, and steps that cannot follow: linearly implicit ones take their place, and say so."""
+"""How fast damped chains settle; steps that cannot follow become implicit, or are named: none of it is a slip."""
 
 import pickle
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from holdfast import (
-    Arm,
-    ClosedChain,
-    Friction,
-    Grasp,
-    HeldObject,
-    Joint,
-    Link,
-    Pose,
-    Release,
-    State,
-    StepTooLongError,
-    forward_dynamics,
-    simulate,
-)
+import holdfast as hf
+from holdfast import ClosedChain, Friction, Release, State, StepTooLongError, WrenchLimits, forward_dynamics, simulate
+from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.dynamics import state_from_joints
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.joint_friction import SMOOTHING_RATE, friction_slope, friction_torque
 from holdfast.simulation.runge_kutta import RK4, SCHEMES, scheme
-from holdfast.simulation.stability import (
-    fastest_decay,
-    feedback_resistance,
-    passive_resistance,
-)
+from holdfast.simulation.stability import fastest_decay, feedback_resistance, passive_resistance
+from tests.control.two_pandas import rubber_pandas
+from tests.simulation.damped import outcome, problem
 from tests.simulation.gantries import squeezed
 from tests.simulation.one_step import one_step
 from tests.simulation.problems import PROBLEMS
@@ -42,6 +29,11 @@ from tests.systems.as_chain import as_chain
 DAMPING = 1000.0  # N s/m of every slide
 TURN = 0.6 * DAMPING  # 1/s: block and slides, 0.01333 + 2 * 0.1^2 kg m^2, turn about y and z
 BALLS = ("ball", "ball")
+SQUEEZE = 100.0  # N
+RUBBER = Friction(0.5)
+STEP = 1e-3
+SEEDS = (9, 8)  # of random chains; h times their fastest rates are 0.64 and 325
+SLIP = re.compile(r"^grasp '\w+' (slips|lifts off|gives way)")
 
 
 def lifting(t, state, memory):
@@ -165,8 +157,7 @@ def test_drives_that_are_heavy_enough():
 def test_after_a_grasp_opens():
     """Free slides settle faster than those that carry the block; steps between the two become implicit there."""
     chain, state = squeezed(BALLS, damping=DAMPING)
-    step = 1.25 / (0.5 * (TURN + DAMPING))
-    step *= 2.0
+    step = 2.5 / (0.5 * (TURN + DAMPING))
     run = simulate(chain, state, lifting, 4 * step, step, events=[Release(1.5 * step, "left")])
     assert run.stopped is None
     assert [one.kind for one in run.occurrences] == ["release", "stiff", "unresolved"]
@@ -177,10 +168,10 @@ def test_after_a_grasp_opens():
 @pytest.mark.slow
 def test_after_a_motion():
     """An elbow that stretches: its inertia falls, and steps become implicit on the way, to the bit in a resumed run."""
-    links = [Link(1.0, [0.5, 0.0, 0.0], 0.01 * np.eye(3)) for _ in range(2)]
-    elbow = Pose.translation(1.0, 0.0, 0.0)
-    arm = Arm([Joint(name="shoulder"), Joint(placement=elbow, name="elbow", damping=20.0)], links, tip=elbow)
-    body, grasps = HeldObject(1.0, 0.01 * np.eye(3)), {"arm": Grasp("rigid", Pose.identity())}
+    links = [hf.Link(1.0, [0.5, 0.0, 0.0], 0.01 * np.eye(3)) for _ in range(2)]
+    elbow = hf.Pose.translation(1.0, 0.0, 0.0)
+    arm = hf.Arm([hf.Joint(name="shoulder"), hf.Joint(placement=elbow, name="elbow", damping=20.0)], links, tip=elbow)
+    body, grasps = hf.HeldObject(1.0, 0.01 * np.eye(3)), {"arm": hf.Grasp("rigid", hf.Pose.identity())}
     chain = ClosedChain({"arm": arm}, body, grasps, np.zeros(3))
     states = [state_from_joints(chain, [0.0, angle], np.zeros(2)) for angle in (2.0, 0.0)]
     bent, stretched = (fastest_decay(chain, at, passive_resistance(chain, at.qd)).rate for at in states)
@@ -218,3 +209,126 @@ def test_problems_without_damping_are_not_checked(monkeypatch):
     monkeypatch.setattr("holdfast.simulation.stability.fastest_decay", None)
     chain, state = PROBLEMS["pandas"]()
     assert simulate(chain, state, lambda t, x, m: (np.zeros(14), m), 1e-3, 1e-3).stopped is None
+
+
+def step_of(run):
+    """Return the step that the end of a run suggests, having asserted that it blames the step, and no limit."""
+    found = re.search(r"is too long for joint '.*try a step of (\S+) s$", str(run.stopped))
+    assert found, run.stopped
+    assert not run.occurrences
+    return float(found[1])
+
+
+def feedback(gain, up=5.0):
+    """Return the controller that squeezes, pushes up and slows the slides down."""
+    return lambda t, state, memory: (np.array([SQUEEZE, 0.0, up, -SQUEEZE, 0.0, up]) - gain * state.qd, memory)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "ratio"),
+    [("rk4", 3.0), ("midpoint", 3e4), *(pytest.param("rk4", x, marks=pytest.mark.long) for x in (11.0, 100.0))],
+)
+def test_feedback_that_blows_up_is_no_slip(scheme, ratio):
+    """h gain / inertia beyond the interval: the run says so, names a joint and a step, and that step works."""
+    chain, state = squeezed(BALLS, RUBBER)
+    gain = ratio * 2.0 / STEP  # 4 kg against two slides, while the block turns at 1.2 of that
+    run = simulate(chain, state, feedback(gain), 0.2, STEP, scheme=scheme)
+    assert re.search("^[^\n]*the step of 0.001 s is too long for joint '[^\n]*slowed down at[^\n]*$", str(run.stopped))
+    step = step_of(run)
+    assert 0.2 < step * 1.2 * ratio / STEP < 2.0
+    again = simulate(chain, state, feedback(gain), 20 * step, step, scheme=scheme)
+    assert again.stopped is None
+    expected = 5.0 / gain * (1.0 - np.exp(-0.5 * gain * again.t[-1]))
+    assert again.qd[-1, 2] == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("limit", "on_limit"), [("position_limits", "stop"), ("rate_limit", "record"), ("effort_limit", "record")]
+)
+def test_nor_is_it_a_joint_limit(limit, on_limit):
+    """Recorded or not: what only the long step shows is not in the log."""
+    given: Any = (-1e-3, 1e-3) if limit == "position_limits" else 1e3 if limit == "effort_limit" else 0.02
+    chain, state = squeezed(BALLS, **{limit: given})
+    run = simulate(chain, state, feedback(6000.0), 0.2, STEP, on_limit=on_limit)
+    step = step_of(run)
+    assert simulate(chain, state, feedback(6000.0), 10 * step, step, on_limit=on_limit).stopped is None
+
+
+def test_nor_a_run_that_goes_on():
+    """With `record` and `release` neither is believed."""
+    chain, state = squeezed(BALLS, RUBBER)
+    for policy in ("record", "release"):
+        run = simulate(chain, state, feedback(12000.0), 0.2, STEP, on_slip=policy)
+        assert step_of(run) < STEP and run.holding.all()
+
+
+def test_diverging_without_limits():
+    """Nothing to slip: the run ends where a step fails, and names joint and step all the same."""
+    chain, state = squeezed(BALLS)
+    run = simulate(chain, state, feedback(40000.0), 0.5, STEP)
+    assert step_of(run) < 2.5e-4
+
+
+def test_springs_too_stiff_for_the_step():
+    """No velocity is fed back: the joint is the one that halves of the step move otherwise."""
+    chain, state = squeezed(BALLS, RUBBER)
+    springs = np.array([0.0, 0.0, 2e7] * 2)
+
+    def controller(t, state, memory):
+        return feedback(0.0)(t, state, memory)[0] - springs * state.q, memory
+
+    run = simulate(chain, state, controller, 0.2, STEP)
+    assert re.search(r"too long for joint '(left|right)/[yz]', whose motion changes", str(run.stopped))
+    assert step_of(run) <= 5e-4
+
+
+def test_true_slips_stay():
+    """A force that grows beyond what friction holds, under feedback that the step can follow: on paper's time."""
+    chain, state = squeezed(BALLS, RUBBER)
+
+    def controller(t, state, memory):
+        return feedback(10.0, 2000.0 * t)(t, state, memory)[0], memory
+
+    runs = [simulate(chain, state, controller, 0.2, step) for step in (4e-3, 1e-3)]
+    assert all(SLIP.match(run.stopped or "") for run in runs)
+    assert runs[0].occurrences[-1].t == pytest.approx(runs[1].occurrences[-1].t, abs=1e-6)
+
+
+def damped_pandas(damping: float) -> tuple[ClosedChain, State, TorqueSchedule]:
+    """Return two Pandas with damped joints, a box between rubber fingers, and torques that push it about."""
+    chain, state = rubber_pandas(0.8)
+    damped = {name: [replace(x, damping=damping) for x in arm.joints] for name, arm in chain.arms.items()}
+    chain = replace(chain, arms={name: replace(arm, joints=damped[name]) for name, arm in chain.arms.items()})
+    hold = hf.holding_torques(chain, state, internal_force=40.0)
+    push = hold + np.array([0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 7)
+    return chain, state, TorqueSchedule.linear([0.0, 0.1], [hold, push])
+
+
+@pytest.mark.slow
+def test_damped_pandas():
+    """20 N m s/rad: at 1 ms explicit steps would slip; the wrist is named, and implicit ones are right."""
+    chain, state, torques = damped_pandas(20.0)
+    run = simulate(chain, state, torques, 0.03, STEP)
+    exact = simulate(chain, state, torques, 0.03, 0.03, scheme="dop853", rtol=1e-7)
+    assert run.stopped is None and exact.stopped is None
+    (stiff,) = run.occurrences
+    assert re.search(r"\(imex\): joint 'right/joint7' is slowed down at .* 1/s by damping, which rk4", stiff.text)
+    assert np.abs(run.q[-1] - exact.q[-1]).max() < 1e-6
+    assert np.abs(run.qd[-1] - exact.qd[-1]).max() < 1e-5
+
+
+@pytest.mark.long
+def test_random_damped_chains():
+    """Right, by explicit or by implicit steps; a thousand of them in `tests/acceptance`."""
+    found = [outcome(problem(seed, 2), scheme) for seed, scheme in zip(SEEDS, ("rk4", "midpoint"), strict=True)]
+    assert [one.implicit for one in found] == [False, True]
+    assert all(one.stopped is None and one.position <= 1e-3 and one.velocity <= 1e-3 for one in found), found
+
+
+def test_wrench_limits_are_no_different():
+    """A limit of what a rigid grasp bears is not passed either."""
+    chain, state = squeezed(("rigid", "rigid"))
+    limits = WrenchLimits(force=150.0)
+    chain = replace(chain, grasps={name: replace(grasp, wrench_limits=limits) for name, grasp in chain.grasps.items()})
+    run = simulate(chain, state, feedback(12000.0), 0.2, STEP)
+    assert step_of(run) < STEP

@@ -7,8 +7,6 @@ import pytest
 
 import holdfast as hf
 from holdfast.dynamics import closure
-from holdfast.simulation.checkpoint import Checkpoint
-from holdfast.simulation.trajectory import array_names
 from tests.longer import mostly_long
 from tests.systems.problems import largest_gaps
 from tests.systems.trunk_runs import one_long_arm, still_base, swaying
@@ -96,17 +94,6 @@ def test_gripping_on_a_trunk_in_the_world():
     assert np.linalg.norm(run.occurrences[0].trunk_base_impulse) > 0.01
     assert np.abs(run.momentum_imbalance).max() < 1e-6 * np.abs(run.momentum).max()
     assert np.abs(run.imbalance).max() < 1e-8 * run.kinetic.max()
-
-
-def test_resumed_to_the_bit():
-    """A run that goes on from any of its checkpoints is the run that was not left; its floating base too."""
-    p = still_base(3, 6, floating=True)
-    saved, options = [], {"inputs": p.inputs}
-    whole = hf.simulate(p.chain, p.state, held(p.tau), 0.01, 2e-3, on_checkpoint=saved.append, **options)
-    through_files = Checkpoint.from_data(*saved[2].to_data())
-    rest = hf.simulate(p.chain, p.state, held(p.tau), 0.01, 2e-3, start=through_files, **options)
-    for name in array_names():
-        assert np.array_equal(getattr(rest, name), getattr(whole, name)[3:]), name
 
 
 @pytest.mark.slow

@@ -1,14 +1,17 @@
-"""What is found inside a step: dips, minima and zeros of margins that are given functions of time."""
+"""Times that steps end at, searches in a bracket, and what is found inside a step: dips and zeros of margins."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from holdfast import StateError
+from holdfast import ModelError, StateError
 from holdfast.control.torque_schedule import TorqueSchedule
+from holdfast.simulation.bracket import crossing, search_lowest, together
 from holdfast.simulation.simulate import simulate
 from holdfast.simulation.stepper import NO_GAPS, Advance
+from holdfast.simulation.stops import step_times, stops
 from holdfast.simulation.verification import MarginCurves, evaluation_times, verify
 from tests.simulation.dips import Dips, found_dips
 from tests.simulation.gantries import PUSHED, pressed
@@ -173,3 +176,111 @@ def test_no_limits_cost_nothing():
     calls.clear()
     simulate(chain, state, lambda t, s, m: (counting(t, s, m)[0] + 1.0, m), 0.05, H)
     assert len(calls) >= 8 * (plain - 2)
+
+
+def counted(f):
+    """Return the function, and the list of places it was asked at."""
+    asked = []
+
+    def g(x):
+        asked.append(x)
+        return f(x)
+
+    return g, asked
+
+
+SHAPES = {  # (f of the distance from its lowest point, how much too high at most, most evaluations)
+    "parabola": (lambda d: 3 * d * d - 1, 1e-15, 8),
+    "cosine": (lambda d: 0.7 - math.cos(3 * d), 1e-13, 15),
+    "skew": (lambda d: math.exp(8 * d) - 8 * d, 1e-11, 25),
+    "kink": (lambda d: max(3 * d, -0.5 * d), 1e-6, 60),
+    "step and slope": (lambda d: -d if d < 0 else 1 + d, 1e-6, 60),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_lowest(shape):
+    """The minimum is found to rounding, at a kink to the precision of its place, in few evaluations."""
+    f, most_above, most = SHAPES[shape]
+    rng = np.random.default_rng(1)
+    for place in rng.uniform(0.1, 0.9, 50):
+        g, asked = counted(lambda x, place=place: f(x - place))
+        inside = place + rng.uniform(-0.05, 0.0)
+        ((x, value),) = together([search_lowest(0.0, inside, 1.0, 1e-7)], lambda places, g=g: [g(places[0])])
+        assert value == g(x)
+        assert value - f(0.0) <= most_above
+        assert len(asked) <= most
+
+
+@pytest.mark.parametrize("f", [lambda d: d, math.sinh, lambda d: d**3, lambda d: 1.0 if d > 0 else -1.0, math.atan])
+@pytest.mark.parametrize("down", [1.0, -1.0])
+def test_crossing(f, down):
+    """The zero is found to 1e-13 from either end, and the place returned lies on the far side of it."""
+    for place in np.random.default_rng(2).uniform(0.05, 0.95, 50):
+        g, asked = counted(lambda x, place=place: down * f(x - place))
+        for a, b in ((0.0, 1.0), (1.0, 0.0)):
+            x = crossing(g, a, g(a), b, g(b), 1e-13)
+            assert x == pytest.approx(place, abs=1.1e-13)
+            assert (g(x) < 0) == (g(b) < 0)
+        assert len(asked) < 150
+
+
+def test_searches_go_side_by_side():
+    """Several at once find what each finds alone, and ask for all their places in one call a round."""
+    lows, calls = [0.2, 0.5, 0.9], []
+
+    def values(asked):
+        calls.append(len(asked))
+        return [(x - lows[k]) ** 2 - k for k, x in asked.items()]
+
+    found = together([search_lowest(0.0, low, 1.0, 1e-7) for low in lows], values)
+    assert [x for x, _ in found] == pytest.approx(lows, abs=1e-6)
+    assert [value for _, value in found] == pytest.approx([0.0, -1.0, -2.0], abs=1e-12)
+    assert calls[0] == 3
+    assert len(calls) < 40
+    assert together([], values) == []
+
+
+def test_times_end_exactly():
+    """The last time is the duration, whether or not the step divides it."""
+    assert step_times(2.0, 0.001)[-1] == 2.0
+    assert len(step_times(2.0, 0.001)) == 2001
+    assert step_times(0.1, 0.03) == pytest.approx([0, 0.03, 0.06, 0.09, 0.1])
+    assert len(step_times(0.3, 0.1)) == 4
+
+
+def test_jumps_have_two_sides():
+    """A breakpoint is reached from below and jumped onto; grid times too near to it give way."""
+    found = stops(step_times(1.0, 0.25), [0.3, 0.5 + 1e-12, 0.75], [1.0], 1e-9)
+    sides = [[np.nextafter(t, -1), t] for t in (0.3, 0.5 + 1e-12, 0.75, 1.0)]
+    assert found.times.tolist() == [0.25, *np.ravel(sides)]
+    assert found.jumps.tolist() == [False, *4 * [False, True]]
+
+
+def test_breakpoints_outside_do_not_matter():
+    """Those before, at the start, at the end and after leave the grid as it is."""
+    grid = step_times(1.0, 0.3)
+    found = stops(grid, [-1.0, 0.0, 1.0, 7.0], [], 1e-9)
+    assert np.array_equal(found.times, grid[1:])
+    assert not found.jumps.any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_times_increase(seed):
+    """Whatever the breakpoints, times never fall, jumps follow their other side, and the end is the end."""
+    rng = np.random.default_rng(seed)
+    at = rng.uniform(0, 1, 20)
+    at = np.r_[at, np.nextafter(at[:5], 2), rng.choice(step_times(1.0, 0.01), 5)]
+    found = stops(step_times(1.0, 0.01), at.tolist(), [], 1e-11)
+    assert (np.diff(found.times) >= 0).all()
+    assert found.times[-1] == 1.0
+    for k in np.flatnonzero(found.jumps):
+        assert np.nextafter(found.times[k], -1) in found.times[:k]
+    assert set(at[(at > 0) & (at < 1)]) <= set(found.times)
+
+
+@pytest.mark.parametrize("bad", [[np.inf], [np.nan], ["0.5"], [None]])
+def test_bad_breakpoints(bad):
+    """Only finite times are times."""
+    with pytest.raises(ModelError, match="simulation: breakpoints: expected"):
+        stops(step_times(1.0, 0.1), bad, [], 0.0)

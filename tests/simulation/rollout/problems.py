@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast import ClosedChain, ControlLaw, Inputs, State, compile_rollout, simulate
+from holdfast import ClosedChain, ControlLaw, State, compile_rollout, simulate
 from holdfast.simulation import Rollout, RolloutSystems
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
@@ -90,10 +90,15 @@ def assert_rollout_is_run(chain: ClosedChain, state: State, duration: float = 0.
 def elsewhere(chain: ClosedChain, state: State, count: int, seed: int = 0) -> dict[str, np.ndarray]:
     """Return states near one, (count, ...) by name; grasps are open by less than a millimetre."""
     random = np.random.default_rng(seed)
-    found = {name: np.tile(x, (count, 1)) for name, x in arrays(state).items()}
+    found = tiled(state, count)
     for name in ("q", "qd"):
         found[name][1:] += 3e-4 * random.normal(size=found[name][1:].shape)
     return found
+
+
+def tiled(state: State, count: int) -> dict[str, np.ndarray]:
+    """Return one state for many systems, (count, ...) by name."""
+    return {name: np.tile(x, (count, 1)) for name, x in arrays(state).items()}
 
 
 def arrays(state: State) -> dict[str, np.ndarray]:
@@ -114,23 +119,10 @@ def numbers(at: Instant) -> dict[str, np.ndarray]:
     found = at.result
     of_trunk = {"trunk_base_wrench": found.trunk_base_wrench, "floating_acceleration": found.base_acceleration}
     of_trunk = {name: x for name, x in of_trunk.items() if x is not None}
-    return (
-        arrays(at.state)
-        | of_trunk
-        | {
-            "t": np.array(at.t),
-            "tau": at.tau,
-            "memory": np.ravel(np.zeros(0) if at.memory is None else at.memory),
-            "power": at.power,
-            "qdd": found.qdd,
-            "grasp_wrench": found.grasp_wrench,
-            "object_acceleration": found.object_acceleration,
-            "contact_acceleration": found.contact_acceleration,
-            "base_wrench": found.base_wrench,
-            "rank": np.array(float(found.rank)),
-            "condition": np.array(found.condition),
-        }
-    )
+    names = ["qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench", "rank", "condition"]
+    memory = np.ravel(np.zeros(0) if at.memory is None else at.memory)
+    own = {"t": np.array(at.t), "tau": at.tau, "memory": memory, "power": at.power}
+    return arrays(at.state) | of_trunk | own | {name: np.array(getattr(found, name), float) for name in names}
 
 
 def difference(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray]) -> float:
@@ -147,8 +139,3 @@ def difference(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarra
 def generic_rank(chain: ClosedChain, state: State) -> int:
     """Return the rank at a regular state."""
     return evaluate(Environment(chain), lambda t, x, m: (np.zeros(len(x.q)), m), 0.0, state, None).result.rank
-
-
-def pushed(chain: ClosedChain) -> Environment:
-    """Return the chain with a constant wrench on its object."""
-    return Environment(chain, inputs=Inputs(object_wrench=np.array([0.3, -0.2, 0.1, 1.0, 2.0, -1.5])))

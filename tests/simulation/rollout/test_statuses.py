@@ -16,7 +16,7 @@ from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.compiler.programs import same_bits
 from tests.simulation.gantries import squeezed
-from tests.simulation.rollout.problems import arrays, elsewhere, problem, swinging
+from tests.simulation.rollout.problems import arrays, elsewhere, problem, swinging, tiled
 from tests.systems import planar_parallelogram
 from tests.systems.as_chain import as_chain
 
@@ -55,7 +55,7 @@ def test_slip():
     """The instant is that on paper; the last good state is the one before; the others are as in a clean batch."""
     rollout, state = gantries()
     rate = np.array([400.0, 0.0, 600.0, 20.0, 999.0, 100.0, 10.0, 0.0, 5.0, 700.0])
-    systems = rollout.start(**{name: np.tile(x, (10, 1)) for name, x in arrays(state).items()}, **given(rate))
+    systems = rollout.start(**tiled(state, 10), **given(rate))
     record = rollout.run(systems, 0.2, STEP, every=7, record=("q", "margin", "status"), least_margin=0.0, **given(rate))
     slips = rate >= 400.0
     with np.errstate(divide="ignore"):
@@ -221,7 +221,7 @@ def test_feedback_that_blows_up_is_no_slip(scheme):
     rollout = compile_rollout(chain, ControlLaw(torque, parameters={"gain": (), "up": ()}), scheme=scheme)
     ratio = np.array([0.0, 1.0, 4.0, 10.7, 30.0, 1e3, 1e5, 0.0, 0.01])
     gains = {"gain": ratio * 2.0 / STEP, "up": np.array([40.0] * 7 + [1000.0] * 2)}
-    systems = rollout.start(**{name: np.tile(x, (9, 1)) for name, x in arrays(state).items()}, **gains)
+    systems = rollout.start(**tiled(state, 9), **gains)
     record = rollout.run(systems, 60 * STEP, STEP, least_margin=0.0, **gains)
     expected = [RolloutStatus.RUNNING] * 2 + [RolloutStatus.TOO_LONG] * 5
     assert list(record.systems.status[:7]) == expected

@@ -1,4 +1,4 @@
-"""A step in machine code is the reference's step, to rounding: all kinds of grasps and arms, every scheme."""
+"""A step in machine code is the reference's, to rounding; all measure the gaps of grasps alike and close them alike."""
 
 from __future__ import annotations
 
@@ -7,17 +7,30 @@ from typing import Any
 import numpy as np
 import pytest
 
+import holdfast as hf
 from holdfast import Inputs, MethodNotApplicable, Pose, State, StateError
+from holdfast.dynamics import closure
+from holdfast.dynamics.projection import largest_gaps as largest_in_step
+from holdfast.dynamics.projection import moved
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.compiled_steppers import FusedStepper, StagewiseStepper, stepper_for
 from holdfast.simulation.runge_kutta import scheme
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.spatial import rotation
-from tests.simulation.rollout.problems import difference, generic_rank, numbers, problem, pushed, swinging_law
+from tests.dynamics.problems import random_problem
+from tests.simulation.rollout.problems import arrays, difference, generic_rank, numbers, problem, swinging, swinging_law
+from tests.systems.lower_pairs import JOINTS, grasp_of
+from tests.systems.problems import largest_gaps
 
 ROUNDING = 1e-12
 BEGIN = 0.25
+KINDS = ("rigid", "hinge", "softfinger", "ball", *JOINTS)
+
+
+def pushed(chain: hf.ClosedChain) -> Environment:
+    """Return the chain with a constant wrench on its object."""
+    return Environment(chain, inputs=Inputs(object_wrench=np.array([0.3, -0.2, 0.1, 1.0, 2.0, -1.5])))
 
 
 def agree(stepper: Stepper, reference: Stepper, state: State, memory: Any = None) -> None:
@@ -43,11 +56,7 @@ def test_fused(name, by):
     """Torques of time, state and memory; a wrench on the object."""
     chain, state = problem(name)
     environment, law, rank = pushed(chain), swinging_law(chain.joint_count), generic_rank(chain, state)
-
-    def controller(t, state, memory):
-        return law.torque(t, state, memory, {})
-
-    reference = ReferenceStepper(environment, controller, rank, scheme(by))
+    reference = ReferenceStepper(environment, law, rank, scheme(by))
     agree(FusedStepper.of(environment, law, scheme(by), rank), reference, state, law.memory)
 
 
@@ -81,32 +90,20 @@ def shaken(base: Pose, seed: int) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "moving", "by"), [("one", False, "midpoint"), ("five", True, "rk4"), ("five", True, "dop853")]
-)
-def test_stagewise(name, moving, by):
-    """Any controller, wrenches as functions of time, bases that move, schemes that estimate their error."""
+    ("name", "moving", "by", "traced"),
+    [
+        ("one", False, "midpoint", False), ("five", True, "rk4", False), ("five", True, "dop853", False),
+        ("one", False, "dop853", True), ("five", True, "rk4", True),
+    ],
+)  # fmt: skip
+def test_stagewise(name, moving, by, traced):
+    """Any controller, and laws as machine code; wrenches as functions of time, moving bases, estimated errors."""
     chain, state = problem(name)
-    rank = generic_rank(chain, state)
+    law, rank = swinging_law(chain.joint_count) if traced else None, generic_rank(chain, state)
     bases = {arm: shaken(chain.arms[arm].base, k) for k, arm in enumerate(chain.names) if k % 2 == 0}
     environment = Environment(chain, bases, wind) if moving else pushed(chain)
-    reference = ReferenceStepper(environment, stubborn, rank, scheme(by), Tolerance(1e-9))
-    agree(StagewiseStepper(environment, stubborn, rank, scheme(by), Tolerance(1e-9)), reference, state)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "moving", "by"), [("one", False, "dop853"), ("five", True, "rk4")])
-def test_stagewise_with_a_law(name, moving, by):
-    """A law of time, state and memory is machine code too where bases move or errors are estimated."""
-    chain, state = problem(name)
-    law, rank = swinging_law(chain.joint_count), generic_rank(chain, state)
-    bases = {arm: shaken(chain.arms[arm].base, k) for k, arm in enumerate(chain.names) if k % 2 == 0}
-    environment = Environment(chain, bases, wind) if moving else pushed(chain)
-
-    def controller(t, state, memory):
-        return law.torque(t, state, memory, {})
-
-    reference = ReferenceStepper(environment, controller, rank, scheme(by), Tolerance(1e-9))
-    agree(StagewiseStepper(environment, law, rank, scheme(by), Tolerance(1e-9), law), reference, state, law.memory)
+    given = environment, law or stubborn, rank, scheme(by), Tolerance(1e-9)
+    agree(StagewiseStepper(*given, law), ReferenceStepper(*given), state, law and law.memory)
 
 
 @pytest.mark.parametrize("given", ["base_twists", "base_accelerations"])
@@ -116,13 +113,8 @@ def test_constant_motion_of_bases(given):
     law, rank = swinging_law(chain.joint_count), generic_rank(chain, state)
     moves = 0.3 * np.arange(1.0, 6 * len(chain.arms) + 1).reshape(-1, 6)
     environment = Environment(chain, inputs=Inputs(**{given: moves}))
-
-    def controller(t, state, memory):
-        return law.torque(t, state, memory, {})
-
-    reference = ReferenceStepper(environment, controller, rank, scheme("rk4"))
     chosen = stepper_for(environment, law, rank, scheme("rk4"), Tolerance(), steps=1000)
-    agree(chosen, reference, state, law.memory)
+    agree(chosen, ReferenceStepper(environment, law, rank, scheme("rk4")), state, law.memory)
 
 
 def test_failures_are_each_ends_own():
@@ -153,12 +145,60 @@ def test_what_stagewise_cannot_is_refused():
 
     stepper = StagewiseStepper(Environment(chain, inputs=late), stubborn, rank, scheme("rk4"), Tolerance())
     now, _ = stepper.start(BEGIN, state, None)
-    (reached,) = stepper.advance(now, [BEGIN + 1e-3])
-    assert isinstance(reached.failure, MethodNotApplicable) and "inputs: link_wrenches: expected none" in str(
-        reached.failure
-    )
-    short = StagewiseStepper(
-        Environment(chain, inputs=wind), lambda t, x, m: (np.zeros(3), m), rank, scheme("rk4"), Tolerance()
-    )
+    failure = stepper.advance(now, [BEGIN + 1e-3])[0].failure
+    assert isinstance(failure, MethodNotApplicable) and "inputs: link_wrenches: expected none" in str(failure)
+    environment = Environment(chain, inputs=wind)
+    short = StagewiseStepper(environment, lambda t, x, m: (np.zeros(3), m), rank, scheme("rk4"), Tolerance())
     with pytest.raises(StateError, match="controller: torques"):
         short.start(BEGIN, state, None)
+
+
+def opened(chain: hf.ClosedChain, state: hf.State, size: float) -> hf.State:
+    """Return a state whose grasps are open by about so much [m, rad; m/s, rad/s]."""
+    random = np.random.default_rng(3)
+    beside = moved(state, size * random.uniform(-1.0, 1.0, size=chain.joint_count + 6))
+    twist = beside.object_twist + size * random.uniform(-1.0, 1.0, size=6)
+    return hf.State(beside.q, beside.qd, beside.object_pose, twist)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_closure_and_steps_measure_the_same(kind):
+    """Steps take sines of angles, t - t^3 / 6, where `closure` has angles; lengths and velocities are the same."""
+    p = random_problem(4, grasps=("rigid", "rigid"), joints=(6, 6), moving_base=False, extras=False)
+    name = p.chain.names[1]
+    frame = p.chain.grasps[name].frame
+    chain = p.chain.without_grasp(name).with_grasp(name, grasp_of(kind, frame))
+    for size in (1e-6, 1e-4, 1e-2):
+        state = opened(chain, p.state, size)
+        expected, found = largest_gaps(closure(chain, state)), largest_in_step(chain, state, hf.Inputs().shaped(chain))
+        assert expected.min() > 0.1 * size
+        assert abs(found.position - expected[0]) <= expected[0] ** 3 + 1e-15
+        assert found.velocity == pytest.approx(expected[1], rel=1e-12)
+
+
+@pytest.mark.slow
+def test_every_backend_reports_and_closes_the_same_gaps():
+    """A state a tenth of a millimetre off its grasps: the gaps before, none after, and the same closed state."""
+    chain, state = problem("five")
+    loose, law, rank = opened(chain, state, 1e-4), swinging_law(chain.joint_count), generic_rank(chain, state)
+    environment, rk4, tolerance = Environment(chain), scheme("rk4"), Tolerance(1e-6, 1e-9)
+    expected, memory = largest_gaps(closure(chain, loose)), law.memory
+    steppers = (
+        ReferenceStepper(environment, law, rank, rk4),
+        FusedStepper.of(environment, law, rk4, rank),
+        StagewiseStepper(environment, law, rank, rk4, tolerance),
+    )
+    starts = [stepper.start(0.0, loose, memory) for stepper in steppers]
+    systems = swinging("five").start(**{name: x[None] for name, x in arrays(loose).items()})
+    before = [np.array([gaps.position[0], gaps.velocity[0]]) for _, gaps in starts] + [systems.drift[0]]
+    after = [np.array([gaps.position[1], gaps.velocity[1]]) for _, gaps in starts] + [systems.gap[0]]
+    for found in before:
+        assert np.abs(found - before[0]).max() <= ROUNDING
+        assert np.abs(found - expected).max() <= expected[0] ** 3 + ROUNDING
+    assert np.max(after) <= ROUNDING
+
+    closed = arrays(hf.project(chain, loose)[0])
+    assert largest_gaps(closure(chain, hf.State(**closed))).max() <= ROUNDING
+    compiled = hf.compile(chain).project(**arrays(loose))
+    others = [arrays(instant.state) for instant, _ in starts] + [arrays(systems.state(0)), compiled]
+    assert [difference(found, closed) <= ROUNDING for found in others] == [True] * len(others)

@@ -10,22 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import (
-    Attach,
-    ClosedChain,
-    ControlLaw,
-    Friction,
-    Inputs,
-    Link,
-    ModelError,
-    Pose,
-    Release,
-    State,
-    StateError,
-    compile_rollout,
-    project,
-    simulate,
-)
+import holdfast as hf
+from holdfast import ClosedChain, ControlLaw, Friction, Inputs, Pose, State, StateError, compile_rollout, simulate
 from holdfast.compiler.errors import CompileError
 from holdfast.dynamics import closure, kinetic_energy
 from holdfast.scenario.parts import SwayingBase
@@ -39,19 +25,14 @@ from holdfast.spatial import rotation
 from holdfast.spatial.scalar import concatenate, cos, sin
 from tests.compiler.programs import same_bits
 from tests.simulation.gantries import squeezed
-from tests.simulation.rollout.problems import (
-    arrays,
-    difference,
-    generic_rank,
-    numbers,
-    problem,
-    swinging_law,
-)
+from tests.simulation.rollout.problems import arrays, difference, generic_rank, numbers, problem, swinging_law, tiled
 
 STEP, STEPS = 1e-3, 20
 AGREEMENT = 1e-11  # gaps of projection apart, steps are the same to rounding
 
 Motion = Callable[[Any], tuple[Any, Any, Any]]
+DAMPING = 1000.0  # N s/m of every slide: 600 1/s
+LAW = ControlLaw(lambda t, state, memory, given: (np.array([0.0, 0.0, 30.0 + t, 0.0, 0.0, 30.0 - t]), memory))
 
 
 def shaken(base: Pose, seed: int, quaternion: bool) -> Motion:
@@ -79,7 +60,13 @@ def motions(chain: ClosedChain, every: int = 2) -> dict[str, Motion]:
 
 def carried_along(chain: ClosedChain, state: State, bases: dict[str, Motion]) -> State:
     """Return the state nearest to one whose velocities the moving bases allow at t = 0."""
-    return project(chain, state, Environment(chain, bases).at(0.0, state)[1])[0]
+    return hf.project(chain, state, Environment(chain, bases).at(0.0, state)[1])[0]
+
+
+def reference(chain: ClosedChain, state: State, law: ControlLaw, steps: int, step: float = STEP, **options: Any) -> Any:
+    """Return a run of the reference's steps that goes on where a grasp slips."""
+    options = {"make_stepper": ReferenceStepper, "on_slip": "record"} | options
+    return hf.simulate(chain, state, law, steps * step, step, **options)
 
 
 def agree(systems: RolloutSystems, row: int, run: Trajectory) -> None:
@@ -101,22 +88,11 @@ def test_moving_bases(name, scheme):
     bases, law = motions(chain), swinging_law(chain.joint_count)
     state = carried_along(chain, state, bases)
     rollout = compile_rollout(chain, law, scheme=scheme, base_motion=bases)
-    where = {key: np.array([x, x]) for key, x in arrays(state).items()}
+    where = tiled(state, 2)
     where["qd"][1] *= 1.001
     systems = rollout.start(**where)
     rollout.step(systems, STEP, steps=STEPS)
-    run = simulate(
-        chain,
-        state,
-        law,
-        STEPS * STEP,
-        STEP,
-        base_motion=bases,
-        scheme=scheme,
-        make_stepper=ReferenceStepper,
-        on_slip="record",
-    )
-    agree(systems, 0, run)
+    agree(systems, 0, reference(chain, state, law, STEPS, base_motion=bases, scheme=scheme))
     assert systems.running.all() and systems.gap.max() <= 1e-12
     there = Environment(chain, bases).chain_at(STEPS * STEP)
     gaps = closure(there, systems.state(1)).values()
@@ -173,19 +149,17 @@ def test_what_no_base_does():
     def moved(motion: Motion, name: str = name) -> Rollout:
         return compile_rollout(chain, scheme="midpoint", base_motion={name: motion})
 
-    with pytest.raises(ModelError, match="base motion 'nobody': no such arm"):
+    with pytest.raises(hf.ModelError, match="base motion 'nobody': no such arm"):
         moved(lambda t: (base, zeros, zeros), "nobody")
-    long, tau = moved(lambda t: ((1.0 + t) * base.wxyz_xyz, zeros, zeros)), np.zeros(chain.joint_count)
-    systems = long.start(**arrays(state), tau=tau)
-    assert systems.running.all()
-    long.step(systems, STEP)
-    assert systems.status[0] is RolloutStatus.BROKEN and systems.t[0] == 0.0
-    with pytest.raises(StateError, match=f"base_pose: expected none, as {name} moves"):
-        long.step(systems, STEP, base_pose=np.array([arm.base.wxyz_xyz for arm in chain.arms.values()]))
-    skewed = moved(lambda t: (Pose(base.R * (1.0 + t), base.p), zeros, zeros))
-    systems = skewed.start(**arrays(state), tau=tau)
-    skewed.step(systems, STEP)
-    assert systems.status[0] is RolloutStatus.BROKEN
+    tau = np.zeros(chain.joint_count)
+    for pose in (lambda t: (1.0 + t) * base.wxyz_xyz, lambda t: Pose(base.R * (1.0 + t), base.p)):
+        rollout = moved(lambda t, pose=pose: (pose(t), zeros, zeros))
+        systems = rollout.start(**arrays(state), tau=tau)
+        assert systems.running.all()
+        rollout.step(systems, STEP)
+        assert systems.status[0] is RolloutStatus.BROKEN and systems.t[0] == 0.0
+        with pytest.raises(StateError, match=f"base_pose: expected none, as {name} moves"):
+            rollout.step(systems, STEP, base_pose=np.array([arm.base.wxyz_xyz for arm in chain.arms.values()]))
     branching = moved(lambda t: (base, zeros if t < 1 else 1 + zeros, zeros))
     with pytest.raises(CompileError, match=r"test_surroundings\.py"):
         branching.start(**arrays(state), tau=tau)
@@ -204,30 +178,18 @@ def test_links():
         "link_com": np.array([[link.com for link in links]] * 2),
         "link_inertia": factor[..., None, None] * [link.inertia for link in links],
     }
-    where = {key: np.array([x, x]) for key, x in arrays(state).items()}
+    where = tiled(state, 2)
     systems = rollout.start(**where, **heavier)
     rollout.step(systems, STEP, steps=STEPS // 2, link_wrench=wrench)
     rollout.step(systems, STEP, steps=STEPS - STEPS // 2)
     for row in range(2):
         other, k = {}, 0
         for name, arm in chain.arms.items():
-            scaled = [
-                Link(factor[row, k + j] * link.mass, link.com, factor[row, k + j] * link.inertia)
-                for j, link in enumerate(arm.links)
-            ]
-            other[name], k = replace(arm, links=scaled), k + arm.joint_count
-        run = simulate(
-            replace(chain, arms=other),
-            state,
-            law,
-            STEPS * STEP,
-            STEP,
-            scheme="midpoint",
-            inputs=Inputs(link_wrenches=wrench[row]),
-            make_stepper=ReferenceStepper,
-            on_slip="record",
-        )
-        agree(systems, row, run)
+            scaled = zip(factor[row, k:], arm.links, strict=False)
+            links = [hf.Link(x * link.mass, link.com, x * link.inertia) for x, link in scaled]
+            other[name], k = replace(arm, links=links), k + arm.joint_count
+        given = {"scheme": "midpoint", "inputs": Inputs(link_wrenches=wrench[row])}
+        agree(systems, row, reference(replace(chain, arms=other), state, law, STEPS, **given))
     with pytest.raises(StateError, match=r"link_wrench: the machine code .* parameters=\['link_wrench'\]"):
         compile_rollout(chain, law).start(**arrays(state), link_wrench=wrench[0])
     with pytest.raises(StateError, match="rollout: no optional parameter 'link_mass'"):
@@ -265,19 +227,15 @@ def test_joint_limits(quantity):
     course = course if quantity == "position" else np.abs(course)
     joint = int(np.argmax((np.diff(course, axis=0) > 0.0).all(axis=0)))
     bound = float(course[12:14, joint].mean())  # reached in the thirteenth step
-    there = limited(
-        chain, joint, {"position_limits": (-10.0, bound)} if quantity == "position" else {f"{quantity}_limit": bound}
-    )
+    limit = {"position_limits": (-10.0, bound)} if quantity == "position" else {f"{quantity}_limit": bound}
+    there = limited(chain, joint, limit)
     rollout = compile_rollout(there, law, scheme="midpoint")
     systems = rollout.start(**arrays(state))
     record = rollout.run(systems, STEPS * STEP, STEP, stop_at_limits=True)
-    run = simulate(
-        there, state, law, STEPS * STEP, STEP, on_limit="stop", scheme="midpoint", make_stepper=ReferenceStepper
-    )
+    run = reference(there, state, law, STEPS, on_limit="stop", scheme="midpoint")
     assert run.stopped is not None and f"{there.joint_names()[joint]}' reaches its {quantity} limit" in run.stopped
-    assert record.systems.status[0] is RolloutStatus.LIMITED and record.systems.t[0] == pytest.approx(
-        12 * STEP, abs=1e-15
-    )
+    assert record.systems.status[0] is RolloutStatus.LIMITED
+    assert record.systems.t[0] == pytest.approx(12 * STEP, abs=1e-15)
     assert record.stopped[0] == pytest.approx(run.occurrences[-1].t, abs=1e-11)
     last = ["position", "rate", "effort"].index(quantity)
     assert np.unravel_index(np.argmin(record.systems.joint_margin[0]), (3, there.joint_count)) == (last, joint)
@@ -314,7 +272,7 @@ def test_a_step_too_long_shows_no_limit():
 
     rollout = compile_rollout(chain, ControlLaw(torque, parameters={"gain": ()}))
     gain = np.array([0.0, 1.0, 4.0, 10.7, 30.0, 1e3]) * 2.0 / STEP  # over inertia: what a step may follow, and far more
-    systems = rollout.start(**{name: np.tile(x, (6, 1)) for name, x in arrays(state).items()}, gain=gain)
+    systems = rollout.start(**tiled(state, 6), gain=gain)
     record = rollout.run(systems, 60 * STEP, STEP, stop_at_limits=True)
     assert list(record.systems.status) == [RolloutStatus.RUNNING] * 2 + [RolloutStatus.TOO_LONG] * 4
 
@@ -333,9 +291,7 @@ def test_long_steps_are_parted():
     systems = rollout.step(initial.copy(), step, steps=5, largest_drift=limit)
     whole = rollout.step(initial.copy(), step, steps=5)
     for row in range(len(speeds)):
-        run = simulate(
-            chain, initial.state(row), law, 5 * step, step, largest_drift=limit, make_stepper=ReferenceStepper
-        )
+        run = reference(chain, initial.state(row), law, 5, step, largest_drift=limit, on_slip="stop")
         agree(systems, row, run)
         assert systems.drift[row] == pytest.approx([run.position_gap[-1, 0], run.velocity_gap[-1, 0]], abs=1e-12)
     assert (systems.drift[:, 0] <= 2 * limit).all()
@@ -357,24 +313,15 @@ def test_grasps_that_open_and_close():
     without = replace(chain, grasps={arm: grasp for arm, grasp in chain.grasps.items() if arm != name})
     held, free = (compile_rollout(one, law, scheme="midpoint") for one in (chain, without))
     gravity = np.array([0.0, 0.5, -9.0])
-    where = {key: np.array([x, x]) for key, x in arrays(state).items()}
+    where = tiled(state, 2)
     systems = held.step(held.start(**where, gravity=gravity), step, steps=5)
     before = systems.copy()
     let_go = free.step(free.take_over(systems), step)
     gripped = held.take_over(let_go)
     impact = kinetic_energy(chain, let_go.state(1)) - kinetic_energy(chain, gripped.state(1))
     end = held.step(gripped, step, steps=4)
-    run = simulate(
-        replace(chain, gravity=gravity),
-        state,
-        law,
-        10 * step,
-        step,
-        events=[Release(5 * step, name), Attach(6 * step, name, chain.grasps[name])],
-        make_stepper=ReferenceStepper,
-        scheme="midpoint",
-        on_slip="record",
-    )
+    events = [hf.Release(5 * step, name), hf.Attach(6 * step, name, chain.grasps[name])]
+    run = reference(replace(chain, gravity=gravity), state, law, 10, step, events=events, scheme="midpoint")
     agree(end, 0, run)
     assert impact > 1e-9 and -run.impact[-1] == pytest.approx(impact, rel=0.01)
     assert all(same_bits(x, systems.arrays[key]) for key, x in before.arrays.items())
@@ -387,10 +334,38 @@ def test_grasps_that_open_and_close():
         held.take_over(compile_rollout(problem("one")[0]).start(**arrays(problem("one")[1]), tau=np.zeros(6)))
 
 
-def test_refused():
-    """An option that is neither true nor false."""
-    chain, state = problem("one")
-    rollout = compile_rollout(chain)
-    systems = rollout.start(**arrays(state), tau=np.zeros(6))
-    with pytest.raises(StateError, match="stop_at_limits: expected True or False, got 0"):
-        rollout.step(systems, STEP, stop_at_limits=0)
+@pytest.fixture(scope="module")
+def damped():
+    """Return a damped gantry, where it is, and its rollout."""
+    chain, state = squeezed(("ball", "ball"), damping=DAMPING)
+    return chain, state, compile_rollout(chain, LAW, scheme="midpoint")
+
+
+def test_as_simulate(damped):
+    """Steps of 20 ms are implicit, steps of 1 ms are not, side by side."""
+    chain, state, rollout = damped
+    systems = rollout.start(**{name: np.array([x, x]) for name, x in arrays(state).items()})
+    rollout.step(systems, np.array([2e-2, 1e-3]), steps=10)
+    assert systems.running.all()
+    for row, (step, implicit) in enumerate([(2e-2, True), (1e-3, False)]):
+        run = simulate(chain, state, LAW, 10 * step, step, scheme="midpoint")
+        assert [one.kind for one in run.occurrences] == ["stiff"] * implicit
+        found = systems.state(row)
+        assert found.q == pytest.approx(run.q[-1], abs=1e-12)
+        assert found.qd == pytest.approx(run.qd[-1], abs=1e-12)
+
+
+def test_systems_do_not_depend_on_each_other(damped):
+    """The bits of a system that takes implicit steps are the same alone, among others, and on two threads."""
+    _, state, rollout = damped
+    given = {name: np.array([x, x, x]) for name, x in arrays(state).items()}
+    given["qd"][1] *= 1.0 + 1e-3
+    steps = np.array([2e-2, 2e-2, 1e-3])
+    some, threaded = rollout.start(**given), rollout.start(**given)
+    rollout.step(some, steps, steps=3)
+    rollout.step(threaded, steps, steps=3, threads=2)
+    assert all(same_bits(x, threaded.arrays[name]) for name, x in some.arrays.items())
+    for row, step in enumerate(steps):
+        alone = rollout.start(**{name: x[row] for name, x in given.items()})
+        rollout.step(alone, step, steps=3)
+        assert same_bits(alone.q[0], some.q[row]) and same_bits(alone.grasp_wrench[0], some.grasp_wrench[row])

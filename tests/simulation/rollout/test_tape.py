@@ -34,6 +34,17 @@ def law(n: int) -> hf.ControlLaw:
     return hf.ControlLaw(damped, memory=np.full(n, 0.2), parameters={"tau": (n,), "gain": (n,)})
 
 
+def two_arms() -> Problem:
+    """Return two arms that hold an object, one of which may slide."""
+    return as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+
+
+def five_points(at: Any, far: float) -> Any:
+    """Return the derivative at 0 of a function of how far, by five points."""
+    ends = [at(k * far) for k in (1, -1, 2, -2)]
+    return (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * far)
+
+
 OF_BODIES = ("link_mass", "link_com", "trunk_link_mass", "trunk_link_com")
 
 
@@ -46,37 +57,24 @@ class Rolled:
         cotangents: at the end, and along the steps.
     """
 
-    def __init__(
-        self,
-        p: Problem,
-        along: tuple[str, ...] = ("grasp_wrench", "qd"),
-        parameters: tuple[str, ...] = (),
-        **options: Any,
-    ) -> None:
+    def __init__(self, p: Problem, along: tuple[str, ...] = ("grasp_wrench", "qd"), **options: Any) -> None:
         random, n = np.random.default_rng(0), p.chain.joint_count
-        self.p, self.rollout = p, hf.compile_rollout(p.chain, law(n), parameters=parameters, **options)
+        self.p, self.rollout = p, hf.compile_rollout(p.chain, law(n), **options)
         self.tau = p.tau + random.normal(size=(STEPS, SYSTEMS, n))
         shapes = {"grasp_wrench": (len(p.chain.arms), 6), "qd": (n,), "qdd": (n,)}
         shapes |= {"margin": (len(p.chain.grasps),), "work": (4,)}
-        self.final = {
-            name: random.normal(size=(SYSTEMS, k)) for name, k in (("q", n), ("object_twist", 6), ("memory", n))
-        }
+        sizes = {"q": n, "object_twist": 6, "memory": n}
+        self.final = {name: random.normal(size=(SYSTEMS, k)) for name, k in sizes.items()}
         self.along = {name: 1e-2 * random.normal(size=(STEPS, SYSTEMS, *shapes[name])) for name in along}
 
     def tape(self, changed: dict[str, Any], far: float, **options: Any) -> Any:
         """Return the steps with something changed."""
         d = {name: far * x for name, x in changed.items()}
         n, body, at = self.p.chain.joint_count, self.p.chain.held_object, self.p.state
-        poses = [grasp.frame for grasp in self.p.chain.grasps.values()]
-        shifts = np.reshape(d.get("grasp_pose", np.zeros(6 * len(poses))), (-1, 6))
-        moved = [hf.Pose(rotation.exp(x[:3]) @ f.R, f.p + x[3:]).wxyz_xyz for f, x in zip(poses, shifts, strict=True)]
-        turns = np.reshape(d.get("base_pose", np.zeros(6 * len(self.p.chain.arms))), (-1, 6))
-        bases = [
-            hf.Pose(rotation.exp(x[:3]) @ arm.base.R, arm.base.p + x[3:]).wxyz_xyz
-            for arm, x in zip(self.p.chain.arms.values(), turns, strict=True)
-        ]
-        given = {"gain": np.full(n, 0.5) + d.get("gain", 0.0), "grasp_pose": np.array(moved)}
-        given |= {"base_pose": np.array(bases)} if "base_pose" in d else {}
+        frames = [grasp.frame for grasp in self.p.chain.grasps.values()]
+        bases = [arm.base for arm in self.p.chain.arms.values()]
+        given = {"gain": np.full(n, 0.5) + d.get("gain", 0.0), "grasp_pose": moved(frames, d.get("grasp_pose", 0.0))}
+        given |= {"base_pose": moved(bases, d["base_pose"])} if "base_pose" in d else {}
         given |= {"object_mass": body.mass + d.get("object_mass", 0.0), "object_inertia": np.array(body.inertia)}
         given |= {"object_wrench": np.full(6, 0.5) + d.get("object_wrench", 0.0)}
         for name in OF_BODIES:
@@ -84,16 +82,9 @@ class Rolled:
         floating = {} if at.base_pose is None else {"floating_pose": at.base_pose, "floating_twist": at.base_twist}
         pose = at.object_pose + np.concatenate([np.zeros(4), np.reshape(d.get("object_pose", np.zeros(6)), 6)[3:]])
         tau = self.tau + d.get("tau", 0.0)
-        systems = self.rollout.start(
-            np.repeat((at.q + d.get("q", 0.0))[None], SYSTEMS, 0),
-            at.qd + d.get("qd", 0.0),
-            pose,
-            at.object_twist,
-            memory=np.full(n, 0.2) + d.get("memory", 0.0),
-            tau=tau[0],
-            **floating,
-            **given,
-        )
+        q, qd = np.repeat((at.q + d.get("q", 0.0))[None], SYSTEMS, 0), at.qd + d.get("qd", 0.0)
+        given |= {"memory": np.full(n, 0.2) + d.get("memory", 0.0), "tau": tau[0]}
+        systems = self.rollout.start(q, qd, pose, at.object_twist, **floating, **given)
         step = STEP + d.get("step", 0.0)
         return self.rollout.tape(systems, step, steps=STEPS, schedule={"tau": tau}, record=(*self.along,), **options)
 
@@ -115,13 +106,20 @@ class Rolled:
             if name == "object_pose":
                 direction[..., :3] = 0.0  # shifts
             size = np.abs(direction).max() or 1.0
-            ends = [self.value(self.tape({name: direction / size}, k * far)) for k in (1, -1, 2, -2)]
-            expected = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * far)
+            change = {name: direction / size}
+            expected = five_points(lambda x, change=change: self.value(self.tape(change, x)), far)
             axes = tuple(range(1, x.ndim)) if name != "tau" else (0, 2)
             slope = (x * direction / size).sum(axis=axes)
             off.append(float((np.abs(slope - expected) / np.maximum(np.abs(expected), 0.1)).max()))
             print(f"\n{name}: {off[-1]:.1e}")
         return max(off)
+
+
+def moved(poses: list[hf.Pose], changes: Any) -> np.ndarray:
+    """Return poses, each turned and shifted by six numbers, as wxyz_xyz."""
+    each = np.broadcast_to(np.reshape(changes, (-1, 6)) if np.ndim(changes) else changes, (len(poses), 6))
+    found = [hf.Pose(rotation.exp(x[:3]) @ pose.R, pose.p + x[3:]) for pose, x in zip(poses, each, strict=True)]
+    return np.array([pose.wxyz_xyz for pose in found])
 
 
 NAMES = ("q", "qd", "object_pose", "memory", "gain", "tau", "step", "object_mass", "grasp_pose")
@@ -130,7 +128,7 @@ NAMES = ("q", "qd", "object_pose", "memory", "gain", "tau", "step", "object_mass
 @pytest.fixture(scope="module")
 def rolled():
     """Return two arms, one that may slide; their first velocities do not fit the grasps."""
-    p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+    p = two_arms()
     return Rolled(replace(p, state=replace(p.state, qd=p.state.qd + 0.1)))
 
 
@@ -171,13 +169,13 @@ def test_standing_still(rolled):
 def test_refusals(rolled):
     """Names and shapes that mean nothing are named."""
     tape = rolled.tape({}, 0.0)
-    with pytest.raises(hf.StateError, match="tape: by: no 'gian'"):
-        tape.vjp(rolled.final, by=("gian",))
-    with pytest.raises(hf.StateError, match="tape: final: no 'qdd'"):
-        tape.vjp({"qdd": np.zeros((SYSTEMS, 9))})
-    with pytest.raises(hf.StateError, match=r"along: qd: expected shape"):
-        tape.vjp(along={"qd": np.zeros((2, SYSTEMS, 9))})
-    systems = tape.systems
+    for options, text in (
+        ({"final": rolled.final, "by": ("gian",)}, "tape: by: no 'gian'"),
+        ({"final": {"qdd": np.zeros((SYSTEMS, 9))}}, "tape: final: no 'qdd'"),
+        ({"along": {"qd": np.zeros((2, SYSTEMS, 9))}}, r"along: qd: expected shape"),
+    ):
+        with pytest.raises(hf.StateError, match=text):
+            tape.vjp(**options)
     for options, text in (
         ({"steps": 0}, "steps"),
         ({"steps": 2, "every": 0}, "every"),
@@ -186,7 +184,7 @@ def test_refusals(rolled):
         ({"steps": 2, "record": ("qqq",)}, "no array 'qqq'"),
     ):
         with pytest.raises(hf.StateError, match=text):
-            rolled.rollout.tape(systems, STEP, **options)
+            rolled.rollout.tape(tape.systems, STEP, **options)
 
 
 def limited(p: Problem) -> Problem:
@@ -213,7 +211,7 @@ def swaying(base: hf.Pose) -> Any:
 @pytest.mark.slow
 def test_margins_and_work():
     """Margins at the ends of steps, and the work since the start: of drives, damping, springs and external wrenches."""
-    p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+    p = two_arms()
     p = limited(replace(p, chain=with_springs(p.chain)))
     rolled = Rolled(p, along=("margin", "work", "qd"))
     assert np.isfinite(rolled.tape({}, 0.0).records["margin"]).all()
@@ -232,7 +230,7 @@ def test_margins_and_work():
 @pytest.mark.slow
 def test_work_of_a_moving_base():
     """The wrench of a base that moves does work, and so does a wrench on the object."""
-    p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+    p = two_arms()
     name, arm = next(iter(p.chain.arms.items()))
     rolled = Rolled(p, along=("work",), base_motion={name: swaying(arm.base)})
     assert np.abs(rolled.tape({}, 0.0).records["work"][-1, :, 2]).min() > 1e-3
@@ -242,11 +240,15 @@ def test_work_of_a_moving_base():
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("springs", [False, True])
 @pytest.mark.parametrize("trunk", ["fixed", "floating"])
-def test_trunks(trunk):
-    """Arms on a trunk, which may float."""
-    names = ("q", "qd", "memory", "gain", "tau", "step", "object_mass", *OF_BODIES)
-    assert Rolled(random_chain(1, trunk), parameters=("link_inertia",)).worst(names) < TOLERANCE
+def test_trunks(trunk, springs):
+    """Arms on a trunk, which may float, with springs between bodies and without."""
+    p, names = random_chain(1, trunk), ("q", "qd", "memory", "gain", "tau", "step", "object_mass")
+    if springs:
+        assert sprung(p).worst(names, far=5e-5) < TOLERANCE
+    else:
+        assert Rolled(p, parameters=("link_inertia",)).worst((*names, *OF_BODIES)) < TOLERANCE
 
 
 def sprung(p: Problem) -> Rolled:
@@ -257,16 +259,8 @@ def sprung(p: Problem) -> Rolled:
 @pytest.mark.slow
 def test_springs_between_bodies():
     """Their wrenches follow the state, the object and the bases from stage to stage."""
-    p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+    p = two_arms()
     assert sprung(p).worst((*NAMES, "base_pose"), far=5e-5) < TOLERANCE
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("trunk", ["fixed", "floating"])
-def test_springs_on_trunks(trunk):
-    """Springs on arms that a trunk carries, which may float."""
-    names = ("q", "qd", "memory", "gain", "tau", "step", "object_mass")
-    assert sprung(random_chain(1, trunk)).worst(names, far=5e-5) < TOLERANCE
 
 
 @pytest.mark.long
@@ -284,7 +278,7 @@ def test_many_holds():
 @pytest.mark.long
 def test_implicit_steps():
     """Dampers and friction that make steps implicit."""
-    p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+    p = two_arms()
     arms = {
         name: arm.of([replace(joint, damping=300.0, friction=0.5) for joint in arm.joints])
         for name, arm in p.chain.arms.items()
@@ -300,7 +294,7 @@ def test_events():
 
     The step that ends at the loss has a length h such that m(x(h)) = 0, so dh = -(grad m . dx) / (dm / dh).
     """
-    p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+    p = two_arms()
     n, chain = p.chain.joint_count, p.chain
     free, last = list(chain.grasps)
     alone, both = (hf.compile_rollout(c, law(n)) for c in (replace(chain, grasps={free: chain.grasps[free]}), chain))
@@ -315,20 +309,15 @@ def test_events():
     def run(gain, far, bound=None):
         given["gain"] = np.full(n, gain)
         qd = p.state.qd + (np.arange(n) >= 5) * 0.1 * (1.0 + far * turn)
-        first = alone.tape(
-            alone.start(p.state.q, qd, p.state.object_pose, p.state.object_twist, **given), 1e-8, steps=2
-        )
+        begin = alone.start(p.state.q, qd, p.state.object_pose, p.state.object_twist, **given)
+        first = alone.tape(begin, 1e-8, steps=2)
         second = both.tape(both.take_over(first.systems, **given), h, steps=400)
-        lost = [both.tape(second.systems, x * h, steps=1, record=("grasp_wrench",)) for x in (20.0, 30.0)]
-        bound = 0.5 * sum(map(force, lost)) if bound is None else bound
-        length = brentq(
-            lambda x: force(both.tape(second.systems, x * h, steps=1, record=("grasp_wrench",))) - bound,
-            1e-3,
-            60.0,
-            xtol=1e-15,
-            rtol=1e-15,
-        )
-        third = both.tape(second.systems, length * h, steps=1, record=("grasp_wrench",))
+
+        def after(x):
+            return both.tape(second.systems, x * h, steps=1, record=("grasp_wrench",))
+
+        bound = 0.5 * (force(after(20.0)) + force(after(30.0))) if bound is None else bound
+        third = after(brentq(lambda x: force(after(x)) - bound, 1e-3, 60.0, xtol=1e-15, rtol=1e-15))
         fourth = alone.tape(alone.take_over(third.systems, **given), h, steps=597)
         value = sum((x * getattr(fourth.systems, name)).sum() for name, x in cotangent.items())
         return value, bound, (first, second, third, fourth)
@@ -349,11 +338,8 @@ def test_events():
     for tape in tapes[1::-1]:
         back = tape.vjp(of_state, by=by)
         of_state, gains = {name: back[name] for name in names}, gains + back.gain
-    far = 3e-4
-    for slope, ends in (
-        (gains.sum(), [run(0.5 + k * far, 0.0, bound)[0] for k in (1, -1, 2, -2)]),
-        (of_state["qd"][0] @ ((np.arange(n) >= 5) * 0.1 * turn), [run(0.5, k * far, bound)[0] for k in (1, -1, 2, -2)]),
-    ):
-        expected = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * far)
+    by_qd = of_state["qd"][0] @ ((np.arange(n) >= 5) * 0.1 * turn)
+    for slope, at in ((gains.sum(), lambda x: run(0.5 + x, 0.0, bound)[0]), (by_qd, lambda x: run(0.5, x, bound)[0])):
+        expected = five_points(at, 3e-4)
         print(f"\n{abs(slope - expected) / abs(expected):.1e}")
         assert abs(slope - expected) < TOLERANCE * abs(expected)
