@@ -21,7 +21,8 @@ import pytest
 
 import holdfast.cli.simulate as command
 from holdfast import ClosedChain, HoldfastError, load_scene
-from holdfast.cli import INTERRUPTED, main
+from holdfast.cli import main
+from holdfast.cli.streams import EXIT_INTERRUPTED
 from holdfast.io.result_reader import load_result
 from holdfast.simulation.trajectory import array_names
 from tests.scenario.mutated_scenes import mutated, prepare
@@ -143,7 +144,7 @@ def end(scene: Path, seed: int, capsys: pytest.CaptureFixture[str]) -> str:
         said, out = "", scene.parent / f"result{seed}"
         code = main(["simulate", str(scene), "--out", str(out), "--no-plots"])
         assert_printed(scene, code, capsys)
-        if out.exists() and code != INTERRUPTED:
+        if out.exists() and code != EXIT_INTERRUPTED:
             sound(out, seed)
         assert out.exists() or code, seed
     if seed % SEEN == 0:

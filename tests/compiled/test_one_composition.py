@@ -77,7 +77,7 @@ def test_forward_dynamics(problem):
     traced = functions_run(lambda: forward_schedule(Structure(problem.chain, Options())), rooms)
     assert names(on_floats) <= names(traced)
     assert on_floats.keys() <= traced.keys()  # the same objects
-    assert {"object_filter", "rigid_update", "row_updates", "sequential", "chain_solution"} <= {
+    assert {"object_filter", "filter_updates", "sequential", "chain_solution"} <= {
         Path(code.co_filename).stem for code in traced
     }
 

@@ -20,7 +20,7 @@ from tests.simulation.runs import limp
 from tests.simulation.test_external_inputs import sprung
 from tests.systems.bricard import bricard
 from tests.systems.n_four_bar import n_four_bar
-from tests.systems.springs_by_hand import by_hand
+from tests.systems.sprung import by_hand
 from tests.systems.trunk_runs import still_base
 
 

@@ -27,8 +27,8 @@ from holdfast.spatial.spatial_vector import rotate, twist_shift
 from holdfast.state import State
 
 STATIONARY = 1e-11  # |N^T c| below which the iteration stops
-MOST_NEWTON_STEPS = 60
-LONGEST_NEWTON_STEP = 0.3  # rad, or fraction of the arms' reach, in one iteration
+MOST_SEARCH_STEPS = 60
+LONGEST_SEARCH_STEP = 0.3  # rad, or fraction of the arms' reach, in one iteration
 SHORTENINGS = 12
 DIFFERENCE_SIZE = 1e-5  # size of the finite differences
 FLATTEST = 1e-6  # smallest curvature that is used
@@ -67,7 +67,7 @@ def nearest_configuration(chain: ClosedChain, state: State, preferred: Array, *,
         hold_object: keep the pose of the object; otherwise it is optimised, too.
     """
     sizes = unit_sizes(chain, state)
-    for _ in range(MOST_NEWTON_STEPS):
+    for _ in range(MOST_SEARCH_STEPS):
         newton = _newton(chain, state, preferred, sizes, hold_object)
         if max(newton.slope, float(np.linalg.norm(newton.to_limits))) <= STATIONARY:
             break
@@ -157,7 +157,7 @@ def _shortened(
     n, step = chain.joint_count, newton.step
     apart = (state.q - preferred) / sizes[:n]
     before = 0.5 * float(apart @ apart)
-    step = step * min(1.0, LONGEST_NEWTON_STEP / max(float(np.abs(step).max()), 1e-300))
+    step = step * min(1.0, LONGEST_SEARCH_STEP / max(float(np.abs(step).max()), 1e-300))
     for _ in range(SHORTENINGS):
         try:
             trial = close(chain, moved(state, sizes * step), hold_object=hold_object)

@@ -9,7 +9,7 @@ from dataclasses import asdict
 import numpy as np
 
 from holdfast.cli.console import is_standard, read_stdin, stdout, with_progress
-from holdfast.cli.options import Changes, Diagnosed, Format, OptionalName, PackageFolders, Switch
+from holdfast.cli.options import Changes, Diagnosed, Format, OptionalName, PackageOptions, Switch
 from holdfast.cli.results import opened_scene, refuse_scene_options
 from holdfast.cli.solve import chosen_cases, named_cases, print_json
 from holdfast.cli.streams import EXIT_REFUSED
@@ -30,7 +30,7 @@ def diagnose(
     json: Switch = False,
     changes: Changes = (),
     trust_xacro: Switch = False,
-    packages: PackageFolders = (),
+    packages: PackageOptions = (),
 ) -> int:
     """Report mobility, rank, lost directions and indeterminate forces of a scene's initial state, or of problem cases.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from holdfast.cli.console import print_document, refuse_standard, stdout
-from holdfast.cli.options import Changes, Folder, Names, OptionalName, PackageFolders, SceneFile, Switch
+from holdfast.cli.options import Changes, Folder, Names, OptionalName, PackageOptions, SceneFile, Switch
 from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.streams import say
 from holdfast.codegen.export import ExportedCode
@@ -35,7 +35,7 @@ def export_c(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
-    packages: PackageFolders = (),
+    packages: PackageOptions = (),
 ) -> int:
     """Write a scene's dynamics, a time step and its controller as C or object files that run without Python.
 

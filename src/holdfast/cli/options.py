@@ -14,7 +14,7 @@ Folder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 ResultFolders = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RESULT ...")]
 Changes = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="set", metavar="KEY=VALUE")]
-PackageFolders = Annotated[
+PackageOptions = Annotated[
     tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="package", metavar="NAME=FOLDER")
 ]
 Swept = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|FOLDER")]

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from holdfast.cli.console import print_document, refuse_standard, stdout
-from holdfast.cli.options import Changes, Folder, PackageFolders, SceneFile, Seconds, Switch
+from holdfast.cli.options import Changes, Folder, PackageOptions, SceneFile, Seconds, Switch
 from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.streams import EXIT_INTERRUPTED, EXIT_REFUSED, complain, say
 from holdfast.errors import ClosureError, MissingExtra, ResultError, SingularChainError, StateError
@@ -34,7 +34,7 @@ def simulate(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
-    packages: PackageFolders = (),
+    packages: PackageOptions = (),
 ) -> int:
     """Simulate a scene and write a result folder.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.table import Table
 
 from holdfast.cli.console import is_standard, print_document, refuse_standard, stdout
-from holdfast.cli.options import Changes, Folder, PackageFolders, RunNumber, SchedulerAddress, Swept, Switch
+from holdfast.cli.options import Changes, Folder, PackageOptions, RunNumber, SchedulerAddress, Swept, Switch
 from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.streams import EXIT_INTERRUPTED, complain, say
 from holdfast.errors import SceneError, StateError
@@ -28,7 +28,7 @@ def sweep(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
-    packages: PackageFolders = (),
+    packages: PackageOptions = (),
 ) -> int:
     """Run or continue the sweep that a scene describes: many runs, whose results are written to a folder.
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from holdfast.cli.console import is_standard, print_document, stdout, write_stdout
-from holdfast.cli.options import Changes, OutFile, PackageFolders, Switch, Targets
+from holdfast.cli.options import Changes, OutFile, PackageOptions, Switch, Targets
 from holdfast.cli.results import labels, opened_scene, recorded, refuse_scene_options
 from holdfast.cli.streams import say
 from holdfast.errors import ModelError, ResultError, SingularChainError, StateError
@@ -34,7 +34,7 @@ def view(
     changes: Changes = (),
     json: Switch = False,
     trust_xacro: Switch = False,
-    packages: PackageFolders = (),
+    packages: PackageOptions = (),
 ) -> int:
     """Show a run, or the initial state of a scene, in the browser; Ctrl-C ends it.
 

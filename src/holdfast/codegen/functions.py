@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.derivative_computation import computation_of, request_of
-from holdfast.compiled.derivative_schedule import Kind
+from holdfast.compiled.derivative_schedule import DerivativeKind
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED
 from holdfast.compiler.schedule import External, Schedule
@@ -58,7 +58,7 @@ _KINDS = {
 
 def exported_names() -> tuple[str, ...]:
     """Return the names of everything that can be exported: questions, derivatives of them, and a step."""
-    derivatives = (f"{name}_{kind}" for name, of in QUESTIONS.items() if of.by for kind in get_args(Kind))
+    derivatives = (f"{name}_{kind}" for name, of in QUESTIONS.items() if of.by for kind in get_args(DerivativeKind))
     return *QUESTIONS, *derivatives, STEP_FUNCTION
 
 
@@ -110,7 +110,7 @@ def exported_function(
         return _step(compiled, state, scheme, base_motion or {})
     chain, rank = compiled.chain, generic_rank_of(compiled, state)
     own = parameters_of(chain, rank) | {"object_pose": np.eye(7)[0]} | _arrays(chain, state)
-    kind: Kind | None = next((kind for kind in get_args(Kind) if name.endswith(f"_{kind}")), None)
+    kind: DerivativeKind | None = next((kind for kind in get_args(DerivativeKind) if name.endswith(f"_{kind}")), None)
     question = name if kind is None else name.removesuffix(f"_{kind}")
     if name not in exported_names():
         raise ModelError(f"export: functions: no '{name}'.{checks.did_you_mean(name, exported_names())}")

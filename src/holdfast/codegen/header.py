@@ -20,10 +20,11 @@ from holdfast.compiler.schedule import External
 from holdfast.io.files import one_line
 from holdfast.questions.arrays import ARRAYS, Row
 from holdfast.questions.question import QUESTIONS
+from holdfast.simulation.rollout.varied_step import LAW_PREFIX
 from holdfast.spatial.scalar import Array
 
 _ALIGNMENT = 64  # alignment of working memory: a cache line, which the widest registers need [bytes]
-CARRIED_PREFIX, LAW_PREFIX = "last.", "control."  # prefixes of the arrays that a step carries on, and of its torques
+CARRIED_PREFIX = "last."  # of the arrays that a step carries on
 _KEYWORDS = frozenset(
     """
     alignas alignof and asm auto bool break case catch char class const continue default delete do double else enum

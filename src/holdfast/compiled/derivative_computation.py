@@ -22,8 +22,8 @@ from holdfast.compiled.derivative_schedule import (
     FOUND,
     UNITS,
     WITH,
+    DerivativeKind,
     ForwardRequest,
-    Kind,
     Request,
     derivative_shapes,
     options_of,
@@ -169,7 +169,9 @@ def size_of(part: slice) -> int:
     return part.stop - part.start
 
 
-def request_of(question: Question, chain: ClosedChain, kind: Kind, of: Collection[str], by: Collection[str]) -> Request:
+def request_of(
+    question: Question, chain: ClosedChain, kind: DerivativeKind, of: Collection[str], by: Collection[str]
+) -> Request:
     """Return the request for some derivatives of a question.
 
     Raises:

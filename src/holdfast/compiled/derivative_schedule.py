@@ -36,7 +36,7 @@ from holdfast.questions.case import VariedCase
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
 
-Kind = Literal["vjp", "jvp", "jacobian"]
+DerivativeKind = Literal["vjp", "jvp", "jacobian"]
 WITH = "with."  # the prefix of the names of cotangents of results and tangents of arguments
 FOUND = "found."  # the prefix of the names of derivatives
 UNITS = "units"  # the identity, whose rows are the directions of a Jacobian's columns
@@ -55,7 +55,7 @@ class Request:
     """
 
     question: Question
-    kind: Kind
+    kind: DerivativeKind
     results: tuple[str, ...]
     arguments: tuple[str, ...]
 

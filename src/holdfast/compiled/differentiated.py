@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.compiled.computation import Computation
 from holdfast.compiled.derivative_computation import request_of
-from holdfast.compiled.derivative_schedule import WITH, Kind, Request
+from holdfast.compiled.derivative_schedule import WITH, DerivativeKind, Request
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.parameters import require_inputs
 from holdfast.compiled.structure import Options
@@ -147,12 +147,12 @@ class Differentiated:
         """
         return self._chosen("jacobian", of, by)._with(given, {}, parameters, out, threads)
 
-    def _chosen(self, kind: Kind, of: Sequence[str] | None, by: Sequence[str] | None) -> Function:
+    def _chosen(self, kind: DerivativeKind, of: Sequence[str] | None, by: Sequence[str] | None) -> Function:
         """Return the function of some derivatives, by default those of the question."""
         results = self.question.of or self._names
         return self.derived(kind, results if of is None else of, self.question.by if by is None else by)
 
-    def derived(self, kind: Kind, of: Sequence[str], by: Collection[str]) -> Function:
+    def derived(self, kind: DerivativeKind, of: Sequence[str], by: Collection[str]) -> Function:
         """Return the function of some derivatives; its machine code is made when it is first requested.
 
         Raises:

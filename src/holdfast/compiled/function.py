@@ -18,7 +18,7 @@ from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.calls import Calls
 from holdfast.compiled.computation import Computation
 from holdfast.compiled.derivative_computation import computation_of
-from holdfast.compiled.derivative_schedule import WITH, Kind, Request
+from holdfast.compiled.derivative_schedule import WITH, DerivativeKind, Request
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.differentiated import Differentiated
 from holdfast.compiled.kernels import compile_batch, compiling, kernel
@@ -273,7 +273,7 @@ class Function(Differentiated):
 
     def bind(
         self,
-        kind: Kind | None = None,
+        kind: DerivativeKind | None = None,
         *,
         of: Sequence[str] | None = None,
         by: Sequence[str] | None = None,
@@ -295,10 +295,10 @@ class Function(Differentiated):
             return self.when_moving.bind(kind, of=of, by=by, **arrays_or_parameters)
         if kind is None:
             return BoundFunction(self, arrays_or_parameters)
-        if kind not in get_args(Kind):
+        if kind not in get_args(DerivativeKind):
             raise StateError(
                 f"{self.name}.bind: expected vjp, jvp or jacobian, got {checks.short(kind)}."
-                f"{checks.did_you_mean(str(kind), get_args(Kind))}"
+                f"{checks.did_you_mean(str(kind), get_args(DerivativeKind))}"
             )
         return BoundFunction(self._chosen(kind, of, by), arrays_or_parameters)
 

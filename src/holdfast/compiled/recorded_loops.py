@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from holdfast.compiler.values import Values
-from holdfast.spatial.differentiation import Recorded, Tape, by_rule
+from holdfast.spatial.differentiation import OperationTape, Recorded, by_rule
 from holdfast.spatial.linear import EachItem, Linear, array_of
 from holdfast.spatial.scalar import Array, Loops, Scalar, loops
 
@@ -104,7 +104,7 @@ def made_linear(numbers: Array, item: Any) -> OfItem:
         numbers: (m,) the item's numbers that vary.
         item: the body and its arguments, with holes for these numbers.
     """
-    tape = Tape()
+    tape = OperationTape()
     f, *arguments = _filled(item, [tape.variable(x) for x in numbers.tolist()])
     found, value = _without(Values(Recorded), f(*arguments))
     linear = tape.linear((numbers.shape,), [array_of(found, (len(found),))])

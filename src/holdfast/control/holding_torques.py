@@ -25,7 +25,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import Inputs, State, require_fit
 
-DEPENDENT_ROWS = 1e-12  # singular values below this, relative to the largest, count as zero
+DEPENDENT_DIRECTIONS = 1e-12  # singular values below this, relative to the largest, count as zero
 
 
 def balancing_wrenches(
@@ -72,7 +72,7 @@ def balancing_wrenches(
     E, lam, root = np.concatenate(columns, axis=1), np.concatenate(start), np.concatenate(root)
     e = np.concatenate([unit * needed, -torque_unit[idle] * free, -base_load])
     if lam.size:
-        lam = lam + root * np.linalg.lstsq(E * root, e - E @ lam, rcond=DEPENDENT_ROWS)[0]
+        lam = lam + root * np.linalg.lstsq(E * root, e - E @ lam, rcond=DEPENDENT_DIRECTIONS)[0]
     size = max(1.0, float(np.abs(e).max()), float(np.abs(lam).max(initial=0.0)))
     _require_balance(chain, float(np.abs(E @ lam - e).max()), size, idle)
     f = np.zeros((len(chain.arms), 6))

@@ -25,7 +25,7 @@ MAX_ITERATIONS = 200
 NULL_PER_GAP = 1e3
 LONGEST_NEWTON_STEP = 0.5  # largest step of one iteration: rad, or fraction of the arms' reach
 WORTH_NAMING = 1e-2  # fraction of the largest residual below which an arm is not reported as unreachable
-MOST_ARMS = 4  # arms named in one message
+MOST_ARMS_NAMED = 4  # arms named in one message
 MOST_ADVISED = 2  # hints in one message about tip frames that seem to point in the wrong direction
 
 
@@ -247,9 +247,9 @@ def _require_reached(chain: ClosedChain, state: State) -> None:
         for name, gap in missed.items()
         if gap > WORTH_NAMING * worst
     ]
-    more = f", and {len(named) - MOST_ARMS} more" if len(named) > MOST_ARMS else ""
+    more = f", and {len(named) - MOST_ARMS_NAMED} more" if len(named) > MOST_ARMS_NAMED else ""
     raise ClosureError(
-        f"cannot close the chains: {', '.join(named[:MOST_ARMS])}{more}. {_tips_advice(chain, missed, worst)}"
+        f"cannot close the chains: {', '.join(named[:MOST_ARMS_NAMED])}{more}. {_tips_advice(chain, missed, worst)}"
         "Try a closer object pose, another guess for q, other base poses, or wider joint limits"
     )
 
@@ -260,4 +260,6 @@ def _tips_advice(chain: ClosedChain, missed: dict[str, float], worst: float) -> 
     for name, gap in missed.items():
         if gap > WORTH_NAMING * worst and (told := advice_for(chain.arms[name], chain.grasps[name])):
             advice.setdefault(told, []).append(f"'{name}'")
-    return "".join(f"Of {', '.join(names[:MOST_ARMS])}: {told}. " for told, names in [*advice.items()][:MOST_ADVISED])
+    return "".join(
+        f"Of {', '.join(names[:MOST_ARMS_NAMED])}: {told}. " for told, names in [*advice.items()][:MOST_ADVISED]
+    )

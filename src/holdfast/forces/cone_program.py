@@ -23,7 +23,7 @@ LARGEST_UNKNOWN = 1e6  # largest |z|, relative to the size of the forces, for a 
 MARGIN_PRECISION = 1e-10  # relative to the size of the forces
 INSIDE = 1e-6  # a search begins only where the limits are satisfied by more than this relative amount
 CENTRED_DECREMENT = 1e-3  # Newton decrement below which a point is close enough to the central path
-MOST_NEWTON_STEPS = 200
+MOST_BARRIER_STEPS = 200
 
 
 class AffineMargin(NamedTuple):
@@ -157,7 +157,7 @@ def _centred(cones: list[AffineMargin], x: Array, weight: float) -> Array:
 
     The function is self-concordant, so Newton steps scaled by 1 / (1 + decrement) stay in the interior.
     """
-    for _ in range(MOST_NEWTON_STEPS):
+    for _ in range(MOST_BARRIER_STEPS):
         gradient, curvature = np.zeros_like(x), np.zeros((len(x), len(x)))
         gradient[-1] = -1.0 / weight
         for cone in cones:

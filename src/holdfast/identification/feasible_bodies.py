@@ -25,7 +25,7 @@ from holdfast.spatial.scalar import Array
 
 LEAST_EPSILON = 1e-9  # of the distance from the guess, relative to squared standard deviations
 FALL = 0.3  # of epsilon from one problem to the next; a tenth took ten times the steps for guesses that are far off
-MOST_NEWTON_STEPS, MOST_HALVINGS = 1000, 60
+MOST_BODY_STEPS, MOST_HALVINGS = 1000, 60
 LEAST_EIGENVALUE = 1e-14  # least eigenvalue of a scaled Hessian; what is below is rounding
 LEAST_DECREMENT = 1e-10  # squared Newton decrement, in units of epsilon, at which the next problem follows
 
@@ -92,7 +92,7 @@ def best_feasible(x: Array, steps: Array, determined: int, guess: Array, sizes: 
 def _centred(w: Array, slopes, epsilon: float) -> Array:
     """Return the minimum of a convex function by Newton's method with halved steps, from a point where it is finite."""
     here = slopes(w)
-    for _ in range(MOST_NEWTON_STEPS):
+    for _ in range(MOST_BODY_STEPS):
         gradient, curvature = here
         sizes = 1.0 / np.sqrt(np.diag(curvature))
         spread, axes = np.linalg.eigh(sizes[:, None] * curvature * sizes)

@@ -12,7 +12,7 @@ import numpy as np
 from holdfast import outer
 from holdfast.model import checks
 from holdfast.model.fingerprint import PICTURE
-from holdfast.model.visuals import Cylinder, Shape, Sphere
+from holdfast.model.visuals import Cylinder, Sphere, VisualShape
 from holdfast.names import called
 from holdfast.spatial import inertia as spatial_inertia
 from holdfast.spatial.frozen import REQUIRED, ArrayField, Frozen, frozen_property, making
@@ -36,12 +36,12 @@ class HeldObject(Frozen):
     inertia: ArrayField = REQUIRED
     com: ArrayField = field(default_factory=making(np.zeros, 3))
     physical: bool = True
-    shape: Shape | None = field(default=None, metadata=PICTURE)
+    shape: VisualShape | None = field(default=None, metadata=PICTURE)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         checks.instance(self.physical, bool, "object: physical")
-        checks.instance(self.shape, (*get_args(Shape), type(None)), "object: shape")
+        checks.instance(self.shape, (*get_args(VisualShape), type(None)), "object: shape")
         put(self, "mass", checks.number(self.mass, "object: mass", above=0.0))
         put(self, "com", checks.numbers(self.com, (3,), "object: com"))
         J = checks.rotational_inertia(self.inertia, "object: inertia", definite=True, physical=self.physical)

@@ -72,7 +72,7 @@ class Mesh:
     scale: tuple[float, float, float]
 
 
-Shape = Box | Cylinder | Capsule | Sphere | Mesh
+VisualShape = Box | Cylinder | Capsule | Sphere | Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class Visual(Frozen):
 
     link: str
     pose: Pose
-    shape: Shape
+    shape: VisualShape
     rgba: Rgba | None
 
 

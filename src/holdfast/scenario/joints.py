@@ -13,7 +13,7 @@ from holdfast.model import checks
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.visuals import Shape
+from holdfast.model.visuals import VisualShape
 from holdfast.scenario.scene import BodyTable, GraspTable, JointTable, ObjectTable, PoseTable
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -94,7 +94,7 @@ def body(data: BodyTable, at: Location) -> Link:
         return Link(data.mass, np.array(data.com), inertia_and_shape(data, at)[0], data.name)
 
 
-def inertia_and_shape(data: BodyTable | ObjectTable, at: Location) -> tuple[Array, Shape | None]:
+def inertia_and_shape(data: BodyTable | ObjectTable, at: Location) -> tuple[Array, VisualShape | None]:
     """Return the inertia about the mass centre, (3, 3) [kg m^2], and the shape of a sphere or a cylinder.
 
     Raises:

@@ -35,7 +35,7 @@ from holdfast.simulation.verification import StepMargins
 
 SHORTER_BY = (2, 4)
 SHARE = 0.05  # steps are too long if their results differ by more than this part of the change of margin or velocities
-NEGLIGIBLE = 1e-6  # smaller differences (relative, or absolute below 1) are ignored
+NEGLIGIBLE_DIFFERENCE = 1e-6  # smaller differences (relative, or absolute below 1) are ignored
 MOST_REPEATED_PARTS = 16  # largest number of parts in which a failed step is repeated
 MOST_STEPS_TRIED = 200  # largest number of steps for which a suggested length is tried
 SUGGESTED_HALVINGS = 8
@@ -82,7 +82,7 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
         t, margins = float(found.times[k]), found.margins[: k + 1, together]
         if t <= window.begin.t:  # no step leads to the beginning of a stretch, so there is nothing to repeat
             continue
-        allowed = SHARE * np.ptp(margins, axis=0) + NEGLIGIBLE * np.maximum(1.0, np.abs(margins[-1]))
+        allowed = SHARE * np.ptp(margins, axis=0) + NEGLIGIBLE_DIFFERENCE * np.maximum(1.0, np.abs(margins[-1]))
         for parts in SHORTER_BY:
             again = window.in_parts(t, parts)
             if again.instant is not None:
@@ -245,4 +245,4 @@ def _agree(begin: Instant, one: Advance, other: Advance) -> bool:
         return False
     v, w = one.instant.velocities, other.instant.velocities
     change = np.abs(w - begin.velocities).max()
-    return bool(np.abs(v - w).max() <= SHARE * change + NEGLIGIBLE * max(1.0, np.abs(w).max()))
+    return bool(np.abs(v - w).max() <= SHARE * change + NEGLIGIBLE_DIFFERENCE * max(1.0, np.abs(w).max()))

@@ -15,7 +15,7 @@ from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.state import Inputs, State
 
-Kind = Literal["attach", "release", "violation", "recovery", "singular", "stiff", "unresolved"]
+OccurrenceKind = Literal["attach", "release", "violation", "recovery", "singular", "stiff", "unresolved"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Occurrence:
     """
 
     t: float
-    kind: Kind
+    kind: OccurrenceKind
     name: str
     text: str
     quantity: str | None = None

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.linear import Linear, Result, Rule, Ruled, Step, array_of, arrays_of
+from holdfast.spatial.linear import Linear, LinearResult, Rule, Ruled, Step, array_of, arrays_of
 from holdfast.spatial.scalar import Array, Scalar, arctan2, cos, exp, sin, sqrt, tanh, where
 
 _levels = count(1)  # nesting level of derivatives within derivatives
@@ -81,7 +81,7 @@ class Recorded:
     __slots__ = ("place", "tape", "value")
     __array_priority__ = -1.0  # above NumPy's scalars and below its arrays, whose operations go entry by entry
 
-    def __init__(self, tape: Tape, value: Scalar, place: int) -> None:
+    def __init__(self, tape: OperationTape, value: Scalar, place: int) -> None:
         self.tape, self.value, self.place = tape, value, place
 
     def chosen(self, condition: Any, a: Scalar, b: Scalar) -> Scalar:
@@ -146,7 +146,7 @@ class Recorded:
         raise TypeError("expected no branch on a number that is varied; try where(condition, a, b)")
 
 
-class Tape:
+class OperationTape:
     """The record of a function's operations.
 
     Attributes:
@@ -175,7 +175,7 @@ class Tape:
         """Record results whose derivatives a rule computes, and return them; see `by_rule`."""
         arrays, shapes = [np.asarray(x) for x in given], tuple([np.shape(x) for x in found])
         first, size = len(self._made), sum(math.prod(shape) for shape in shapes)
-        given = tuple([Result(x.shape, self.places(x)) for x in arrays])
+        given = tuple([LinearResult(x.shape, self.places(x)) for x in arrays])
         self._made += [Ruled(rule, given, shapes), *([None] * (size - 1))]
         entries = [entry for x in found for entry in np.asarray(x).ravel().tolist()]
         own = [Recorded(self, entry, first + k) for k, entry in enumerate(entries)]
@@ -216,7 +216,9 @@ class Tape:
                     new |= {at + k: count + k for k in range(made.size)}
                     count += made.size
         found = zip(arrays, own, strict=True)
-        return Linear(shapes, tuple(steps), tuple([Result(a.shape, tuple([new[p] for p in o])) for a, o in found]))
+        return Linear(
+            shapes, tuple(steps), tuple([LinearResult(a.shape, tuple([new[p] for p in o])) for a, o in found])
+        )
 
 
 class _Made(NamedTuple):
@@ -265,7 +267,7 @@ def by_rule_below(make: Callable[..., tuple[Sequence[Any], Rule]], *given: Any) 
     return tape.write_ruled(found, rule, given)
 
 
-def _latest_tape(given: Sequence[Any]) -> Tape | None:
+def _latest_tape(given: Sequence[Any]) -> OperationTape | None:
     """Return the tape of the highest level on which an entry of some arrays is recorded."""
     tapes = [entry.tape for x in given for entry in np.asarray(x).flat if isinstance(entry, Recorded)]
     return max(tapes, key=lambda tape: tape.level, default=None)
@@ -290,7 +292,7 @@ def linearised(f: Callable[..., Sequence[Any]], *given: Any) -> Linear:
         f: function of arrays that returns a sequence of arrays.
         given: the arrays at which the function is linearised.
     """
-    tape, arrays = Tape(), [np.asarray(x) for x in given]
+    tape, arrays = OperationTape(), [np.asarray(x) for x in given]
     varied = [array_of([tape.variable(entry) for entry in x.ravel().tolist()], x.shape) for x in arrays]
     return tape.linear(tuple([x.shape for x in arrays]), f(*varied))
 
@@ -302,7 +304,7 @@ def gradient(f: Callable[..., Scalar], *given: Any) -> tuple[Array, ...]:
 
 def _applied(operation: Operation, *operands: Any) -> Any:
     """Return the result of an operation, recorded on the tape of the highest level among its operands."""
-    latest: Tape | None = None
+    latest: OperationTape | None = None
     for x in operands:
         if isinstance(x, Recorded):
             if latest is None or x.tape.level > latest.level:

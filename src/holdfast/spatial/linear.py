@@ -16,7 +16,7 @@ import numpy as np
 from holdfast.spatial.scalar import Array, Scalar, each
 
 
-class Result(NamedTuple):
+class LinearResult(NamedTuple):
     """A result of a linearised function.
 
     Attributes:
@@ -27,7 +27,7 @@ class Result(NamedTuple):
     shape: tuple[int, ...]
     places: tuple[int, ...]
 
-    def numbered(self, new: Mapping[int, int]) -> Result:
+    def numbered(self, new: Mapping[int, int]) -> LinearResult:
         """Return the same with other indices."""
         return self._replace(places=tuple([new[place] for place in self.places]))
 
@@ -99,7 +99,7 @@ class Ruled(NamedTuple):
     """
 
     rule: Rule
-    given: tuple[Result, ...]
+    given: tuple[LinearResult, ...]
     made: tuple[tuple[int, ...], ...]
 
     @property
@@ -175,7 +175,7 @@ class Linear:
 
     shapes: tuple[tuple[int, ...], ...]
     steps: tuple[Step | Ruled, ...]
-    results: tuple[Result, ...]
+    results: tuple[LinearResult, ...]
 
     def of_entries(self, result: int, entries: slice) -> tuple[Linear, tuple[int, ...]]:
         """Return the linearised function of some entries of a result, restricted to the numbers on which they depend.
@@ -196,7 +196,7 @@ class Linear:
         for _, made in reversed(kept):
             new |= {place: len(new) - 1 + k for k, place in enumerate(made)}
         steps = tuple([step.numbered(new) for step, _ in reversed(kept)])
-        return Linear(((len(varied),),), steps, (Result((len(chosen),), chosen).numbered(new),)), varied
+        return Linear(((len(varied),),), steps, (LinearResult((len(chosen),), chosen).numbered(new),)), varied
 
     def rates(self, *rates: Any) -> list[Array]:
         """Return the rates of the results for rates of the arrays, in their shapes."""

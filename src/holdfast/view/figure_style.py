@@ -59,7 +59,7 @@ STYLE: dict[Any, Any] = {  # keys and values of matplotlib's rcParams
 USUAL_SHARE = 0.95  # share of the samples that the usual range of a curve contains
 SPIKE_RATIO = 4.0  # a peak is a spike from this multiple of the usual size
 AXIS_ROOM = 1.5  # an axis with spikes ends at this multiple of the usual size
-FEWEST_SAMPLES = 20  # samples of a curve that can have a spike
+FEWEST_FOR_SPIKES = 20  # samples of a curve that can have a spike
 
 
 def arm_style(index: int) -> tuple[str, str]:
@@ -204,7 +204,7 @@ def usual_range(curves: Sequence[Array]) -> tuple[float, float] | None:
     Args:
         curves: (samples,) values of each curve; infinite values and NaN are ignored.
     """
-    known = [curve[np.isfinite(curve)] for curve in curves if len(curve) >= FEWEST_SAMPLES]
+    known = [curve[np.isfinite(curve)] for curve in curves if len(curve) >= FEWEST_FOR_SPIKES]
     known = [curve for curve in known if len(curve)]
     usual = max((float(np.quantile(np.abs(curve), USUAL_SHARE)) for curve in known), default=0.0)
     low, high = min(map(np.min, known), default=0.0), max(map(np.max, known), default=0.0)

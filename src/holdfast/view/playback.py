@@ -20,6 +20,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.run_outputs import FRAME_RATE
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
@@ -27,7 +28,6 @@ from holdfast.state import Inputs, State
 from holdfast.view.link_meshes import OBJECT_NAME, LinkMesh, meshes_in_files, notes_on, surface_of_object
 
 DrawnSurfaces = Mapping[str, Sequence[Sequence[LinkMesh]]]
-FRAME_RATE = 30.0  # frames per second
 SMALLEST_HOLD = 1e-9  # N
 MOST_FRAMES = 20_000  # more take minutes to draw, and as long to load
 

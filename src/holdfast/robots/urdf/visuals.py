@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import holdfast.robots.urdf.attributes as attributes
 from holdfast.errors import SceneError
-from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Rgba, Shape, Sphere, Visual, Visuals
+from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Rgba, Sphere, Visual, Visuals, VisualShape
 from holdfast.robots.packages import PackageFolders
 from holdfast.robots.urdf.document import Element
 from holdfast.robots.urdf.robot import UrdfRobot
@@ -76,7 +76,7 @@ def _visual(element: Element, link: str, at: Pose, colours: dict[str, Rgba]) -> 
     return Visual(link, at @ attributes.pose(element.first("origin")), _shape(element.required("geometry")), rgba)
 
 
-def _shape(geometry: Element) -> Shape:
+def _shape(geometry: Element) -> VisualShape:
     """Return the one shape in a <geometry>."""
     known = ("box", "cylinder", "capsule", "sphere", "mesh")
     shapes = [child for child in geometry.children if child.tag in known]

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from holdfast.dynamics.near_singular import chain_strength
-from holdfast.simulation.confirmation import NEGLIGIBLE, SHARE, SHORTER_BY
+from holdfast.simulation.confirmation import NEGLIGIBLE_DIFFERENCE, SHARE, SHORTER_BY
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_step import BESIDE, GRASP_OPEN, LIMITED, PASSES_SINGULAR, SLIPPED
 from holdfast.simulation.stepper import MOST_SUBSTEPS, parts_needed
@@ -86,7 +86,7 @@ def contradicted(
         before, after = (_margins(one, kind) for one in (begin, whole))
         fallen = after < bound
         m0, m1 = (np.where(fallen, m, 0.0) for m in (before, after))
-        allowed = SHARE * np.abs(m1 - m0) + NEGLIGIBLE * np.maximum(1.0, np.abs(m1))
+        allowed = SHARE * np.abs(m1 - m0) + NEGLIGIBLE_DIFFERENCE * np.maximum(1.0, np.abs(m1))
         for systems in shorter:
             m = np.where(fallen, _margins(systems, kind), 0.0)
             found |= shown & (~systems.running | ~(np.abs(m - m1) <= allowed).all(axis=1))

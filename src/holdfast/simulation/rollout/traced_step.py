@@ -191,7 +191,7 @@ class TracedSystem:
         powers = power_of(chain, state, drive, whole.base_wrench, inputs, whole.trunk_base_wrench)
         return work_rates(powers, lost, state.qd)
 
-    def take_step(self, tableau: Tableau, first: Array) -> StepResult:
+    def step_from(self, tableau: Tableau, first: Array) -> StepResult:
         """Return the result of a step that begins with the slope `first`."""
         times = [self.time(c) for c in (*tableau.c.tolist(), 1.0)]
         passive = passive_terms(self.real) if tableau.implicit else None
@@ -221,7 +221,7 @@ class TracedSystem:
 def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return the carried arrays of a system after `take_step`; a system that stops keeps its last state."""
     system = TracedSystem(model, given)
-    now, (drift, gaps), work, _ = system.take_step(tableau, system.last("slope"))
+    now, (drift, gaps), work, _ = system.step_from(tableau, system.last("slope"))
     end, found = now.state, now.found
     whole = found.whole
     kept = {name: getattr(end, field) for name, field in state_fields(system.real).items()}

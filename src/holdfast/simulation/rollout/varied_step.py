@@ -258,7 +258,7 @@ class VariedStep(NamedTuple):
         system.working = WORK_RESULT in of
         now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
         system.memory = now.memory
-        end, _, work, _ = system.take_step(self.tableau, now.slope(no_turns(now.state)))
+        end, _, work, _ = system.step_from(self.tableau, now.slope(no_turns(now.state)))
         found = state_arrays(system.real, end) | {"before": now.memory}
         found |= {WORK_RESULT: work} if WORK_RESULT in of else {}
         of = [name for name in of if name != WORK_RESULT]
