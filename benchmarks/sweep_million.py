@@ -24,8 +24,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import holdfast as hf
 from benchmarks.bench.systems import facing_pandas
-from holdfast.sweeps import NearPose, Normal, Progress, Uniform
+from holdfast.sweeps import NearPose, Normal, Uniform
 from holdfast.sweeps.plan import Plan, find_generic_rank, plan_of
+from holdfast.sweeps.sweep import Progress
 
 MOST_MEMORY = 2.0  # of any process [GiB]
 LEAST_SHARE = 0.85  # of the rate of bare rollouts

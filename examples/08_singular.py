@@ -52,7 +52,7 @@ def main(out: Path = OUT) -> dict[str, object]:
     try:
         hf.forward_dynamics(chain, at(0.0), np.zeros(2))
         refusal = ""
-    except hf.SingularChainError as refused:
+    except hf.errors.SingularChainError as refused:
         refusal = str(refused)
 
     draw(out, np.rad2deg(angles), conditions)

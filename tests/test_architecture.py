@@ -299,7 +299,7 @@ def test_import_loads_little():
 
 def test_the_model_loads_little():
     """What a model is made of loads no algorithm, file or machine code: they wait until they are used."""
-    code = "import sys, holdfast as hf; hf.Arm, hf.ClosedChain, hf.State, hf.ModelError; print(*sys.modules)"
+    code = "import sys, holdfast as hf; hf.Arm, hf.ClosedChain, hf.State, hf.errors.ModelError; print(*sys.modules)"
     loaded = {module.split(".")[1] for module in fresh(code).split() if module.startswith("holdfast.")}
     assert loaded == {"errors", "model", "names", "outer", "spatial", "state"}
 

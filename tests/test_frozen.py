@@ -86,7 +86,7 @@ def examples() -> dict[str, Any]:
         Primitive("box", hf.Pose.identity(), (1.0, 1.0, 1.0)),
         *(hf.sweeps.Uniform(np.zeros(3), [1.0, 2.0, 3.0]), hf.sweeps.Normal(np.zeros(3), [1.0, 2.0, 3.0])),
         *(hf.gym.CarryTask(), hf.gym.HandOverTask()),
-        *(hf.sweeps.NearPose(np.eye(7)[:1]), hf.sweeps.Progress(1, 2, {"RUNNING": 1}, 3.0)),
+        *(hf.sweeps.NearPose(np.eye(7)[:1]), hf.sweeps.sweep.Progress(1, 2, {"RUNNING": 1}, 3.0)),
     ]
     return {type(x).__name__: x for x in found}
 
@@ -140,7 +140,7 @@ def test_nothing_can_be_written(name, way):
         for write in writes(part):
             try:
                 write()
-            except (ValueError, hf.FrozenError):
+            except (ValueError, hf.errors.FrozenError):
                 continue
             written.append(path)
     assert not written, sorted(set(written))

@@ -57,6 +57,12 @@ def test_misspelt(path):
     assert not hasattr(package, name)
 
 
+def test_errors_have_one_home():
+    """Whoever looks for one at the top is told where it is."""
+    with pytest.raises(UnknownName, match=r"holdfast has no 'StateError'; try holdfast.errors.StateError"):
+        hf.StateError  # noqa: B018
+
+
 @called
 def two(a, b=1.0, *, c):
     """Return a sum."""

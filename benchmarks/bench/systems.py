@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 import holdfast as hf
-from holdfast import Arm, ClosedChain, ClosureError, Friction, Grasp, HeldObject, Joint, Link, Pose, State
+from holdfast import Arm, ClosedChain, Friction, Grasp, HeldObject, Joint, Link, Pose, State
 from holdfast.dynamics import tip_jacobian, tip_pose
+from holdfast.errors import ClosureError
 from holdfast.robots import HOME, panda
 from holdfast.robots.panda import FR3_ARMATURE
 from holdfast.spatial import rotation

@@ -29,17 +29,7 @@ from .dynamics.diagnose import diagnose as diagnose
 from .dynamics.inverse import inverse_dynamics as inverse_dynamics
 from .dynamics.project import project as project
 from .dynamics.regressor import regressor as regressor
-from .errors import ClosureError as ClosureError
-from .errors import FrozenError as FrozenError
 from .errors import HoldfastError as HoldfastError
-from .errors import MethodNotApplicable as MethodNotApplicable
-from .errors import MissingExtra as MissingExtra
-from .errors import ModelError as ModelError
-from .errors import ResultError as ResultError
-from .errors import SceneError as SceneError
-from .errors import SingularChainError as SingularChainError
-from .errors import StateError as StateError
-from .errors import StepTooLongError as StepTooLongError
 from .identification.identify import identify as identify
 from .io.result_reader import load_result as load_result
 from .model.arm import Anchor as Anchor

@@ -11,6 +11,7 @@ from typing import Any, NoReturn, TypeVar
 
 import lazy_loader
 
+from holdfast import errors
 from holdfast.errors import CallError, UnknownName
 
 MOST_LISTED = 40  # names in a message that lists what is known
@@ -41,6 +42,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
     """Return the error for a name that a package does not have."""
+    if package != "holdfast.errors" and hasattr(errors, name) and name[0].isupper():
+        return UnknownName(f"{package} has no '{name}'; try holdfast.errors.{name}")
     return UnknownName(f"{package} has no '{name}'.{did_you_mean(name, known)}")
 
 

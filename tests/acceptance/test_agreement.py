@@ -7,8 +7,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from holdfast import MethodNotApplicable
 from holdfast.dynamics import METHODS
+from holdfast.errors import MethodNotApplicable
 from tests.acceptance.comparison import disagreement
 from tests.systems import random_system, scaled_condition
 from tests.systems.as_chain import as_chain

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import Inputs, SingularChainError, State
+from holdfast import Inputs, State
 from holdfast.dynamics import METHODS, Status
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import constraint_rows
+from holdfast.errors import SingularChainError
 from tests.acceptance.comparison import errors, relative
 from tests.compiled.problems import answer, compiled_for
 from tests.compiler.conftest import no_cache  # noqa: F401
@@ -261,7 +262,7 @@ def test_right_angles(chunk, no_cache):  # noqa: F811
         p = right_angle_system(seed)
         try:
             found = holdfast.forward_dynamics(p.chain, p.state, p.tau)
-        except holdfast.SingularChainError:
+        except holdfast.errors.SingularChainError:
             seen["singular"] += 1
             continue
         seen[found.status.name] += 1
@@ -288,7 +289,7 @@ def _other_methods(p: Problem, found: holdfast.dynamics.ForwardResult) -> list[t
             continue
         try:
             other = holdfast.forward_dynamics(p.chain, p.state, p.tau, method=name)
-        except holdfast.MethodNotApplicable:
+        except holdfast.errors.MethodNotApplicable:
             continue
         errors.append((name, relative(other.qdd, found.qdd, floor=1.0)))
     return errors
@@ -316,7 +317,7 @@ def _held(p: Problem) -> float:
     try:
         tau = holdfast.holding_torques(p.chain, still)
         found = holdfast.forward_dynamics(p.chain, still, tau)
-    except (holdfast.StateError, holdfast.SingularChainError):
+    except (holdfast.errors.StateError, holdfast.errors.SingularChainError):
         return 0.0
     return float(np.abs(found.qdd).max()) / max(1.0, float(np.abs(tau).max()))
 

@@ -326,7 +326,7 @@ def loaded(file: str, links: tuple[str, str], *, floating: bool) -> tuple[ArmsOn
 def test_arms_on_their_trunk(file, links, shared, floating):
     """Frames, masses, and dynamics with a tray in both hands, the trunk's joints and a floating base included."""
     if not floating and not shared:
-        with pytest.raises(hf.SceneError, match="expected a joint that moves two of the arms, got none"):
+        with pytest.raises(hf.errors.SceneError, match="expected a joint that moves two of the arms, got none"):
             loaded(file, links, floating=floating)
         return
     found, tips = loaded(file, links, floating=floating)

@@ -76,7 +76,7 @@ def test_a_thousand_random_systems(chunk):
         if oracle.unique:
             note(worst, "kkt", problem.solved(method="kkt"), oracle, truth)
         else:
-            with pytest.raises(hf.MethodNotApplicable, match="nullity"):
+            with pytest.raises(hf.errors.MethodNotApplicable, match="nullity"):
                 problem.solved(method="kkt")
     show(f"{dict(drawn)}", worst)
     assert largest(worst) <= TOLERANCE

@@ -174,7 +174,7 @@ def test_report_of_dependent_rows():
 
 def test_too_far():
     """Every arm that no configuration brings there is named with what it lacks."""
-    with pytest.raises(hf.ClosureError) as caught:
+    with pytest.raises(hf.errors.ClosureError) as caught:
         assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 1, 1, 0.5])
     assert "arm 'left' is 0.742 m short" in str(caught.value)
     assert "arm 'right' is 0.192 m short" in str(caught.value)
@@ -183,7 +183,7 @@ def test_too_far():
 
 def test_within_reach_but_not_that_way():
     """An attitude that the joint limits forbid: the arm, and what is left of the gap."""
-    with pytest.raises(hf.ClosureError, match=r"arm 'left' misses its grasp by 0.* Try"):
+    with pytest.raises(hf.errors.ClosureError, match=r"arm 'left' misses its grasp by 0.* Try"):
         assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 0, 0, 0.3])
 
 
@@ -236,11 +236,11 @@ def test_a_tip_that_points_sideways_cannot_reach():
     arms, box, grasps = sideways()
     pose = [1, 0, 0, 0, 0, 0, 1.05]
     wanted = r"misses its grasp .* 90 deg off .* try arm\.with_tip\(arm\.tip @"
-    with pytest.raises(hf.ClosureError, match=wanted) as refused:
+    with pytest.raises(hf.errors.ClosureError, match=wanted) as refused:
         assemble({"left": arms["left"]}, box, {"left": grasps["left"]}, object_pose=pose)
     assert len(str(refused.value)) < 600
     alike = hf.ClosedChain(arms, box, grasps)
-    with pytest.raises(hf.ClosureError, match="Of 'left', 'right': the tip's z axis") as refused:
+    with pytest.raises(hf.errors.ClosureError, match="Of 'left', 'right': the tip's z axis") as refused:
         hf.close(alike, hf.State(np.tile(HOME["panda"], 2), np.zeros(14), pose), hold_object=True)
     assert str(refused.value).count("deg off") == 1
     turned = arms["left"].with_tip(arms["left"].tip @ MENDED)
@@ -250,11 +250,11 @@ def test_a_tip_that_points_sideways_cannot_reach():
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"q": {"lft": np.zeros(7)}}, hf.ModelError, "q: no arm 'lft'. Did you mean 'left'"),
-        ({"q": np.zeros(14)}, hf.ModelError, "q: expected joint positions by arm name"),
-        ({"q": {"left": np.zeros(6)}}, hf.StateError, "q of 'left': expected shape"),
-        ({"object_pose": [0, 0, 0.7]}, hf.ModelError, "object_pose"),
-        ({"gravity": [0, 0]}, hf.ModelError, "gravity"),
+        ({"q": {"lft": np.zeros(7)}}, hf.errors.ModelError, "q: no arm 'lft'. Did you mean 'left'"),
+        ({"q": np.zeros(14)}, hf.errors.ModelError, "q: expected joint positions by arm name"),
+        ({"q": {"left": np.zeros(6)}}, hf.errors.StateError, "q of 'left': expected shape"),
+        ({"object_pose": [0, 0, 0.7]}, hf.errors.ModelError, "object_pose"),
+        ({"gravity": [0, 0]}, hf.errors.ModelError, "gravity"),
     ],
 )
 def test_bad_options(options, error, message):
@@ -266,7 +266,7 @@ def test_bad_options(options, error, message):
 def test_nothing_to_find():
     """Without grasps the object's pose has to be given."""
     arms, box, _ = facing("panda")
-    with pytest.raises(hf.ModelError, match="expected at least one grasp"):
+    with pytest.raises(hf.errors.ModelError, match="expected at least one grasp"):
         assemble(arms, box, {})
     assert assemble(arms, box, {}, object_pose=[1, 0, 0, 0, 0, 0, 0.7]).state.q == pytest.approx(
         np.tile(HOME["panda"], 2)

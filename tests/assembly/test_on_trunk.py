@@ -49,7 +49,7 @@ def test_preferred_by_default():
 def test_a_torso_that_must_turn():
     """A tray out of reach from the preferred configuration is behind: the torso turns, and the arms are brought."""
     behind = hf.Pose.from_rpy(0, 0, np.pi / 2, [0.0, 0.65, 1.0])
-    with pytest.raises(hf.ClosureError):
+    with pytest.raises(hf.errors.ClosureError):
         hf.assemble(on_own_bases(*stiff(behind))[0].arms, TRAY, GRASPS, object_pose=behind)
     found = hf.assemble(ARMS, TRAY, GRASPS, object_pose=behind, q={"trunk": [0.1, 0.0]}, **ON)
     assert largest_gaps(hf.dynamics.closure(*found))[0] < 1e-10
@@ -105,7 +105,7 @@ def test_what_is_refused():
     ):
         with pytest.raises(hf.HoldfastError, match=message):
             hf.assemble(ARMS, TRAY, GRASPS, object_pose=pose, **options)
-    with pytest.raises(hf.ClosureError, match=r"short.*no other was found to help"):
+    with pytest.raises(hf.errors.ClosureError, match=r"short.*no other was found to help"):
         hf.assemble(ARMS, TRAY, GRASPS, object_pose=hf.Pose.translation(5, 0, 1.0), **ON)
 
 

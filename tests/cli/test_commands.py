@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 import holdfast
-from holdfast import ClosureError, SingularChainError
 from holdfast.cli import solve as solve_command
 from holdfast.dynamics import METHODS
+from holdfast.errors import ClosureError, SingularChainError
 from tests.io.mutations import CASES, small_case
 from tests.systems import two_collinear_stretched_6r
 

@@ -6,8 +6,9 @@ import shutil
 
 import pytest
 
-from holdfast import SceneError, load_result, load_scene, load_urdf
+from holdfast import load_result, load_scene, load_urdf
 from holdfast.cli import main
+from holdfast.errors import SceneError
 from tests.io.signing import as_0_1, resigned, signed
 from tests.robots.two_armed import TWO_ARMED
 from tests.scenario.test_robot import scene

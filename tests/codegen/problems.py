@@ -114,7 +114,7 @@ def _forward(compiled, state, count) -> Truth:
         (q, qd, pose, twist), rest = _by_name(chain, system)
         try:
             found = compiled.forward_dynamics(q, qd, system["tau"], pose, twist, **_without(rest, "tau"))
-        except hf.SingularChainError:
+        except hf.errors.SingularChainError:
             continue
         rank = function.values["generic_rank"]
         names = [n for n, e in function.externals.items() if e.role == "output" and e.size]

@@ -37,7 +37,7 @@ def test_files(tmp_path):
     header = (made.folder / "one.h").read_text()
     assert f"#define ONE_KINETIC_ENERGY_WORKSPACE {size.workspace // 8} " in header
     assert f"#define ONE_KINETIC_ENERGY_STACK {size.stack} " in header
-    with pytest.raises(hf.ResultError, match="is in use"):
+    with pytest.raises(hf.errors.ResultError, match="is in use"):
         export_c(chain, tmp_path / "code", functions=["kinetic_energy"])
     source = export_c(chain, tmp_path / "code", functions=["kinetic_energy"], source=True, overwrite=True)
     assert "chain.c" in source.files
@@ -94,22 +94,22 @@ def refusals():
     """Return what is refused: arguments, error and words of its message."""
     plain = hf.ControlLaw(lambda t, s, m, given: (s.q, m))
     return [
-        ({"name": "Pandas"}, hf.ModelError, "name: expected lower-case"),
-        ({"name": 3}, hf.ModelError, "name"),
-        ({"target": "riscv"}, hf.ModelError, "target: expected one of x86-64-v2"),
-        ({"target": ["aarch64"]}, hf.ModelError, "target"),
-        ({"state": np.zeros(7)}, hf.ModelError, "state"),
-        ({"functions": ["step"], "scheme": None}, hf.ModelError, "scheme"),
-        ({"functions": ["forward"]}, hf.ModelError, "did you mean|Available"),
-        ({"functions": "forward_dynamics"}, hf.ModelError, "functions"),
-        ({"functions": []}, hf.ModelError, "expected functions or laws, got none"),
-        ({"functions": ["step"]}, hf.ModelError, "state"),
-        ({"laws": {"Law": plain}}, hf.ModelError, "laws"),
-        ({"laws": {"step": plain}}, hf.ModelError, "laws"),
-        ({"laws": {"hold": lambda t, s, m: (s.q, m)}}, hf.MethodNotApplicable, "traced"),
-        ({"laws": 3}, hf.ModelError, "laws"),
-        ({"functions": ["forward_dynamics_vjp"], "of": ["qqd"]}, hf.StateError, "qqd"),
-        ({"functions": ["forward_dynamics_jacobian"], "by": []}, hf.StateError, "expected some"),
+        ({"name": "Pandas"}, hf.errors.ModelError, "name: expected lower-case"),
+        ({"name": 3}, hf.errors.ModelError, "name"),
+        ({"target": "riscv"}, hf.errors.ModelError, "target: expected one of x86-64-v2"),
+        ({"target": ["aarch64"]}, hf.errors.ModelError, "target"),
+        ({"state": np.zeros(7)}, hf.errors.ModelError, "state"),
+        ({"functions": ["step"], "scheme": None}, hf.errors.ModelError, "scheme"),
+        ({"functions": ["forward"]}, hf.errors.ModelError, "did you mean|Available"),
+        ({"functions": "forward_dynamics"}, hf.errors.ModelError, "functions"),
+        ({"functions": []}, hf.errors.ModelError, "expected functions or laws, got none"),
+        ({"functions": ["step"]}, hf.errors.ModelError, "state"),
+        ({"laws": {"Law": plain}}, hf.errors.ModelError, "laws"),
+        ({"laws": {"step": plain}}, hf.errors.ModelError, "laws"),
+        ({"laws": {"hold": lambda t, s, m: (s.q, m)}}, hf.errors.MethodNotApplicable, "traced"),
+        ({"laws": 3}, hf.errors.ModelError, "laws"),
+        ({"functions": ["forward_dynamics_vjp"], "of": ["qqd"]}, hf.errors.StateError, "qqd"),
+        ({"functions": ["forward_dynamics_jacobian"], "by": []}, hf.errors.StateError, "expected some"),
     ]
 
 
@@ -128,11 +128,11 @@ def test_refused_chains_and_states(tmp_path):
     """No step from open grasps, no scheme that estimates errors."""
     chain, state = chain_and_state("one holds")
     apart = hf.State(state.q + 1.0, state.qd, state.object_pose, state.object_twist)
-    with pytest.raises(hf.StateError, match="from which steps can begin"):
+    with pytest.raises(hf.errors.StateError, match="from which steps can begin"):
         export_c(chain, tmp_path / "a", functions=["step"], state=apart)
-    with pytest.raises(hf.ModelError, match="scheme"):
+    with pytest.raises(hf.errors.ModelError, match="scheme"):
         export_c(chain, tmp_path / "a", functions=["step"], state=state, scheme="dopri5")
-    with pytest.raises(hf.ModelError, match="chain"):
+    with pytest.raises(hf.errors.ModelError, match="chain"):
         export_c(3, tmp_path / "a")
     assert not list(tmp_path.iterdir())
 
@@ -147,7 +147,7 @@ def test_a_full_disk_leaves_the_old_export(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("pathlib.Path.write_bytes", full)
-    with pytest.raises(hf.ResultError, match="No space left"):
+    with pytest.raises(hf.errors.ResultError, match="No space left"):
         export_c(chain, tmp_path / "code", functions=["potential_energy"], overwrite=True)
     assert (tmp_path / "code" / "chain.o").read_bytes() == before
 

@@ -10,7 +10,8 @@ import numpy as np
 
 import holdfast
 from holdfast import ClosedChain, Grasp, Inputs, Pose, State
-from holdfast.compiled import CompiledChain, CompiledResult
+from holdfast.compiled import CompiledChain
+from holdfast.compiled.result import CompiledResult
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.dynamics import ForwardResult
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import SingularChainError, StateError
 from holdfast.compiler.targets import cpu
 from holdfast.dynamics import Status
+from holdfast.errors import SingularChainError, StateError
 from tests.compiled import problems
 from tests.compiled.problems import CHAINS, STATE, chain_named, compiled, forces, numbers, one, outputs
 from tests.compiler.programs import all_same_bits
@@ -297,7 +297,7 @@ def test_nothing_is_set_in_vain():
         ("tua", "bound: no attribute 'tua'. Did you mean 'tau'"),
         ("gravity", r"bound: no attribute 'gravity'.*try bound.set\(gravity=...\)"),
     ):
-        with pytest.raises(holdfast.FrozenError, match=message) as caught:
+        with pytest.raises(holdfast.errors.FrozenError, match=message) as caught:
             setattr(bound, name, np.zeros(3))
         assert isinstance(caught.value, AttributeError)
     assert bound() is Status.OK

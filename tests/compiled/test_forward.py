@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import MethodNotApplicable, SingularChainError, StateError
 from holdfast.dynamics import Status
 from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.errors import MethodNotApplicable, SingularChainError, StateError
 from holdfast.spatial.spatial_vector import shift_wrench
 from tests.acceptance.comparison import errors, relative
 from tests.compiled import problems

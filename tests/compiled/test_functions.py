@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import ClosedChain, MethodNotApplicable, Pose, StateError
+from holdfast import ClosedChain, Pose
 from holdfast.compiled import CompiledChain
 from holdfast.compiled.chain import REASONS
 from holdfast.compiled.computation import structure_of
@@ -18,6 +18,7 @@ from holdfast.compiled.structure import Options
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.compiler.targets import cpu
 from holdfast.dynamics.projection import after_step
+from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model.grasp import WrenchLimits
 from holdfast.questions.arrays import ARRAYS
 from holdfast.questions.case import OF_INPUTS

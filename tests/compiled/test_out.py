@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import StateError
 from holdfast.compiled import CompiledChain, arrays
 from holdfast.compiled.structure import Options
 from holdfast.dynamics import Status
+from holdfast.errors import StateError
 from holdfast.questions.question import QUESTIONS
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, compiled, numbers, one, outputs

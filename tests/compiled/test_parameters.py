@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import ClosedChain, Grasp, HeldObject, Link, StateError
+from holdfast import ClosedChain, Grasp, HeldObject, Link
 from holdfast.compiled import CompiledChain
+from holdfast.errors import StateError
 from tests.compiled import problems
 from tests.compiled.problems import STATE, chain_named, compiled, forces, numbers, one, outputs, part, pose
 from tests.compiler.programs import all_same_bits, same_bits

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import Arm, ClosedChain, Grasp, Joint, Link, ModelError, Pose, SingularChainError, StateError
+from holdfast import Arm, ClosedChain, Grasp, Joint, Link, Pose
 from holdfast.dynamics import Status
+from holdfast.errors import ModelError, SingularChainError, StateError
 from tests.compiled import problems
 from tests.compiled.problems import FIELDS, STATE, Given, chain_named, compiled, numbers, one, outputs
 from tests.compiler.programs import all_same_bits

@@ -112,7 +112,7 @@ def test_by_the_builtin(monkeypatch):
         assert fast.forward_dynamics(*arguments, out=out, **names) is out
         np.testing.assert_array_equal(out.qdd, expected.qdd)
         np.testing.assert_array_equal(out.base_acceleration, expected.base_acceleration)
-    with pytest.raises(hf.StateError, match="floating_twist: expected that of the trunk's floating base"):
+    with pytest.raises(hf.errors.StateError, match="floating_twist: expected that of the trunk's floating base"):
         fast.forward_dynamics(*arguments, floating_pose=base["floating_pose"], out=out)
 
 
@@ -133,7 +133,7 @@ def test_refused():
         (parameters | {"floating_pose": np.ones(7)}, "floating_pose: expected a unit quaternion"),
         (parameters | {"base_twist": np.ones((2, 6))}, "moves with the trunk"),
     ):
-        with pytest.raises(hf.StateError, match=message):
+        with pytest.raises(hf.errors.StateError, match=message):
             fast.forward_dynamics(*arguments, **options)
 
 
@@ -156,7 +156,7 @@ def test_other_functions(floating):
         answer = ask(*(now[x] for x in question.inputs), **own)
         assert gap(flat(answer), reference(name, chain, now, hf.Inputs())) < EXACT, name
         for x in own:
-            with pytest.raises(hf.StateError, match=f"{x}: expected that of the trunk's floating base"):
+            with pytest.raises(hf.errors.StateError, match=f"{x}: expected that of the trunk's floating base"):
                 ask(*(now[y] for y in question.inputs), **{y: value for y, value in own.items() if y != x})
     if not floating:
         many = fast.momentum(*(np.array([x, x]) for x in (s.q, s.qd, s.object_pose, s.object_twist)))
@@ -170,7 +170,7 @@ def test_a_joint_without_inertia():
     trunk = hf.Trunk([hf.Joint(), hf.Joint()], [hf.Link(0.0), hf.Link(3.0, inertia=np.diag([0.1, 0.2, 0.15]))])
     chain = replace(p.chain, trunk=trunk, mounts=dict.fromkeys(p.chain.mounts, 1))
     s = p.state
-    with pytest.raises(hf.ModelError, match="trunk, joint"):
+    with pytest.raises(hf.errors.ModelError, match="trunk, joint"):
         hf.forward_dynamics(chain, s, p.tau, check=False)
     states = [np.stack([x, x]) for x in (s.q, s.qd, p.tau, s.object_pose, s.object_twist)]
     assert (hf.compile(chain).forward_dynamics(*states).status == Status.INVALID).all()

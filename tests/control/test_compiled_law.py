@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ControlLaw, MethodNotApplicable, ModelError, StateError
+from holdfast import ControlLaw
 from holdfast.compiler.errors import CompileError
 from holdfast.control.clipped import clipped
 from holdfast.control.compiled_law import compile_law
@@ -16,6 +16,7 @@ from holdfast.control.controller import machine_code
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
+from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.simulation.simulate import laws_by_machine_code
 from holdfast.spatial import scalar
 from holdfast.spatial.scalar import clip, exp
@@ -149,7 +150,9 @@ def test_where_it_does_not_apply():
         law.torques(0.0, STATE.q[1:], STATE.qd, pose, twist)
     with pytest.raises(StateError, match="bind: q: expected shape"):
         law.bind(q=STATE.q[1:])
-    with pytest.raises(hf.FrozenError, match=r"bound: q: expected the array .* to stay; try bound.q\[...\] = values"):
+    with pytest.raises(
+        hf.errors.FrozenError, match=r"bound: q: expected the array .* to stay; try bound.q\[...\] = values"
+    ):
         law.bind().q = STATE.q
     some = law.torques(0.0, np.array([STATE.q, np.full(N, np.inf)]), STATE.qd, pose, twist).tau
     assert np.isfinite(some[0]).all() and np.isnan(some[1]).all()

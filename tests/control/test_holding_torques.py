@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ClosedChain, Friction, MethodNotApplicable, State, StateError, forward_dynamics
+from holdfast import ClosedChain, Friction, State, forward_dynamics
 from holdfast.assembly.assemble import assemble
 from holdfast.control.compiled_law import compile_law
 from holdfast.control.gravity_compensation import GravityCompensation
@@ -12,6 +12,7 @@ from holdfast.control.holding_law import holding_law
 from holdfast.control.holding_torques import holding_torques
 from holdfast.dynamics import project_velocity
 from holdfast.dynamics.result import Status
+from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces.force_split import split
 from holdfast.robots import stewart_platform, three_finger_hand
 from tests.control.two_pandas import pushes, two_pandas
@@ -223,7 +224,7 @@ def test_laws_refused():
     chain, state = two_pandas()
     with pytest.raises(MethodNotApplicable, match="got a chain with no grasp"):
         holding_law(chain.without_grasp("left").without_grasp("right"))
-    with pytest.raises(hf.ModelError, match="holding law: chain: expected ClosedChain"):
+    with pytest.raises(hf.errors.ModelError, match="holding law: chain: expected ClosedChain"):
         holding_law(3)  # pyright: ignore[reportArgumentType]
     poor = compile_law(hf.ControlLaw(lambda t, x, m, given: (x.q / (t - t), m)), chain)
     with pytest.raises(StateError, match="compiled law: expected finite torques"):

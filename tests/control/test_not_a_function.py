@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ControlLaw, ModelError
+from holdfast import ControlLaw
 from holdfast.control import compile_law
+from holdfast.errors import ModelError
 from tests.control.two_pandas import two_pandas
 
 CHAIN, STATE = two_pandas()

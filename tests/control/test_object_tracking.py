@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from holdfast import ModelError, Pose, State, StateError, close, forward_dynamics
+from holdfast import Pose, State, close, forward_dynamics
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest, Target
 from holdfast.dynamics import project_velocity
+from holdfast.errors import ModelError, StateError
 from holdfast.forces.force_split import split
 from holdfast.simulation.simulate import simulate
 from holdfast.spatial import rotation

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ModelError, Pose
+from holdfast import Pose
 from holdfast.control.compiled_law import compile_law
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest, quintic
 from holdfast.control.pose_spline import PoseSpline
+from holdfast.errors import ModelError
 from holdfast.spatial import rotation
 from holdfast.spatial.rotation import exp_curve
 from tests.control.two_pandas import two_pandas

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ModelError, State
+from holdfast import State
 from holdfast.control import GravityCompensation, clipped
 from holdfast.control.torque_schedule import TorqueSchedule
+from holdfast.errors import ModelError
 from holdfast.simulation.simulate import simulate
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.simulation.gantries import LINK, squeezed
@@ -162,5 +163,5 @@ def test_controllers_that_follow_the_grasps():
 def test_shapes_are_still_looked_at():
     """Torques of another length are refused by name."""
     chain, state = limited()
-    with pytest.raises(hf.StateError, match="controller: torques"):
+    with pytest.raises(hf.errors.StateError, match="controller: torques"):
         hf.simulate(chain, state, lambda t, s, m: (np.zeros(3), m), 0.1, 1e-3, on_limit="clip")

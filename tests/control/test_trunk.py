@@ -45,9 +45,9 @@ def test_held(seed, floating):
 def test_a_floating_base_falls():
     """With all arms on it nothing holds it up."""
     p = still_base(3, 2, floating=True, arms=RIGID, in_world=0.0)
-    with pytest.raises(hf.StateError, match="with the floating base at rest"):
+    with pytest.raises(hf.errors.StateError, match="with the floating base at rest"):
         hf.holding_torques(p.chain, p.state.at_rest())
-    with pytest.raises(hf.MethodNotApplicable, match="no actuator holds"):
+    with pytest.raises(hf.errors.MethodNotApplicable, match="no actuator holds"):
         GravityCompensation(p.chain)
 
 

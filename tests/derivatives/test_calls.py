@@ -150,9 +150,9 @@ def test_singular_and_invalid_systems():
         assert found.result.status.tolist() == statuses.tolist()
         for name in names:
             assert np.isnan(found[name][bad]).all() and same_bits(found[name][~bad], good[name][~bad]), name
-    with pytest.raises(hf.SingularChainError):
+    with pytest.raises(hf.errors.SingularChainError):
         fast.forward_dynamics_vjp(**one(many, 0), qdd=cotangents["qdd"][0], by=by)
-    with pytest.raises(hf.StateError, match="tau: expected finite numbers"):
+    with pytest.raises(hf.errors.StateError, match="tau: expected finite numbers"):
         fast.forward_dynamics_vjp(**one(many, 4), qdd=cotangents["qdd"][4], by=by)
 
 
@@ -180,7 +180,7 @@ def test_directions_at_once():
     expected = Reference(p).forward_dynamics_jvp(along=along)
     for of in OUTPUTS:
         assert relative_gap(whole[of], expected[of]) < LAW
-    with pytest.raises(hf.StateError):
+    with pytest.raises(hf.errors.StateError):
         fast.forward_dynamics_jvp(**own, along={"q": np.ones((2, 3)), "tau": np.ones((4, 3))})
 
 
@@ -195,7 +195,7 @@ def test_out():
     assert again is first or again.q.base is memory.base or np.shares_memory(again.q, memory)
     for name in FEW:
         assert same_bits(again[name], second[name])
-    with pytest.raises(hf.StateError, match="out"):
+    with pytest.raises(hf.errors.StateError, match="out"):
         fast.forward_dynamics_vjp(**own, **cotangents[1], by=("q",), out=first)
 
 
@@ -234,10 +234,10 @@ def test_out_by_the_builtin(monkeypatch):
         ({"threads": True}, "threads"),
         ({"tau": out.tau}, "memory of its own"),
     ):
-        with pytest.raises(hf.StateError, match=message):
+        with pytest.raises(hf.errors.StateError, match=message):
             fast.forward_dynamics_vjp(**state | cotangents | wrong, out=out)
     message = r"forward_dynamics\.jacobian: expected some of"  # a text is no list of one name
-    with pytest.raises(hf.StateError, match=message):
+    with pytest.raises(hf.errors.StateError, match=message):
         fast.forward_dynamics_jacobian(**state, of=["qdd"], by="tau")
 
 
@@ -274,9 +274,9 @@ def test_names_of_trunks():
     """Arguments and results that are a trunk's are named as unknown where there is none, or another."""
     plain, fixed = random_chain(0), random_chain(0, "fixed")
     for p, name in ((plain, "trunk_link_wrench"), (fixed, "floating_pose")):
-        with pytest.raises(hf.StateError, match=f"no '{name}'"):
+        with pytest.raises(hf.errors.StateError, match=f"no '{name}'"):
             hf.forward_dynamics_vjp(p.chain, p.state, p.tau, qdd=p.tau, by=[name])
-    with pytest.raises(hf.StateError, match="no 'floating_acceleration'"):
+    with pytest.raises(hf.errors.StateError, match="no 'floating_acceleration'"):
         hf.forward_dynamics_vjp(fixed.chain, fixed.state, fixed.tau, floating_acceleration=np.ones(6))
 
 
@@ -307,7 +307,7 @@ def test_a_floating_base_is_an_input():
     own = {name: own[name] for name in (*STATE_AND_TORQUES, "floating_pose", "floating_twist")}
     cotangent = np.linspace(-1.0, 1.0, 6)
     lacking = {name: x for name, x in own.items() if name != "floating_twist"}
-    with pytest.raises(hf.StateError, match="floating_twist: expected that of the trunk's floating base"):
+    with pytest.raises(hf.errors.StateError, match="floating_twist: expected that of the trunk's floating base"):
         fast.forward_dynamics_vjp(**lacking, floating_acceleration=cotangent, by=by)
     found = fast.forward_dynamics_vjp(**own, **acting, floating_acceleration=cotangent, by=by)
     many = fast.forward_dynamics_vjp(

@@ -248,14 +248,16 @@ def test_bound_calls(name, kind):
 def test_bound_calls_refuse_what_they_do_not_know():
     of = function_case("potential_energy", "limits")
     fast = alone(of.p.chain).potential_energy
-    with pytest.raises(hf.StateError, match=r"potential_energy\.bind: expected vjp, jvp or jacobian, got 'grad'"):
+    with pytest.raises(
+        hf.errors.StateError, match=r"potential_energy\.bind: expected vjp, jvp or jacobian, got 'grad'"
+    ):
         fast.bind("grad", by=["q"])
-    with pytest.raises(hf.StateError, match=r"potential_energy\.vjp: no 'qd'"):
+    with pytest.raises(hf.errors.StateError, match=r"potential_energy\.vjp: no 'qd'"):
         fast.bind("vjp", by=["qd"])
     bound = fast.bind("vjp", by=["q"], q=np.array(of.p.state.q))
-    with pytest.raises(hf.StateError, match="q: expected numbers of one system, got a batch of 2"):
+    with pytest.raises(hf.errors.StateError, match="q: expected numbers of one system, got a batch of 2"):
         bound.set(q=np.zeros((2, of.p.chain.joint_count)))
-    with pytest.raises(hf.StateError, match="no parameter 'tau'"):
+    with pytest.raises(hf.errors.StateError, match="no parameter 'tau'"):
         bound.set(tau=1.0)
     with pytest.raises(AttributeError, match=r"no derivative 'qd'\. Did you mean 'q'"):
         _ = bound.found.qd
@@ -284,9 +286,9 @@ def test_invalid_systems():
     q[1, 0] = np.nan
     found = fast.potential_energy.vjp(q, of.p.state.object_pose, by=["q"])
     assert np.isnan(found.q[1]).all() and np.isfinite(found.q[[0, 2]]).all()
-    with pytest.raises(hf.StateError, match=r"^q: expected finite numbers, got nan"):
+    with pytest.raises(hf.errors.StateError, match=r"^q: expected finite numbers, got nan"):
         fast.potential_energy.vjp(q[1], of.p.state.object_pose, by=["q"])
-    with pytest.raises(hf.StateError, match=r"^potential_energy: expected finite numbers, got inf"):
+    with pytest.raises(hf.errors.StateError, match=r"^potential_energy: expected finite numbers, got inf"):
         fast.potential_energy.vjp(q[0], of.p.state.object_pose, by=["q"], potential_energy=np.inf)
 
 
@@ -294,19 +296,19 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
     of = function_case("inverse_dynamics", "plain")
     fast, n = alone(of.p.chain), of.p.chain.joint_count
     given: Any = inputs_of(of)
-    with pytest.raises(hf.StateError, match=r"inverse_dynamics\.vjp: no 'tau'"):
+    with pytest.raises(hf.errors.StateError, match=r"inverse_dynamics\.vjp: no 'tau'"):
         fast.inverse_dynamics.vjp(*given, by=["tau"], tau=np.ones(n))
-    with pytest.raises(hf.StateError, match=r"inverse_dynamics\.jacobian: no 'qdd'"):
+    with pytest.raises(hf.errors.StateError, match=r"inverse_dynamics\.jacobian: no 'qdd'"):
         fast.inverse_dynamics.jacobian(*given, of=["qdd"])
-    with pytest.raises(hf.StateError, match=r"inverse_dynamics\.jvp: expected some of"):
+    with pytest.raises(hf.errors.StateError, match=r"inverse_dynamics\.jvp: expected some of"):
         fast.inverse_dynamics.jvp(*given, along={})
-    with pytest.raises(hf.StateError, match=r"inverse_dynamics\.jvp: along: expected"):
+    with pytest.raises(hf.errors.StateError, match=r"inverse_dynamics\.jvp: along: expected"):
         fast.inverse_dynamics.jvp(*given, along=3)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(hf.StateError, match=r"^tau: expected shape"):
+    with pytest.raises(hf.errors.StateError, match=r"^tau: expected shape"):
         fast.inverse_dynamics.vjp(*given, by=["q"], tau=np.ones(n + 1))
-    with pytest.raises(hf.StateError, match="no parameter 'object_mass'"):
+    with pytest.raises(hf.errors.StateError, match="no parameter 'object_mass'"):
         fast.inverse_dynamics.vjp(*given, by=["q"], tau=np.ones(n), object_mass=1.0)
-    with pytest.raises(hf.StateError, match="holds nothing, expected zeros"):
+    with pytest.raises(hf.errors.StateError, match="holds nothing, expected zeros"):
         fast.inverse_dynamics.vjp(*given[:3], grasp_wrench=np.ones_like(given[3]), tau=np.ones(n))
 
 
@@ -323,11 +325,11 @@ def test_motions_that_are_not_possible(kind):
     else:
         changed = {"floating_acceleration": of.own["floating_acceleration"] + 1e-3}
         refused = of._replace(own={**of.own, **changed})
-    with pytest.raises(hf.StateError) as expected:
+    with pytest.raises(hf.errors.StateError) as expected:
         refused.called()
     tau = of.called()
     for call in (fast, partial(fast.vjp, by=["q"], tau=np.ones_like(tau))):
-        with pytest.raises(hf.StateError) as got:
+        with pytest.raises(hf.errors.StateError) as got:
             call(**{**given, **named, **changed})
         assert str(got.value) == str(expected.value)
         ((name, off),) = changed.items()
@@ -339,7 +341,7 @@ def test_motions_that_are_not_possible(kind):
 
 def test_where_the_object_is_must_be_given_to_springs():
     of = function_case("inverse_dynamics", "springs")
-    with pytest.raises(hf.StateError, match=r"^object_pose: expected it, as springs between bodies or bushings"):
+    with pytest.raises(hf.errors.StateError, match=r"^object_pose: expected it, as springs between bodies or bushings"):
         alone(of.p.chain).inverse_dynamics(*inputs_of(of))
 
 

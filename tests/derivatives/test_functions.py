@@ -165,19 +165,19 @@ def test_what_torques_do_not_depend_on_has_a_gradient_of_nothing():
 def test_names_and_shapes_that_do_not_fit_are_refused():
     of = function_case("inverse_dynamics", "plain")
     n = of.p.chain.joint_count
-    with pytest.raises(hf.StateError, match=r"inverse_dynamics\.vjp: no 'tau'"):
+    with pytest.raises(hf.errors.StateError, match=r"inverse_dynamics\.vjp: no 'tau'"):
         of.called("vjp", by=["tau"], tau=np.ones(n))
-    with pytest.raises(hf.StateError, match="expected some of"):
+    with pytest.raises(hf.errors.StateError, match="expected some of"):
         of.called("vjp", by=[], tau=np.ones(n))
-    with pytest.raises(hf.StateError, match="expected some of"):
+    with pytest.raises(hf.errors.StateError, match="expected some of"):
         of.called("vjp", by=3, tau=np.ones(n))
-    with pytest.raises(hf.StateError, match="tau: expected finite numbers, got an overflow"):
+    with pytest.raises(hf.errors.StateError, match="tau: expected finite numbers, got an overflow"):
         of.called("jvp", along={"q": 1e308 * np.ones(n)})
     with pytest.raises(hf.HoldfastError, match=r"inverse_dynamics\.jvp: expected along too"):
         of.called("jvp")
-    with pytest.raises(hf.StateError, match="tau"):
+    with pytest.raises(hf.errors.StateError, match="tau"):
         of.called("vjp", tau=np.ones(n + 1))
-    with pytest.raises(hf.StateError, match="expected shape"):
+    with pytest.raises(hf.errors.StateError, match="expected shape"):
         of.called("jvp", along={"q": np.ones(n + 1)})
-    with pytest.raises(hf.StateError, match=r"kinetic_energy\.jacobian: no 'gravity'"):
+    with pytest.raises(hf.errors.StateError, match=r"kinetic_energy\.jacobian: no 'gravity'"):
         function_case("kinetic_energy", "plain").called("jacobian", by=["gravity"])

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, ClosureError, Grasp, Pose, State, close, project
+from holdfast import Arm, ClosedChain, Grasp, Pose, State, close, project
 from holdfast.dynamics import closure, project_velocity
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.stacked import Stacked, block_diagonal
 from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.dynamics.projection import moved, project_velocities
+from holdfast.errors import ClosureError
 from holdfast.spatial import rotation
 from tests.model.parts import BOX, arm
 from tests.systems.problems import STATE, largest_gaps, random_problem, stored

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import Inputs, Pose, State, StateError, forward_dynamics
+from holdfast import Inputs, Pose, State, forward_dynamics
 from holdfast.dynamics import closure
 from holdfast.dynamics.consistency import require_rates
+from holdfast.errors import StateError
 from holdfast.spatial import rotation
 from tests.dynamics.problems import motion_of, pushed
 from tests.systems.as_chain import Problem
@@ -167,7 +168,7 @@ OF_RESULT = {
 def test_state_of_another_chain(name):
     """The message counts the joints of every arm."""
     OF_STATE[name](STATE)
-    with pytest.raises(hf.StateError, match="state: q: expected 14 joint positions"):
+    with pytest.raises(hf.errors.StateError, match="state: q: expected 14 joint positions"):
         OF_STATE[name](SHORT)
 
 
@@ -176,7 +177,7 @@ def test_result_of_another_chain(name):
     """The message names both shapes."""
     other = random_problem(1, grasps=("rigid",), joints=(6,), moving_base=False, extras=False)
     with pytest.raises(
-        hf.StateError,
+        hf.errors.StateError,
         match=r"expected one system of 2 arms with 14 joints|(base|grasp)_wrench: expected shape \(2, 6\)",
     ):
         OF_RESULT[name](hf.forward_dynamics(other.chain, other.state, other.tau))
@@ -184,5 +185,5 @@ def test_result_of_another_chain(name):
 
 def test_torques_of_another_chain():
     """Power needs a torque a joint."""
-    with pytest.raises(hf.StateError, match="tau"):
+    with pytest.raises(hf.errors.StateError, match="tau"):
         hf.dynamics.power(CHAIN, STATE, np.zeros(3), RESULT)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import Grasp, Pose, StateError
+from holdfast import Grasp, Pose
 from holdfast.dynamics import contact_attitudes
+from holdfast.errors import StateError
 from holdfast.spatial import rotation
 from tests.dynamics.problems import later, motion_of
 from tests.systems.problems import random_problem, stored

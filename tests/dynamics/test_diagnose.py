@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import ClosedChain, MethodNotApplicable, SingularChainError, State, diagnose, forward_dynamics
-from holdfast.dynamics import METHODS, Diagnosis
+from holdfast import ClosedChain, State, diagnose, forward_dynamics
+from holdfast.dynamics import METHODS
 from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.dynamics.diagnose import Diagnosis
+from holdfast.errors import MethodNotApplicable, SingularChainError
 from tests.dynamics.problems import motion_of
 from tests.laws.transformed import rescaled
 from tests.longer import mostly_long

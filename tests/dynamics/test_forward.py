@@ -5,21 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import (
-    Arm,
-    ClosedChain,
-    Grasp,
-    Inputs,
-    Joint,
-    Link,
-    ModelError,
-    SingularChainError,
-    State,
-    StateError,
-    forward_dynamics,
-    inverse_dynamics,
-)
+from holdfast import Arm, ClosedChain, Grasp, Inputs, Joint, Link, State, forward_dynamics, inverse_dynamics
 from holdfast.dynamics import Status, state_from_joints
+from holdfast.errors import ModelError, SingularChainError, StateError
 from tests.model.parts import BOX, arm
 from tests.systems import planar_parallelogram
 from tests.systems.as_chain import as_chain

@@ -167,7 +167,7 @@ def excess(p: Problem, give: float = GIVE, **options) -> float:
     """
     try:
         found = holdfast.forward_dynamics(p.chain, p.state, p.tau, **options)
-    except holdfast.SingularChainError:
+    except holdfast.errors.SingularChainError:
         return 1.0
     unique = found.status is holdfast.dynamics.Status.OK
     case, softness = as_case(p.chain, p.state, p.tau), 0.0 if unique else 1e-20

@@ -5,27 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import (
-    Arm,
-    ClosedChain,
-    ClosureError,
-    Friction,
-    Grasp,
-    HeldObject,
-    Inputs,
-    Joint,
-    Link,
-    ModelError,
-    Pose,
-    State,
-    StateError,
-    forward_dynamics,
-)
+from holdfast import Arm, ClosedChain, Friction, Grasp, HeldObject, Inputs, Joint, Link, Pose, State, forward_dynamics
 from holdfast.dynamics import Status, closure, kinetic_energy, momentum
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.impulse import attach, grasp_here, release
+from holdfast.errors import ClosureError, ModelError, StateError
 from holdfast.model.grasp import WrenchLimits
 from holdfast.spatial import rotation
 from holdfast.spatial.spatial_vector import shift_wrench, unrotate

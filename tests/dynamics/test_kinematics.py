@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import MethodNotApplicable, StateError
 from holdfast.dynamics import state_from_joints
+from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.robots import iiwa14, panda
 from holdfast.spatial import rotation
 from tests.systems import well_conditioned_system
@@ -61,7 +61,7 @@ def test_mass_matrix_is_the_kinetic_energy(arm):
 @pytest.mark.parametrize(("q", "message"), [([0.1], r"q: expected shape \(7,\)"), ([np.nan] * 7, "q: expected finite")])
 def test_refusals(ask, q, message):
     """Positions of a wrong number, or none."""
-    with pytest.raises(hf.StateError, match=message):
+    with pytest.raises(hf.errors.StateError, match=message):
         ask(panda(), q)
 
 

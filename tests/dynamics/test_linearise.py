@@ -74,7 +74,7 @@ def test_a_basis_that_does_not_jump():
     assert np.abs(second.basis - first.basis).max() < 1e-2
     alone = hf.linearise(p.chain, near, p.tau, inputs=p.inputs)
     assert np.allclose(np.sort_complex(np.linalg.eigvals(second.A)), np.sort_complex(np.linalg.eigvals(alone.A)))
-    with pytest.raises(hf.StateError, match="basis: expected shape"):
+    with pytest.raises(hf.errors.StateError, match="basis: expected shape"):
         hf.linearise(p.chain, near, p.tau, inputs=p.inputs, basis=first.basis[:, :3])
 
 

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import ClosedChain, Grasp, HeldObject, Pose, SingularChainError, State
+from holdfast import ClosedChain, Grasp, HeldObject, Pose, State
 from holdfast.dynamics import motion_basis, object_inertia, object_mobility
 from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.errors import SingularChainError
 from tests.dynamics.problems import motion_of
 from tests.model.parts import arm
 from tests.systems.problems import CASES, random_problem, relative_gap, stored

@@ -38,7 +38,7 @@ REFUSED: dict[str, Callable[[], Any]] = {
 
 @pytest.mark.parametrize("what", REFUSED)
 def test_an_overflow_is_refused_by_name(what):
-    with pytest.raises(hf.StateError, match=f"{what}.*overflow"):
+    with pytest.raises(hf.errors.StateError, match=f"{what}.*overflow"):
         REFUSED[what]()
 
 

@@ -141,7 +141,7 @@ def test_a_floating_base_needs_nothing():
             lever = motion.arms[name].at.tip.p - p.state.base_frame.p
             left = left + np.concatenate([f[:3] + np.cross(lever, f[3:]), f[3:]])
     assert np.abs(left).max() < 1e-10 * np.abs(Y.wrench_under(chain)).max()
-    with pytest.raises(hf.StateError, match="base_acceleration: expected the acceleration of the floating base"):
+    with pytest.raises(hf.errors.StateError, match="base_acceleration: expected the acceleration of the floating base"):
         hf.regressor(chain, p.state, found.qdd, found.object_acceleration)
 
 

@@ -58,15 +58,15 @@ def test_without_a_load_a_cone_opens_along_its_normal():
 @pytest.mark.parametrize("name", NAMES)
 def test_what_does_not_fit_is_refused_in_words(name):
     of = function_case(name, "limits")
-    with pytest.raises(hf.StateError, match=rf"{name}\.vjp: no 'tau'"):
+    with pytest.raises(hf.errors.StateError, match=rf"{name}\.vjp: no 'tau'"):
         of.called("vjp", by=["tau"], **{name: np.zeros(of.called().shape)})
-    with pytest.raises(hf.StateError, match=f"{name}: .*shape"):
+    with pytest.raises(hf.errors.StateError, match=f"{name}: .*shape"):
         of.called("vjp", **{name: np.zeros(17)})
-    with pytest.raises(hf.StateError, match="expected shape"):
+    with pytest.raises(hf.errors.StateError, match="expected shape"):
         of.called("jvp", along={"grasp_wrench": np.zeros(5)})
-    with pytest.raises(hf.StateError, match="overflow"):
+    with pytest.raises(hf.errors.StateError, match="overflow"):
         of.called("jvp", along={"grasp_wrench": np.full((4, 6), 1.7e308)})
-    with pytest.raises(hf.StateError, match=rf"{name}\.jacobian: no 'qdd'"):
+    with pytest.raises(hf.errors.StateError, match=rf"{name}\.jacobian: no 'qdd'"):
         of.called("jacobian", of=["qdd"])
 
 
@@ -83,5 +83,5 @@ def test_joints_without_limits_and_beside_the_nearer_one():
     rated = np.isfinite([joint.rate_limit for joint in chain.all_joints])
     assert np.array_equal(found["rate", "qd"], -np.diag(rated * np.sign(of.p.state.qd)))
     assert np.array_equal(found["effort", "tau"], -np.diag(np.sign(of.p.tau)))
-    with pytest.raises(hf.StateError, match=r"joint_margins\.vjp: expected some of position, rate, effort"):
+    with pytest.raises(hf.errors.StateError, match=r"joint_margins\.vjp: expected some of position, rate, effort"):
         of.called("vjp")

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
 
-from holdfast import ClosedChain, Friction, Grasp, Inputs, Pose, State, StateError, forward_dynamics
+from holdfast import ClosedChain, Friction, Grasp, Inputs, Pose, State, forward_dynamics
 from holdfast.dynamics import ForwardResult, Status
 from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.dynamics.rank import constraint_rank
+from holdfast.errors import StateError
 from holdfast.forces.margin_interval import MarginRange, largest_margin, margin_range
 from holdfast.forces.margins import grasp_margins
 from holdfast.model.grasp import WrenchLimits

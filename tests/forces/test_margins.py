@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import ClosedChain, Friction, Grasp, Joint, State, StateError
+from holdfast import ClosedChain, Friction, Grasp, Joint, State
+from holdfast.errors import StateError
 from holdfast.forces.margins import contact_margin, grasp_margins, joint_margins
 from holdfast.model.grasp import WrenchLimits
 from holdfast.questions.arrays import contact_of

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import ClosedChain, Grasp, HeldObject, Pose, State, StateError
+from holdfast import ClosedChain, Grasp, HeldObject, Pose, State
 from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.errors import StateError
 from holdfast.forces import split
 from tests.dynamics.problems import motion_of
 from tests.model.parts import arm

@@ -17,7 +17,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.assembly.report import ArmReport
-from holdfast.compiled import CompiledResult
+from holdfast.compiled.result import CompiledResult
 from holdfast.dynamics import Status
 from holdfast.simulation import RolloutSystems
 

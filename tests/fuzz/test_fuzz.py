@@ -7,6 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast import control, dynamics, forces, load_urdf_trunk
+from holdfast.errors import ModelError, SceneError, StateError
 from holdfast.identification import base_parameters
 from tests.fuzz.calls import CALLS, everything, fixed, rigid
 from tests.fuzz.ended import ended
@@ -50,93 +51,93 @@ WHIRLED = hf.Inputs(base_twists=np.full((2, 6), 1e308))
 FOUND = {
     "a path for ever": (
         lambda: control.PoseSpline.at_speed([START, [1, 0, 0, 0, 1, 0, 0]], 5e-324, 1.0),
-        hf.ModelError,
+        ModelError,
         "path",
     ),
     "a length whose square overflows": (
         lambda: forces.split(CHAIN, STATE, np.ones((2, 6)), length=1e308),
-        hf.StateError,
+        StateError,
         "split: expected finite numbers",
     ),
     "a base carried far away": (
         lambda: hf.simulation.CarriedBase(
             control.RestToRest(START, [1, 0, 0], turn=[0, 0, 1], duration=1.0), [1, 0, 0, 0, 1e308, 0.2, 0.3]
         )(0.4),
-        hf.StateError,
+        StateError,
         "carried base: expected finite numbers",
     ),
-    "no chain": (lambda: dynamics.kinetic_energy(3, STATE), hf.ModelError, "chain: expected ClosedChain, got int"),
-    "no state": (lambda: forces.split(CHAIN, {}, np.zeros((2, 6))), hf.StateError, "state: expected State, got dict"),
-    "no inputs": (lambda: dynamics.closure(CHAIN, STATE, 1.0), hf.StateError, "inputs: expected Inputs, got float"),
+    "no chain": (lambda: dynamics.kinetic_energy(3, STATE), ModelError, "chain: expected ClosedChain, got int"),
+    "no state": (lambda: forces.split(CHAIN, {}, np.zeros((2, 6))), StateError, "state: expected State, got dict"),
+    "no inputs": (lambda: dynamics.closure(CHAIN, STATE, 1.0), StateError, "inputs: expected Inputs, got float"),
     "no chain of a step": (
         lambda: hf.linearise(1e-9, STATE, TAU, step=1e-3),
-        hf.ModelError,
+        ModelError,
         "chain: expected ClosedChain, got float",
     ),
-    "no result": (lambda: forces.wrist_wrenches(CHAIN, STATE, "x"), hf.StateError, "result: expected ForwardResult"),
-    "no arm": (lambda: dynamics.tip_pose(None, []), hf.ModelError, "arm: expected Arm, got NoneType"),
-    "no chain to release": (lambda: dynamics.release("x", "y"), hf.ModelError, "chain: expected ClosedChain"),
-    "no state of a law": (lambda: control.GravityCompensation(CHAIN)(0.0, 1, None), hf.StateError, "expected State"),
-    "no values": (lambda: hf.ControlLaw(lambda *x: x).given(3), hf.StateError, "values: expected Mapping, got int"),
+    "no result": (lambda: forces.wrist_wrenches(CHAIN, STATE, "x"), StateError, "result: expected ForwardResult"),
+    "no arm": (lambda: dynamics.tip_pose(None, []), ModelError, "arm: expected Arm, got NoneType"),
+    "no chain to release": (lambda: dynamics.release("x", "y"), ModelError, "chain: expected ClosedChain"),
+    "no state of a law": (lambda: control.GravityCompensation(CHAIN)(0.0, 1, None), StateError, "expected State"),
+    "no values": (lambda: hf.ControlLaw(lambda *x: x).given(3), StateError, "values: expected Mapping, got int"),
     "names": (
         lambda: hf.forward_dynamics_jacobian(CHAIN, STATE, TAU, of=["qdd", "qdd"], by=["q"], check=False),
-        hf.StateError,
+        StateError,
         "expected each name once",
     ),
-    "a name": (lambda: hf.holding_torques(CHAIN, STATE, passive=[{}]), hf.StateError, "passive: no joint"),
-    "names of columns": (lambda: base_parameters(np.eye(2), ["a", np.nan]), hf.ModelError, r"names\[1\]: expected str"),
-    "tips": (lambda: load_urdf_trunk(HEAVY_BASE, np.array("x")), hf.SceneError, "tips: expected links by arm"),
+    "a name": (lambda: hf.holding_torques(CHAIN, STATE, passive=[{}]), StateError, "passive: no joint"),
+    "names of columns": (lambda: base_parameters(np.eye(2), ["a", np.nan]), ModelError, r"names\[1\]: expected str"),
+    "tips": (lambda: load_urdf_trunk(HEAVY_BASE, np.array("x")), SceneError, "tips: expected links by arm"),
     "a joint twice": (
         lambda: dynamics.closure.jvp(CHAIN, STATE, along={"q": np.zeros(3)}),
-        hf.StateError,
+        StateError,
         "expected shape",
     ),
-    "a flag": (lambda: hf.close(CHAIN, STATE, hold_object=[1.0]), hf.StateError, "hold_object: expected True or False"),
+    "a flag": (lambda: hf.close(CHAIN, STATE, hold_object=[1.0]), StateError, "hold_object: expected True or False"),
     "parameters": (
         lambda: dynamics.contact_attitudes(CHAIN, STATE, "quaternions"),
-        hf.StateError,
+        StateError,
         "parameters: expected 'quaternion' or 'euler', got 'quaternions'",
     ),
-    "no time": (lambda: control.RestToRest(START).at("x"), hf.ModelError, "path: t: expected a number"),
-    "a turn": (lambda: control.RestToRest(START, turn=[1e200, 0, 0]), hf.ModelError, "turn: expected at most"),
+    "no time": (lambda: control.RestToRest(START).at("x"), ModelError, "path: t: expected a number"),
+    "a turn": (lambda: control.RestToRest(START, turn=[1e200, 0, 0]), ModelError, "turn: expected at most"),
     "in no time": (
         lambda: control.RestToRest(START, [1, 0, 0], duration=1e-200).at(2e-201),
-        hf.StateError,
+        StateError,
         "path: .*overflow",
     ),
     "times": (
         lambda: control.TorqueSchedule.linear([0.0, 0.0], np.ones((2, 3))),
-        hf.ModelError,
+        ModelError,
         "schedule: times: expected increasing ones",
     ),
-    "columns": (lambda: hf.regressor(CHAIN, STATE, TAU, np.ones(6), inputs=HUGE), hf.StateError, "regressor"),
-    "gaps": (lambda: dynamics.closure(CHAIN, STATE, WHIRLED), hf.StateError, "closure: .*overflow"),
+    "columns": (lambda: hf.regressor(CHAIN, STATE, TAU, np.ones(6), inputs=HUGE), StateError, "regressor"),
+    "gaps": (lambda: dynamics.closure(CHAIN, STATE, WHIRLED), StateError, "closure: .*overflow"),
     "from joints": (
         lambda: dynamics.state_from_joints(rigid().chain, rigid().state.q, np.full(13, 1e308), check=False),
-        hf.StateError,
+        StateError,
         "state_from_joints: .*overflow",
     ),
     "derivatives": (
         lambda: hf.forward_dynamics_jvp(CHAIN, STATE, TAU, along={"gravity": [0, 0, 1e308]}, check=False),
-        hf.StateError,
+        StateError,
         "derivatives: .*overflow",
     ),
     "a share": (
         lambda: forces.split(CHAIN, STATE, np.array([[0, 0, 0, 1e200, 0, 0], [0, 0, 0, 1e200, 0, 0]])),
-        hf.StateError,
+        StateError,
         "split: .*overflow",
     ),
     "breakpoints": (
         lambda: hf.simulate(CHAIN, STATE, lambda *x: (TAU, None), 0.1, 0.01, breakpoints=3),
-        hf.ModelError,
+        ModelError,
         "breakpoints: expected times, got 3",
     ),
     "where to begin": (
         lambda: hf.assemble(CHAIN.arms, CHAIN.held_object, CHAIN.grasps, q={"arm1": np.full(4, 1e200)}),
-        hf.StateError,
+        StateError,
         "q of 'arm1': expected at most 100000 rad or m",
     ),
-    "a rank": (lambda: hf.compile_rollout(CHAIN, generic_rank=99), hf.StateError, "rollout: generic_rank: expected"),
+    "a rank": (lambda: hf.compile_rollout(CHAIN, generic_rank=99), StateError, "rollout: generic_rank: expected"),
 }  # fmt: skip
 
 

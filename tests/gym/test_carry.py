@@ -44,7 +44,7 @@ def test_clipped():
 
 def test_observation_and_reward():
     """Every part from the state, by the library's other functions, after steps at random."""
-    envs, task, generator = hf.gym.CarryVector(3, carry()), carry(), np.random.default_rng(1)
+    envs, task, generator = hf.gym.vector.CarryVector(3, carry()), carry(), np.random.default_rng(1)
     envs.reset(seed=8)
     for k in range(1, 9):
         actions = generator.uniform(-0.4, 0.4, (3, 7))
@@ -127,7 +127,7 @@ def test_path_of_ones_own():
     assert seen["goal"][3:] == pytest.approx([0.0, 0.0, 0.1], abs=1e-6)
     assert seen["path_acceleration"] == pytest.approx(path.at(0.02).acceleration, abs=1e-12)
     away = RestToRest(hf.Pose.translation(0.0, 0.0, 2.0))
-    with pytest.raises(hf.ModelError, match="path: expected one that begins where the object is"):
+    with pytest.raises(hf.errors.ModelError, match="path: expected one that begins where the object is"):
         hf.gym.CarryTask(chain, state, path=away)
 
 

@@ -69,5 +69,5 @@ def test_two_links_in_a_plane():
 @pytest.mark.parametrize("matrix", [np.zeros((3, 2)), np.zeros(3), [[np.nan] * 3], np.zeros((0, 3))])
 def test_refusals(matrix):
     """Shapes and numbers that are none, by name."""
-    with pytest.raises(hf.ModelError, match="base_parameters: matrix"):
+    with pytest.raises(hf.errors.ModelError, match="base_parameters: matrix"):
         base_parameters(matrix, ["a", "b", "c"])

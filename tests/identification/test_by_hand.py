@@ -164,7 +164,7 @@ def test_a_reversed_sign(by):
     """A mass below zero is what fits; the error says which, and asks for the sign."""
     case = random_case(4, "white", by)
     turned = replace(case.recording, **{by: -np.asarray(getattr(case.recording, by))})
-    with pytest.raises(hf.StateError, match=r"a mass of -[0-9.]+ \+- .* sign is reversed"):
+    with pytest.raises(hf.errors.StateError, match=r"a mass of -[0-9.]+ \+- .* sign is reversed"):
         hf.identify(case.chain, turned, by=by)
 
 

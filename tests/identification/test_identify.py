@@ -265,14 +265,14 @@ def test_recordings_that_do_not_fit(model, short):
         (Recording(**few), "expected 20 rows or more for 10 unknowns, got 12 of 2 samples"),
         (Recording(short.t, short.q[:, :7], wrist_wrench=short.wrist_wrench), "expected 14 joints, got 7"),
     ):
-        with pytest.raises(hf.StateError, match=said):
+        with pytest.raises(hf.errors.StateError, match=said):
             hf.identify(model, wrong)
-    with pytest.raises(hf.StateError, match="increasing"):
+    with pytest.raises(hf.errors.StateError, match="increasing"):
         replace(short, t=short.t[::-1])
-    with pytest.raises(hf.StateError, match="qd: expected shape"):
+    with pytest.raises(hf.errors.StateError, match="qd: expected shape"):
         replace(short, qd=short.qd[1:])
     floating = replace(model, gravity=np.zeros(3))
-    with pytest.raises(hf.ModelError, match="gravity"):
+    with pytest.raises(hf.errors.ModelError, match="gravity"):
         hf.identify(floating, short, gravity=True)
     weightless = Recording(
         short.t,
@@ -281,8 +281,8 @@ def test_recordings_that_do_not_fit(model, short):
         wrist_wrench=np.random.default_rng(0).normal(size=short.wrist_wrench.shape),
         object_pose=np.tile(short.object_pose[0], (len(short), 1)),
     )
-    with pytest.raises(hf.StateError, match="identifies some part of the payload"):
+    with pytest.raises(hf.errors.StateError, match="identifies some part of the payload"):
         hf.identify(floating, weightless)
     flat = replace(model, held_object=hf.HeldObject(1.0, np.diag([1.0, 1.0, 2.0])))
-    with pytest.raises(hf.ModelError, match="flat"):
+    with pytest.raises(hf.errors.ModelError, match="flat"):
         hf.identify(flat, short)

@@ -71,11 +71,11 @@ def test_csv_that_lacks_something(short, tmp_path):
         ("t [s]", "a line for each sample"),
     ):
         path.write_text(changed)
-        with pytest.raises(hf.ResultError) as raised:
+        with pytest.raises(hf.errors.ResultError) as raised:
             load_recording(path, chain)
         assert said in str(raised.value)
     for name in ("run.txt", "absent.csv"):
-        with pytest.raises(hf.ResultError):
+        with pytest.raises(hf.errors.ResultError):
             load_recording(tmp_path / name, chain)
 
 
@@ -86,7 +86,7 @@ def test_parquet(short, tmp_path):
         import pyarrow
         from pyarrow import parquet
     except ImportError:
-        with pytest.raises(hf.MissingExtra, match="parquet"):
+        with pytest.raises(hf.errors.MissingExtra, match="parquet"):
             load_recording(tmp_path / "run.parquet", chain)
         return
     columns = {}

@@ -81,5 +81,7 @@ def test_gravity_and_grasp_frames_are_found():
 @pytest.mark.slow
 def test_the_motion_of_a_floating_base_is_needed():
     p, recording = recorded(True)
-    with pytest.raises(hf.StateError, match="expected base_twist, base_acceleration, as the trunk's base floats"):
+    with pytest.raises(
+        hf.errors.StateError, match="expected base_twist, base_acceleration, as the trunk's base floats"
+    ):
         hf.identify(p.chain, replace(recording, base_twist=None, base_acceleration=None), by="tau")

@@ -116,7 +116,7 @@ def test_standing_still(rolled):
     assert value == np.inf and not gradient.any()
     far = given | {"object_pose": given["object_pose"] + np.array([0, 0, 0, 0, 5.0, 0, 0])}
     cost = value_and_gradient(rollout, effort, of=("q",), by=("object_pose",), step=STEP, steps=STEPS, **far)
-    with pytest.raises(hf.StateError, match="that have an answer"):
+    with pytest.raises(hf.errors.StateError, match="that have an answer"):
         cost(cost.x0)
 
 
@@ -156,21 +156,21 @@ def test_refusals(rolled, solved):
         ({"steps": None}, "expected step and steps of a rollout"),
         ({"object_pose": np.zeros(6), "by": ["object_pose"]}, "expected wxyz_xyz"),
     ):
-        with pytest.raises(hf.StateError, match=words):
+        with pytest.raises(hf.errors.StateError, match=words):
             value_and_gradient(rollout, effort, **(whole | wrong))
-    with pytest.raises(hf.StateError, match="neither step"):
+    with pytest.raises(hf.errors.StateError, match="neither step"):
         value_and_gradient(fast, effort, of=("qdd",), by=("tau",), step=STEP, **state)
-    with pytest.raises(hf.StateError, match="got no q"):
+    with pytest.raises(hf.errors.StateError, match="got no q"):
         value_and_gradient(fast, effort, of=("qdd",), by=("tau",), tau=state["tau"])
-    with pytest.raises(hf.StateError, match="dynamics"):
+    with pytest.raises(hf.errors.StateError, match="dynamics"):
         value_and_gradient(fast.chain, effort, of=("qdd",), by=("tau",))
     for cost in (lambda results: 1.0, lambda results: ("much", {})):
         fun = value_and_gradient(fast, cost, of=("qdd",), by=("tau",), **state)
-        with pytest.raises(hf.StateError, match="cost: expected a number and derivatives"):
+        with pytest.raises(hf.errors.StateError, match="cost: expected a number and derivatives"):
             fun(fun.x0)
     fun = value_and_gradient(fast, lambda results: (1.0, {}), of=("qdd",), by=("tau",), **state)
     assert fun(fun.x0)[0] == 1.0 and not fun(fun.x0)[1].any()
-    with pytest.raises(hf.StateError, match="x: expected shape"):
+    with pytest.raises(hf.errors.StateError, match="x: expected shape"):
         fun(fun.x0[1:])
 
 
@@ -212,9 +212,9 @@ def test_refusals_of_the_operator(solved):
     """Names that are not there, and a state that is not whole."""
     fast, arguments = solved
     for options, words in (({"of": "qd"}, "no 'qd'"), ({"by": ["tao"]}, "no 'tao'"), ({"by": "tau"}, "by")):
-        with pytest.raises(hf.StateError, match=words):
+        with pytest.raises(hf.errors.StateError, match=words):
             jacobian_operator(fast, **options, **arguments)
-    with pytest.raises(hf.StateError, match="got no qd"):
+    with pytest.raises(hf.errors.StateError, match="got no qd"):
         jacobian_operator(fast, q=arguments["q"])
-    with pytest.raises(hf.StateError, match="compiled"):
+    with pytest.raises(hf.errors.StateError, match="compiled"):
         jacobian_operator(fast.chain, **arguments)

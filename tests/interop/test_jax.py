@@ -232,7 +232,7 @@ def test_forces_that_are_not_unique():
     chain = hf.ClosedChain(arms, hf.HeldObject.box(mass=1.0, x=0.2, y=0.1, z=0.1), hands)
     fast = hf.compile(chain, generic_rank=5)
     state = np.zeros(14), np.zeros(14), np.zeros(14), np.eye(7)[0], np.zeros(6)
-    with pytest.raises(hf.StateError, match="not unique"):
+    with pytest.raises(hf.errors.StateError, match="not unique"):
         jax.grad(lambda tau: jnp.sum(to_jax(fast)(*state[:2], tau, *state[3:])["grasp_wrench"]))(state[2])
 
 
@@ -254,11 +254,11 @@ def test_refusals(problem, monkeypatch):
         ({"parameters": ["link_mass"]}, "no 'link_mass'"),
         ({"forward_mode": 1}, "forward_mode"),
     ):
-        with pytest.raises(hf.StateError, match=words):
+        with pytest.raises(hf.errors.StateError, match=words):
             to_jax(fast, **options)
-    with pytest.raises(hf.StateError, match="dynamics"):
+    with pytest.raises(hf.errors.StateError, match="dynamics"):
         to_jax(fast.chain)
-    with pytest.raises(hf.StateError, match="neither step"):
+    with pytest.raises(hf.errors.StateError, match="neither step"):
         to_jax(fast, step=0.1)
     f = to_jax(fast)
     for arguments, words in (
@@ -266,19 +266,19 @@ def test_refusals(problem, monkeypatch):
         ([*state[:2], state[2] + 1j, *state[3:]], "tau: expected real"),
         ([*state[:2], "no", *state[3:]], "tau: expected real"),
     ):
-        with pytest.raises(hf.StateError, match=words):
+        with pytest.raises(hf.errors.StateError, match=words):
             f(*arguments)
-    with pytest.raises(hf.StateError, match="parameters: expected none, got gravity"):
+    with pytest.raises(hf.errors.StateError, match="parameters: expected none, got gravity"):
         f(*state, gravity=np.zeros(3))
     floating = to_jax(hf.compile(random_chain(1, "floating").chain))
-    with pytest.raises(hf.StateError, match="expected floating_pose, floating_twist, got none"):
+    with pytest.raises(hf.errors.StateError, match="expected floating_pose, floating_twist, got none"):
         floating(*state)
     jax.config.update("jax_enable_x64", False)
     for call in (lambda: to_jax(fast), lambda: f(*state)):
-        with pytest.raises(hf.StateError, match=r'jax.config.update\("jax_enable_x64", True\)'):
+        with pytest.raises(hf.errors.StateError, match=r'jax.config.update\("jax_enable_x64", True\)'):
             call()
     monkeypatch.setitem(sys.modules, "jax", None)
-    with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[jax\]'"):
+    with pytest.raises(hf.errors.MissingExtra, match=r"pip install 'holdfast\[jax\]'"):
         to_jax(fast)
 
 

@@ -174,10 +174,10 @@ def test_refusals(problem):
         (steps | {"schedule": ["memory"]}, "schedule: no 'memory'"),
         ({"step": -1.0, "steps": 2}, "step"),
     ):
-        with pytest.raises(hf.StateError, match=words):
+        with pytest.raises(hf.errors.StateError, match=words):
             to_jax(rollout, **options)
     f = function(rollout)
-    with pytest.raises(hf.StateError, match="expected tau, gain, memory, grasp_pose, got gain"):
+    with pytest.raises(hf.errors.StateError, match="expected tau, gain, memory, grasp_pose, got gain"):
         f(*(values[name] for name in ("q", "qd", "object_pose", "object_twist")), gain=values["gain"])
-    with pytest.raises(hf.StateError, match=r"tau: expected shape \(4, 9\)"):
+    with pytest.raises(hf.errors.StateError, match=r"tau: expected shape \(4, 9\)"):
         f(**(values | {"tau": values["tau"][0]}))

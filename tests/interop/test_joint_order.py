@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import ClosedChain, HeldObject, ModelError, Trunk, forward_dynamics
+from holdfast import ClosedChain, HeldObject, Trunk, forward_dynamics
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
+from holdfast.errors import ModelError
 from holdfast.interop.joint_order import angular_first, free_flyer, linear_first, pinocchio_order, wxyz, xyzw
 from holdfast.robots import panda, ur5e
 from tests.oracles.pinocchio_model import JOINTS, inertia, se3

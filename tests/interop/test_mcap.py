@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import MissingExtra, Pose, ResultError, simulate
+from holdfast import Pose, simulate
+from holdfast.errors import MissingExtra, ResultError
 from holdfast.interop import mcap_writer
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.spatial import rotation

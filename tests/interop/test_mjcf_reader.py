@@ -5,8 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, HeldObject, MissingExtra, ModelError, Pose, SceneError, State
+from holdfast import Arm, ClosedChain, HeldObject, Pose, State
 from holdfast.dynamics import tip_pose
+from holdfast.errors import MissingExtra, ModelError, SceneError
 from holdfast.interop.mjcf_reader import load_mjcf
 from holdfast.interop.mjcf_writer import to_mjcf
 from holdfast.robots import ROBOTS, stewart_platform, three_finger_hand

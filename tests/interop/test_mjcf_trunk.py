@@ -129,5 +129,5 @@ def test_arms_alone():
 )  # fmt: skip
 def test_refused_by_name(call, message):
     """What cannot be arms on one trunk says why, and what to try."""
-    with pytest.raises(hf.SceneError, match=message):
+    with pytest.raises(hf.errors.SceneError, match=message):
         call(as_mjcf(HEAVY_BASE))

@@ -6,10 +6,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, HeldObject, Joint, Link, ModelError, Pose, State, StateError, forward_dynamics
+from holdfast import Arm, ClosedChain, HeldObject, Joint, Link, Pose, State, forward_dynamics
 from holdfast.dynamics import project_velocity
 from holdfast.dynamics.contact_places import tip_frames
 from holdfast.dynamics.diagnose import diagnose
+from holdfast.errors import ModelError, StateError
 from holdfast.interop.mjcf_writer import nested_order, to_mjcf
 from holdfast.robots import ROBOTS, stewart_platform, three_finger_hand
 from tests.control.two_pandas import two_pandas

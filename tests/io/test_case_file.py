@@ -7,8 +7,8 @@ import random
 import numpy as np
 import pytest
 
-from holdfast import SceneError
 from holdfast.cli import main
+from holdfast.errors import SceneError
 from holdfast.io.case_file import load_cases
 from tests.io.mutations import CASES, arm_with, at, path, places, renamed, replaced, small_case, with_token, without
 

@@ -88,7 +88,7 @@ def go_on(folder: Path) -> None:
     """Resume the run, and end it where it is; or do as the refusal says."""
     try:
         remembering(folder, resume=True)
-    except hf.ResultError as refusal:
+    except hf.errors.ResultError as refusal:
         if "--overwrite" not in str(refusal):
             raise
         remembering(folder, overwrite=True)

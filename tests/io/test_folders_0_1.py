@@ -40,7 +40,7 @@ def test_damaged_results(tmp_path):
     meta = json.loads((folder / "meta.json").read_text()) | {"complete": False}
     (folder / "meta.json").write_text(json.dumps(meta))
     made = hf.load_result(folder).meta
-    with pytest.raises(hf.ResultError, match=r"written by holdfast 0\.1: it can be read, but not resumed"):
+    with pytest.raises(hf.errors.ResultError, match=r"written by holdfast 0\.1: it can be read, but not resumed"):
         ResultWriter.resume(folder, made, (folder / "scene.toml").read_text())
     hf.load_result(OLD / "saved_run").save(folder, overwrite=True)
     assert hf.load_result(folder).meta.format_version == 3
@@ -60,7 +60,7 @@ def test_record(tmp_path):
     shutil.copytree(OLD / "record", folder, dirs_exist_ok=True)
     (folder / "record.json").unlink()
     (folder / "record.npz").write_bytes(b"PK")
-    with pytest.raises(hf.ResultError, match=r"record\.npz is damaged"):
+    with pytest.raises(hf.errors.ResultError, match=r"record\.npz is damaged"):
         hf.io.load_record(folder)
 
 
@@ -74,9 +74,9 @@ def test_sweep(tmp_path):
     found = hf.sweeps.load_sweep(folder)
     for title, numbers in EXPECTED["sweep"].items():
         assert found.column(title).tolist() == numbers
-    with pytest.raises(hf.ResultError, match=r"cannot be repeated with identical bits, since .*versions differ"):
+    with pytest.raises(hf.errors.ResultError, match=r"cannot be repeated with identical bits, since .*versions differ"):
         found.run(1)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(hf.ResultError, match="versions differ"):
+    with pytest.raises(hf.errors.ResultError, match="versions differ"):
         hf.sweeps.sweep_scene(hf.sweeps.of_scene.kept_scene(folder), folder)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before

@@ -132,7 +132,7 @@ def test_written_by_text(tmp_path):
         folder.mkdir()
         try:
             write(*arguments, str(folder / name))
-        except hf.MissingExtra:
+        except hf.errors.MissingExtra:
             continue
         assert list(folder.iterdir())
         before = sorted(tmp_path.rglob("*"))
@@ -147,9 +147,11 @@ def test_tables_of_what_is_no_result(tmp_path, export):
     """A run that does not know its chain, a folder's name: the message says how to come by one that does."""
     if export is hf.io.export_parquet:
         pytest.importorskip("pyarrow")
-    with pytest.raises(hf.StateError, match="expected one that knows its chain, as simulate and load_result return it"):
+    with pytest.raises(
+        hf.errors.StateError, match="expected one that knows its chain, as simulate and load_result return it"
+    ):
         export(lifted()[1], tmp_path / "run.csv")
-    with pytest.raises(hf.ResultError, match=r"got a str\. Try load_result of it"):
+    with pytest.raises(hf.errors.ResultError, match=r"got a str\. Try load_result of it"):
         export("run", tmp_path / "run.csv")
     assert not list(tmp_path.iterdir())
 
@@ -162,14 +164,14 @@ def test_pictures_of_what_is_no_run(tmp_path):
     one_arm = hf.ClosedChain({"left": chain.arms["left"]}, chain.held_object, {})
     uses: list[Any] = [hf.plot.playback_of_run, lambda chain, run: hf.plot.save_plots(chain, run, tmp_path)]
     for use in uses:
-        with pytest.raises(hf.StateError, match=r"expected a Trajectory.*got a Result; try its \.trajectory"):
+        with pytest.raises(hf.errors.StateError, match=r"expected a Trajectory.*got a Result; try its \.trajectory"):
             use(chain, hf.load_result(tmp_path / "run"))
-        with pytest.raises(hf.StateError, match="expected one of this chain, 7 joints in 1 arms, got 14 in 2"):
+        with pytest.raises(hf.errors.StateError, match="expected one of this chain, 7 joints in 1 arms, got 14 in 2"):
             use(one_arm, run)
-        with pytest.raises(hf.StateError, match="expected samples, got none"):
+        with pytest.raises(hf.errors.StateError, match="expected samples, got none"):
             use(chain, empty)
-        with pytest.raises(hf.ModelError, match="expected a ClosedChain, got a Trajectory"):
+        with pytest.raises(hf.errors.ModelError, match="expected a ClosedChain, got a Trajectory"):
             use(run, chain)
-    with pytest.raises(hf.ModelError, match=r"got a Trajectory; try playback_of_run\(chain, run\)"):
+    with pytest.raises(hf.errors.ModelError, match=r"got a Trajectory; try playback_of_run\(chain, run\)"):
         hf.plot.export_page(cast(Any, run), tmp_path / "page.html")
     assert np.array_equal(hf.plot.playback_of_run(chain, run).t, hf.plot.playback_of_run(chain, run, "run").t)

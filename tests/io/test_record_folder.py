@@ -46,7 +46,7 @@ def test_comes_back(made, tmp_path):
     assert (plain["status"] == record["status"]).all()
     assert same_bits(plain.t, record.t) and same_bits(plain.stopped, record.stopped)
     assert same_bits(plain.systems.work, record.systems.work)
-    with pytest.raises(hf.StateError, match="rollout="):
+    with pytest.raises(hf.errors.StateError, match="rollout="):
         plain.trajectory(1)
     run, expected = hf.io.load_record(folder, rollout).trajectory(1), record.trajectory(1)
     assert same_bits(run.q, expected.q) and same_bits(run.grasp_wrench, expected.grasp_wrench)
@@ -66,14 +66,14 @@ def test_what_is_there(made, tmp_path):
     """Nobody's folder is touched, an earlier record only when told to."""
     _, record = made
     folder = record.save(tmp_path / "record")
-    with pytest.raises(hf.ResultError, match="holds an earlier record; try overwrite=True"):
+    with pytest.raises(hf.errors.ResultError, match="holds an earlier record; try overwrite=True"):
         record.save(folder)
     (folder / "notes.txt").write_text("mine")
     record.save(folder, overwrite=True)
     assert (folder / "notes.txt").read_text() == "mine"
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").touch()
-    with pytest.raises(hf.ResultError, match="expected a new or empty folder"):
+    with pytest.raises(hf.errors.ResultError, match="expected a new or empty folder"):
         record.save(tmp_path / "other", overwrite=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["other", "record"]
 
@@ -89,7 +89,7 @@ def test_half_way(made, tmp_path, monkeypatch, cause):
         raise cause
 
     monkeypatch.setattr(store, "arrays_text", fail)
-    with pytest.raises((hf.ResultError, KeyboardInterrupt, MemoryError)):
+    with pytest.raises((hf.errors.ResultError, KeyboardInterrupt, MemoryError)):
         record.save(folder, overwrite=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert list(tmp_path.iterdir()) == [folder]
@@ -104,10 +104,10 @@ def test_damage(made, tmp_path):
         whole = file.read_bytes()
         for k in range(0, len(whole), len(whole) // 12):
             file.write_bytes(whole[:k] + bytes([whole[k] ^ 0xFF]) + whole[k + 1 :])
-            with pytest.raises(hf.ResultError, match=rf"{name}.* damaged"):
+            with pytest.raises(hf.errors.ResultError, match=rf"{name}.* damaged"):
                 hf.io.load_record(folder, rollout)
             file.write_bytes(whole[: k // 2])
-            with pytest.raises(hf.ResultError, match=rf"{name}.* damaged.* overwrite=True"):
+            with pytest.raises(hf.errors.ResultError, match=rf"{name}.* damaged.* overwrite=True"):
                 hf.io.load_record(folder)
         file.write_bytes(whole)
     for name in ("systems_000001.npz", "records_000000.npz"):
@@ -123,30 +123,30 @@ def test_damage(made, tmp_path):
         for name in arrays:
             if name.partition(".")[0] in ("last_inputs", "first_inputs"):
                 continue  # any of them may be there or not
-            with pytest.raises(hf.ResultError):
+            with pytest.raises(hf.errors.ResultError):
                 load({n: x for n, x in arrays.items() if n != name})
         odd = {"t", "stopped", "last.begin", "record.q", "record.status", "last_arrays.q", "last_arrays.code"}
         for name in odd & arrays.keys():
-            with pytest.raises(hf.ResultError, match="damaged"):
+            with pytest.raises(hf.errors.ResultError, match="damaged"):
                 load(arrays | {name: np.append(arrays[name].ravel(), 7.5)})
-        with pytest.raises(hf.ResultError, match="damaged"):
+        with pytest.raises(hf.errors.ResultError, match="damaged"):
             load(arrays | {"t": np.array([small_case()], dtype=object)})
         file.write_bytes(whole)
         resigned(folder)
     file.unlink()
-    with pytest.raises(hf.ResultError, match=r"records_000000\.npz is missing; 3 of 3 records are lost"):
+    with pytest.raises(hf.errors.ResultError, match=r"records_000000\.npz is missing; 3 of 3 records are lost"):
         hf.io.load_record(folder)
     (folder / "record.json").unlink()
-    with pytest.raises(hf.ResultError, match=r"record\.json is missing; is this a record folder"):
+    with pytest.raises(hf.errors.ResultError, match=r"record\.json is missing; is this a record folder"):
         hf.io.load_record(folder)
-    with pytest.raises(hf.ResultError, match="nowhere: no such folder"):
+    with pytest.raises(hf.errors.ResultError, match="nowhere: no such folder"):
         hf.io.load_record(tmp_path / "nowhere")
 
 
 def test_another_rollout(made, tmp_path):
     """One of another chain is refused."""
     _, record = made
-    with pytest.raises(hf.ResultError, match="another chain"):
+    with pytest.raises(hf.errors.ResultError, match="another chain"):
         hf.io.load_record(record.save(tmp_path / "record"), swinging("legs"))
 
 
@@ -159,7 +159,7 @@ def test_a_run_half_way(made, tmp_path, monkeypatch):
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     with monkeypatch.context() as patched:
         patched.setattr(result_meta, "chunk_text", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
-        with pytest.raises(hf.ResultError, match="run: cannot be written: No space left"):
+        with pytest.raises(hf.errors.ResultError, match="run: cannot be written: No space left"):
             run.save(folder, overwrite=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert list(tmp_path.iterdir()) == [folder]
@@ -168,7 +168,7 @@ def test_a_run_half_way(made, tmp_path, monkeypatch):
     assert (folder / "notes.txt").read_text() == "mine"
     assert list(tmp_path.iterdir()) == [folder]
     monkeypatch.chdir(folder)
-    with pytest.raises(hf.ResultError, match="it contains the working directory"):
+    with pytest.raises(hf.errors.ResultError, match="it contains the working directory"):
         run.save(".", overwrite=True)
 
 
@@ -176,13 +176,13 @@ def test_a_run_half_way(made, tmp_path, monkeypatch):
 def test_no_folder(made, folder):
     """What cannot be a folder's name is refused, by a record and by a run."""
     for one in (made[1], made[1].trajectory(0)):
-        with pytest.raises(hf.ResultError):
+        with pytest.raises(hf.errors.ResultError):
             one.save(folder)
 
 
 def test_no_rollout(made, tmp_path):
     """Neither is what is no rollout taken for one."""
-    with pytest.raises(hf.ModelError, match="load_record: rollout"):
+    with pytest.raises(hf.errors.ModelError, match="load_record: rollout"):
         hf.io.load_record(made[1].save(tmp_path / "record"), "rollout")  # pyright: ignore[reportArgumentType]
 
 
@@ -255,10 +255,10 @@ def test_interrupted(initial, tmp_path):
         rollout.run(systems, 0.01, 0.001, folder=tmp_path / "record", progress=stop, **OPTIONS)
     left = hf.io.load_record(tmp_path / "record")
     assert len(left.t) == 4 and "incomplete, up to t = 0.006 s" in left.note
-    with pytest.raises(hf.ResultError, match="holds an earlier record; try overwrite=True"):
+    with pytest.raises(hf.errors.ResultError, match="holds an earlier record; try overwrite=True"):
         rollout.run(systems, 0.01, 0.001, folder=tmp_path / "record")
     for place in ("record", "new"):
-        with pytest.raises(hf.StateError, match="object_mass"):
+        with pytest.raises(hf.errors.StateError, match="object_mass"):
             rollout.run(systems, 0.01, 0.001, folder=tmp_path / place, overwrite=True, object_mass="heavy")
     assert len(hf.io.load_record(tmp_path / "record").t) == 4 and not (tmp_path / "new").exists()
     rollout.run(systems, 0.002, 0.001, folder=tmp_path / "record", overwrite=True, record=())
@@ -276,7 +276,7 @@ def test_another_writer(initial, tmp_path):
         if 0.0015 < t < 0.0025:
             rollout.run(systems, 0.003, 0.001, folder=tmp_path, overwrite=True)
 
-    with pytest.raises(hf.ResultError, match="another process has written to it"):
+    with pytest.raises(hf.errors.ResultError, match="another process has written to it"):
         rollout.run(systems, 0.01, 0.001, folder=tmp_path, progress=disturb)
     assert hf.io.load_record(tmp_path).note == ""
 
@@ -286,7 +286,7 @@ def test_changed_while_read(initial, tmp_path):
     rollout, systems = initial
     record = rollout.run(systems, 0.003, 0.001, folder=tmp_path, record=["q"])
     (tmp_path / "records_000000.npz").unlink()
-    with pytest.raises(hf.ResultError, match="changed while it was read"):
+    with pytest.raises(hf.errors.ResultError, match="changed while it was read"):
         record["q"]
     with pytest.raises(KeyError, match="was not recorded"):
         record["qd"]
@@ -342,6 +342,6 @@ def test_killed(initial, tmp_path):
 def test_options_first(initial, tmp_path):
     """A wrong option is refused before anything is written."""
     rollout, systems = initial
-    with pytest.raises(hf.ModelError, match="largest_drift: expected a number"):
+    with pytest.raises(hf.errors.ModelError, match="largest_drift: expected a number"):
         rollout.run(systems, 0.002, 0.001, largest_drift="1", folder=tmp_path / "record")
     assert not list(tmp_path.iterdir())

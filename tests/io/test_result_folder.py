@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ResultError
+from holdfast.errors import ResultError
 from holdfast.io import result_folder
 from holdfast.io.result_folder import CHUNK
 from holdfast.io.result_reader import load_result
@@ -220,7 +220,7 @@ def test_ended_half_way(tmp_path, error):
         hf.simulate(CHAIN, STATE, hang, 0.005, 0.001, folder=tmp_path / "run", progress=end)
     left = hf.load_result(tmp_path / "run")
     assert seen == [1, 1, 1] and left.samples == 4 and "incomplete, up to t = 0.003 s of 0.005 s" in left.note
-    with pytest.raises(hf.ResultError, match="holds an earlier result; try overwrite=True"):
+    with pytest.raises(hf.errors.ResultError, match="holds an earlier result; try overwrite=True"):
         hf.simulate(CHAIN, STATE, hang, 0.002, 0.001, folder=tmp_path / "run")
     assert len(hf.simulate(CHAIN, STATE, hang, 0.002, 0.001, folder=str(tmp_path / "run"), overwrite=True)) == 3
     assert hf.load_result(tmp_path / "run").samples == 3
@@ -228,6 +228,6 @@ def test_ended_half_way(tmp_path, error):
 
 def test_nothing_begun(tmp_path):
     """A run that is refused leaves no folder."""
-    with pytest.raises(hf.StateError):
+    with pytest.raises(hf.errors.StateError):
         hf.simulate(CHAIN, STATE, lambda t, now, memory: (np.zeros(3), None), 0.005, 0.001, folder=tmp_path / "run")
     assert not (tmp_path / "run").exists()

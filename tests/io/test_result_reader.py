@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from holdfast import ResultError
+from holdfast.errors import ResultError
 from holdfast.io.result_reader import load_result
 from holdfast.simulation import trajectory
 from holdfast.simulation.trajectory import stacked

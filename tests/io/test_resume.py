@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from holdfast import ResultError
+from holdfast.errors import ResultError
 from holdfast.io import result_folder
 from holdfast.io.result_folder import ResultWriter
 from holdfast.io.result_reader import load_result

@@ -118,7 +118,7 @@ def test_parquet(saved, tmp_path):
 def test_without_pyarrow(saved, tmp_path, monkeypatch):
     """The extra that brings it is named, and nothing is written."""
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[parquet\]'"):
+    with pytest.raises(hf.errors.MissingExtra, match=r"pip install 'holdfast\[parquet\]'"):
         export_parquet(saved[0], tmp_path / "run.parquet")
     assert not list(tmp_path.glob("*.parquet*"))
 
@@ -129,11 +129,11 @@ def test_a_broken_export_leaves_what_was_there(saved, tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("earlier")
     (result.folder / "chunk_0001.npz").write_bytes(b"torn")
-    with pytest.raises(hf.ResultError, match=r"chunk_0001.npz is damaged"):
+    with pytest.raises(hf.errors.ResultError, match=r"chunk_0001.npz is damaged"):
         export_csv(result, path)
     assert path.read_text() == "earlier"
     assert [p.name for p in tmp_path.iterdir() if p.is_file()] == ["run.csv"]
-    with pytest.raises(hf.ResultError, match="cannot be written"):
+    with pytest.raises(hf.errors.ResultError, match="cannot be written"):
         export_csv(result, tmp_path / "nowhere" / "run.csv")
 
 
@@ -226,7 +226,7 @@ def test_without_them(record, monkeypatch):
 
     monkeypatch.setattr(tables, "import_module", nothing)
     for one in (record, record.trajectory(0)):
-        with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[pandas\]'"):
+        with pytest.raises(hf.errors.MissingExtra, match=r"pip install 'holdfast\[pandas\]'"):
             one.to_pandas()
-        with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[xarray\]'"):
+        with pytest.raises(hf.errors.MissingExtra, match=r"pip install 'holdfast\[xarray\]'"):
             one.to_xarray()

@@ -295,5 +295,5 @@ def test_closing():
     near = replace(p.state, object_pose=p.state.object_pose + 1e-4 * np.eye(7)[4])
     projected = hf.project(p.chain, near)[0]
     assert largest_gaps(hf.dynamics.closure(p.chain, projected))[0] <= 1e-12
-    with pytest.raises(hf.ClosureError, match=r"arm 'pin1' misses its grasp by 0\.007"):
+    with pytest.raises(hf.errors.ClosureError, match=r"arm 'pin1' misses its grasp by 0\.007"):
         hf.close(p.chain, replace(p.state, object_pose=pose), hold_object=True)

@@ -119,12 +119,12 @@ def test_every_method(seed):
     for method in ("kkt", "nonrigid"):
         other = p.solved(method=method)
         assert all(relative_gap(getattr(other, name), getattr(found, name)) <= 1e-9 for name in ANSWERS)
-    with pytest.raises(hf.MethodNotApplicable, match="'arm2' is a bushing"):
+    with pytest.raises(hf.errors.MethodNotApplicable, match="'arm2' is a bushing"):
         p.solved(method="rccfd1")
     zeros = found.grasp_wrench * np.array([[1], [0], [1]])
     for f in (found.grasp_wrench, zeros):
         assert relative_gap(hf.inverse_dynamics(p.chain, s, found.qdd, f, p.inputs), p.tau) <= 1e-11
-    with pytest.raises(hf.StateError, match="arm 'arm2' holds by a bushing, which exerts"):
+    with pytest.raises(hf.errors.StateError, match="arm 'arm2' holds by a bushing, which exerts"):
         hf.inverse_dynamics(p.chain, s, found.qdd, found.grasp_wrench + 1.0, p.inputs)
     fast = hf.compile(p.chain, parameters=["link_wrench"])
     acting = {"object_wrench": given.object_wrench, "link_wrench": given.link_wrenches}
@@ -337,8 +337,8 @@ def test_what_is_refused():
         (lambda: hf.Grasp("bushing", stiffness=np.ones(6), damping=-np.eye(6)), "damping: expected numbers >= 0"),
         (lambda: hf.Grasp("bushing", contact=hf.Friction(0.5), stiffness=np.ones(6)), "two-sided"),
     ):
-        with pytest.raises(hf.ModelError, match=message):
+        with pytest.raises(hf.errors.ModelError, match=message):
             make()
     p = oscillator(np.ones(6))
-    with pytest.raises(hf.ModelError, match=r"no equality of MJCF says what a bushing grasp does"):
+    with pytest.raises(hf.errors.ModelError, match=r"no equality of MJCF says what a bushing grasp does"):
         hf.interop.to_mjcf(p.chain)

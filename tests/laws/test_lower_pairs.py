@@ -243,16 +243,16 @@ def test_gripping(kind):
 
 def test_what_cannot_be():
     """Pitches where there is no thread, and threads without one; MJCF has none of these grasps."""
-    with pytest.raises(hf.ModelError, match="a screw grasp needs a pitch"):
+    with pytest.raises(hf.errors.ModelError, match="a screw grasp needs a pitch"):
         hf.Grasp("screw")
-    with pytest.raises(hf.ModelError, match="a hinge grasp has no pitch"):
+    with pytest.raises(hf.errors.ModelError, match="a hinge grasp has no pitch"):
         hf.Grasp("hinge", pitch=0.1)
-    with pytest.raises(hf.ModelError, match=r"pitch: expected at least 1e-06 m/rad, got 0\.0; try a hinge"):
+    with pytest.raises(hf.errors.ModelError, match=r"pitch: expected at least 1e-06 m/rad, got 0\.0; try a hinge"):
         hf.Grasp("screw", pitch=0.0)
-    with pytest.raises(hf.ModelError, match="a slider grasp is two-sided"):
+    with pytest.raises(hf.errors.ModelError, match="a slider grasp is two-sided"):
         hf.Grasp("slider", contact=hf.Friction(0.5))
     p = pair(("slider", "rigid"), 4)
-    with pytest.raises(hf.ModelError, match="no equality of MJCF says what a slider grasp does"):
+    with pytest.raises(hf.errors.ModelError, match="no equality of MJCF says what a slider grasp does"):
         hf.interop.to_mjcf(p.chain)
 
 
@@ -315,7 +315,7 @@ REFUSED = {
 def test_no_group(name):
     """What is no group's is refused, whatever the tip's axes."""
     motion, message = REFUSED[name]
-    with pytest.raises(hf.ModelError, match=message):
+    with pytest.raises(hf.errors.ModelError, match=message):
         hf.Grasp("subspace", motion=motion)
 
 
@@ -328,9 +328,9 @@ def test_the_lengths_of_columns_do_not_matter():
 
 def test_motion_and_kind():
     """A subspace needs a motion, and no other kind has one."""
-    with pytest.raises(hf.ModelError, match="a subspace grasp needs a motion"):
+    with pytest.raises(hf.errors.ModelError, match="a subspace grasp needs a motion"):
         hf.Grasp("subspace")
-    with pytest.raises(hf.ModelError, match="a ball grasp has no motion"):
+    with pytest.raises(hf.errors.ModelError, match="a ball grasp has no motion"):
         hf.Grasp("ball", motion=np.eye(6)[:, :3])
 
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from holdfast import StateError, forward_dynamics
+from holdfast import forward_dynamics
 from holdfast.dynamics import momentum
 from holdfast.dynamics.energy import bodies
 from holdfast.dynamics.momentum_balance import momentum_rate
+from holdfast.errors import StateError
 from holdfast.spatial.spatial_vector import shift_wrench
 from tests.laws.moving import moving
 from tests.laws.systems import mixed, sample

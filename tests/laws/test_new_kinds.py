@@ -159,7 +159,7 @@ def test_forward_dynamics(problem, truth, method):
 
 def test_methods_for_rigid_grasps_refuse_by_name(problem):
     """The paper's methods for rigid grasps name the grasp that is none."""
-    with pytest.raises(hf.MethodNotApplicable, match="'left' is a cardan"):
+    with pytest.raises(hf.errors.MethodNotApplicable, match="'left' is a cardan"):
         hf.forward_dynamics(problem.chain, problem.state, problem.tau, method="rccfd1")
 
 

@@ -214,7 +214,7 @@ def test_links_by_name_and_what_is_refused():
         (lambda: chain(hf.Spring(("right", 0, zero), world, 1.0)), "no arm 'right'"),
         (lambda: chain(3.0), "expected a list of Spring"),
     ):
-        with pytest.raises(hf.ModelError, match=message):
+        with pytest.raises(hf.errors.ModelError, match=message):
             make()
 
 
@@ -249,5 +249,5 @@ def test_overflow_names_the_spring(question):
         hf.control.GravityCompensation: lambda: hf.control.GravityCompensation(chain)(0.0, state, None),
     }[question]
     place = f"wrench of spring {len(chain.springs) - 1}, from 'world' to 'object': expected finite numbers"
-    with pytest.raises(hf.StateError, match=place):
+    with pytest.raises(hf.errors.StateError, match=place):
         ask()

@@ -91,5 +91,7 @@ def test_one_chain_in_two_ways():
 def test_no_such_body():
     """A link of the trunk that is not there is named."""
     p = still_base(2, 3, floating=False)
-    with pytest.raises(hf.ModelError, match=r"spring: point on 'trunk': expected a link of the trunk, by its name"):
+    with pytest.raises(
+        hf.errors.ModelError, match=r"spring: point on 'trunk': expected a link of the trunk, by its name"
+    ):
         replace(p.chain, springs=[hf.Spring(("trunk", 7, [0, 0, 0]), ("world", [0, 0, 0]), 1.0)])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ClosedChain, Grasp, ModelError, Pose
+from holdfast import ClosedChain, Grasp, Pose
+from holdfast.errors import ModelError
 from holdfast.model.fingerprint import fingerprint
 from holdfast.model.trunk import Trunk
 from tests.model.parts import BOX, arm, chain
@@ -137,22 +138,22 @@ def test_layout_with_a_trunk():
 )
 def test_refused_trunks(make, message):
     """Messages say what was expected."""
-    with pytest.raises(hf.ModelError, match=message):
+    with pytest.raises(hf.errors.ModelError, match=message):
         make()
 
 
 def test_state_of_a_floating_base():
     """Its pose belongs to the state, and only there."""
     q = np.zeros(2)
-    with pytest.raises(hf.StateError, match="base_pose: expected the pose of the trunk's floating base"):
+    with pytest.raises(hf.errors.StateError, match="base_pose: expected the pose of the trunk's floating base"):
         hf.State(q, q, np.r_[1.0, np.zeros(6)]).fits(on_trunk(SHIP, {"left": "base"}))
     floating = hf.State(q, q, np.r_[1.0, np.zeros(6)], base_pose=hf.Pose.identity())
     np.testing.assert_array_equal(floating.base_twist, np.zeros(6))
-    with pytest.raises(hf.StateError, match="base_pose: expected none"):
+    with pytest.raises(hf.errors.StateError, match="base_pose: expected none"):
         floating.fits(on_trunk(None))
-    with pytest.raises(hf.StateError, match="base_pose: expected a unit quaternion"):
+    with pytest.raises(hf.errors.StateError, match="base_pose: expected a unit quaternion"):
         hf.State(q, q, np.r_[1.0, np.zeros(6)], base_pose=np.ones(7))
-    with pytest.raises(hf.StateError, match=r"base_twist: .*no base_pose"):
+    with pytest.raises(hf.errors.StateError, match=r"base_twist: .*no base_pose"):
         hf.State(q, q, np.r_[1.0, np.zeros(6)], base_twist=np.ones(6))
 
 
@@ -170,7 +171,7 @@ def test_state_of_a_floating_base():
 def test_inputs_refused(trunk, inputs, message):
     """What has no place is named."""
     mounts = {} if trunk is None else {"left": "base" if trunk is SHIP else 0}
-    with pytest.raises(hf.StateError, match=message):
+    with pytest.raises(hf.errors.StateError, match=message):
         hf.Inputs(**inputs).shaped(on_trunk(trunk, mounts))
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import Inputs, ModelError, Pose, State, StateError
+from holdfast import Inputs, Pose, State
+from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.spatial import rotation
 from tests.model.parts import BOX, arm, bar, chain
@@ -127,7 +128,7 @@ def test_refused(place):
 )
 def test_poses_are_rigid(R):
     """Scaled, sheared and mirrored matrices are no poses, alone or in a state; rounding is mended."""
-    with pytest.raises(hf.ModelError, match="pose: R: expected a rotation matrix"):
+    with pytest.raises(hf.errors.ModelError, match="pose: R: expected a rotation matrix"):
         hf.State([0.0], [0.0], hf.Pose(R, ZERO))
     off = hf.Pose(EYE + 3e-7 * np.ones((3, 3)), ZERO)
     np.testing.assert_allclose(off.R.T @ off.R, EYE, rtol=0, atol=1e-14)
@@ -220,7 +221,7 @@ REFUSED = [
 @pytest.mark.parametrize(("name", "given", "message"), REFUSED, ids=[f"{r[0]}{r[2]}" for r in REFUSED])
 def test_message(name, given, message):
     """The message names part, field and value."""
-    error = hf.StateError if name == "state: " else hf.ModelError
+    error = hf.errors.StateError if name == "state: " else hf.errors.ModelError
     with pytest.raises(error, match=f"^{name}{message}"):
         MAKE[name](**given)
 

@@ -133,9 +133,9 @@ def test_arrays_are_not_shared_with_the_caller():
 def test_no_notes(notes):
     """Anything but a list of strings is refused."""
     arm = hf.robots.panda()
-    with pytest.raises(hf.ModelError, match="arm 'panda': notes: expected a list of strings"):
+    with pytest.raises(hf.errors.ModelError, match="arm 'panda': notes: expected a list of strings"):
         replace(arm, notes=notes)
-    with pytest.raises(hf.ModelError, match="trunk: notes: expected a list of strings"):
+    with pytest.raises(hf.errors.ModelError, match="trunk: notes: expected a list of strings"):
         hf.Trunk(arm.joints, arm.links, notes=notes)
 
 
@@ -181,15 +181,15 @@ def test_moved_and_copied():
 
 def test_what_is_refused():
     """Places and names that are none, joints, and an arm that has lost its joints."""
-    with pytest.raises(hf.ModelError, match="anchor: base "):
+    with pytest.raises(hf.errors.ModelError, match="anchor: base "):
         hf.Anchor([1, 0, 0])
-    with pytest.raises(hf.ModelError, match="anchor 'pin': tip "):
+    with pytest.raises(hf.errors.ModelError, match="anchor 'pin': tip "):
         hf.Anchor(PLACE, "pin", tip=3)
-    with pytest.raises(hf.ModelError, match="anchor: name: expected str"):
+    with pytest.raises(hf.errors.ModelError, match="anchor: name: expected str"):
         hf.Anchor(PLACE, 3)
     with pytest.raises(TypeError, match="joints"):
         hf.Anchor(PLACE, joints=[hf.Joint()])
-    with pytest.raises(hf.ModelError, match=r"at least one joint, got none; try holdfast\.Anchor\(pose\)"):
+    with pytest.raises(hf.errors.ModelError, match=r"at least one joint, got none; try holdfast\.Anchor\(pose\)"):
         hf.Arm([], [])
 
 
@@ -205,7 +205,7 @@ def test_assembled():
         (line,) = (line for line in str(found.report).splitlines() if line.startswith("pin:"))
         assert line.startswith("pin: an anchor, closed to ")
         assert found.report.arms[2].reach_used == 1.0
-    with pytest.raises(hf.ClosureError, match="'pin' misses its grasp"):
+    with pytest.raises(hf.errors.ClosureError, match="'pin' misses its grasp"):
         hf.assemble(arms, chain.held_object, grasps, object_pose=hf.Pose.translation(0, 0, 0.75))
     alone = hf.assemble({"pin": hf.Anchor(at)}, chain.held_object, {"pin": hf.Grasp("rigid", pin)})
     assert np.abs(alone.state.object_pose - state.object_pose).max() < 1e-12

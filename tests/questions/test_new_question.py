@@ -88,7 +88,7 @@ def test_the_reference():
     ):
         law(NAME, "floating")
     derivatives.test_rates_are_five_point_differences(NAME, "floating", True)
-    with pytest.raises(hf.StateError, match=rf"{NAME}\.vjp: no 'q'"):
+    with pytest.raises(hf.errors.StateError, match=rf"{NAME}\.vjp: no 'q'"):
         powers.vjp(of.p.chain, of.p.state, of.p.tau, by=["q"], of_weight=1.0)
 
 

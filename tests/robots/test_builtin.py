@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, ModelError, Pose, State, close, robots
+from holdfast import Arm, ClosedChain, Pose, State, close, robots
 from holdfast.dynamics import closure, object_mobility
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.rank import constraint_rank
+from holdfast.errors import ModelError
 from holdfast.robots import HOME, ROBOTS, panda, stewart_platform, three_finger_hand
 from holdfast.robots.built_in import BUILT_IN, builtin_of, home_of
 from holdfast.robots.link_table import signed_axes

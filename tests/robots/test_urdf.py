@@ -6,8 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from holdfast import Pose, SceneError
+from holdfast import Pose
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.errors import SceneError
 from holdfast.robots.urdf import load_urdf, load_urdf_arms, read_urdf, urdf_chain, urdf_chains, urdf_tree
 from holdfast.spatial import rotation
 from tests.robots.arm_dynamics import mass_jacobian_bias

@@ -177,12 +177,14 @@ def test_notes():
 
 def test_refused():
     """Several bodies, unknown links, and links without inertia, by name and line."""
-    with pytest.raises(hf.SceneError, match=r"link 'base': expected one rigid body, got joints .* 'lift'; try link="):
+    with pytest.raises(
+        hf.errors.SceneError, match=r"link 'base': expected one rigid body, got joints .* 'lift'; try link="
+    ):
         hf.HeldObject.from_urdf(TWO_ARMED)
-    with pytest.raises(hf.SceneError, match=r"link: no link 'tary'. Did you mean 'tray'"):
+    with pytest.raises(hf.errors.SceneError, match=r"link: no link 'tary'. Did you mean 'tray'"):
         hf.HeldObject.from_urdf(TRAY, "tary")
-    with pytest.raises(hf.SceneError, match="link 'left_grasp': expected <inertial>"):
+    with pytest.raises(hf.errors.SceneError, match="link 'left_grasp': expected <inertial>"):
         hf.HeldObject.from_urdf(TWO_ARMED, "left_grasp")
     point = TRAY.replace("0.001", "0").replace("0.01", "0").replace("0.02", "0").replace('"05"', '"0"')
-    with pytest.raises(hf.SceneError, match="principal moments > 0"):
+    with pytest.raises(hf.errors.SceneError, match="principal moments > 0"):
         hf.HeldObject.from_urdf(point, "cup")

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import ModelError, SceneError
-from holdfast.errors import CallError
+from holdfast.errors import CallError, ModelError, SceneError
 from holdfast.robots.urdf import load_urdf, load_urdf_arms, load_urdf_trunk, read_urdf, urdf_chain
 from tests.robots.two_armed import TWO_ARMED
 

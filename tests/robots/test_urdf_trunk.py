@@ -119,7 +119,7 @@ def test_a_hand_from_another_file():
     assert on_palm.mounts == {"left": 1, "right": 1}
     expected = at @ fixed.arms["left"].base
     np.testing.assert_allclose(on_palm.arms["left"].base.wxyz_xyz, expected.wxyz_xyz, atol=1e-15)
-    with pytest.raises(hf.ModelError, match="mounted_on: expected a floating base"):
+    with pytest.raises(hf.errors.ModelError, match="mounted_on: expected a floating base"):
         load_urdf_trunk(HEAVY_BASE, HANDS, lock_others=True).mounted_on(arm)
 
 
@@ -182,13 +182,13 @@ def test_a_floating_joint_makes_the_base_float():
     for other in (again.trunk.floating, still.trunk.floating):
         assert other is not None
         np.testing.assert_array_equal(found.trunk.floating.inertia, other.inertia)
-    with pytest.raises(hf.SceneError, match="mount: expected none, since the base floats"):
+    with pytest.raises(hf.errors.SceneError, match="mount: expected none, since the base floats"):
         load_urdf_trunk(ON_A_SHIP, HANDS, lock_others=True, mount=hf.Pose.identity())
 
 
 def test_all_that_moves_on_it_is_refused_at_once():
     """Head and fingers in one list, and what it says to try serves."""
-    with pytest.raises(hf.SceneError, match="moves link 'head', which hangs on the trunk") as refused:
+    with pytest.raises(hf.errors.SceneError, match="moves link 'head', which hangs on the trunk") as refused:
         load_urdf_trunk(TWO_ARMED, HANDS)
     held = locks_to_try(refused.value)
     assert set(held) == {"neck", "left_finger1", "right_finger1"}
@@ -217,5 +217,5 @@ def test_all_that_moves_on_it_is_refused_at_once():
 )
 def test_refusals(tips, options, said):
     """What is no trunk is refused by name."""
-    with pytest.raises(hf.SceneError, match=said):
+    with pytest.raises(hf.errors.SceneError, match=said):
         load_urdf_trunk(FREE_FINGERS, tips, lock_others=True, **options)

@@ -5,7 +5,7 @@ import types
 
 import pytest
 
-from holdfast import MissingExtra, SceneError
+from holdfast.errors import MissingExtra, SceneError
 from holdfast.robots.descriptions import load_robot_description, robot_description_path
 from holdfast.robots.urdf import load_urdf, read_urdf
 from tests.robots.two_armed import TWO_ARMED

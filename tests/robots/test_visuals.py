@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from holdfast import Arm, Joint, Link, ModelError, Pose, SceneError
+from holdfast import Arm, Joint, Link, Pose
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.errors import ModelError, SceneError
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Sphere
 from holdfast.robots import HOME, ROBOTS, stewart_platform, three_finger_hand
 from holdfast.robots.primitive import LINK_COLOURS, Primitive, rod, sphere

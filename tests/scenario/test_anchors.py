@@ -75,7 +75,7 @@ def test_beside_an_arm(tmp_path):
 def test_what_is_refused(tmp_path, old, new, said):
     """On one line, with its place."""
     if "misses" in said:
-        with pytest.raises(hf.ClosureError, match=said.replace(".", r"\.")):
+        with pytest.raises(hf.errors.ClosureError, match=said.replace(".", r"\.")):
             loaded(tmp_path, SCENE.replace(old, new))
         return
     assert said in refusal(tmp_path / "scene.toml", SCENE.replace(old, new))

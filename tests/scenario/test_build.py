@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from msgspec import convert
 
-from holdfast import ClosureError, HeldObject, SceneError
+from holdfast import HeldObject
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.dynamics import closure
+from holdfast.errors import ClosureError, SceneError
 from holdfast.io.typed import Location
 from holdfast.robots import HOME
 from holdfast.scenario.build import Scenario, load_scene

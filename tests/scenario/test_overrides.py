@@ -6,7 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from holdfast import SceneError
+from holdfast.errors import SceneError
 from holdfast.scenario.overrides import overridden, toml_text
 
 RAW = {"a": 1, "list": [{"name": "left", "q": [1.0, 2.0]}, {"arm": "right"}], "table": {"b": {"c": True}}}

@@ -5,10 +5,11 @@ import shutil
 import numpy as np
 import pytest
 
-from holdfast import ClosureError, SceneError, load_urdf_arms
+from holdfast import load_urdf_arms
 from holdfast.cli import main
 from holdfast.dynamics import closure
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.errors import ClosureError, SceneError
 from holdfast.scenario.build import load_scene
 from tests.io.signing import as_0_1
 from tests.robots.two_armed import TWO_ARMED

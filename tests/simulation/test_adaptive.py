@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import ClosureError, HoldfastError, ModelError, SingularChainError, State, StateError, simulate
+from holdfast import HoldfastError, State, simulate
+from holdfast.errors import ClosureError, ModelError, SingularChainError, StateError
 from holdfast.simulation.adaptive import Proposal, Tolerance, controlled, first_proposal, next_step, smallest_step
 from holdfast.simulation.runge_kutta import MIDPOINT, RK4, Tableau, dop853
 from holdfast.simulation.stepper import MOST_SUBSTEPS, NO_GAPS, Advance, SubdividingStepper

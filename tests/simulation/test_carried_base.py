@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ModelError, Pose
+from holdfast import Pose
 from holdfast.control.pose_spline import PoseSpline
+from holdfast.errors import ModelError
 from holdfast.simulation.carried_base import CarriedBase
 from holdfast.spatial import rotation
 from tests.control.two_pandas import two_pandas

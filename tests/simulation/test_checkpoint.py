@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import Friction, Grasp, ResultError
+from holdfast import Friction, Grasp
 from holdfast.control.torque_schedule import TorqueSchedule
+from holdfast.errors import ResultError
 from holdfast.simulation.checkpoint import Checkpoint, packed, unpacked
 from holdfast.simulation.events import Attach, Release
 from holdfast.simulation.simulate import simulate

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import Friction, Grasp, ModelError, Pose, StateError
+from holdfast import Friction, Grasp, Pose
 from holdfast.control.torque_schedule import TorqueSchedule
+from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import grasp_margins
 from holdfast.model.grasp import WrenchLimits
 from holdfast.simulation.events import Attach, Release

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, HoldfastError, Inputs, ModelError, StateError, compile_rollout, simulate
+from holdfast import ControlLaw, HoldfastError, Inputs, compile_rollout, simulate
 from holdfast.control import TorqueSchedule
 from holdfast.control.gravity_compensation import GravityCompensation
+from holdfast.errors import ModelError, StateError
 from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from tests.simulation.rollout.problems import arrays, problem
 

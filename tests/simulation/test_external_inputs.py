@@ -185,9 +185,9 @@ def test_which_functions_take_the_state():
     of_state = lambda t, state: nothing, Wind(), functools.partial(three, gain=1.0), lambda t, x, k=1: nothing
     assert not any(map(take_state, of_time)) and all(map(take_state, of_state))
     for given in (three, lambda: nothing, lambda t, *, state: nothing):
-        with pytest.raises(hf.ModelError, match=r"or \(t, state\) -> Inputs, got one that is called with \("):
+        with pytest.raises(hf.errors.ModelError, match=r"or \(t, state\) -> Inputs, got one that is called with \("):
             take_state(given)
-    with pytest.raises(hf.ModelError, match="got ndarray; try Inputs"):
+    with pytest.raises(hf.errors.ModelError, match="got ndarray; try Inputs"):
         take_state(np.zeros(6))  # type: ignore[arg-type]
 
 
@@ -201,10 +201,10 @@ def test_bases_move_with_time_alone(name: str):
         (lambda t, now: now.qd, "return Inputs, got ndarray"),
         (lambda t, now: hf.Inputs(now.qd), r"object_wrench: expected shape \(6,\), got shape \(7,\)"),
     ):
-        with pytest.raises(hf.StateError, match=message):
+        with pytest.raises(hf.errors.StateError, match=message):
             hf.simulate(chain, state, limp, 0.01, 1e-3, inputs=inputs)
     rollout = hf.compile_rollout(chain, FREE, inputs=lambda t: moving)
-    with pytest.raises(hf.StateError, match=f"of a rollout: {name}: expected none"):
+    with pytest.raises(hf.errors.StateError, match=f"of a rollout: {name}: expected none"):
         rollout.start(**arrays(state))
 
 
@@ -287,5 +287,5 @@ def test_what_cannot_be_traced():
     with pytest.raises(CompileError, match=r"test_external_inputs\.py"):
         rollout.start(**arrays(state))
     for given in (3.0, lambda: hf.Inputs()):
-        with pytest.raises(hf.ModelError, match=r"inputs: expected"):
+        with pytest.raises(hf.errors.ModelError, match=r"inputs: expected"):
             hf.compile_rollout(chain, FREE, inputs=given)  # type: ignore[arg-type]

@@ -126,12 +126,12 @@ def test_refusals():
     """Steps that cannot be made linear say why."""
     p, step = held(GRASPS[0]), {"step": STEP}
     for options, error, message in (
-        (step | {"scheme": "euler"}, hf.ModelError, "scheme"),
+        (step | {"scheme": "euler"}, hf.errors.ModelError, "scheme"),
         ({"step": -1.0}, hf.HoldfastError, "step"),
-        ({"base_motion": {"arm0": lambda t: None}}, hf.StateError, "base_motion: expected a step"),
-        (step | {"inputs": hf.Inputs(base_twists=np.ones((2, 6))), "check": False}, hf.StateError,
+        ({"base_motion": {"arm0": lambda t: None}}, hf.errors.StateError, "base_motion: expected a step"),
+        (step | {"inputs": hf.Inputs(base_twists=np.ones((2, 6))), "check": False}, hf.errors.StateError,
          r"base_twists: expected none.*try base_motion"),
-        (step | {"inputs": p.inputs, "basis": np.eye(3)}, hf.StateError, "basis"),
+        (step | {"inputs": p.inputs, "basis": np.eye(3)}, hf.errors.StateError, "basis"),
     ):  # fmt: skip
         with pytest.raises(error, match=message):
             hf.linearise(p.chain, p.state, p.tau, **options)
@@ -155,7 +155,9 @@ def test_coordinates_of_another_state():
     p, other = held(GRASPS[0]), as_chain(random_system(2, arms=1, joints=[4], grasps=["rigid"], moving_base=False))
     for step in (None, STEP):
         model = hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=step)
-        with pytest.raises(hf.StateError, match="coordinates: state: expected 10 joints and no floating base, got 4"):
+        with pytest.raises(
+            hf.errors.StateError, match="coordinates: state: expected 10 joints and no floating base, got 4"
+        ):
             model.coordinates(other.state)
-        with pytest.raises(hf.StateError, match="coordinates: state: expected State, got ndarray"):
+        with pytest.raises(hf.errors.StateError, match="coordinates: state: expected State, got ndarray"):
             model.coordinates(p.state.q)  # pyright: ignore[reportArgumentType]

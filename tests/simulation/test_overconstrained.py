@@ -161,7 +161,7 @@ def test_a_single_call_beside_the_constraint():
     chain, there = moved(duration=0.6)
     off = beside(there, 1e-4)
     expected = r"open by 7\.58e-05 .*: 12 of 12 here, 11 where they are closed.*generic_rank=11"
-    with pytest.raises(hf.StateError, match=expected):
+    with pytest.raises(hf.errors.StateError, match=expected):
         hf.forward_dynamics(chain, off, np.zeros(4), check=False)
     near = hf.forward_dynamics(chain, off, np.zeros(4), check=False, generic_rank=11)
     exact = hf.forward_dynamics(chain, there, np.zeros(4))
@@ -176,7 +176,7 @@ def test_machine_code_beside_the_constraint():
     exact = hf.forward_dynamics(chain, there, np.zeros(4))
     for known in (None, 11):
         fast = hf.compile(chain, generic_rank=known)
-        with pytest.raises(hf.StateError, match="12 of 12 here, 11 where they are closed"):
+        with pytest.raises(hf.errors.StateError, match="12 of 12 here, 11 where they are closed"):
             fast.forward_dynamics(**given | {"q": off})
         assert fast.generic_rank == 11
         many = hf.compile(chain, generic_rank=known).forward_dynamics(**given | {"q": [off, there.q]})

@@ -135,7 +135,7 @@ def test_looks_stay_with_the_arm(run):
     assert arm.at(hf.Pose.identity()).with_tip(hf.Pose.translation(0, 0, 0.1)).visuals is arm.visuals
     assert replace(arm, joints=arm.joints[:3], links=arm.links[:3]).visuals is None
     assert fingerprint(replace(arm, visuals=None)) == fingerprint(arm)
-    with pytest.raises(hf.ModelError, match="visuals: expected"):
+    with pytest.raises(hf.errors.ModelError, match="visuals: expected"):
         replace(arm, visuals="green")
 
 
@@ -175,7 +175,7 @@ def test_bases_that_move(run, tmp_path):
         one.to_mcap(tmp_path / "own.mcap")
         assert (tmp_path / "own.mcap").read_bytes() == (tmp_path / "given.mcap").read_bytes()
     assert np.ptp(result.playback(rate=500.0).base_pose[:, 0, 4:], axis=0).max() > 0
-    with pytest.raises(hf.StateError, match="expected the time of a sample"):
+    with pytest.raises(hf.errors.StateError, match="expected the time of a sample"):
         swayed.setting.base_motion["left"](0.0011)
 
 
@@ -202,7 +202,7 @@ def test_results_of_scenes_have_the_methods(tmp_path, monkeypatch):
     assert main(["export", "run", "--format", "csv"]) == 0
     result.to_csv("own.csv")
     assert (tmp_path / "own.csv").read_bytes() == (tmp_path / "run" / "trajectory.csv").read_bytes()
-    with pytest.raises(hf.StateError, match="expected one that knows its chain"):
+    with pytest.raises(hf.errors.StateError, match="expected one that knows its chain"):
         result.trajectory.save("other")
     assert hf.load_result(result.save("other")).trajectory.tau.tobytes() == result.trajectory.tau.tobytes()
 
@@ -234,16 +234,16 @@ def test_refusals(run, tmp_path):
         arguments = [tmp_path / "x"] if method in WRITES else []
         for bad, what in ((replace(run, setting=None), "Setting"), (empty, "expected samples, got none")):
             try:
-                with pytest.raises(hf.StateError, match=what):
+                with pytest.raises(hf.errors.StateError, match=what):
                     getattr(bad, method)(*arguments)
-            except hf.MissingExtra:
+            except hf.errors.MissingExtra:
                 continue
     for method in WRITES:
         for path in (None, 3, b"bytes", "", "a\0b", "x" * 5000, "/proc/nowhere/run", ["a"]):
             with pytest.raises(hf.HoldfastError):
                 getattr(run, method)(path)
     assert not list(tmp_path.iterdir())
-    with pytest.raises(hf.ModelError, match="name: expected"):
+    with pytest.raises(hf.errors.ModelError, match="name: expected"):
         hf.simulate(run.setting.chain, run.state(0), lambda t, s, m: (s.q, m), 0.1, 0.1, name=3)
     assert repr(empty) == "<Trajectory without samples>"
 
@@ -251,7 +251,7 @@ def test_refusals(run, tmp_path):
 def test_folders_in_use(run, tmp_path):
     """An earlier result is replaced when asked; anything else is left alone."""
     run.save(tmp_path / "run")
-    with pytest.raises(hf.ResultError, match=r"holds an earlier result; try overwrite=True"):
+    with pytest.raises(hf.errors.ResultError, match=r"holds an earlier result; try overwrite=True"):
         run.save(tmp_path / "run")
     shorter = replace(run, **{name: getattr(run, name)[:2] for name in array_names()}, stopped="ended by hand")
     shorter.save(tmp_path / "run", overwrite=True)
@@ -259,7 +259,7 @@ def test_folders_in_use(run, tmp_path):
     assert result.samples == 2 and "ended by hand" in result.note
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("mine")
-    with pytest.raises(hf.ResultError, match=r"found 'thesis\.txt' in it"):
+    with pytest.raises(hf.errors.ResultError, match=r"found 'thesis\.txt' in it"):
         run.save(tmp_path / "mine", overwrite=True)
     assert (tmp_path / "mine" / "thesis.txt").read_text() == "mine"
 
@@ -274,11 +274,11 @@ def test_damaged_models(run, tmp_path):
     parts = [{"is": "Friction", "mu": 1}, {"is": "rm"}, {"is": "mapping", "of": []}]
     for bad in (None, [], 3, heavier, *others, *parts):
         (place / "model.json").write_text(json.dumps(bad))
-        with pytest.raises(hf.ResultError, match=r"model\.json"):
+        with pytest.raises(hf.errors.ResultError, match=r"model\.json"):
             _ = hf.load_result(place).setting
     for bad in (b"", text.encode()[:-40], b"\xff" * 40, b"[" * 100_000):
         (place / "model.json").write_bytes(bad)
-        with pytest.raises(hf.ResultError, match=r"model\.json"):
+        with pytest.raises(hf.errors.ResultError, match=r"model\.json"):
             _ = hf.load_result(place).setting
 
 
@@ -294,7 +294,7 @@ def test_show(run, monkeypatch):
     finally:
         path.unlink()
     monkeypatch.setattr(webbrowser, "open", lambda _: False)
-    with pytest.raises(hf.ResultError, match=r"the page is (\S+)\. Try run\.page"):
+    with pytest.raises(hf.errors.ResultError, match=r"the page is (\S+)\. Try run\.page"):
         inline.shown("<html></html>", "x")
     monkeypatch.setattr(inline, "in_notebook", lambda: True)
     shown = run.show(rate=2.0)
@@ -321,5 +321,5 @@ def test_in_a_notebook(run, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     assert "<img" not in run._repr_html_()
-    with pytest.raises(hf.MissingExtra, match=r"pip install 'holdfast\[plot\]'"):
+    with pytest.raises(hf.errors.MissingExtra, match=r"pip install 'holdfast\[plot\]'"):
         run.plot()

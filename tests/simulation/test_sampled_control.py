@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ControlLaw, Friction, ModelError, StateError, simulate
+from holdfast import ControlLaw, Friction, simulate
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.torque_schedule import TorqueSchedule
+from holdfast.errors import ModelError, StateError
 from holdfast.simulation.events import Attach, Release
 from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from holdfast.simulation.trajectory import Trajectory, array_names

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import Inputs, ModelError, SingularChainError, State, StateError
+from holdfast import Inputs, State
 from holdfast.dynamics import closure
+from holdfast.errors import ModelError, SingularChainError, StateError
 from holdfast.simulation.events import Release
 from holdfast.simulation.runge_kutta import dop853
 from holdfast.simulation.simulate import simulate

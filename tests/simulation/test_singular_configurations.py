@@ -176,7 +176,7 @@ def test_collocation_is_of_order_twelve_and_closed():
 
 def test_unknown_policies():
     chain, state = n_four_bar(2)
-    with pytest.raises(hf.ModelError, match="on_singular: expected one of stop, continue, got 'go on'"):
+    with pytest.raises(hf.errors.ModelError, match="on_singular: expected one of stop, continue, got 'go on'"):
         hf.simulate(chain, state, free, 0.1, 1e-2, on_singular="go on")
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ClosedChain, Friction, Release, State, StepTooLongError, WrenchLimits, forward_dynamics, simulate
+from holdfast import ClosedChain, Friction, Release, State, WrenchLimits, forward_dynamics, simulate
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.dynamics import state_from_joints
+from holdfast.errors import StepTooLongError
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate

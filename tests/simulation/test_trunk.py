@@ -115,7 +115,7 @@ def test_refused_base_motions():
     fixed, free = still_base(2, 3, floating=False), still_base(1, 2, floating=True)
     motion = swaying(hf.Pose.identity())
     mounted = next(iter(fixed.chain.mounts))
-    with pytest.raises(hf.ModelError, match="stands on the trunk and moves with it; try the motion of 'trunk'"):
+    with pytest.raises(hf.errors.ModelError, match="stands on the trunk and moves with it; try the motion of 'trunk'"):
         run_of(fixed, base_motion={mounted: motion})
-    with pytest.raises(hf.ModelError, match="expected none, as the base floats"):
+    with pytest.raises(hf.errors.ModelError, match="expected none, as the base floats"):
         run_of(free, base_motion={"trunk": motion})

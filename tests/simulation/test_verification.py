@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from holdfast import ModelError, StateError
 from holdfast.control.torque_schedule import TorqueSchedule
+from holdfast.errors import ModelError, StateError
 from holdfast.simulation.bracket import crossing, search_lowest, together
 from holdfast.simulation.simulate import simulate
 from holdfast.simulation.stepper import NO_GAPS, Advance

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from holdfast import ModelError, Pose, contact_frame
+from holdfast import Pose, contact_frame
+from holdfast.errors import ModelError
 from holdfast.spatial.rotation import exp
 from tests.systems.random_parts import rotation
 

@@ -57,7 +57,7 @@ def test_workers_with_other_libraries(tmp_path, monkeypatch):
     """A worker whose results would have other last bits refuses its chunk."""
     other = {"versions": {"numpy": "0.1"}, "processor": "abacus"}
     monkeypatch.setattr("holdfast.sweeps.workers.compute", lambda task: compute(task._replace(made_by=other)))
-    with pytest.raises(hf.ResultError, match=r"expected workers with numpy 0.1, abacus"):
+    with pytest.raises(hf.errors.ResultError, match=r"expected workers with numpy 0.1, abacus"):
         small_sweep(tmp_path)
 
 

@@ -67,6 +67,6 @@ def test_near_pose():
 )
 def test_refusals(sample, shape, said):
     """Distributions that do not fit are refused by the parameter's name."""
-    with pytest.raises(hf.StateError, match=said) as refused:
+    with pytest.raises(hf.errors.StateError, match=said) as refused:
         sample.values("mass", shape, uniforms(0, "x", 0, 2, sample.width(shape)))
     assert "mass" in str(refused.value)

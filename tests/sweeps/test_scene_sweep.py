@@ -233,7 +233,7 @@ def test_damage_healed_by_the_command(name, folder, tmp_path, cli):
     content = bytearray((place / name).read_bytes())
     content[len(content) // 4] ^= 1
     (place / name).write_bytes(content)
-    with pytest.raises(hf.ResultError, match=rf"{name} is damaged.*call `sweep` again"):
+    with pytest.raises(hf.errors.ResultError, match=rf"{name} is damaged.*call `sweep` again"):
         load_sweep(place).column("object_pose z [m]")
     (tmp_path / "scene.toml").write_text(TEXT)
     cli("sweep", tmp_path / "scene.toml", "--out", place)

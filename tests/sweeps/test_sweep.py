@@ -52,7 +52,7 @@ def test_a_run_again(undisturbed):
     kept = [title for title in undisturbed.columns if title.startswith("object_twist")]
     assert [undisturbed.column(title)[22] for title in kept] == found.object_twist[-1].tolist()
     assert found.require_setting().chain.held_object.mass == undisturbed.column("drawn object_mass")[22]
-    with pytest.raises(hf.StateError, match="from 0 to 32"):
+    with pytest.raises(hf.errors.StateError, match="from 0 to 32"):
         undisturbed.run(33)
 
 
@@ -86,7 +86,9 @@ def test_chunks_in_wrong_places(undisturbed, tmp_path):
     found = small_sweep(store)
     assert data(store) == data(undisturbed.folder)
     (store / names[0]).write_bytes(data(small_sweep(tmp_path / "other", seed=1).folder)[names[0]])
-    with pytest.raises(hf.ResultError, match=r"runs_000001\.parquet is damaged, or another file.*call `sweep` again"):
+    with pytest.raises(
+        hf.errors.ResultError, match=r"runs_000001\.parquet is damaged, or another file.*call `sweep` again"
+    ):
         found.column("run")
     assert small_sweep(store).column("run").tolist() == list(range(33))
 
@@ -153,26 +155,26 @@ def test_failures_by_status(tmp_path):
     assert found.status_counts == {"RUNNING": 5, "OPEN": 1}
     assert found.column("run", status="OPEN").tolist() == [4]
     assert found.column("stopped [s]")[4] == 0.0
-    with pytest.raises(hf.StateError, match="ended as SLIPPED, got none"):
+    with pytest.raises(hf.errors.StateError, match="ended as SLIPPED, got none"):
         found.quantiles("object_pose z [m]", status="SLIPPED")
 
 
 @pytest.mark.parametrize(
     ("changed", "error", "said"),
     [
-        ({"count": 0}, hf.StateError, "count"),
-        ({"chunk": 2.5}, hf.StateError, "chunk"),
-        ({"seed": -1}, hf.StateError, "seed"),
-        ({"workers": 0}, hf.StateError, "workers"),
-        ({"step": -1e-3}, hf.StateError, "step"),
-        ({"duration": 1.5e-3}, hf.StateError, "whole number of steps"),
-        ({"outputs": ["object_pos"]}, hf.StateError, "Did you mean 'object_pose'"),
-        ({"outputs": ["q", "q"]}, hf.StateError, "once"),
-        ({"parameters": {}}, hf.StateError, "'stiffness' is missing"),
-        ({"parameters": {"stiffness": 1.0, "object_mas": 1.0}}, hf.StateError, "Did you mean 'object_mass'"),
-        ({"parameters": {"stiffness": np.ones(32)}}, hf.StateError, "stiffness"),
-        ({"parameters": {"stiffness": Uniform(np.inf, 1.0)}}, hf.StateError, "stiffness"),
-        ({"state": None}, hf.StateError, "state"),
+        ({"count": 0}, hf.errors.StateError, "count"),
+        ({"chunk": 2.5}, hf.errors.StateError, "chunk"),
+        ({"seed": -1}, hf.errors.StateError, "seed"),
+        ({"workers": 0}, hf.errors.StateError, "workers"),
+        ({"step": -1e-3}, hf.errors.StateError, "step"),
+        ({"duration": 1.5e-3}, hf.errors.StateError, "whole number of steps"),
+        ({"outputs": ["object_pos"]}, hf.errors.StateError, "Did you mean 'object_pose'"),
+        ({"outputs": ["q", "q"]}, hf.errors.StateError, "once"),
+        ({"parameters": {}}, hf.errors.StateError, "'stiffness' is missing"),
+        ({"parameters": {"stiffness": 1.0, "object_mas": 1.0}}, hf.errors.StateError, "Did you mean 'object_mass'"),
+        ({"parameters": {"stiffness": np.ones(32)}}, hf.errors.StateError, "stiffness"),
+        ({"parameters": {"stiffness": Uniform(np.inf, 1.0)}}, hf.errors.StateError, "stiffness"),
+        ({"state": None}, hf.errors.StateError, "state"),
     ],
 )
 def test_refusals(changed, error, said, tmp_path):
@@ -184,27 +186,27 @@ def test_refusals(changed, error, said, tmp_path):
 
 def test_stores_of_others(undisturbed, tmp_path):
     """A folder of another plan, of something else, or one that is written now, is refused."""
-    with pytest.raises(hf.ResultError, match="seed differ"):
+    with pytest.raises(hf.errors.ResultError, match="seed differ"):
         small_sweep(undisturbed.folder, seed=1)
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(hf.ResultError, match="other files"):
+    with pytest.raises(hf.errors.ResultError, match="other files"):
         small_sweep(tmp_path)
-    with pytest.raises(hf.ResultError, match="another process writes"):
+    with pytest.raises(hf.errors.ResultError, match="another process writes"):
         small_sweep(tmp_path / "new", progress=lambda _: small_sweep(tmp_path / "new"))
     (tmp_path / "new" / "sweep.json").write_text(json.dumps({"format": "else"}))
-    with pytest.raises(hf.ResultError, match=r"sweep\.json: expected .* got 'else' .*; call `sweep` again"):
+    with pytest.raises(hf.errors.ResultError, match=r"sweep\.json: expected .* got 'else' .*; call `sweep` again"):
         small_sweep(tmp_path / "new", seed=1)
     small_sweep(tmp_path / "new")
     for path in (tmp_path / "new").glob("runs_*"):
         path.unlink()
     (tmp_path / "new" / "sweep.json").write_text(json.dumps({"format": "else"}))
-    with pytest.raises(hf.ResultError, match=r"got 'else' .*; is this a sweep folder"):
+    with pytest.raises(hf.errors.ResultError, match=r"got 'else' .*; is this a sweep folder"):
         small_sweep(tmp_path / "new")
 
 
 def test_processes_that_die_and_die(tmp_path):
     """A chunk that ends its process every time is given up, and the sweep says so."""
-    with pytest.raises(hf.ResultError, match="died 3 times"):
+    with pytest.raises(hf.errors.ResultError, match="died 3 times"):
         list(computed_by_processes(iter([Deadly()]), 1, most_deaths=2))
 
 

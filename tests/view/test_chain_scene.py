@@ -8,9 +8,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from holdfast import HeldObject, ModelError, Pose, Spring, interop
+from holdfast import HeldObject, Pose, Spring, interop
 from holdfast.dynamics import link_poses
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.errors import ModelError
 from holdfast.io.model_data import model_data, model_of
 from holdfast.model.fingerprint import fingerprint
 from holdfast.view.chain_scene import ChainScene, drawn_object

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import ModelError, Pose
+from holdfast import Pose
 from holdfast.control.gravity_compensation import GravityCompensation
+from holdfast.errors import ModelError
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.view import playback as playback_module

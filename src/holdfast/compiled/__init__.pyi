@@ -3,4 +3,3 @@
 from .bound import BoundFunction as BoundFunction
 from .chain import CompiledChain as CompiledChain
 from .function import Function as Function
-from .result import CompiledResult as CompiledResult

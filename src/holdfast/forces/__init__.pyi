@@ -1,12 +1,8 @@
 """Forces at the grasps: margins, the split into motion and internal forces, loads of wrists."""
 
-from .force_split import Split as Split
 from .force_split import split as split
-from .margin_interval import LargestMargin as LargestMargin
-from .margin_interval import MarginRange as MarginRange
 from .margin_interval import largest_margin as largest_margin
 from .margin_interval import margin_range as margin_range
-from .margins import JointMargins as JointMargins
 from .margins import grasp_margins as grasp_margins
 from .margins import joint_margins as joint_margins
 from .wrist import last_joint_wrenches as last_joint_wrenches

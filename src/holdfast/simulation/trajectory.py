@@ -210,7 +210,7 @@ class Trajectory(Frozen, RunOutputs):
         if self.setting is None:
             raise StateError(
                 "run: expected one that knows its chain, as simulate and load_result return it, got one put together"
-                " from arrays; try dataclasses.replace(run, setting=hf.simulation.Setting(chain))"
+                " from arrays; try dataclasses.replace(run, setting=hf.simulation.setting.Setting(chain))"
             )
         return self.setting
 

@@ -6,4 +6,3 @@ from .distributions import Uniform as Uniform
 from .of_scene import load_sweep as load_sweep
 from .of_scene import sweep_scene as sweep_scene
 from .result import Sweep as Sweep
-from .sweep import Progress as Progress

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import MethodNotApplicable
 from holdfast.dynamics import METHODS, Status
 from holdfast.dynamics.arm import free_dynamics
+from holdfast.errors import MethodNotApplicable
 from tests.oracles.maximal_kkt import solve
 from tests.systems import planar_three_arms
 from tests.systems.as_chain import as_chain

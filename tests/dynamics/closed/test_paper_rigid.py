@@ -6,8 +6,8 @@ The stacks of (2.2) and (2.3) are those of `Stacked`.
 import numpy as np
 import pytest
 
-from holdfast import MethodNotApplicable
 from holdfast.dynamics.closed.omega import Omega, filtered_arms, omega_from_matrices, omega_recursive
+from holdfast.errors import MethodNotApplicable
 from holdfast.spatial.spatial_vector import shift_twist
 from tests.dynamics.closed.answered import nonrigid, rigid
 from tests.systems.problems import relative_gap

@@ -36,7 +36,7 @@ def test_stored_answers_by_dense_equations(name):
     motion = chain_motion(case.chain, case.state, case.tau, case.inputs.shaped(case.chain))
     given = {"inputs": case.inputs, "method": "kkt"}
     if name.startswith("many_forces") and name not in UNIQUE:
-        with pytest.raises(hf.MethodNotApplicable, match="nullity"):
+        with pytest.raises(hf.errors.MethodNotApplicable, match="nullity"):
             hf.forward_dynamics(case.chain, case.state, case.tau, **given)
         return
     found = hf.forward_dynamics(case.chain, case.state, case.tau, **given)
@@ -48,7 +48,7 @@ def test_papers_methods_refuse():
     case = cases()["torso1_rigid_7_7"]
     for name, method in METHODS.items():
         if not method.takes_trunk:
-            with pytest.raises(hf.MethodNotApplicable, match=f"{name}: .*trunk"):
+            with pytest.raises(hf.errors.MethodNotApplicable, match=f"{name}: .*trunk"):
                 hf.forward_dynamics(case.chain, case.state, case.tau, inputs=case.inputs, method=name)
 
 

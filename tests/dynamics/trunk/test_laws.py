@@ -62,12 +62,12 @@ def test_a_floating_base_has_no_drive():
     """Accelerations that it cannot have, or that are missing, are refused."""
     p = random_on_trunk(1, 2, floating=True)
     r = p.solved()
-    with pytest.raises(hf.StateError, match="no drive, but would need the wrench"):
+    with pytest.raises(hf.errors.StateError, match="no drive, but would need the wrench"):
         hf.inverse_dynamics(p.chain, p.state, r.qdd, r.grasp_wrench, p.inputs, r.base_acceleration + 0.1)
-    with pytest.raises(hf.StateError, match="expected the acceleration of the floating base"):
+    with pytest.raises(hf.errors.StateError, match="expected the acceleration of the floating base"):
         hf.inverse_dynamics(p.chain, p.state, r.qdd, r.grasp_wrench, p.inputs)
     fixed = random_on_trunk(0, 1, floating=False)
-    with pytest.raises(hf.StateError, match="no base floats"):
+    with pytest.raises(hf.errors.StateError, match="no base floats"):
         hf.inverse_dynamics(fixed.chain, fixed.state, 0 * fixed.tau, np.zeros((len(fixed.chain.arms), 6)),
                             base_acceleration=np.zeros(6))  # fmt: skip
 

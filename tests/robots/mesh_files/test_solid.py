@@ -75,7 +75,7 @@ FAULTS = {
 def test_refused(name, tmp_path):
     """What encloses no solid is refused with the file's name."""
     mesh, message = FAULTS[name]
-    with pytest.raises(hf.SceneError, match=f"solid.obj: .*{message}"):
+    with pytest.raises(hf.errors.SceneError, match=f"solid.obj: .*{message}"):
         hf.HeldObject.from_mesh(written(tmp_path, mesh), mass=1.0)
 
 
@@ -83,12 +83,12 @@ def test_wrong_calls(tmp_path):
     """Mass and density, neither, and files that are not there."""
     path = written(tmp_path, BOX)
     for given in ({}, {"mass": 1.0, "density": 1.0}):
-        with pytest.raises(hf.ModelError, match="expected one of mass and density"):
+        with pytest.raises(hf.errors.ModelError, match="expected one of mass and density"):
             hf.HeldObject.from_mesh(path, **given)
-    with pytest.raises(hf.SceneError, match="no such file"):
+    with pytest.raises(hf.errors.SceneError, match="no such file"):
         hf.HeldObject.from_mesh(tmp_path / "other.obj", mass=1.0)
     (tmp_path / "solid.txt").write_text("")
-    with pytest.raises(hf.SceneError, match=r"expected a file of \.stl"):
+    with pytest.raises(hf.errors.SceneError, match=r"expected a file of \.stl"):
         hf.HeldObject.from_mesh(tmp_path / "solid.txt", mass=1.0)
 
 
@@ -157,7 +157,7 @@ def test_surfaces(name, tmp_path):
             assert solid(Mesh(rounded, mesh.faces)).volume == pytest.approx(expected, rel=1e-5)
             continue
         (tmp_path / "part.stl").write_bytes(stl_bytes(rounded[mesh.faces]))
-        with pytest.raises(hf.SceneError, match=f"part.stl: .*{expected}"):
+        with pytest.raises(hf.errors.SceneError, match=f"part.stl: .*{expected}"):
             hf.HeldObject.from_mesh(tmp_path / "part.stl", mass=1.0)
 
 

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, ModelError, StateError, compile_rollout
+from holdfast import ControlLaw, compile_rollout
 from holdfast.compiler.errors import CompileError
+from holdfast.errors import ModelError, StateError
 from holdfast.simulation import Rollout, RolloutSystems
 from tests.simulation.rollout.problems import arrays, given_torques, problem, same, started
 

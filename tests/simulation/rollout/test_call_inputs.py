@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, FrozenError, Inputs, State, StateError, compile_rollout
+from holdfast import ControlLaw, Inputs, State, compile_rollout
+from holdfast.errors import FrozenError, StateError
 from holdfast.simulation import Rollout
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.runge_kutta import MIDPOINT, RK4

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import Attach, ControlLaw, Inputs, StateError, compile_rollout, simulate
+from holdfast import Attach, ControlLaw, Inputs, compile_rollout, simulate
 from holdfast.dynamics import momentum, project_velocity
+from holdfast.errors import StateError
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.compiled_steppers import FusedStepper, StagewiseStepper, stepper_for
@@ -213,12 +214,12 @@ def test_refusals():
     systems = rollout.start(**arrays(state), **given(np.array(20.0)))
     record = rollout.run(systems, 0.002, STEP)
     for number in (1, -1, 0.0, "0", None, True):
-        with pytest.raises(hf.StateError, match="system: expected a number from 0 to 0"):
+        with pytest.raises(hf.errors.StateError, match="system: expected a number from 0 to 0"):
             record.trajectory(number)
-        with pytest.raises(hf.StateError, match="system: expected a number from 0 to 0"):
+        with pytest.raises(hf.errors.StateError, match="system: expected a number from 0 to 0"):
             systems.state(number)
     for every in (0, 1.5, "2"):
-        with pytest.raises(hf.StateError, match="every: expected an integer"):
+        with pytest.raises(hf.errors.StateError, match="every: expected an integer"):
             record.trajectory(0, every=every)
-    with pytest.raises(hf.StateError, match="put together from arrays"):
+    with pytest.raises(hf.errors.StateError, match="put together from arrays"):
         replace(record, arguments=None).trajectory(0)

@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, Friction, SingularChainError, State, WrenchLimits, compile_rollout
+from holdfast import ControlLaw, Friction, State, WrenchLimits, compile_rollout
+from holdfast.errors import SingularChainError
 from holdfast.forces import grasp_margins
 from holdfast.simulation import Rollout, RolloutStatus, RolloutSystems
 from holdfast.simulation.environment import Environment

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import Inputs, MethodNotApplicable, Pose, State, StateError
+from holdfast import Inputs, Pose, State
 from holdfast.dynamics import closure
 from holdfast.dynamics.projection import largest_gaps as largest_in_step
 from holdfast.dynamics.projection import moved
+from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.compiled_steppers import FusedStepper, StagewiseStepper, stepper_for

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ClosedChain, ControlLaw, Friction, Inputs, Pose, State, StateError, compile_rollout, simulate
+from holdfast import ClosedChain, ControlLaw, Friction, Inputs, Pose, State, compile_rollout, simulate
 from holdfast.compiler.errors import CompileError
 from holdfast.dynamics import closure, kinetic_energy
+from holdfast.errors import StateError
 from holdfast.scenario.parts import SwayingBase
 from holdfast.simulation import Rollout, RolloutStatus, RolloutSystems, Trajectory
 from holdfast.simulation.adaptive import Tolerance
@@ -149,7 +150,7 @@ def test_what_no_base_does():
     def moved(motion: Motion, name: str = name) -> Rollout:
         return compile_rollout(chain, scheme="midpoint", base_motion={name: motion})
 
-    with pytest.raises(hf.ModelError, match="base motion 'nobody': no such arm"):
+    with pytest.raises(hf.errors.ModelError, match="base motion 'nobody': no such arm"):
         moved(lambda t: (base, zeros, zeros), "nobody")
     tau = np.zeros(chain.joint_count)
     for pose in (lambda t: (1.0 + t) * base.wxyz_xyz, lambda t: Pose(base.R * (1.0 + t), base.p)):
