@@ -227,7 +227,7 @@ def _gym_setting(**given: Any) -> Any:
 @cache
 def environments() -> Any:
     """Return three environments."""
-    return hf.gym.vector.CarryVector(3, short_carry())
+    return hf.gym.CarryVector(3, short_carry())
 
 
 @call(

@@ -10,8 +10,8 @@ import holdfast as hf
 from tests.capabilities.chains import CHAINS, chain_with
 from tests.gym.problems import careless_hand_over, short_carry
 
-CARRY = hf.gym.Carry, hf.gym.vector.CarryVector
-HAND_OVER = hf.gym.HandOver, hf.gym.vector.HandOverVector
+CARRY = hf.gym.Carry, hf.gym.CarryVector
+HAND_OVER = hf.gym.HandOver, hf.gym.HandOverVector
 
 
 def require_same(one: Any, other: Any, place: str = "") -> None:

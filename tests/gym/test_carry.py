@@ -44,7 +44,7 @@ def test_clipped():
 
 def test_observation_and_reward():
     """Every part from the state, by the library's other functions, after steps at random."""
-    envs, task, generator = hf.gym.vector.CarryVector(3, carry()), carry(), np.random.default_rng(1)
+    envs, task, generator = hf.gym.CarryVector(3, carry()), carry(), np.random.default_rng(1)
     envs.reset(seed=8)
     for k in range(1, 9):
         actions = generator.uniform(-0.4, 0.4, (3, 7))

@@ -34,7 +34,7 @@ def test_made_by_id(name):
     single = gymnasium.make(name, task=task)
     many = gymnasium.make_vec(name, num_envs=3, task=task, autoreset_mode="SameStep")
     assert isinstance(single.unwrapped, hf.gym.Carry | hf.gym.HandOver)
-    assert isinstance(many, hf.gym.vector.CarryVector | hf.gym.vector.HandOverVector)
+    assert isinstance(many, hf.gym.CarryVector | hf.gym.HandOverVector)
     assert many.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     first, _ = single.reset(seed=4)
     observations, _ = many.reset(seed=4)
@@ -45,7 +45,7 @@ def test_made_by_id(name):
 
 def test_seeds():
     """One seed, one sequence of episodes; environments have their own, and a mask leaves the others alone."""
-    envs = hf.gym.vector.CarryVector(3, short_carry(), autoreset_mode="Disabled")
+    envs = hf.gym.CarryVector(3, short_carry(), autoreset_mode="Disabled")
     first, _ = envs.reset(seed=[1, None, 3])
     second, _ = envs.reset()
     assert not (first == second).all(1).any()
@@ -59,7 +59,7 @@ def test_seeds():
 
 def test_options():
     """What is given is not drawn; the rest is as it would have been."""
-    envs = hf.gym.vector.CarryVector(2, short_carry())
+    envs = hf.gym.CarryVector(2, short_carry())
     envs.reset(seed=3)
     drawn = {name: x.copy() for name, x in envs.episodes.drawn.items()}
     factors = np.array([0.9, 1.1])
@@ -84,7 +84,7 @@ def test_spread():
 
 def test_results_are_the_callers():
     """What a step returned does not change with the next one."""
-    envs = hf.gym.vector.CarryVector(2, short_carry())
+    envs = hf.gym.CarryVector(2, short_carry())
     held = [*envs.reset(seed=1)[:1], *envs.step(np.zeros((2, 7)))[:4]]
     copies = [x.copy() for x in held]
     envs.step(np.ones((2, 7)))
@@ -167,18 +167,18 @@ def test_single_refusals():
 
 def test_vector_refusals():
     """Likewise, and masks, seeds and modes."""
-    envs = hf.gym.vector.CarryVector(2, short_carry(), autoreset_mode=AutoresetMode.DISABLED)
+    envs = hf.gym.CarryVector(2, short_carry(), autoreset_mode=AutoresetMode.DISABLED)
     for call, error, message in (
         (lambda: envs.step(np.zeros((2, 7))), StateError, "try reset"),
         (lambda: envs.step(np.zeros(7)), StateError, "action"),
         (lambda: envs.reset(seed=[1, 2, 3]), StateError, "seed: expected"),
         (lambda: envs.state(2), StateError, "from 0 to 1"),
         (
-            lambda: hf.gym.vector.CarryVector(2, short_carry(), autoreset_mode="later"),
+            lambda: hf.gym.CarryVector(2, short_carry(), autoreset_mode="later"),
             ModelError,
             "or one of 'NextStep'",
         ),
-        (lambda: hf.gym.vector.CarryVector(0), StateError, "num_envs: expected an integer >= 1"),
+        (lambda: hf.gym.CarryVector(0), StateError, "num_envs: expected an integer >= 1"),
     ):
         with pytest.raises(error, match=message):
             call()

@@ -49,7 +49,7 @@ def scaled(body: hf.HeldObject, factor: float) -> hf.HeldObject:
 def test_grip_and_release():
     """A grip closes both grasps where the tip is, by an impulse that takes energy; a release changes no velocity."""
     task = careless_hand_over()
-    envs, generator = hf.gym.vector.HandOverVector(4, task), np.random.default_rng(3)
+    envs, generator = hf.gym.HandOverVector(4, task), np.random.default_rng(3)
     envs.reset(seed=1)
     for _ in range(20):
         envs.step(np.hstack([generator.uniform(-1, 1, (4, 14)), np.full((4, 2), -1.0)]))

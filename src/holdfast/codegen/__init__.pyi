@@ -1,4 +1,3 @@
 """Code for the robot: C source or object files of a chain's computations."""
 
-from .export import ExportedCode as ExportedCode
 from .export import export_c as export_c

@@ -1,5 +1,4 @@
 """Where robots meet the compiler: chains become schedules of stages, and these machine code."""
 
-from .bound import BoundFunction as BoundFunction
 from .chain import CompiledChain as CompiledChain
 from .function import Function as Function

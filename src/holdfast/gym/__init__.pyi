@@ -4,3 +4,5 @@ from .carry import CarryTask as CarryTask
 from .environments import Carry as Carry
 from .environments import HandOver as HandOver
 from .hand_over import HandOverTask as HandOverTask
+from .vector import CarryVector as CarryVector
+from .vector import HandOverVector as HandOverVector

@@ -207,7 +207,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
 class CarryVector(TaskVectorEnv):
     """Many environments of `Carry` in one batch; see `CarryTask`.
 
-        envs = hf.gym.vector.CarryVector(256, chain=chain, state=state, autoreset_mode="SameStep")
+        envs = hf.gym.CarryVector(256, chain=chain, state=state, autoreset_mode="SameStep")
         envs = gymnasium.make_vec("holdfast/Carry-v0", num_envs=256)  # after `import holdfast.gym`
 
     The arguments are the number of environments, a `CarryTask` or its attributes by name, an `AutoresetMode` (NEXT_STEP
@@ -224,7 +224,7 @@ class CarryVector(TaskVectorEnv):
 class HandOverVector(TaskVectorEnv):
     """Many environments of `HandOver` in one batch; see `HandOverTask`.
 
-        envs = hf.gym.vector.HandOverVector(256, autoreset_mode="SameStep")
+        envs = hf.gym.HandOverVector(256, autoreset_mode="SameStep")
         envs = gymnasium.make_vec("holdfast/HandOver-v0", num_envs=256)  # after `import holdfast.gym`
 
     The arguments are the number of environments, a `HandOverTask` or its attributes by name, an `AutoresetMode`
