@@ -259,7 +259,7 @@ def meaning(name: str) -> str:
 
 
 def described(row: Row) -> str:
-    """Return an array's meaning and unit."""
+    """Return an array's meaning and unit, for a comment in the header."""
     return f"{row.meaning} [{row.unit}]" if row.unit else row.meaning
 
 

@@ -82,7 +82,7 @@ class BoundFunction:
         return f"<bound {self._function.name} of {', '.join(self._function.chain.names)}>"
 
     def __call__(self, *none: Any) -> Any:
-        """Compute the results from the inputs."""
+        """Compute the results from the inputs; see the class for what is returned."""
         if none:
             no_arguments("bound call", none)
         code = self.run()

@@ -31,7 +31,7 @@ class Output(NamedTuple):
 
     Attributes:
         shape: its shape.
-        places: the instructions that compute its entries, in C order.
+        places: the indices of the instructions that compute its entries, in C order.
     """
 
     shape: Shape

@@ -112,7 +112,7 @@ class Stages:
     """Makes stages; groups with the same graph and the same ports share one stage."""
 
     def __init__(self, fused: bool = True) -> None:
-        """Start without stages; `fused` says whether products and sums are fused to fma operations."""
+        """Begin without stages; `fused` says whether products and sums become fma operations."""
         self._made: dict[object, Stage] = {}
         self._fused = fused
 

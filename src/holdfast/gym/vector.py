@@ -146,7 +146,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The seeds of the random number generators."""
+        """The seed of each environment's random number generator."""
         self._seed(None, np.arange(self.num_envs))
         return tuple(self._seeds)
 

@@ -44,7 +44,7 @@ def file_path(given: Any, what: str, error: type[HoldfastError] = ResultError) -
 
 
 def read_bounded(path: Path, most: int) -> bytes:
-    """Return a file's bytes, of a larger file one more than `most`.
+    """Return a file's bytes; of a file larger than `most`, only the first most + 1.
 
     Raises:
         OSError: it cannot be read; the message or `strerror` says why.
@@ -139,7 +139,7 @@ def require_file(path: Path) -> None:
 
 
 def remove(*paths: Path) -> None:
-    """Delete those of some files that exist.
+    """Delete files; those that do not exist are skipped.
 
     Raises:
         ResultError: one cannot be removed.

@@ -161,7 +161,7 @@ def checked_notes(notes: Any, label: str) -> tuple[str, ...]:
 
 
 def _links(joint: Joint, link: Link) -> tuple[Link, ...]:
-    """Return the links after each part of a joint; all but the last have no mass."""
+    """Return the links that follow the parts of a joint of several freedoms; all but the last are massless."""
     return *(Link(0.0) for _ in joint.parts[1:]), link
 
 

@@ -53,7 +53,7 @@ class Signals:
 
     @cached_property
     def quantities(self) -> list[Quantity]:
-        """Quantity that each signal limits."""
+        """The quantity that each signal limits."""
         n = self.chain.joint_count
         grasps: list[Quantity] = ["grasp"] * len(self.chain.arms)
         return grasps + [quantity for quantity in JOINT_QUANTITIES for _ in range(n)]

@@ -72,7 +72,7 @@ class RigidInertia(NamedTuple):
         return RigidInertia(self.m, first, mirrored(I + (l @ h + first @ l) * np.eye(3)))
 
     def symmetric(self) -> Symmetric6:
-        """Return the (6, 6) matrix as blocks."""
+        """Return the (6, 6) matrix as its three different (3, 3) blocks."""
         return Symmetric6(self.I, skew(self.h), self.m * np.eye(3))
 
     @property

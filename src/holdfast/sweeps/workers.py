@@ -264,7 +264,7 @@ class _Left:
         return self.again.pop() if self.again else next(self._tasks, None)
 
     def won(self) -> None:
-        """Reset the count of losses, because a chunk was computed."""
+        """Reset the count of lost chunks after one that was computed."""
         self._losses = 0
 
     def lost(self, tasks: list[Chunk], cause: BaseException) -> None:

@@ -1,4 +1,4 @@
-"""The surfaces and colours with which arms are drawn, piece by piece."""
+"""The surfaces and colours with which arms are drawn, one piece for each visual of a link."""
 
 from __future__ import annotations
 

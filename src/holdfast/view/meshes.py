@@ -22,7 +22,7 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def box(edges: Array | tuple[float, float, float]) -> Mesh:
-    """Return a box about the origin with edges (x, y, z) [m]."""
+    """Return a box about the origin with edges of the lengths (x, y, z) [m]."""
     corners = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
     vertices, faces = [], []
     for axis in range(3):

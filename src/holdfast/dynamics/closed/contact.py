@@ -63,7 +63,7 @@ class Contact:
         return self.grasp.of_kind.along(unrotate(self.R, x))[list(self.rows)]
 
     def transmissible(self, f: Array) -> Array:
-        """Return K^T K f, a wrench about the contact in world axes with its free components set to exactly 0."""
+        """Return K^T K f, a wrench about the contact in world axes that is exactly 0 along the grasp's freedoms."""
         if len(self.rows) == 6:
             return f
         if not self.rows:
@@ -92,7 +92,7 @@ class Contact:
 
     @property
     def K(self) -> Array:
-        """(6 - n_g, 6) orthonormal rows along the transmitted directions, world axes."""
+        """(6 - n_g, 6) orthonormal rows along the directions that the grasp transmits, world axes; n_g is its freedoms."""
         return array([rotate(self.R, row) for row in self.grasp.of_kind.directions[list(self.rows)]]).reshape(-1, 6)
 
     @property

@@ -275,7 +275,7 @@ def through(s: Array, back_substitute: BackSubstitution) -> tuple[Array, Array]:
 
 
 def wrench_at_contact(about: Contact, from_arm: Array) -> Array:
-    """Return an arm's wrench about its contact point with its free components set to exactly 0, (6,)."""
+    """Return an arm's wrench about its contact point, exactly 0 along the grasp's freedoms, (6,)."""
     return about.transmissible(shift_wrench(-about.offset, from_arm))
 
 

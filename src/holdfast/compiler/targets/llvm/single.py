@@ -3,8 +3,8 @@
     i64 single(i64 *table)    void prepare(i64 *table)
 
 `table` holds the addresses of the external arrays in order, then that of the working memory. `prepare` computes what
-depends on parameters only. `single` returns the status as an integer, which is 0 if there was no problem; it also
-updates carried arrays to the next repetition.
+depends on parameters only. `single` returns the status as an integer, which is 0 if there was no problem, and
+leaves in carried arrays what the next repetition begins with.
 """
 
 from __future__ import annotations
