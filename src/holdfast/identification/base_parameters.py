@@ -100,7 +100,7 @@ def base_parameters(matrix: ArrayLike, names: Sequence[str], tolerance: float = 
 
 
 def pivoted(matrix: Array) -> tuple[Array, Array]:
-    """Return the triangular factor of a QR decomposition with column pivoting, and the order of the columns. O(rows p^2)."""
+    """Return the triangular factor of a QR decomposition with column pivoting, and the columns' order. O(rows p^2)."""
     found: Any = qr(matrix, mode="economic", pivoting=True)
     return found[1], found[2]
 

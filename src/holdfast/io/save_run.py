@@ -111,7 +111,7 @@ def _bases(name: str, setting: Setting, times: Array) -> dict[str, bytes]:
 
 
 def _singles(run: Trajectory) -> list[Trajectory]:
-    """Return the samples one by one, each with the occurrences since the one before; the last has those at the end, too."""
+    """Return the samples one by one, each with the occurrences since the one before; later ones ended the run."""
     at: dict[int, list[Occurrence]] = {}
     for one in run.occurrences:
         at.setdefault(int(np.searchsorted(run.t, one.t)), []).append(one)

@@ -116,7 +116,7 @@ class Layout:
         return Access(area.width)
 
     def accesses(self, call: Call) -> tuple[list[Access], list[Access]]:
-        """Return how the function of a stage's phase accesses its inputs and its outputs, in both of which the memory between items comes last."""
+        """Return how the function of a stage's phase accesses its inputs and outputs; memory comes last in both."""
         stage = self._group(call.group).stage
         memory = Access(max(self.systems, self.width[call.group]))
         known = [port for phase in stage.inputs[: call.phase + 1] for port in phase]

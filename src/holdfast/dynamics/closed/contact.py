@@ -92,7 +92,7 @@ class Contact:
 
     @property
     def K(self) -> Array:
-        """(6 - n_g, 6) orthonormal rows along the directions that the grasp transmits, world axes; n_g is its freedoms."""
+        """(6 - n_g, 6) orthonormal rows along the transmitted directions, for n_g freedoms; world axes."""
         return array([rotate(self.R, row) for row in self.grasp.of_kind.directions[list(self.rows)]]).reshape(-1, 6)
 
     @property
