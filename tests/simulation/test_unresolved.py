@@ -61,4 +61,7 @@ def test_what_was_noticed_travels_with_a_checkpoint():
     whole = hf.simulate(CHAIN, pushed, jump, 20 * H, H, on_checkpoint=kept.append)
     rest = hf.simulate(CHAIN, pushed, jump, 20 * H, H, start=Checkpoint.from_data(*kept[15].to_data()))
     assert "name the time in `breakpoints`" in named(whole)
+    assert "complete, but a step was too long" in repr(whole) and "complete, but a step was too long" in repr(
+        whole.summary()
+    )
     assert named(rest) == named(whole)

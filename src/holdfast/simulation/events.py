@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -58,6 +58,14 @@ class Occurrence:
     rank: int | None = None
     generic_rank: int | None = None
     lost: tuple[str, ...] = ()
+
+
+def ending(stopped: str | None, occurrences: Iterable[Occurrence]) -> str:
+    """Return how a run ended: why it stopped, or that it is complete, with steps that were too long or without."""
+    if stopped is not None:
+        return stopped
+    unresolved = any(one.kind == "unresolved" for one in occurrences)
+    return f"complete{', but a step was too long for the motion (see occurrences)' * unresolved}"
 
 
 @called

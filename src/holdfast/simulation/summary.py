@@ -10,7 +10,7 @@ import numpy as np
 from holdfast import outer
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import energy_moved
-from holdfast.simulation.events import Occurrence
+from holdfast.simulation.events import Occurrence, ending
 from holdfast.simulation.margins import JOINT_QUANTITIES
 from holdfast.spatial.scalar import Array
 
@@ -75,7 +75,7 @@ class Summary:
     def __repr__(self) -> str:
         """Return how far the run got, the largest closure error and the peak forces."""
         peaks = "".join(f", {name} {force:.4g} N" for name, force in self.peak_force.items())
-        end = "complete" if self.stopped is None else self.stopped
+        end = ending(self.stopped, self.occurrences)
         parts = f"closure error {self.worst_position_gap:.1e}; peak forces{peaks[1:] or ' none'}"
         return f"<Summary: {self.samples} samples, to {self.last_time:g} s, {end}; {parts}>"
 

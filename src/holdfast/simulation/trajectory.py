@@ -16,7 +16,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.questions.arrays import ARRAYS, RAD, RATE, TORQUE, Row
 from holdfast.simulation.balance import WORK_TERMS, imbalance, momentum_imbalance
-from holdfast.simulation.events import Occurrence
+from holdfast.simulation.events import Occurrence, ending
 from holdfast.simulation.margins import JOINT_QUANTITIES
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import Setting
@@ -258,7 +258,7 @@ def text_of(run: Trajectory) -> str:
     if not len(run):
         return "without samples"
     of = "" if run.setting is None else f" '{run.setting.name}' of {', '.join(run.setting.chain.names)}"
-    end = "complete" if run.stopped is None else run.stopped
+    end = ending(run.stopped, run.occurrences)
     return f"run{of}: {len(run)} sample{'' if len(run) == 1 else 's'}, {run.t[0]:g} to {run.t[-1]:g} s, {end}"
 
 

@@ -68,7 +68,8 @@ def _margins(summary: Summary) -> list[tuple[str, str]]:
 
 
 def _occurrences(summary: Summary) -> list[tuple[str, str]]:
-    shown = summary.occurrences[:MOST_OCCURRENCES]
+    first = sorted(summary.occurrences, key=lambda one: one.kind != "unresolved")  # casts doubt on all that follows
+    shown = first[:MOST_OCCURRENCES]
     lines = [(f"t = {one.t:.9g} s", one.text) for one in shown]
     left = len(summary.occurrences) - len(shown)
     return lines + ([("and", f"{left} more, see summary.json")] if left else [])
