@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from benchmarks.unresolved_steps import RANGES, case
 
 import holdfast as hf
 from holdfast.simulation.checkpoint import Checkpoint
@@ -65,3 +66,11 @@ def test_what_was_noticed_travels_with_a_checkpoint():
         whole.summary()
     )
     assert named(rest) == named(whole)
+
+
+@pytest.mark.parametrize("seed", [128, 135, 274])
+def test_a_limit_passed_just_before_a_step(seed):
+    """Its margin is lowest at the edge of what the step knows, and still is no reason to call the step too long."""
+    chain, state, controller, step, scheme, _ = case(seed, *RANGES["low"])
+    run = hf.simulate(chain, state, controller, 12 * step, step, scheme=scheme)
+    assert run.stopped is None and any(one.quantity == "effort" for one in run.occurrences)

@@ -79,14 +79,15 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
     signals = window.segment.signals
     fresh = np.flatnonzero(np.isinf(tracker.since) & (found.margins.min(axis=0) < 0.0)).tolist()
     for k, together in _by_time(found, fresh):
-        t, margins = float(found.times[k]), found.margins[: k + 1, together]
+        t, depth = float(found.times[k]), found.margins[k, together]
         if t <= window.begin.t:  # no step leads to the beginning of a stretch, so there is nothing to repeat
             continue
-        allowed = SHARE * np.ptp(margins, axis=0) + NEGLIGIBLE_DIFFERENCE * np.maximum(1.0, np.abs(margins[-1]))
+        change = np.ptp(found.margins[:, together], axis=0)
+        allowed = SHARE * change + NEGLIGIBLE_DIFFERENCE * np.maximum(1.0, np.abs(depth))
         for parts in SHORTER_BY:
             again = window.in_parts(t, parts)
             if again.instant is not None:
-                off = np.abs(signals.of(again.instant)[together] - margins[-1])
+                off = np.abs(signals.of(again.instant)[together] - depth)
                 if (off <= allowed).all():
                     continue
                 together = [together[int(np.argmax(off / allowed))]]
