@@ -65,3 +65,21 @@ def test_accepted(what):
     """Constants may come from anywhere, as long as every call gives the same ones."""
     law = ControlLaw(FUNCTIONS[what], memory=np.zeros(1), parameters={"noise": (N,)})
     assert repr(compile_law(law, CHAIN)).startswith("<CompiledLaw")
+
+
+def noisy_motion(t):
+    """Return a base that trembles at random."""
+    return CHAIN.arms["left"].base, np.zeros(6), np.random.normal(size=6)
+
+
+SURROUNDINGS = {
+    "base motion of 'left'": {"base_motion": {"left": noisy_motion}},
+    "inputs": {"inputs": lambda t, state: hf.Inputs(object_wrench=np.random.normal(size=6))},
+}
+
+
+@pytest.mark.parametrize("what", SURROUNDINGS)
+def test_surroundings_of_rollouts(what):
+    """Motions of bases and external wrenches become machine code, too, and are refused alike."""
+    with pytest.raises(ModelError, match=f"{what}: expected a function of its arguments alone"):
+        hf.compile_rollout(CHAIN, **SURROUNDINGS[what])

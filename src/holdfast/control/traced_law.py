@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from weakref import WeakSet
 
@@ -116,28 +116,41 @@ _functions: WeakSet[ControlLaw] = WeakSet()  # laws found to be functions of the
 
 
 def require_function(law: ControlLaw, chain: ClosedChain) -> None:
-    """Refuse a law whose result depends on more than its arguments: it is traced twice, and the programs are compared.
+    """Refuse a law whose result depends on more than its arguments; a law of the library is known not to.
 
-    A law of the library is known to be a function. One that cannot be traced is left to its caller.
+    Raises:
+        ModelError: it does.
+    """
+    advice = "ControlLaw(torque, parameters={'noise': (n,)}) with values given to every call, or its memory"
+    if not law.key and law not in _functions and is_function("control law", lambda: law_program(law, chain), advice):
+        _functions.add(law)
+
+
+def is_function(what: str, program: Callable[[], Program], advice: str) -> bool:
+    """Return whether a function depends on its arguments alone: it is traced twice, and the programs are compared.
+
+    Args:
+        what: what it is, for the message.
+        program: traces it.
+        advice: where to give what changes from call to call, for the message.
+
+    Returns:
+        Whether it does; False if it cannot be traced, which is left to the caller.
 
     Raises:
         ModelError: the programs differ.
     """
-    if law.key or law in _functions:
-        return
     try:
-        first, second = (law_program(law, chain) for _ in range(2))
+        first, second = program(), program()
     except HoldfastError:
-        return
+        return False
     if repr(first) == repr(second):  # as texts, because not-a-number differs from itself
-        _functions.add(law)
-        return
-    constants = zip(first.instructions, second.instructions, strict=False)
-    numbers = next(((a.value, b.value) for a, b in constants if repr(a) != repr(b) and a.kind == b.kind), None)
-    what = "other operations" if numbers is None else f"{numbers[1]:.6g} in place of {numbers[0]:.6g}"
+        return True
+    pairs = zip(first.instructions, second.instructions, strict=False)
+    numbers = next(((a.value, b.value) for a, b in pairs if repr(a) != repr(b) and a.kind == b.kind), None)
+    found = "other operations" if numbers is None else f"{numbers[1]:.6g} in place of {numbers[0]:.6g}"
     raise ModelError(
-        f"control law: expected a function of its arguments alone, got {what} from a second call with the same ones. It"
+        f"{what}: expected a function of its arguments alone, got {found} from a second call with the same ones. It"
         " reads random numbers, a clock, a counter or a variable that changes, and would be compiled with the values of"
-        " one call. Try ControlLaw(torque, parameters={'noise': (n,)}) with values given to every call, or keep in its"
-        " memory what changes"
+        f" one call. Try {advice} for what changes"
     )

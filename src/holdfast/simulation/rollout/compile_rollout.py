@@ -12,6 +12,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs, take_state
 from holdfast.simulation.rollout.arguments import require_free_names
 from holdfast.simulation.rollout.rollout import Rollout
+from holdfast.simulation.rollout.user_functions import require_functions
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 
 
@@ -50,8 +51,8 @@ def compile_rollout(
 
     Raises:
         ModelError: the scheme is unknown or adaptive, a parameter of the law has the name of another argument, a base
-            motion belongs to no arm, the inputs are not a function of (t) or (t, state), or the law depends on more
-            than its arguments.
+            motion belongs to no arm, the inputs are not a function of (t) or (t, state), or one of these functions
+            depends on more than its arguments.
         StateError: an optional group of arguments is unknown, or `generic_rank` is not a rank.
         CompileError: (at the first start) the law, a base motion or the inputs cannot be traced; the message names the
             line.
@@ -69,6 +70,7 @@ def compile_rollout(
     options = optional_parameters(parameters, "rollout")
     if inputs is not None:
         take_state(inputs)
+    require_functions(motions, inputs, chain)
     return Rollout(chain, traced, scheme, generic_rank, motions, options, inputs)
 
 

@@ -19,7 +19,7 @@ from holdfast.compiler.node import Node
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw
-from holdfast.control.traced_law import comparable, law_program
+from holdfast.control.traced_law import comparable, is_function, law_program
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import shapes, state_fields
@@ -72,8 +72,11 @@ def _sum(a: Array | None, b: Array | None) -> Array | None:
 
 def travelling_inputs(acting: GivenInputs | None, chain: ClosedChain) -> GivenInputs | None:
     """Return the inputs if they can be pickled, or otherwise an equivalent traced function that can."""
-    if acting is None or _travels(acting):
-        return acting
+    return acting if acting is None or _travels(acting) else traced_inputs_of(acting, chain)
+
+
+def traced_inputs_of(acting: GivenInputs, chain: ClosedChain) -> TracedInputs:
+    """Return a function of external wrenches, traced."""
     fields, size = state_fields(chain), shapes(chain)
     given: list[str] = []
 
@@ -95,14 +98,32 @@ def travelling_law(law: ControlLaw, chain: ClosedChain) -> ControlLaw:
 
 def travelling_motion(name: str, motion: BaseMotion) -> BaseMotion:
     """Return the motion of a base if it can be pickled, or otherwise an equivalent traced motion that can."""
-    if _travels(motion):
-        return motion
+    return motion if _travels(motion) else traced_motion_of(name, motion)
+
+
+def traced_motion_of(name: str, motion: BaseMotion) -> TracedMotion:
+    """Return the motion of a base, traced."""
 
     def outputs(t: Array) -> tuple[Array, Array, Array, Array]:
         pose, twist, acceleration = checked_motion(name, motion)(t[()])
         return pose.R, pose.p, twist, acceleration
 
     return TracedMotion(trace(outputs, [()]))
+
+
+def require_functions(motions: Motions, acting: GivenInputs | None, chain: ClosedChain) -> None:
+    """Refuse motions of bases and external wrenches that depend on more than their arguments.
+
+    Raises:
+        ModelError: one does.
+    """
+    for name, motion in motions.items():
+        is_function(
+            f"base motion of '{name}'", lambda name=name, motion=motion: traced_motion_of(name, motion).program, "t"
+        )
+    if callable(acting):
+        advice = "object_wrench=... in every call of the rollout"
+        is_function("inputs", lambda: traced_inputs_of(acting, chain).program, advice)
 
 
 @dataclass(frozen=True, eq=False)
