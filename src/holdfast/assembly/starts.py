@@ -9,6 +9,7 @@ import numpy as np
 
 from holdfast import outer
 from holdfast.assembly.limits import longest_reach, shoulder
+from holdfast.compiler.elementary import LARGEST_ARGUMENT
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
@@ -18,7 +19,6 @@ from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-FARTHEST_PREFERRED = 1e5  # rad or m: as far as machine code takes angles
 WIDEST = np.pi  # rad or m: range of the search on either side of 0 for a joint without limits
 
 
@@ -123,10 +123,10 @@ def preferred_positions(given: Any, count: int, name: str) -> Array:
     """Return the given preferred joint positions of an arm or a trunk as an array, (count,).
 
     Raises:
-        StateError: their number is wrong, or one is not finite or beyond `FARTHEST_PREFERRED`.
+        StateError: their number is wrong, or one is not finite or beyond `LARGEST_ARGUMENT`.
     """
     q = checks.numbers(given, (count,), f"q of '{name}'", StateError)
-    if q.dtype != object and np.abs(q).max(initial=0.0) > FARTHEST_PREFERRED:
+    if q.dtype != object and np.abs(q).max(initial=0.0) > LARGEST_ARGUMENT:
         got = checks.short(q.tolist())
-        raise StateError(f"q of '{name}': expected at most {FARTHEST_PREFERRED:g} rad or m, got {got}")
+        raise StateError(f"q of '{name}': expected at most {LARGEST_ARGUMENT:g} rad or m, got {got}")
     return q

@@ -21,7 +21,7 @@ from typing import Any
 
 _Value = Any  # a node; functions of one argument share its reduction, because equal operations are one node
 
-LARGEST_ARGUMENT = 1e5  # [rad]
+LARGEST_ARGUMENT = 1e5  # [rad]: as far as machine code takes angles
 
 _TWO_OVER_PI = 0.6366197723675814
 # pi/2 to 160 bits: each part is the double nearest to the remainder of the parts before it.

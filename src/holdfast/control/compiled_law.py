@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from holdfast.compiled.computation import Computation
 from holdfast.compiled.function import Function
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, externals, traced
+from holdfast.compiler.elementary import LARGEST_ARGUMENT
 from holdfast.compiler.kernel import Bound
 from holdfast.compiler.program import Shape
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw
@@ -24,13 +26,13 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called, no_arguments
 from holdfast.questions.arrays import Row, shapes, state_fields
+from holdfast.questions.case import VariedCase
 from holdfast.questions.question import Found, Question, Show
 from holdfast.spatial.scalar import Array
-from holdfast.state import State, require_fit
+from holdfast.state import Inputs, State, require_fit
 
 # packages with functions that laws use, in addition to forward dynamics
 PACKAGES = ("forces", "simulation", "control", "scenario")
-LARGEST_ANGLE = 1e5  # rad: largest positions that machine code accepts
 
 
 class LawTorques(NamedTuple):
@@ -94,6 +96,19 @@ def law_and_values(controller: Controller | ControlLaw, chain: ClosedChain) -> t
     return law, controller.values if isinstance(controller, GivenLaw) else {}
 
 
+def law_question(law: ControlLaw, chain: ClosedChain) -> Question:
+    """Return the question that a law answers: which torques, and which memory if it has one."""
+    kept = [Row("kept", (len(law.memory),), "", "memory")] if len(law.memory) else []
+
+    def compute(case: VariedCase) -> tuple[Array, ...]:
+        own = case.own
+        given = {f"control.{name}": own[name] for name in law.parameters}
+        found = law_outputs(law, chain, own["t"][()], case.state, own.get("memory", np.zeros(0)), given)
+        return found if kept else found[:1]
+
+    return Question("control law", compute, ("tau", *kept), shown=_shown)
+
+
 def law_computation(law: ControlLaw, chain: ClosedChain) -> Computation:
     """Return the computation of a law, from time, state, memory and parameters to torques and memory.
 
@@ -108,11 +123,11 @@ def law_computation(law: ControlLaw, chain: ClosedChain) -> Computation:
     inputs = ["t", *state_fields(chain), *remembers, *law.parameters]
     arrays = externals(inputs, (), ["tau", *(["kept"] if remembers else [])], size)
 
+    question = law_question(law, chain)
+
     def outputs(x: Given) -> dict[str, Array]:
         state = State(**{field: x[name] for name, field in state_fields(chain).items()})
-        given = {f"control.{name}": x[name] for name in law.parameters}
-        tau, kept = law_outputs(law, chain, x["t"][()], state, x.get("memory", np.zeros(0)), given)
-        return {"tau": tau, "kept": kept} if remembers else {"tau": tau}
+        return dict(zip(question.names, question.compute(VariedCase(chain, state, Inputs(), x)), strict=True))
 
     key = f"law/{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{chain.joint_count}" if law.key else ""
     schedule = partial(traced, arrays, outputs)
@@ -135,9 +150,8 @@ class CompiledLaw:
     ) -> None:
         self.law, self.chain, self.values = law, chain, dict(values)
         self._fields, self._lock = state_fields(chain), threading.Lock()
-        kept = [Row("kept", (len(law.memory),), "", "memory")] if len(law.memory) else []
-        question = Question("control law", lambda case: (), ("tau", *kept), shown=_shown, settle=self._settle)
-        compiled = CompiledChain(chain, Options(), 0, progress)
+        question = replace(law_question(law, chain), settle=self._settle)
+        compiled = CompiledChain(chain, Options(), None, progress)
         self.function = Function(compiled, question, computation=law_computation(law, chain))
         _ = self.function.calls
 
@@ -157,7 +171,7 @@ class CompiledLaw:
             StateError: a parameter has no value, the state belongs to another chain, or the torques are not finite.
         """
         require_fit(self.chain, state)
-        if self._own is None or not np.abs(state.q).max(initial=0.0) <= LARGEST_ANGLE:
+        if self._own is None or not np.abs(state.q).max(initial=0.0) <= LARGEST_ARGUMENT:
             return self.law.given(self.values).on_floats(t, state, memory)  # raises the error
         with self._lock:
             x = self._own.arrays
@@ -213,9 +227,7 @@ class CompiledLaw:
         _require_names(given, self.function.computation.inputs)
         return self.function(threads=threads, **given)
 
-    def _settle(
-        self, chain: ClosedChain, given: Mapping[str, Array], found: Mapping[str, Array]
-    ) -> Mapping[str, Array]:
+    def _settle(self, chain: ClosedChain, given: Found, found: Found) -> Found:
         """Refuse torques of one system that are not finite; see `Question`."""
         if found["tau"].ndim == 1 and not np.isfinite(found["tau"]).all():
             raise self._refusal(given)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from holdfast.compiler.elementary import LARGEST_ARGUMENT
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.names import called
@@ -15,8 +16,6 @@ from holdfast.spatial import rotation
 from holdfast.spatial.frozen import REQUIRED, ArrayField, Frozen, making
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array, Scalar, maximum, minimum
-
-LARGEST_TURN = 1e5  # [rad]: as far as machine code takes angles
 
 
 class Target(NamedTuple):
@@ -81,9 +80,9 @@ class RestToRest(Frozen):
         put(self, "start", checks.pose(self.start, "path: start"))
         put(self, "displacement", checks.numbers(self.displacement, (3,), "path: displacement"))
         put(self, "turn", checks.numbers(self.turn, (3,), "path: turn"))
-        if self.turn.dtype != object and np.abs(self.turn).max() > LARGEST_TURN:
+        if self.turn.dtype != object and np.abs(self.turn).max() > LARGEST_ARGUMENT:
             got = checks.short(self.turn.tolist())
-            raise ModelError(f"path: turn: expected at most {LARGEST_TURN:g} rad, got {got}")
+            raise ModelError(f"path: turn: expected at most {LARGEST_ARGUMENT:g} rad, got {got}")
         put(self, "begin", checks.number(self.begin, "path: begin", at_least=0.0))
         put(self, "duration", checks.number(self.duration, "path: duration", above=0.0))
 

@@ -122,12 +122,13 @@ def require_function(law: ControlLaw, chain: ClosedChain) -> None:
         ModelError: it does.
     """
     advice = "ControlLaw(torque, parameters={'noise': (n,)}) with values given to every call, or its memory"
-    if not law.key and law not in _functions and is_function("control law", lambda: law_program(law, chain), advice):
+    known = law.key or law in _functions
+    if not known and require_same_program("control law", lambda: law_program(law, chain), advice):
         _functions.add(law)
 
 
-def is_function(what: str, program: Callable[[], Program], advice: str) -> bool:
-    """Return whether a function depends on its arguments alone: it is traced twice, and the programs are compared.
+def require_same_program(what: str, program: Callable[[], Program], advice: str) -> bool:
+    """Refuse a function that depends on more than its arguments: it is traced twice, and the programs are compared.
 
     Args:
         what: what it is, for the message.
@@ -135,7 +136,7 @@ def is_function(what: str, program: Callable[[], Program], advice: str) -> bool:
         advice: where to give what changes from call to call, for the message.
 
     Returns:
-        Whether it does; False if it cannot be traced, which is left to the caller.
+        Whether it could be traced; what to do with one that cannot is left to the caller.
 
     Raises:
         ModelError: the programs differ.

@@ -226,7 +226,7 @@ GRASP_MARGINS = declare(
     ),
     grasp_margins,
 )
-JOINT_MARGINS = declare(
+declare(
     Question(
         "joint_margins",
         _limited,

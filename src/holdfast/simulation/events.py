@@ -28,7 +28,8 @@ class Occurrence:
             positive again; "singular", when the grasp constraint loses rank; "stiff", when steps become linearly
             implicit because explicit steps could not follow the damping or springs; "unresolved", at the run's end,
             when a step of fixed length was too long for some part of the motion.
-        name: the arm, or 'arm/joint'; "grasps" for a singular configuration, "joints" for stiff joints.
+        name: the arm, or 'arm/joint'; "grasps" for a singular configuration, "joints" for stiff ones and
+            for steps that were too long.
         text: description of the occurrence.
         quantity: limited quantity of a violation or recovery: "grasp", "position", "rate" or "effort".
         lowest: for a recovery, the lowest margin since the violation [N; rad or m; rad/s or m/s; N m or N].

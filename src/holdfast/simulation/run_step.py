@@ -14,6 +14,7 @@ from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.confirmation import Window, explained, require_shown, resolved, too_long
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_configuration import (
     ALMOST,
@@ -219,7 +220,8 @@ def _step_to(
     times = evaluation_times(now.t, until, segment.scheme.c.tolist()) if len(signals.limited) else [until]
     found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest)
     end = found.end
-    _require_step(at, found, until)
+    window = Window(segment, at.previous, now)
+    _require_step(window, found, until, saved.tracker)
     assert end.instant is not None
     tracker, news = saved.tracker.after(found, curves, signals)
     margins = found.margins[min(found.start, 1) :]  # the row before the start belongs to the previous instant
@@ -228,7 +230,7 @@ def _step_to(
     tail_time = times[-2] if len(times) > 1 else now.t
     resolution = saved.resolution
     if stepper is None and not settings.scheme.adaptive and end.t == until:
-        resolution = resolved(resolution, Window(segment, at.previous, now), end.instant)
+        resolution = resolved(resolution, window, end.instant)
         if end.t == settings.stops.times[-1] and resolution.matters:
             news = [*news, Occurrence(end.t, "unresolved", "joints", resolution.text)]
     if elsewhere(now.state, end.instant.state):
@@ -251,15 +253,20 @@ def _step_to(
     return RunState(segment, checkpoint, end.instant, now, end.gaps, found.times[-len(margins) :], margins)
 
 
-def _require_step(at: RunState, found: StepMargins, until: float) -> None:
+def _require_step(window: Window, found: StepMargins, until: float, tracker: ViolationTracker) -> None:
     """Raise an error if the step failed, or if it has a fixed length that is too long for the motion.
+
+    Args:
+        window: the step and the one before it.
+        found: the margins during the step, and its end.
+        until: the requested end [s].
+        tracker: the margins before the step.
 
     Raises:
         StepTooLongError: the step diverges, or shorter steps do not confirm its result.
         HoldfastError: the error with which the step failed.
     """
-    settings, end = at.segment.settings, found.end
-    window = Window(at.segment, at.previous, at.now)
+    settings, end = window.segment.settings, found.end
     if end.instant is None:
         assert end.failure is not None
         raise end.failure if settings.scheme.adaptive else explained(window, until, end.failure)
@@ -268,7 +275,7 @@ def _require_step(at: RunState, found: StepMargins, until: float) -> None:
         why = f"the motion diverges, a joint rate passes {LARGEST_RATE:g}"
         raise StateError(why) if settings.scheme.adaptive else too_long(window, until, why)
     if not settings.scheme.adaptive:
-        require_shown(window, found, at.checkpoint.tracker)
+        require_shown(window, found, tracker)
 
 
 def _margin_curves(at: RunState, stepper: Stepper) -> MarginCurves:

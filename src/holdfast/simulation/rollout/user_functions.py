@@ -9,6 +9,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from holdfast.compiler.node import Node
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw
-from holdfast.control.traced_law import comparable, is_function, law_program
+from holdfast.control.traced_law import comparable, law_program, require_same_program
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import shapes, state_fields
@@ -118,12 +119,11 @@ def require_functions(motions: Motions, acting: GivenInputs | None, chain: Close
         ModelError: one does.
     """
     for name, motion in motions.items():
-        is_function(
-            f"base motion of '{name}'", lambda name=name, motion=motion: traced_motion_of(name, motion).program, "t"
-        )
+        traced = partial(traced_motion_of, name, motion)
+        require_same_program(f"base motion of '{name}'", lambda traced=traced: traced().program, "t")
     if callable(acting):
         advice = "object_wrench=... in every call of the rollout"
-        is_function("inputs", lambda: traced_inputs_of(acting, chain).program, advice)
+        require_same_program("inputs", lambda: traced_inputs_of(acting, chain).program, advice)
 
 
 @dataclass(frozen=True, eq=False)
