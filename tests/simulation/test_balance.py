@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from holdfast import Inputs, forward_dynamics
 from holdfast.dynamics import kinetic_energy, momentum, potential_energy
-from holdfast.forces.force_split import Splitter, split
+from holdfast.forces.force_split import constant_split, parts_by, split
 from holdfast.forces.wrist import wrist_wrenches
-from holdfast.simulation.accounts import CompiledAccounts, accounts_of
+from holdfast.simulation.accounts import account_shapes, accounts_of
+from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.balance import interval_integrals, momentum_imbalance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
+from holdfast.simulation.rollout.compiled_steppers import StagewiseStepper
+from holdfast.simulation.runge_kutta import RK4
+from holdfast.simulation.sample import arrays_of
 from holdfast.simulation.simulate import simulate
 from holdfast.simulation.summary import summarise
 from holdfast.spatial import rotation
@@ -129,36 +134,28 @@ def test_summary_and_table(shaken):
     assert not any(word in text for text in lines.values() for word in ("inf", "nan", "None"))
 
 
-def instant(name: str):
-    """Return an instant of a chain in motion, under torques and a wrench on its object."""
+SURROUNDINGS = {
+    "a wrench on the object": Inputs(object_wrench=np.arange(6.0) - 2.0),
+    "moving bases": Inputs(base_twists=np.ones((2, 6)), base_accelerations=np.eye(2, 6)),
+    "wrenches on links": lambda t, state: Inputs(link_wrenches=np.outer(np.arange(14.0), np.ones(6))),
+}
+
+
+@pytest.mark.parametrize(("name", "inputs"), [(name, "a wrench on the object") for name in MIXED]
+                         + [("pandas", other) for other in [*SURROUNDINGS][1:]])  # fmt: skip
+def test_by_machine_code(name, inputs):
+    """Energies, momentum, its rate, spins, the split, and what the wrists carry."""
     chain, state = PROBLEMS[name]()
     tau = np.linspace(-3.0, 5.0, chain.joint_count)
-    environment = Environment(chain, {}, Inputs(object_wrench=np.arange(6.0) - 2.0))
-    return evaluate(environment, lambda t, x, m: (tau, m), 0.3, state, None)
-
-
-@pytest.mark.parametrize("name", MIXED)
-def test_by_machine_code(name):
-    """Energies, momentum, its rate, and what the wrists carry."""
-    at = instant(name)
-    assert CompiledAccounts.suit(at.chain, at.inputs)
-    for mine, theirs in zip(CompiledAccounts(at.chain).of(at), accounts_of(at), strict=True):
-        assert np.shape(mine) == np.shape(theirs)
-        assert np.abs(mine - theirs).max() <= ROUNDING * max(1.0, np.abs(theirs).max())
-
-
-def test_what_machine_code_leaves_to_the_reference():
-    """Moving bases and wrenches on links, which it is not given; and joints turned further than it takes."""
-    at = instant("pandas")
-    moving = Inputs(base_twists=np.ones((2, 6)))
-    assert not CompiledAccounts.suit(at.chain, moving)
-    assert not CompiledAccounts.suit(at.chain, Inputs(link_wrenches=np.ones((14, 6))))
-    far = evaluate(
-        Environment(at.chain), lambda t, x, m: (at.tau, m), 0.0,
-        at.state.__class__(at.state.q + 2e5 * np.pi, at.state.qd, at.state.object_pose), None,
-    )  # fmt: skip
-    for mine, theirs in zip(CompiledAccounts(at.chain).of(far), accounts_of(far), strict=True):
-        assert np.array_equal(mine, theirs)
+    environment = Environment(chain, {}, SURROUNDINGS[inputs])
+    fast = StagewiseStepper(environment, lambda t, x, m: (tau, m), chain.constraint_row_count, RK4, Tolerance())
+    at = evaluate(environment, lambda t, x, m: (tau, m), 0.3, state, None)
+    by_reference = partial(accounts_of, environment)
+    mine, theirs = (accounting(np.array([0.3]), arrays_of(at)) for accounting in (fast.accounts, by_reference))
+    assert mine.keys() == theirs.keys() == account_shapes(chain).keys()
+    for what, x in theirs.items():
+        assert mine[what].shape == x.shape
+        assert np.abs(mine[what] - x).max() <= ROUNDING * max(1.0, np.abs(x).max()), what
 
 
 @pytest.mark.parametrize("name", [*MIXED, "soft finger, ball, hinge", "hinges", "bushing"])
@@ -171,7 +168,10 @@ def test_splitter(name):
     f = np.zeros((len(chain.arms), 6))
     for k, arm in enumerate(chain.grasps):
         f[chain.names.index(arm)] = np.sin(np.arange(6.0) + 7 * k)
-    mine, theirs = Splitter(chain)(state, f), split(chain, state, f)
-    assert mine.length == pytest.approx(theirs.length, rel=1e-14)
-    for part in ("motion", "internal", "load_share"):
-        np.testing.assert_allclose(getattr(mine, part), getattr(theirs, part), atol=ROUNDING)
+    matrix = constant_split(chain)
+    if matrix is None:
+        assert any(grasp.of_kind.follows_tip for grasp in chain.grasps.values())
+        return
+    parts, (internal, share) = split(chain, state, f), parts_by(matrix, chain, state, f)
+    np.testing.assert_allclose(internal, parts.internal, atol=ROUNDING)
+    np.testing.assert_allclose(share, parts.load_share, atol=ROUNDING)

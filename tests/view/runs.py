@@ -9,11 +9,12 @@ import numpy as np
 
 from holdfast import ClosedChain, Friction, Grasp, State, close
 from holdfast.control.gravity_compensation import GravityCompensation
+from holdfast.simulation.accounts import accounts_of
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
-from holdfast.simulation.sample import Recorder, Sums
+from holdfast.simulation.sample import Sums, sample
 from holdfast.simulation.stepper import NO_GAPS
-from holdfast.simulation.trajectory import Trajectory, stacked
+from holdfast.simulation.trajectory import Trajectory, joined
 from holdfast.view.playback import Playback, playback_of_run
 from holdfast.view.scene_writer import Camera
 from tests.control.two_pandas import two_pandas
@@ -39,8 +40,9 @@ def lifted(left: str = "softfinger", right: str = "ball", samples: int = 6) -> t
         here = close(chain, State(state.q, np.zeros(14), pose), hold_object=True)
         now = evaluate(Environment(chain), GravityCompensation(chain, 40.0 - 30.0 * t), float(t), here, None)
         margins = np.full((1, 2 + 3 * 14), np.inf)
-        found.append(Recorder().sample(now, NO_GAPS, Sums(np.zeros(4), 0.0, np.zeros(6)), np.array([t]), margins))
-    return chain, stacked(found)
+        sums, world = Sums(np.zeros(4), 0.0, np.zeros(6)), Environment(chain)
+        found.append(sample(world, functools.partial(accounts_of, world), now, NO_GAPS, sums, np.array([t]), margins))
+    return chain, joined(found)
 
 
 @functools.cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from weakref import WeakSet
@@ -110,6 +111,16 @@ def law_program(law: ControlLaw, chain: ClosedChain) -> Program:
 
     of_state = [size[name] for name in fields]
     return trace(outputs, [(), *of_state, (len(law.memory),), *map(tuple, law.parameters.values())])
+
+
+def law_key(law: ControlLaw, chain: ClosedChain) -> str:
+    """Return what identifies a law's machine code: its own key, or a digest of its program; "" if it has neither."""
+    if law.key:
+        return law.key
+    try:
+        return hashlib.sha256(repr(law_program(law, chain)).encode()).hexdigest()
+    except HoldfastError:  # reported where the law is compiled
+        return ""
 
 
 _functions: WeakSet[ControlLaw] = WeakSet()  # laws found to be functions of their arguments alone

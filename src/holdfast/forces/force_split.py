@@ -15,8 +15,9 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.linalg import least_solution
-from holdfast.spatial.scalar import Array, array
-from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift
+from holdfast.spatial.scalar import Array, array, concatenate, maximum, sqrt, where
+from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift, unrotate
+from holdfast.spatial.vector import dot
 from holdfast.state import State, require_fit
 
 SMALLEST_FORCE = 1e-9  # net forces below this, relative to the sum of the grasp forces, have no load shares
@@ -71,34 +72,43 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
     return Split(motion, internal, share, L)
 
 
-class Splitter:
-    """Computes `split` repeatedly for one chain.
+def constant_split(chain: ClosedChain) -> Array | None:
+    """Return the matrix (6l, 6l) that gives the motion part of stacked grasp wrenches, both in object axes.
 
-    If the axes and points of all grasps are fixed in the object, the motion part is a linear function of the net wrench
-    that is constant in object axes. It is then computed once.
+    The result is None if the axes or points of the grasps are not fixed in the object, and without grasps. Otherwise
+    the motion part is a linear function of the wrenches that is the same for all states.
     """
+    grasps = chain.grasps.values()
+    if not chain.grasps or any(grasp.of_kind.follows_tip for grasp in grasps):
+        return None
+    places = [_as_rigid(ContactPlace(grasp, grasp.frame.R, grasp.frame.p)) for grasp in grasps]
+    length = length_scale([place.offset for place in places])
+    by_net = [motion_wrenches(places, unit, length).ravel() for unit in np.eye(6)]
+    return np.array(by_net).T @ np.concatenate([twist_shift(place.offset) for place in places]).T
 
-    def __init__(self, chain: ClosedChain) -> None:
-        """Store the chain with its current grasps."""
-        self._chain, self._motion, self._length = chain, None, 1.0
-        grasps = chain.grasps.values()
-        if chain.grasps and not any(grasp.of_kind.follows_tip for grasp in grasps):
-            places = [_as_rigid(ContactPlace(grasp, grasp.frame.R, grasp.frame.p)) for grasp in grasps]
-            self._length = length_scale([place.offset for place in places])
-            by_net = [motion_wrenches(places, unit, self._length).ravel() for unit in np.eye(6)]
-            to_C = [twist_shift(place.offset) for place in places]
-            self._motion = np.array(by_net).T @ np.concatenate(to_C).T  # of the wrenches in object axes
-        self._rows = [chain.names.index(name) for name in chain.grasps]
 
-    def __call__(self, state: State, grasp_wrench: Array) -> Split:
-        """Return the parts of wrenches (arms, 6); see `split`."""
-        if self._motion is None:
-            return split(self._chain, state, grasp_wrench)
-        R, motion, internal = state.object_frame.R, np.zeros(grasp_wrench.shape), np.zeros(grasp_wrench.shape)
-        in_object = (grasp_wrench[self._rows].reshape(-1, 3) @ R).ravel()
-        motion[self._rows] = ((self._motion @ in_object).reshape(-1, 3) @ R.T).reshape(-1, 6)
-        internal[self._rows] = grasp_wrench[self._rows] - motion[self._rows]
-        return Split(motion, internal, _load_share(motion[:, 3:]), self._length)
+def parts_by(matrix: Array, chain: ClosedChain, state: State, grasp_wrench: Array) -> tuple[Array, Array]:
+    """Return the internal part and the load shares of grasp wrenches (arms, 6), for floats or traced numbers.
+
+    They are those of `split`, with shares of 0 where the net force vanishes.
+
+    Args:
+        matrix: matrix of `constant_split`.
+        chain: the chain.
+        state: state with the object's pose.
+        grasp_wrench: (arms, 6) as in `ForwardResult`.
+    """
+    R, rows = state.object_frame.R, [chain.names.index(name) for name in chain.grasps]
+    by_grasp = (matrix @ concatenate([unrotate(R, grasp_wrench[row]) for row in rows])).reshape(-1, 6)
+    none = array([0.0] * 6)
+    motion = dict(zip(rows, [rotate(R, f) for f in by_grasp], strict=True))
+    internal = [grasp_wrench[row] - motion[row] if row in motion else none for row in range(len(chain.arms))]
+    forces = [motion.get(row, none)[3:] for row in range(len(chain.arms))]
+    net = sum(forces, start=np.zeros(3))
+    square, total = dot(net, net), sum(sum(abs(x) for x in force) for force in forces)
+    vanishes = sqrt(square) <= SMALLEST_FORCE * maximum(total, 1.0)
+    size = where(vanishes, 1.0, square)
+    return array(internal), array([where(vanishes, 0.0, dot(force, net) / size) for force in forces])
 
 
 def _as_rigid(place: ContactPlace) -> ContactPlace:

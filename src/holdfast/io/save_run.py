@@ -15,7 +15,7 @@ from holdfast.io.store import arrays_text, require_free
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
 from holdfast.simulation.summary import summarise
-from holdfast.simulation.trajectory import Trajectory, array_names
+from holdfast.simulation.trajectory import Trajectory, single
 from holdfast.spatial.scalar import Array
 
 ADVICE = "overwrite=True"
@@ -115,7 +115,4 @@ def _singles(run: Trajectory) -> list[Trajectory]:
     at: dict[int, list[Occurrence]] = {}
     for one in run.occurrences:
         at.setdefault(int(np.searchsorted(run.t, one.t)), []).append(one)
-    return [
-        Trajectory(**{name: getattr(run, name)[k] for name in array_names()}, occurrences=tuple(at.get(k, ())))
-        for k in range(len(run))
-    ]
+    return [single(run, k, tuple(at.get(k, ()))) for k in range(len(run))]

@@ -1,111 +1,99 @@
-"""The balance quantities recorded at every sample: energies, momentum and its rate, and the wrist wrenches."""
+"""What a run records besides the motion: energies, momentum and its rate, and what grasps and wrists carry."""
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.chain import CompiledChain
-from holdfast.compiled.function import Function
-from holdfast.compiled.structure import Options
 from holdfast.dynamics.closed.force_elements import with_force_elements
-from holdfast.dynamics.energy import bodies, elastic_energy, rotor_energy
-from holdfast.dynamics.momentum_balance import ACCOUNTS, rate_of
-from holdfast.errors import StateError
-from holdfast.forces.wrist import wrist_wrenches
+from holdfast.dynamics.contact_places import tip_frames
+from holdfast.dynamics.energy import total_kinetic_energy, total_momentum, total_potential_energy
+from holdfast.dynamics.momentum_balance import rate_of
+from holdfast.dynamics.result import ForwardResult
+from holdfast.forces.force_split import constant_split, parts_by
+from holdfast.forces.wrist import across_tips
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.instant import Instant
-from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import shift_wrench, twist_shift
-from holdfast.spatial.vector import cross
-from holdfast.state import Inputs
+from holdfast.questions.arrays import ARRAYS, FLOATING, STATE, Shape
+from holdfast.simulation.environment import Environment
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array, Scalar, arctan2, array
+from holdfast.state import Inputs, State, found_state
 
-ACCOUNTS_WORTH_COMPILING = 250  # instants: compiling takes as long as evaluating about this many without machine code
+SPLIT = "motion_part"  # a parameter of machine code: the constant matrix of `force_split.constant_split`
 
 
-class Accounts(NamedTuple):
-    """The balance quantities at one instant, in world axes about the world's origin.
+class Forces(NamedTuple):
+    """The forces of forward dynamics on which the accounts depend, as in `ForwardResult`."""
 
-    Attributes:
-        kinetic: kinetic energy [J].
-        potential: potential energy, of gravity and of springs [J].
-        momentum: (6,) [angular; linear] [N m s, N s].
-        rate: (6,) [moment; force] that bases, weights and external wrenches exert together [N m, N].
-        wrist: (arms, 6) wrenches at the wrists, see `wrist_wrenches`.
+    grasp_wrench: Array
+    base_wrench: Array
+    trunk_base_wrench: Array | None = None
+
+
+def account_shapes(chain: ClosedChain) -> dict[str, Shape]:
+    """Return the shapes of what `accounts` returns, by the names of a trajectory."""
+    arms = len(chain.arms)
+    found: dict[str, Shape] = {"kinetic": (), "potential": (), "momentum": (6,), "momentum_rate": (6,)}
+    found |= {"wrist_wrench": (arms, 6), "spin": (arms,)}
+    return found | ({} if constant_split(chain) is None else {"internal_wrench": (arms, 6), "load_share": (arms,)})
+
+
+def accounts(
+    chain: ClosedChain, state: State, inputs: Inputs, forces: Forces | ForwardResult, split: Array | None
+) -> dict[str, Scalar | Array]:
+    """Return what is recorded at one instant besides the motion, by the names of a trajectory, floats or traced. O(n).
+
+    Args:
+        chain: the chain, with its bases at their poses at that time.
+        state: positions and velocities.
+        inputs: shaped external wrenches and base motion at that time.
+        forces: result of forward dynamics, of which only the wrenches of grasps and bases are used.
+        split: the matrix of `force_split.constant_split`; without one the grasp wrenches are not split.
     """
-
-    kinetic: float
-    potential: float
-    momentum: Array
-    rate: Array
-    wrist: Array
-
-
-def accounts_of(at: Instant) -> Accounts:
-    """Return the balance quantities at an instant. O(n)."""
-    chain, state = at.chain, at.state
-    given, every = with_force_elements(chain, state, at.inputs.shaped(chain)), list(bodies(chain, state, at.inputs))
-    return Accounts(
-        sum(body.kinetic_energy for body in every) + rotor_energy(chain, state),
-        sum(body.potential_energy(chain.gravity) for body in every) + elastic_energy(chain, state),
-        np.sum([body.momentum(np.zeros(3)) for body in every], axis=0),
-        rate_of(chain, at.result, given, every, np.zeros(3)),
-        wrist_wrenches(chain, state, at.result),
-    )
+    given, f = with_force_elements(chain, state, inputs), forces.grasp_wrench
+    found = {
+        "kinetic": total_kinetic_energy(chain, state, inputs),
+        "potential": total_potential_energy(chain, state),
+        "momentum": total_momentum(chain, state, inputs, np.zeros(3)),
+        "momentum_rate": rate_of(chain, state, forces, given, np.zeros(3)),
+        "wrist_wrench": across_tips(chain, state, f),
+        "spin": array(list(spins(chain, state).values())),
+    }
+    if split is not None:
+        found["internal_wrench"], found["load_share"] = parts_by(split, chain, state, f)
+    return found
 
 
-class CompiledAccounts:
-    """Computes the balance quantities of one chain with machine code.
+def accounts_of(environment: Environment, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the accounts of several instants, (k, ...) each, computed one by one on floats.
 
-    This is possible for chains whose bases stand still and on which external wrenches act at the object only.
-
-    Attributes:
-        chain: the chain.
+    Args:
+        environment: the chain, its base motions and external inputs.
+        t: (k,) times [s].
+        arrays: states and forces by the names of machine code, (k, ...) each.
     """
+    split, found = constant_split(environment.chain), []
+    for k, time in enumerate(t.tolist()):
+        x = {name: of_all[k] for name, of_all in arrays.items()}
+        state = found_state({ARRAYS[name].field: x[name] for name in (*STATE, *FLOATING) if name in x})
+        chain, inputs = environment.at(time, state)
+        forces = Forces(x["grasp_wrench"], x["base_wrench"], x.get("trunk_base_wrench"))
+        found.append(accounts(chain, state, inputs.shaped(chain), forces, split))
+    return {name: np.array([one[name] for one in found]) for name in found[0]}
 
-    def __init__(self, chain: ClosedChain) -> None:
-        """Store the chain, which is compiled when the first instant is evaluated."""
-        self.chain = chain
-        self._given: tuple[Array, ...] = (np.zeros(0),) * 4
-        self._found: dict[str, Array] = {}
 
-    @staticmethod
-    def suit(chain: ClosedChain, inputs: Inputs) -> bool:
-        """Return whether this class can be used: no trunk, springs between bodies, moving bases or link wrenches."""
-        plain = chain.trunk is None and not chain.springs and not chain.bushings
-        still = inputs.base_twists is None or not inputs.base_twists.any()
-        return plain and still and inputs.link_wrenches is None
+def spins(chain: ClosedChain, state: State) -> dict[str, Scalar]:
+    """Return the rotation of each soft finger's contact about its normal, by arm [rad]; 0 for other grasps.
 
-    @cached_property
-    def _function(self) -> Function:
-        return Function(CompiledChain(self.chain, Options(), None), ACCOUNTS)
-
-    @cached_property
-    def _at_origin(self) -> Array:
-        """The matrix (6, 6 arms) that adds the wrenches of the bases up, about the world's origin."""
-        return np.concatenate([twist_shift(arm.base.p) for arm in self.chain.arms.values()]).T
-
-    def _of_state(self, *given: Array) -> dict[str, Array]:
-        """Return the quantities that depend on the state only, reused if the state is that of the previous call.
-
-        The two samples at a jump have the same state.
-        """
-        if not all(map(np.array_equal, given, self._given)):
-            self._found, self._given = self._function(*given), given
-        return self._found
-
-    def of(self, at: Instant) -> Accounts:
-        """Return the balance quantities of the chain at an instant."""
-        state, result = at.state, at.result
-        try:
-            x = self._of_state(state.q, state.qd, state.object_pose, state.object_twist)
-        except StateError:  # a joint has turned further than machine code accepts
-            return accounts_of(at)
-        mass, moment, gravity = x["mass_moment"][0], x["mass_moment"][1:], self.chain.gravity
-        rate = np.concatenate([cross(moment, gravity), mass * gravity]) + self._at_origin @ result.base_wrench.ravel()
-        if at.inputs.object_wrench is not None:
-            rate = rate + shift_wrench(state.object_pose[4:], at.inputs.object_wrench)
-        wrist = np.einsum("aji,akj->aki", x["tip_R"].reshape(-1, 3, 3), result.grasp_wrench.reshape(-1, 2, 3))
-        return Accounts(float(x["kinetic"]), float(x["potential"]), x["momentum"], rate, wrist.reshape(-1, 6))
+    This is the component about z of the rotation from the tip frame to the contact frame, within -pi .. pi. The spin
+    rate of a soft finger is constrained to zero, but rolling still changes the angle (Appendix A). It is reported, not
+    corrected.
+    """
+    turned: dict[str, Scalar] = dict.fromkeys(chain.names, 0.0)
+    soft = [name for name, grasp in chain.grasps.items() if grasp.of_kind.rate_rows]
+    for name, tip in tip_frames(chain, state, soft).items():
+        q = rotation.to_quaternion(tip.R.T @ state.object_frame.R @ chain.grasps[name].frame.R)
+        turned[name] = 2.0 * arctan2(q[3], q[0])
+    return turned

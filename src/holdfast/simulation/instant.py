@@ -13,6 +13,7 @@ from holdfast.dynamics.energy import power
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import SingularChainError, StateError
+from holdfast.forces.margins import grasp_margins
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import work_rates
@@ -56,6 +57,11 @@ class Instant:
         return self.state.q, self.state.qd, self.tau
 
     @property
+    def grasp_margins(self) -> Array:
+        """(grasps,) margins of the grasps with the forces of the result [N]."""
+        return grasp_margins(self.chain, self.state, self.result.grasp_wrench)
+
+    @property
     def velocities(self) -> Array:
         """(n + 6,) joint rates and the object's twist; a floating base adds six entries."""
         return np.concatenate([self.state.qd, *twists(self.state)])
@@ -93,17 +99,25 @@ class LateInstant(Instant):
         """Joint positions, joint rates, and torques, (n,) each."""
         return self._joints
 
+    @property
+    def grasp_margins(self) -> Array:
+        """(grasps,) margins of the grasps with the forces of the result [N]."""
+        return super().grasp_margins if self._margins is None else self._margins
 
-def late_instant(t: float, joints: tuple[Array, Array, Array], whole: Callable[[], Instant]) -> Instant:
+
+def late_instant(
+    t: float, joints: tuple[Array, Array, Array], margins: Array | None, whole: Callable[[], Instant]
+) -> Instant:
     """Return an instant that is evaluated in full by `whole` when this is needed.
 
     Args:
         t: time [s].
         joints: positions, rates and torques, (n,) each.
+        margins: (grasps,) margins of the grasps; None if they have to be computed.
         whole: returns the fully evaluated instant.
     """
     made = object.__new__(LateInstant)
-    vars(made).update({"t": t, "_joints": joints, "_whole": whole})
+    vars(made).update({"t": t, "_joints": joints, "_margins": margins, "_whole": whole})
     return made
 
 

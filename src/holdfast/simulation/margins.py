@@ -17,7 +17,7 @@ import numpy as np
 from holdfast.dynamics.result import Status
 from holdfast.errors import ModelError
 from holdfast.forces.margin_interval import margin_range
-from holdfast.forces.margins import JointLimits, conditions, grasp_margins, joint_limits, margins_of_joints
+from holdfast.forces.margins import JointLimits, conditions, joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -84,8 +84,8 @@ class Signals:
 
     def _of_grasps(self, at: Instant) -> Array:
         """Return the margins of the grasps by arm, (arms,)."""
-        given = grasp_margins(at.chain, at.state, at.result.grasp_wrench)
-        if at.result.status is Status.INDETERMINATE_FORCES and (given < 0).any():
+        given = at.grasp_margins
+        if (given < 0).any() and at.result.status is Status.INDETERMINATE_FORCES:
             given = np.where(given < 0, margin_range(at.chain, at.state, at.result).together, given)
         return by_arm(self.chain, given)
 
@@ -108,9 +108,9 @@ class Signals:
 
 
 def by_arm(chain: ClosedChain, margins: Array) -> Array:
-    """Return the margins of the grasps by arm, (arms,); infinite for an arm without a grasp."""
-    found = np.full(len(chain.arms), np.inf)
-    found[[chain.names.index(name) for name in chain.grasps]] = margins
+    """Return the margins of the grasps by arm, (..., arms) for (..., grasps); infinite for an arm without a grasp."""
+    found = np.full((*margins.shape[:-1], len(chain.arms)), np.inf)
+    found[..., [chain.names.index(name) for name in chain.grasps]] = margins
     return found
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,12 +19,12 @@ from holdfast.simulation.events import Attach, Occurrence, happen
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.run_step import RunState, stepped
-from holdfast.simulation.sample import Recorder
+from holdfast.simulation.sample import sample
 from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with, suited
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.stops import MOST_STEPS, just_after
-from holdfast.simulation.trajectory import Trajectory, array_names, stacked
+from holdfast.simulation.trajectory import Trajectory, array_names, joined, single
 from holdfast.simulation.zero_order_hold import initial_hold, require_same
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
@@ -187,16 +187,15 @@ class Listeners(NamedTuple):
     on_checkpoint: Callable[[Checkpoint], None] | None
 
 
-def recorded_run(at: RunState, recorder: Recorder, resumed: bool, listeners: Listeners) -> Trajectory:
+def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajectory:
     """Return the samples of a run from a state to its end, and why it stopped, if it did.
 
     Args:
         at: where the run is.
-        recorder: what makes the samples.
         resumed: whether an earlier call recorded this state, so that the samples are those after it.
         listeners: functions to call on the way.
     """
-    samples: list[Trajectory] = []
+    samples: list[Trajectory] = []  # parts of one or more samples
     first = reported = len(at.checkpoint.occurrences) if resumed else 0
     longest = MOST_STEPS + len(at.segment.settings.stops.times)  # an adaptive scheme by itself might never end
 
@@ -204,9 +203,9 @@ def recorded_run(at: RunState, recorder: Recorder, resumed: bool, listeners: Lis
         nonlocal reported
         happened = at.checkpoint.occurrences[reported:]
         reported += len(happened)
-        samples.append(recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened))
+        samples.append(_sample(at, happened))
         for listen in listeners.on_sample:
-            listen(samples[-1])
+            listen(single(samples[-1], 0, happened))
         if listeners.on_checkpoint is not None:
             listeners.on_checkpoint(at.checkpoint)
 
@@ -221,9 +220,16 @@ def recorded_run(at: RunState, recorder: Recorder, resumed: bool, listeners: Lis
             listeners.progress(later.now.t)
         at = later
     if samples:
-        return replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
-    last = stacked([recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
-    return replace(last, **{name: getattr(last, name)[:0] for name in array_names()})  # resumed at its end
+        return replace(joined(samples, later), occurrences=at.checkpoint.occurrences[first:])
+    last = _sample(at, ())
+    none: dict[str, Any] = {name: getattr(last, name)[:0] for name in array_names()}
+    return replace(last, stopped=later, **none)  # resumed at its end
+
+
+def _sample(at: RunState, happened: tuple[Occurrence, ...]) -> Trajectory:
+    """Return the run of one sample at an accepted instant."""
+    environment, accounting = at.segment.environment, at.segment.stepper.accounts
+    return sample(environment, accounting, at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened)
 
 
 def next_or_reason(at: RunState) -> RunState | str | None:

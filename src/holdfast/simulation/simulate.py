@@ -22,7 +22,6 @@ from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import of_time, reporting
-from holdfast.simulation.accounts import ACCOUNTS_WORTH_COMPILING
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
@@ -31,7 +30,6 @@ from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
 from holdfast.simulation.run import Listeners, recorded_run, resumed_run, start_of_run
 from holdfast.simulation.runge_kutta import scheme as scheme_named
-from holdfast.simulation.sample import Recorder
 from holdfast.simulation.segment import MakeStepper, RunSettings
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.stops import ALIKE, step_times, stops
@@ -40,6 +38,8 @@ from holdfast.simulation.verification import EVALUATIONS
 from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
+
+CALLS_WORTH_COMPILING = 250  # evaluations: compiling a law takes as long as about as many without machine code
 
 
 @np.errstate(all="ignore")  # a run that diverges ends in a StateError, not in warnings
@@ -162,7 +162,6 @@ def simulate(
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends)
 
     calls = len(ends.times) * (1 if hold else len(named.c) * (EVALUATIONS if joint_limits(chain).limited.any() else 1))
-    recorder = Recorder(0 if environment.base_motion else len(ends.times))
     options = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
     options |= {"atol": atol, "largest_drift": limit, "controller": called}
@@ -178,7 +177,7 @@ def simulate(
         at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
         add = None if on_disk is None else on_disk.add
         listeners = Listeners(tell, [one for one in (add, on_sample) if one is not None], on_checkpoint)
-        run = recorded_run(at, recorder, start is not None, listeners)
+        run = recorded_run(at, start is not None, listeners)
         moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
         run = replace(run, setting=replace(setting, base_motion=moved))
         if on_disk is not None:
@@ -208,7 +207,7 @@ def laws_by_machine_code(chain: ClosedChain, calls: int) -> Iterator[None]:
         chain: the chain that they control.
         calls: approximate number of evaluations.
     """
-    token = machine_code.set(CompiledLaws(chain) if calls >= ACCOUNTS_WORTH_COMPILING else None)
+    token = machine_code.set(CompiledLaws(chain) if calls >= CALLS_WORTH_COMPILING else None)
     try:
         yield
     finally:

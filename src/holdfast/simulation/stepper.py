@@ -10,7 +10,7 @@ from which follows how many equal parts keep it below a limit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.control.controller import Controller
 from holdfast.errors import ClosureError, HoldfastError, ModelError, SingularChainError, StateError
+from holdfast.simulation.accounts import accounts_of
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
@@ -39,6 +40,9 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 NO_GAPS = Gaps(np.zeros(2), np.zeros(2))
+# function of times (k,) and arrays (k, ...) of as many instants, by the names of machine code, that returns what
+# `accounts.accounts` does, (k, ...) each
+Accounting = Callable[[Array, Mapping[str, Array]], dict[str, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +96,10 @@ class Stepper(Protocol):
         """Return the result of one step from `now` to each of the end times; failures are part of the results."""
         ...
 
+    def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return what a run records besides the motion; see `Accounting`."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class ReferenceStepper:
@@ -124,6 +132,10 @@ class ReferenceStepper:
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return the results of single steps; see `Stepper`."""
         return [self._to(now, end) for end in ends]
+
+    def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return what a run records besides the motion; see `Accounting`."""
+        return accounts_of(self.environment, t, arrays)
 
     def _to(self, now: Instant, end: float) -> Advance:
         try:
@@ -185,6 +197,10 @@ class PartsStepper:
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state without projection."""
         return self.whole.evaluate(t, state, memory)
+
+    def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return what a run records besides the motion; see `Accounting`."""
+        return self.whole.accounts(t, arrays)
 
 
 @dataclass(frozen=True, eq=False)

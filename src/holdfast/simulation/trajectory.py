@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.momentum_balance import ACCOUNTS
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
@@ -262,6 +261,17 @@ def text_of(run: Trajectory) -> str:
     return f"run{of}: {len(run)} sample{'' if len(run) == 1 else 's'}, {run.t[0]:g} to {run.t[-1]:g} s, {end}"
 
 
+def joined(runs: Sequence[Trajectory], stopped: str | None = None) -> Trajectory:
+    """Return successive parts of a run, one or more, as one."""
+    arrays: dict[str, Any] = {key: np.concatenate([getattr(run, key) for run in runs]) for key in array_names()}
+    return Trajectory(**arrays, stopped=stopped, occurrences=tuple(one for run in runs for one in run.occurrences))
+
+
+def single(run: Trajectory, k: int, occurrences: tuple[Occurrence, ...] = ()) -> Trajectory:
+    """Return sample k of a run, without the sample axis."""
+    return Trajectory(**{name: getattr(run, name)[k] for name in array_names()}, occurrences=occurrences)
+
+
 def stacked(samples: Sequence[Trajectory], stopped: str | None = None) -> Trajectory:
     """Return a run made of single samples."""
     arrays: dict[str, Any] = {key: np.stack([getattr(s, key) for s in samples]) for key in array_names()}
@@ -307,6 +317,8 @@ _RUN_ROWS = (
     Row("position_gap", (2,), "m or rad", "position gap of the worst grasp, before and after projection", labels=GAPS),
     Row("velocity_gap", (2,), "m/s or rad/s", "velocity gap of the worst grasp, before and after projection",
         labels=GAPS),
+    Row("kinetic", (), "J", "kinetic energy"),
+    Row("potential", (), "J", "potential energy of gravity and of all springs"),
     Row("work", (4,), "J", "work since the start of drives, damping and friction, bases, external wrenches",
         labels=WORK_TERMS),
     Row("impact", (), "J", "energy that impulses have added since the start"),
@@ -320,7 +332,6 @@ _RUN_ROWS = (
 _KNOWN_ROWS = {
     **ARRAYS,
     **{row.field: row for row in ARRAYS.values() if row.field},
-    **ACCOUNTS.rows,
     "wrist_wrench": WRISTS.rows["wrist_wrenches"],
     **{row.name: row for row in _RUN_ROWS},
 }

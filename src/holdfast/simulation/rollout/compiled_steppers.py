@@ -26,7 +26,7 @@ from holdfast.simulation.increment import body_parts, twists
 from holdfast.simulation.instant import Instant, late_instant
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.margins import Signals
-from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows
+from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows, margins_in, systems_at
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, refuse, state_of, state_rows
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
@@ -121,6 +121,13 @@ class StagewiseStepper:
             for row, one in enumerate(requests)
         ]
 
+    def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return what a run records besides the motion; see `Accounting`."""
+        systems = systems_at(self.kernel, arrays)
+        stages = [self._stage_inputs(time, state_of(systems, row)) for row, time in enumerate(t.tolist())]
+        inputs, parameters = self._given(stages, held=True)
+        return self.kernel.accounts(systems, inputs, parameters)
+
     def _closed(self, times: list[float], states: list[State], rows: Array | None) -> list[tuple[State, Gaps]]:
         """Return the states projected onto the grasps, and the gaps before and after."""
         stages = [self._stage_inputs(t, state) for t, state in zip(times, states, strict=True)]
@@ -209,22 +216,29 @@ class StagewiseStepper:
         """
         systems = self.kernel.systems(state_rows(states), memory)
         hold_rows(systems, rows)
-        inputs = {
-            "begin": np.array([m.t for m in stages]),
-            "step": np.array(0.0),
-            "held": np.array(float(held)),
-            "object_wrench": np.array([m.inputs.object_wrench for m in stages]),
-            "keep_rows": np.array(float(rows is not None)),
-            **self.values,
-        }
-        if self.environment.of_state:
-            inputs |= _on_links(self.environment.chain, [m.inputs for m in stages])
+        inputs, parameters = self._given(stages, held)
+        inputs["keep_rows"] = np.array(float(rows is not None))
         if self.scheme.implicit:
             none = np.zeros(self.environment.chain.joint_count)
             inputs["added_armature"] = np.array([one.armature for one in implicit]) if implicit else none
             inputs["added_torque"] = np.array([one.torque for one in implicit]) if implicit else none
         if self.law is None:
             inputs["control.tau"] = np.array([m.tau for m in stages])
+        self.kernel.run(systems, inputs, parameters)
+        refuse(systems)
+        return systems
+
+    def _given(self, stages: list[StageInputs], held: bool) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Return the inputs and the parameters of the machine code at several times."""
+        inputs = {
+            "begin": np.array([m.t for m in stages]),
+            "step": np.array(0.0),
+            "held": np.array(float(held)),
+            "object_wrench": np.array([m.inputs.object_wrench for m in stages]),
+            **self.values,
+        }
+        if self.environment.of_state:
+            inputs |= _on_links(self.environment.chain, [m.inputs for m in stages])
         parameters = {}
         if bases_move(self.environment):
             parameters = {
@@ -233,9 +247,7 @@ class StagewiseStepper:
                 "base_twist": np.array([m.inputs.base_twists for m in stages]),
                 "base_acceleration": np.array([m.inputs.base_accelerations for m in stages]),
             }
-        self.kernel.run(systems, inputs, parameters)
-        refuse(systems)
-        return systems
+        return inputs, parameters
 
 
 def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
@@ -253,7 +265,8 @@ def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
 def _late(found: Systems, row: int, at: StageInputs) -> Instant:
     """Return one system as an instant that is evaluated in full only when this is needed."""
     tau = found["drive"][row] if at.tau is None else at.tau
-    return late_instant(at.t, (found["q"][row], found["qd"][row], tau), lambda: instant_of(found, row, at))
+    joints, margins = (found["q"][row], found["qd"][row], tau), margins_in(at.chain, found, row)
+    return late_instant(at.t, joints, margins, lambda: instant_of(found, row, at))
 
 
 def _slope(found: Array, at: StageRequest) -> Array:

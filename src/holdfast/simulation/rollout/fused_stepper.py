@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.control.controller import ControlLaw
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import no_turns
 from holdfast.simulation.instant import Instant, late_instant
@@ -83,22 +84,30 @@ class FusedStepper:
         refuse(systems)
         return self._instant(systems, 0, t, memory), gaps_of(systems, 0)
 
+    def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return what a run records besides the motion; see `Accounting`."""
+        return self.kernel.accounts(systems_at(self.kernel, arrays), self._inputs(t, np.array(0.0), True), {})
+
     def _run(self, systems: Systems, begin: float, steps: Array, held: bool) -> None:
+        self.kernel.run(systems, self._inputs(np.array(begin), steps, held), {})
+
+    def _inputs(self, begin: Array, steps: Array, held: bool) -> dict[str, Array]:
+        """Return the inputs of the machine code."""
         wrench = self._acting.object_wrench
         assert wrench is not None
-        inputs = {
-            "begin": np.array(begin),
+        return {
+            "begin": begin,
             "step": steps,
             "held": np.array(float(held)),
             "object_wrench": wrench,
             "search": np.array(0.0),  # `simulate` searches for singular configurations itself
             **self.values,
         }
-        self.kernel.run(systems, inputs, {})
 
     def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         joints = systems["q"][row], systems["qd"][row], systems["drive"][row]
-        return late_instant(t, joints, lambda: self._whole(systems, row, t, memory))
+        margins = margins_in(self.environment.chain, systems, row)
+        return late_instant(t, joints, margins, lambda: self._whole(systems, row, t, memory))
 
     def _whole(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         chain, inputs = self.environment.chain, self._acting
@@ -118,6 +127,18 @@ class FusedStepper:
 def by_name(values: Mapping[str, Array]) -> dict[str, Array]:
     """Return the values of a law's parameters with the names of the kernel."""
     return {f"control.{name}": x for name, x in values.items()}
+
+
+def systems_at(kernel: StepKernel, arrays: Mapping[str, Array]) -> Systems:
+    """Return systems with the states and forces of several instants, (k, ...) each by the names of machine code."""
+    given = {name: x for name, x in arrays.items() if name in kernel.carried and name != "memory"}
+    return kernel.systems(given, count=len(arrays["q"]))
+
+
+def margins_in(chain: ClosedChain, systems: Systems, row: int) -> Array | None:
+    """Return the margins of a system's grasps (grasps,); None without grasps or if the forces are not unique."""
+    unique = systems["rank"][row] == chain.constraint_row_count
+    return systems["margin"][row] if unique and "margin" in systems else None
 
 
 def hold_rows(systems: Systems, held: Array | None) -> None:

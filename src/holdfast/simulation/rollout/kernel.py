@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -16,16 +17,19 @@ from holdfast.compiled.kernels import batch_kernel
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, externals, traced
-from holdfast.compiler.kernel import address_of
+from holdfast.compiler.kernel import BatchKernel, address_of
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.control.compiled_law import PACKAGES
 from holdfast.control.controller import ControlLaw
+from holdfast.control.traced_law import law_key
 from holdfast.errors import StateError
+from holdfast.forces.force_split import constant_split
 from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.questions.arrays import BASE_MOTION, CONTACTS, link_parameters, shapes
+from holdfast.simulation.accounts import SPLIT, account_shapes
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.joint_friction import joint_friction
@@ -83,6 +87,34 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
 Systems = dict[str, Array]  # carried arrays by name, (systems, *shape) each
 
 
+class Table:
+    """The addresses and strides of the arrays of machine code.
+
+    Attributes:
+        rows: (arrays, 2) address and stride of each array, in numbers of 8 bytes; 0 for one that all systems share.
+    """
+
+    def __init__(self, externals: Mapping[str, External], arrays: Mapping[str, Array]) -> None:
+        """Store the arrays of machine code, and those among them that calls need not give."""
+        self._layout = {name: (row, e.size, len(e.shape)) for row, (name, e) in enumerate(externals.items())}
+        self.rows, self._kept = np.zeros((len(externals), 2), np.int64), []
+        self._enter(arrays)
+
+    def with_arrays(self, given: Mapping[str, Array]) -> Table:
+        """Return the table with further arrays, which live as long as it does; names without a row are left out."""
+        other = copy(self)
+        other.rows, other._kept = self.rows.copy(), [*self._kept]
+        other._enter(given)
+        return other
+
+    def _enter(self, given: Mapping[str, Array]) -> None:
+        for name, x in given.items():
+            if name in self._layout:
+                row, size, rank = self._layout[name]
+                self._kept.append(np.asarray(x, dtype=float, order="C"))
+                self.rows[row] = address_of(self._kept[-1]), size if self._kept[-1].ndim > rank else 0
+
+
 class StepKernel:
     """The compiled step of one chain with one control law.
 
@@ -128,9 +160,8 @@ class StepKernel:
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         self.defaults: Systems = dict.fromkeys(("least_margin", "least_joint_margin"), np.array(-np.inf))
         self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
-        self._layout = {name: (row, e.size, len(e.shape)) for row, (name, e) in enumerate(externals.items())}
-        self._required = self._layout.keys() - self.parameters.keys() - self.defaults.keys()
-        self._own, self._table = self._tabled(self.parameters | self.defaults, np.zeros((len(externals), 2), np.int64))
+        self._required = externals.keys() - self.parameters.keys() - self.defaults.keys()
+        self._table = Table(externals, self.parameters | self.defaults)
 
     def with_new_inputs(self, tableau: Tableau) -> Computation:
         """Return the computation of a step that also evaluates the slope at its start, as its inputs have changed."""
@@ -150,10 +181,10 @@ class StepKernel:
             externals: input and output arrays.
             function: takes the traced arrays and returns the outputs by name.
         """
-        law, moving = self.law, exact_fingerprint([self.motions, self.acting])
+        law, moving = self.law, self._surroundings
         friction = hashlib.sha256(joint_friction(self.chain).tobytes()).hexdigest()
-        key = f"{what}/{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}/{moving}"
-        name = key if what and law.key and moving is not None else ""
+        key = f"{what}/{self._law_key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}/{moving}"
+        name = key if what and self._law_key and moving is not None else ""
         return Computation(name, self.structure, externals, partial(traced, externals, function), packages=PACKAGES)
 
     def systems(self, state: Mapping[str, Array], memory: Array | None = None, count: int | None = None) -> Systems:
@@ -199,19 +230,47 @@ class StepKernel:
         """
         given = {**parameters, **inputs, **{f"last.{name}": x for name, x in systems.items()}}
         assert self._required <= given.keys(), "machine code would read where nothing is"
-        kept, table = self._tabled(given, self._table.copy())
-        (self._slopes if slopes_only else self._step).run_batch(table, len(systems["object_pose"]), threads, repeats)
-        del kept  # the arrays must live until the machine code has read them
+        table = self._table.with_arrays(given)
+        code = self._slopes if slopes_only else self._step
+        code.run_batch(table.rows, len(systems["object_pose"]), threads, repeats)
 
-    def _tabled(self, given: Mapping[str, Array], table: Array) -> tuple[list[Array], Array]:
-        """Return the arrays in the layout of the machine code, and the table with their addresses and strides."""
-        kept = []
-        for name, x in given.items():
-            if name in self._layout:
-                row, size, rank = self._layout[name]
-                kept.append(np.asarray(x, dtype=float, order="C"))
-                table[row] = address_of(kept[-1]), size if kept[-1].ndim > rank else 0
-        return kept, table
+    def accounts(self, systems: Systems, inputs: Mapping[str, Array], parameters: Mapping[str, Array]) -> Systems:
+        """Return what a run records besides the motion, (systems, ...) each; see `accounts.accounts`.
+
+        Args:
+            systems: systems at their current states, with the forces there.
+            inputs: inputs by name as for `run`, among them the time "begin" of each system.
+            parameters: parameters that differ from those of the chain, likewise.
+        """
+        code, own, outputs = self._accounting
+        count = len(systems["object_pose"])
+        found = {name: np.zeros((count, *of_one.shape)) for name, of_one in outputs.items()}
+        given = {**parameters, **inputs, **{f"last.{name}": x for name, x in systems.items()}, **found}
+        code.run_batch(own.with_arrays(given).rows, count)
+        return found
+
+    @cached_property
+    def _accounting(self) -> tuple[BatchKernel, Table, dict[str, External]]:
+        """The machine code of the accounts, the table of its arrays, and its outputs."""
+        split = constant_split(self.chain)
+        more = {} if split is None else {SPLIT: External(split.shape, "parameter")}
+        outputs = {name: External(shape, "output") for name, shape in account_shapes(self.chain).items()}
+        needed = {n: e for n, e in self.externals.items() if not n.startswith(("control.", "added_"))}
+        arrays = {**needed, **more, **outputs}
+        function, moving = partial(traced_step.accounts_of_systems, self.model), self._surroundings
+        name = "" if moving is None else f"accounts/{list(arrays.items())}/{moving}"
+        made = Computation(name, self.structure, arrays, partial(traced, arrays, function), packages=PACKAGES)
+        own = self.parameters | self.defaults | ({} if split is None else {SPLIT: split})
+        return batch_kernel(made, quick=True), Table(arrays, own), outputs
+
+    @cached_property
+    def _law_key(self) -> str:
+        return law_key(self.law, self.chain)
+
+    @cached_property
+    def _surroundings(self) -> str | None:
+        """What identifies the motions of bases and the additional wrenches; None if nothing does."""
+        return exact_fingerprint([self.motions, self.acting])
 
     def require_own(self, systems: Systems) -> None:
         """Refuse systems whose arrays do not have the shapes and the layout that the machine code expects.

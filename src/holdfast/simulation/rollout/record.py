@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.link import Link
 from holdfast.names import called
 from holdfast.questions.arrays import LINKS, TRUNK_LINKS, link_rows, state_fields
+from holdfast.simulation.accounts import accounts_of
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
@@ -28,10 +30,10 @@ from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, whole_number
 from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems, status_summary
 from holdfast.simulation.rollout.user_functions import with_wrenches
-from holdfast.simulation.sample import Recorder
+from holdfast.simulation.sample import sample
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.step import Gaps
-from holdfast.simulation.trajectory import Trajectory, stacked
+from holdfast.simulation.trajectory import Trajectory, joined
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
@@ -167,13 +169,13 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     samples = [_sample(world, rollout, at)]
     for done in range(0, steps, stride):
         rollout.step(at, arguments.step, steps=min(stride, steps - done), **arguments.options)
-        if float(at.t[0]) > samples[-1].t:
+        if float(at.t[0]) > samples[-1].t[0]:
             samples.append(_sample(world, rollout, at))
     state = record.systems.status[number]
     stopped = None
     if state is not RolloutStatus.RUNNING:
         stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
-    run = stacked(samples, stopped)
+    run = joined(samples, stopped)
     moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
     options = {"scheme": rollout.scheme, **arguments.options}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])
@@ -231,4 +233,5 @@ def _sample(world: Environment, rollout: Any, at: RolloutSystems) -> Trajectory:
     )
     gaps = Gaps(*np.column_stack([at.drift[0], at.gap[0]]))
     sums = Sums(np.array(at.work[0]), 0.0, np.zeros(6))
-    return Recorder().sample(now, gaps, sums, np.array([now.t]), Signals(world.chain).of(now)[None])
+    accounting = partial(accounts_of, world)
+    return sample(world, accounting, now, gaps, sums, np.array([now.t]), Signals(world.chain).of(now)[None])

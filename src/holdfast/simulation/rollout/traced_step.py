@@ -27,6 +27,7 @@ from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Gap, after_step,
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, state_fields
+from holdfast.simulation.accounts import SPLIT, Forces, accounts
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment, GivenInputs
 from holdfast.simulation.increment import increment_rate, no_turns, twists
@@ -164,9 +165,7 @@ class TracedSystem:
             held = select(self.given["keep_rows"][()] > 0.5, held, np.ones(held.shape))
         drive, kept = law_outputs(self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
-        chain, inputs = self.environment.at(t, state)
-        if self.acting is not None:
-            inputs = with_wrenches(inputs, self.acting, chain, t, state)
+        chain, inputs = self.surroundings(t, state)
         net, solved = drive - lost, chain
         if implicit is not None:
             net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
@@ -176,6 +175,13 @@ class TracedSystem:
         self.worst = maximum(self.worst, array([found.condition, found.status]))
         self.conditions.append(found.condition)
         return Evaluation(state, found, drive, kept, power)
+
+    def surroundings(self, t: Scalar, state: State) -> tuple[ClosedChain, Inputs]:
+        """Return the chain with its bases at their poses at a time [s], and all inputs at that time and state."""
+        chain, inputs = self.environment.at(t, state)
+        if self.acting is not None:
+            inputs = with_wrenches(inputs, self.acting, chain, t, state)
+        return chain, inputs
 
     def solve(
         self, chain: ClosedChain, state: State, tau: Array, inputs: Inputs, held: Array | None, choose: bool
@@ -302,6 +308,15 @@ def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
         "last.slope": select(on, now.slope(no_turns(now.state)), system.last("slope")),
         "last.memory": select(on, now.memory, system.last("memory")),
     }
+
+
+def accounts_of_systems(model: StepModel, given: Given) -> dict[str, Any]:
+    """Return what a run records besides the motion, at the current states; see `accounts.accounts`."""
+    system = TracedSystem(model, given)
+    state, last = framed(system.state), system.last
+    chain, inputs = system.surroundings(system.time(0.0), state)
+    forces = Forces(last("grasp_wrench"), last("base_wrench"), given.get("last.trunk_base_wrench"))
+    return accounts(chain, state, inputs, forces, given.get(SPLIT))
 
 
 def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: Gap) -> Scalar:
