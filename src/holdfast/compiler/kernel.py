@@ -96,6 +96,18 @@ class BatchKernel:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(part, range(threads)))
 
+    def repeatedly(self, batch: int) -> Callable[[int], None]:
+        """Return a function that runs a batch on this thread, for the table at a given address; see `run_batch`."""
+        with self._compiling:
+            code = self._batch_code
+        run, blocks = _BATCH(code.address), -(-batch // self.lanes)
+        arena = aligned(code.notes["arena"])
+
+        def run_table(table: int) -> None:
+            run(table, 0, blocks, batch, 1, arena.ctypes.data)
+
+        return run_table
+
     def run_arrays(self, arrays: Mapping[str, np.ndarray], batch: int, threads: int = 1) -> None:
         """Run a batch on float64 arrays in C order, (batch, *shape) each, or (*shape) if all systems share it.
 

@@ -32,6 +32,7 @@ from holdfast.simulation.stability import (
 )
 from holdfast.simulation.stepper import Advance, in_parts
 from holdfast.simulation.verification import StepMargins
+from holdfast.spatial.scalar import Array
 
 SHORTER_BY = (2, 4)
 SHARE = 0.05  # steps are too long if their results differ by more than this part of the change of margin or velocities
@@ -122,8 +123,8 @@ def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
     largest = max(found.largest, float(np.abs(v0).max()), float(np.abs(v1).max()))
     least = OF_MOTION * largest + IGNORED_RATE
     found = found._replace(largest=largest)
-    off = v1 - v0 - 0.5 * (later.t - now.t) * (now.accelerations + later.accelerations)
-    if not (jump := float(np.abs(off).max())) > least:
+    jump = float(leap(later.t - now.t, v0, v1, now.accelerations, later.accelerations))
+    if not jump > least:
         return found._replace(in_a_row=0)
     in_a_row = found.in_a_row + 1
     if jump <= 2.0 * found.seen and in_a_row % MOST_UNRESOLVED:
@@ -142,6 +143,19 @@ def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
         return found._replace(in_a_row=in_a_row)
     text = f"{too_long(window, later.t, why)}; if torques or wrenches jump there, name the time in `breakpoints`"
     return found._replace(in_a_row=in_a_row, off=difference, text=text)
+
+
+def leap(h: Array | float, v0: Array, v1: Array, a0: Array, a1: Array) -> Array:
+    """Return by how much velocities change otherwise than by the mean of the accelerations [rad/s or m/s].
+
+    Args:
+        h: length of the step, or (..., 1) of several steps [s].
+        v0: velocities at its start, (..., n + 6); a floating base adds six.
+        v1: velocities at its end.
+        a0: accelerations at its start.
+        a1: accelerations at its end.
+    """
+    return np.abs(v1 - v0 - 0.5 * h * (a0 + a1)).max(axis=-1)
 
 
 def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastError:

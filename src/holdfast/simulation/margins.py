@@ -78,9 +78,9 @@ class Signals:
         """
         q, qd, tau = (np.array(of_joints) for of_joints in zip(*(at.joints for at in instants), strict=True))
         grasps = np.full((len(instants), len(self.chain.arms)), np.inf)
-        if self._grasps_limited:
+        if self.grasps_limited:
             grasps = np.array([self._of_grasps(at) for at in instants])
-        return np.concatenate([grasps, *margins_of_joints(self._joint_limits, q, qd, tau)], axis=1)
+        return np.concatenate([grasps, *margins_of_joints(self.joint_limits, q, qd, tau)], axis=1)
 
     def _of_grasps(self, at: Instant) -> Array:
         """Return the margins of the grasps by arm, (arms,)."""
@@ -90,11 +90,13 @@ class Signals:
         return by_arm(self.chain, given)
 
     @cached_property
-    def _joint_limits(self) -> JointLimits:
+    def joint_limits(self) -> JointLimits:
+        """The limits of the joints."""
         return joint_limits(self.chain)
 
     @cached_property
-    def _grasps_limited(self) -> bool:
+    def grasps_limited(self) -> bool:
+        """Whether a grasp has a limit."""
         return any(conditions(grasp) for grasp in self.chain.grasps.values())
 
     def description(self, at: Instant, signal: int) -> str:

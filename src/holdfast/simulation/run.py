@@ -18,6 +18,7 @@ from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.events import Attach, Occurrence, happen
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER
 from holdfast.simulation.run_step import RunState, stepped
 from holdfast.simulation.sample import sample
 from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with, suited
@@ -25,12 +26,14 @@ from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.stops import MOST_STEPS, just_after
 from holdfast.simulation.trajectory import Trajectory, array_names, joined, single
+from holdfast.simulation.uneventful import uneventful_steps
 from holdfast.simulation.zero_order_hold import initial_hold, require_same
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
 
 # Strength of a direction: below it a singular configuration counts as the cause, above it as a possible one.
 NEARLY_SINGULAR = 0.01
+FEWEST_TOGETHER = 8  # steps that are first tried together
 
 
 def start_of_run(settings: RunSettings, state: State) -> RunState:
@@ -203,15 +206,30 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
         nonlocal reported
         happened = at.checkpoint.occurrences[reported:]
         reported += len(happened)
-        samples.append(_sample(at, happened))
-        for listen in listeners.on_sample:
-            listen(single(samples[-1], 0, happened))
-        if listeners.on_checkpoint is not None:
-            listeners.on_checkpoint(at.checkpoint)
+        add(_sample(at, happened), happened, lambda _: at.checkpoint)
+
+    def add(run: Trajectory, happened: tuple[Occurrence, ...], checkpoint: Callable[[int], Checkpoint]) -> None:
+        samples.append(run)
+        for k in range(len(run)) if listeners.on_sample or listeners.on_checkpoint is not None else ():
+            for listen in listeners.on_sample:
+                listen(single(run, k, happened))
+            if listeners.on_checkpoint is not None:
+                listeners.on_checkpoint(checkpoint(k))
 
     if not resumed:
         record(at)
-    while isinstance(later := next_or_reason(at), RunState):
+    pace = Pace()
+    while True:
+        stretch = uneventful_steps(at, pace.most) if pace.may_try() else None
+        if stretch is not None:
+            add(stretch.samples, (), stretch.checkpoint)
+            pace.taken(len(stretch.samples))
+            at = stretch.end
+            listeners.progress(at.now.t)
+            continue
+        later = next_or_reason(at)
+        if not isinstance(later, RunState):
+            break
         if len(samples) > longest:
             later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
             break
@@ -224,6 +242,31 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
     last = _sample(at, ())
     none: dict[str, Any] = {name: getattr(last, name)[:0] for name in array_names()}
     return replace(last, stopped=later, **none)  # resumed at its end
+
+
+class Pace:
+    """How many steps are tried together: more after success, none for a while after failure. Results do not change.
+
+    Attributes:
+        most: the largest number of steps to try.
+    """
+
+    def __init__(self) -> None:
+        self.most, self._wait, self._failures = FEWEST_TOGETHER, 0, 0
+
+    def may_try(self) -> bool:
+        """Return whether to try; without `taken` after it, it has failed."""
+        if self._wait:
+            self._wait -= 1
+            return False
+        self._failures += 1
+        self._wait = min(2**self._failures, MOST_TOGETHER) - 1
+        return True
+
+    def taken(self, count: int) -> None:
+        """Take note that a number of steps were taken; if fewer than tried, the next one is taken by itself."""
+        self._failures, self._wait = 0, int(count < self.most)
+        self.most = min(2 * self.most, MOST_TOGETHER) if count == self.most else FEWEST_TOGETHER
 
 
 def _sample(at: RunState, happened: tuple[Occurrence, ...]) -> Trajectory:

@@ -117,16 +117,12 @@ def configurations_passed(segment: Segment, now: Instant, later: Instant) -> Ite
 
 def may_have_lost_rank(now: Instant, later: Instant) -> bool:
     """Return whether the joints move so far in a step that the constraint may have lost rank during it."""
-    return _strength(now) + _strength(later) <= STRENGTH_LOST * _moved(
-        now.chain, now.state, later.state, later.t - now.t
-    )
+    return bool(may_lose(_strength(now) + _strength(later), _moved(now.chain, now.state, later.state, later.t - now.t)))
 
 
 def may_be_unresolved(previous: Instant | None, now: Instant, later: Instant) -> bool:
     """Return whether a step or its predecessor changes the strength by so much that the step may be too long."""
-    before, at, after = (_strength(one) for one in (previous or now, now, later))
-    change = abs(after - at) + abs(at - before)
-    if change < (RESOLVED_CHANGE if min(at, after) < NEARBY else RESOLVED_CHANGE_ELSEWHERE) * (at + after):
+    if not changes_much(*(_strength(one) for one in (previous or now, now, later))):
         return False
     return _moved(now.chain, now.state, later.state, later.t - now.t) <= LARGEST_MOTION
 
@@ -134,7 +130,18 @@ def may_be_unresolved(previous: Instant | None, now: Instant, later: Instant) ->
 def may_lose_rank(now: Instant, until: float) -> bool:
     """Return whether the joints move so far until a time [s] that the constraint may lose rank by then."""
     turned = _moved(now.chain, now.state, _ahead(now)(until), until - now.t)
-    return _strength(now) <= STRENGTH_LOST * turned <= STRENGTH_LOST * LARGEST_MOTION
+    return bool(may_lose(_strength(now), turned)) and turned <= LARGEST_MOTION
+
+
+def may_lose(strength: Array | float, moved: Array | float) -> Array | bool:
+    """Return whether a motion of given size may use up a strength, or the sum of those at its ends."""
+    return strength <= STRENGTH_LOST * moved
+
+
+def changes_much(before: Array | float, at: Array | float, after: Array | float) -> Array:
+    """Return whether the strengths at the ends of two steps differ so much that the steps may be too long."""
+    share = np.where(np.minimum(at, after) < NEARBY, RESOLVED_CHANGE, RESOLVED_CHANGE_ELSEWHERE)
+    return abs(after - at) + abs(at - before) >= share * (at + after)
 
 
 def _strength(at: Instant) -> float:

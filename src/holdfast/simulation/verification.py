@@ -117,9 +117,13 @@ def evaluation_times(begin: float, end: float, nodes: Sequence[float]) -> list[f
         end: end of the step [s].
         nodes: stage times of the scheme, as fractions of a step.
     """
-    parts = {k / EVALUATIONS for k in range(1, EVALUATIONS)} | {float(c) for c in nodes if 0.0 < c < 1.0}
-    inside = {begin + part * (end - begin) for part in parts}
+    inside = {begin + part * (end - begin) for part in evaluation_parts(nodes)}
     return [*sorted(t for t in inside if begin < t < end), end]
+
+
+def evaluation_parts(nodes: Sequence[float]) -> list[float]:
+    """Return the times inside a step at which its margins are evaluated, as fractions of the step, in order."""
+    return sorted({k / EVALUATIONS for k in range(1, EVALUATIONS)} | {float(c) for c in nodes if 0.0 < c < 1.0})
 
 
 def verify(
@@ -165,9 +169,7 @@ def _evaluate_ends(curves: MarginCurves, begin: float, watched: Array) -> None:
         return
     more = []
     for (a, b, c), (s, t) in (((0, 1, 2), (first, first + 1)), ((-1, -2, -3), (-2, -1))):
-        drop = m[b] - m[a]
-        steepest = np.maximum(drop, m[c] - m[b])
-        if ((drop > 0.0) & (m[a] >= 0.0) & (m[a] < DROPS * steepest)).any():
+        if may_cross(m[a], m[b], m[c]).any():
             more += [times[s] + k / EVALUATIONS * (times[t] - times[s]) for k in range(1, EVALUATIONS)]
     curves.evaluate(sorted({float(t) for t in more} - {float(t) for t in times}))
 
@@ -176,20 +178,46 @@ def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precisio
     """Refine, in a joint search, all bracketed minima that may be negative or lower than any margin before."""
     times, margins = curves.table()
     m = margins[:, watched]
-    drop = np.maximum(m[:-2], m[2:]) - m[1:-1]
-    sizes = np.maximum(1.0, np.abs(m[1:-1]))
-    bracket = (m[1:-1] <= m[:-2]) & (m[1:-1] <= m[2:]) & (drop > FLAT * sizes)
-    least = np.minimum(lowest[watched], m.min(axis=0))
-    possible = m[1:-1] - DROPS * drop
-    worthwhile = possible < least - FLAT * sizes
-    worthwhile |= (m[1:-1] >= 0.0) & (possible < 0.0)
-    found = [(times[k : k + 3].tolist(), int(watched[i])) for k, i in np.argwhere(bracket & worthwhile)]
+    _, rows, signals = minima(m[None], np.minimum(lowest[watched], m.min(axis=0))[None])
+    found = [(times[k : k + 3].tolist(), int(watched[i])) for k, i in zip(rows, signals, strict=True)]
 
     def margins_at(times_of: Mapping[int, float]) -> list[float]:
         curves.evaluate(sorted(set(times_of.values())))
         return [float(curves.margins[t][found[k][1]]) for k, t in times_of.items()]
 
     together([search_lowest(a, b, c, precision) for (a, b, c), _ in found], margins_at)
+
+
+def may_cross(outer: Array, inner: Array, next_inner: Array) -> Array:
+    """Return whether margins may be negative between the outermost evaluation of a step and the next one.
+
+    Args:
+        outer: margins at the step's start or end, of any shape; where they are negative, nothing has to be found.
+        inner: those of the neighbouring evaluation.
+        next_inner: those of the evaluation after that.
+    """
+    drop = inner - outer
+    return (drop > 0.0) & (outer >= 0.0) & (outer < DROPS * np.maximum(drop, next_inner - inner))
+
+
+def minima(m: Array, least: Array) -> tuple[Array, Array, Array]:
+    """Return the bracketed minima that may be negative or lower than any margin before.
+
+    Args:
+        m: (steps, evaluations, signals) margins at successive times.
+        least: (steps, signals) the lowest margins of the run up to the end of each step.
+
+    Returns:
+        For each minimum the number of the step, that of the evaluation before the lowest one, and the signal.
+    """
+    before, at, after = m[:, :-2], m[:, 1:-1], m[:, 2:]
+    step, row, signal = np.nonzero((at <= before) & (at <= after))
+    lowest, higher = at[step, row, signal], np.maximum(before[step, row, signal], after[step, row, signal])
+    drop, sizes = higher - lowest, np.maximum(1.0, np.abs(lowest))
+    possible = lowest - DROPS * drop
+    deep = (possible < least[step, signal] - FLAT * sizes) | ((lowest >= 0.0) & (possible < 0.0))
+    found = (drop > FLAT * sizes) & deep
+    return step[found], row[found], signal[found]
 
 
 def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> float | None:

@@ -16,11 +16,14 @@ from holdfast.simulation.increment import no_turns
 from holdfast.simulation.instant import Instant, late_instant
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, failure, gaps_of, instant_of, refuse, state_of, state_rows
+from holdfast.simulation.rollout.successive_steps import SuccessiveSteps
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Gaps, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
+
+MOST_TOGETHER = 64  # steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +73,47 @@ class FusedStepper:
         self._run(systems, now.t, np.array(ends) - now.t, held=False)
         return [self._advance(systems, row, end, now.memory) for row, end in enumerate(ends)]
 
+    def take(self, now: Instant, begin: Array, step: Array) -> Systems:
+        """Return the results of successive steps at several points of each, (k, points, ...) by name.
+
+        Each step leads on from the last point of the one before. The arrays are overwritten by the next call.
+
+        Args:
+            now: the instant at which the first step begins.
+            begin: (k,) times at which the steps begin [s]; at most `MOST_TOGETHER`.
+            step: (k, points) lengths from there to the points [s].
+        """
+        start = self.kernel.systems(state_rows([now.state]), now.memory)
+        start["slope"][...] = now.rates(no_turns(now.state))
+        hold_rows(start, now.result.held)
+        taker = self._takers.get(step.shape[1])
+        if taker is None:
+            taker = self._takers[step.shape[1]] = SuccessiveSteps(self.kernel, MOST_TOGETHER, step.shape[1])
+        taker.take(start, begin, step, self._inputs(begin[:1], step[:1], False))
+        return {name: x[: len(begin)] for name, x in taker.arrays.items()}
+
+    @cached_property
+    def _takers(self) -> dict[int, SuccessiveSteps]:
+        return {}
+
+    def instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
+        """Return one of several systems as an instant, evaluated in full when this is needed.
+
+        Args:
+            systems: systems by name, (systems, ...) each; they must not be overwritten later.
+            row: number of the system.
+            t: its time [s].
+            memory: memory passed to the law.
+        """
+        joints = systems["q"][row], systems["qd"][row], systems["drive"][row]
+        margins = margins_in(self.environment.chain, systems, row)
+        return late_instant(t, joints, margins, lambda: self._whole(systems, row, t, memory))
+
     def _advance(self, systems: Systems, row: int, end: float, memory: Any) -> Advance:
         fault = failure(systems["code"][row])
         if fault is not None:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=fault)
-        instant = self._instant(systems, row, end, memory)
+        instant = self.instant(systems, row, end, memory)
         return Advance(end, instant, gaps_of(systems, row), systems["work"][row].copy())
 
     def _at(self, t: float, state: State, memory: Any, held: bool) -> tuple[Instant, Gaps]:
@@ -82,7 +121,7 @@ class FusedStepper:
         hold_rows(systems, None if held else rows_held_near(self.environment, t, state, self.generic_rank))
         self._run(systems, t, np.zeros(1), held)
         refuse(systems)
-        return self._instant(systems, 0, t, memory), gaps_of(systems, 0)
+        return self.instant(systems, 0, t, memory), gaps_of(systems, 0)
 
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""
@@ -103,11 +142,6 @@ class FusedStepper:
             "search": np.array(0.0),  # `simulate` searches for singular configurations itself
             **self.values,
         }
-
-    def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
-        joints = systems["q"][row], systems["qd"][row], systems["drive"][row]
-        margins = margins_in(self.environment.chain, systems, row)
-        return late_instant(t, joints, margins, lambda: self._whole(systems, row, t, memory))
 
     def _whole(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         chain, inputs = self.environment.chain, self._acting

@@ -107,6 +107,20 @@ class Table:
         other._enter(given)
         return other
 
+    def successive(self, places: Mapping[str, tuple[Array, int]], count: int) -> Array:
+        """Return the tables of several successive runs, (count, arrays, 2).
+
+        Args:
+            places: by name, an array whose first axis is the run, and the stride of its systems in numbers of 8 bytes.
+            count: number of runs.
+        """
+        found = np.tile(self.rows, (count, 1, 1))
+        for name, (x, stride) in places.items():
+            row, _, _ = self._layout[name]
+            found[:, row, 0] = x.ctypes.data + x.strides[0] * np.arange(count)
+            found[:, row, 1] = stride
+        return found
+
     def _enter(self, given: Mapping[str, Array]) -> None:
         for name, x in given.items():
             if name in self._layout:
@@ -151,7 +165,7 @@ class StepKernel:
         externals = step_externals(structure, law)
         self.model = model = traced_step.StepModel(structure, law, self.motions, acting)
         step, slopes = partial(traced_step.step, model, tableau), partial(traced_step.evaluation, model)
-        self._step = batch_kernel(self.computation(f"step/{tableau.name}", externals, step), quick)
+        self.step_code = batch_kernel(self.computation(f"step/{tableau.name}", externals, step), quick)
         self._slopes = batch_kernel(self.computation("evaluation", externals, slopes), quick)
         self.adjoints: dict[Any, Any] = {}  # values are `adjoint.AdjointKernel`, created on demand
         self.carried = carried_shapes(chain, law, structure.options.held)
@@ -161,7 +175,7 @@ class StepKernel:
         self.defaults: Systems = dict.fromkeys(("least_margin", "least_joint_margin"), np.array(-np.inf))
         self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
         self._required = externals.keys() - self.parameters.keys() - self.defaults.keys()
-        self._table = Table(externals, self.parameters | self.defaults)
+        self._own = Table(externals, self.parameters | self.defaults)
 
     def with_new_inputs(self, tableau: Tableau) -> Computation:
         """Return the computation of a step that also evaluates the slope at its start, as its inputs have changed."""
@@ -230,9 +244,12 @@ class StepKernel:
         """
         given = {**parameters, **inputs, **{f"last.{name}": x for name, x in systems.items()}}
         assert self._required <= given.keys(), "machine code would read where nothing is"
-        table = self._table.with_arrays(given)
-        code = self._slopes if slopes_only else self._step
-        code.run_batch(table.rows, len(systems["object_pose"]), threads, repeats)
+        code = self._slopes if slopes_only else self.step_code
+        code.run_batch(self.table(given).rows, len(systems["object_pose"]), threads, repeats)
+
+    def table(self, given: Mapping[str, Array]) -> Table:
+        """Return the table of the step's arrays, among them the given ones."""
+        return self._own.with_arrays(given)
 
     def accounts(self, systems: Systems, inputs: Mapping[str, Array], parameters: Mapping[str, Array]) -> Systems:
         """Return what a run records besides the motion, (systems, ...) each; see `accounts.accounts`.
