@@ -8,7 +8,7 @@ for bit, however many steps are taken together.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -218,12 +218,15 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
     segment, saved = at.segment, at.checkpoint
     x = {name: array[:count, -1].copy() for name, array in steps.points.items()}
     ends, margins, times = steps.times[:count, -1], steps.margins[:count, 1:], steps.times[:count]
-    instants = [stepper.instant(x, row, t, at.now.memory) for row, t in enumerate(ends.tolist())]
+
+    def instant(k: int) -> Instant:
+        return stepper.instant(x, k, float(ends[k]), at.now.memory)
+
     work = np.cumsum(np.concatenate([saved.sums.work[None], x["work"]]), axis=0)[1:]
     of_grasps = margins[:, -1, : len(segment.environment.chain.arms)]
     samples = Samples(
         ends,
-        _with_forces(x, instants, segment),
+        _with_forces(x, instant, segment),
         (of_grasps, of_grasps, of_grasps),
         x["gaps"],
         work,
@@ -249,15 +252,15 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
         )
 
     last = count - 1
-    earlier = at.now if count == 1 else instants[-2]
-    end = RunState(segment, after(last), instants[-1], earlier, gaps_of(x, last), times[last], margins[last])
+    earlier = at.now if count == 1 else instant(last - 1)
+    end = RunState(segment, after(last), instant(last), earlier, gaps_of(x, last), times[last], margins[last])
     return Stretch(run, end, after)
 
 
-def _with_forces(x: Mapping[str, Array], instants: Sequence[Instant], segment: Segment) -> Mapping[str, Array]:
+def _with_forces(x: Mapping[str, Array], instant: Callable[[int], Instant], segment: Segment) -> Mapping[str, Array]:
     """Return the arrays at the ends of steps; forces that are not unique are the smallest ones."""
     if (x["rank"] == segment.environment.chain.constraint_row_count).all():
         return x
-    found = [arrays_of(instant) for instant in instants]
+    found = [arrays_of(instant(k)) for k in range(len(x["rank"]))]
     forces = ("grasp_wrench", "base_wrench", "trunk_base_wrench")
     return {**x, **{name: np.concatenate([one[name] for one in found]) for name in forces if name in found[0]}}

@@ -211,9 +211,10 @@ def minima(m: Array, least: Array) -> tuple[Array, Array, Array]:
         For each minimum the number of the step, that of the evaluation before the lowest one, and the signal.
     """
     before, at, after = m[:, :-2], m[:, 1:-1], m[:, 2:]
-    step, row, signal = np.nonzero((at <= before) & (at <= after))
-    lowest, higher = at[step, row, signal], np.maximum(before[step, row, signal], after[step, row, signal])
-    drop, sizes = higher - lowest, np.maximum(1.0, np.abs(lowest))
+    drops = np.maximum(before, after) - at
+    step, row, signal = np.nonzero((at <= before) & (at <= after) & (drops > FLAT))
+    lowest, drop = at[step, row, signal], drops[step, row, signal]
+    sizes = np.maximum(1.0, np.abs(lowest))
     possible = lowest - DROPS * drop
     deep = (possible < least[step, signal] - FLAT * sizes) | ((lowest >= 0.0) & (possible < 0.0))
     found = (drop > FLAT * sizes) & deep
