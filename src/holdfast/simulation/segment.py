@@ -27,7 +27,7 @@ from holdfast.simulation.runge_kutta import IMEX, Tableau, dop853
 from holdfast.simulation.stability import too_fast
 from holdfast.simulation.stepper import Stepper, SubdividingStepper
 from holdfast.simulation.stops import Stops
-from holdfast.simulation.zero_order_hold import HeldTorques, ZeroOrderHold, held_torques_law, sampled
+from holdfast.simulation.zero_order_hold import AskedOnce, HeldTorques, ZeroOrderHold, held_torques_law, sampled
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -158,7 +158,11 @@ class Segment:
         hold = self.settings.hold
         if hold is None or held is None:
             return held, acting
-        return sampled(hold, self.law, t, state, held, acting)
+        return sampled(hold, self._asked_once, t, state, held, acting)
+
+    @cached_property
+    def _asked_once(self) -> AskedOnce:
+        return AskedOnce(self.law)
 
     def margins(self, at: Instant) -> Array:
         """Return all margins at an instant, (signals,)."""

@@ -8,9 +8,9 @@ for bit, however many steps are taken together.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,11 +18,13 @@ from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.near_singular import chain_strength
 from holdfast.forces.margins import margins_of_joints
+from holdfast.questions.arrays import state_fields
 from holdfast.simulation.checkpoint import IGNORED_RATE, OF_MOTION, Checkpoint, Origin
 from holdfast.simulation.confirmation import leap
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import by_arm
-from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER, FusedStepper
+from holdfast.simulation.rollout.fused_stepper import FusedStepper
+from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.rows import gaps_of, state_of
 from holdfast.simulation.run_step import LARGEST_RATE, RunState
 from holdfast.simulation.sample import Samples, arrays_of, lowest_of, recorded
@@ -32,7 +34,9 @@ from holdfast.simulation.stability import cell
 from holdfast.simulation.stepper import SubdividingStepper
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.simulation.verification import evaluation_parts, may_cross, minima
+from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.scalar import Array
+from holdfast.state import found_state
 
 SHORTER = 0.5  # bound on the ratio of two sizes of a chain (`coordinate_sizes`) in neighbouring configurations
 
@@ -44,21 +48,23 @@ def uneventful_steps(at: RunState, most: int) -> Stretch | None:
         at: the run.
         most: the largest number of steps to take, at most `MOST_TOGETHER`.
     """
-    stepper, ends = _stepper(at.segment), _ends(at)[:most]
-    if stepper is None or not len(ends):
+    stepper = _stepper(at.segment)
+    if stepper is None or at.ended is not None or at.violated() is not None:
         return None
-    steps = _taken(at, stepper, ends)
+    if np.isfinite(at.checkpoint.tracker.since).any() or not len(ends := _ends(at, most)[0]):
+        return None
+    steps = _taken(at, stepper, *_ends(at, most))
     count = int(np.argmax(found)) if (found := _eventful(at, steps)).any() else len(ends)
     return _accepted(at, stepper, steps, count) if count else None
 
 
 class Stretch(NamedTuple):
-    """Accepted steps in which nothing has happened.
+    """A part of a run in which nothing has happened.
 
     Attributes:
-        samples: the sample at the end of each.
+        samples: its samples: the end of each step, and before it its start if that follows a jump.
         end: the run after the last.
-        checkpoint: returns the checkpoint after step k, counted from 0.
+        checkpoint: returns the checkpoint after a sample, counted from 0.
     """
 
     samples: Trajectory
@@ -71,57 +77,106 @@ class _Steps(NamedTuple):
 
     Attributes:
         times: (k, points + 1) the start of each step, and the points at which it was evaluated, the last its end [s].
+        jumps: (k,) whether torques or inputs jump at the start.
         points: results at the points, (k, points, ...) by name.
-        nodes: results at the start of the first step and the ends of all, (k + 1, ...) by name.
-        margins: (k, points + 2, signals) margins before the start of each step, at it, and at the points.
+        starts: results at the start, (k, ...) by name.
+        after_jumps: results at those starts that follow a jump, (k, 1, ...) by name; those of other steps mean nothing.
+        margins: (k, points + 2, signals) margins before the start, at it, and at the points; minus infinity before a
+            start without an evaluation that belongs to the same smooth stretch.
+        held: the state of a sampled controller during each step.
+        failed: number of the step before which the controller raised an error; k if it did not.
     """
 
     times: Array
+    jumps: Array
     points: Mapping[str, Array]
-    nodes: Mapping[str, Array]
+    starts: Mapping[str, Array]
+    after_jumps: Mapping[str, Array]
     margins: Array
+    held: Sequence[HeldTorques | None]
+    failed: int
 
     @property
     def lengths(self) -> Array:
         """(k, 1) lengths of the steps [s]."""
         return self.times[:, -1:] - self.times[:, :1]
 
+    @property
+    def ends(self) -> dict[str, Array]:
+        """Results at the end of each step, (k, ...) by name."""
+        return {name: x[:, -1] for name, x in self.points.items()}
+
 
 def _stepper(segment: Segment) -> FusedStepper | None:
     """Return the stepper whose steps can be taken together; None if there is none."""
     stepper = segment.stepper
     whole = stepper.whole if isinstance(stepper, SubdividingStepper) else stepper
-    return whole if isinstance(whole, FusedStepper) and segment.settings.hold is None else None
+    return whole if isinstance(whole, FusedStepper) else None
 
 
-def _ends(at: RunState) -> Array:
-    """Return the times at which the next steps end, up to the next jump [s]; none if the run does not simply go on."""
-    settings, saved = at.segment.settings, at.checkpoint
-    if at.ended is not None or at.violated() is not None or np.isfinite(saved.tracker.since).any():
-        return np.zeros(0)
-    times, jumps = settings.stops
-    ahead = times[saved.stop : saved.stop + MOST_TOGETHER + 1]
-    jumping = np.flatnonzero(jumps[saved.stop : saved.stop + len(ahead)])
-    ahead = ahead[: jumping[0]] if len(jumping) else ahead
-    if saved.resolution.off > 0.0 and len(ahead) and ahead[-1] == times[-1]:
-        ahead = ahead[:-1]  # what was noticed is reported by the run's last step
-    return ahead if len(ahead) and ahead[0] > at.now.t else np.zeros(0)
+def _ends(at: RunState, most: int) -> tuple[Array, Array]:
+    """Return the times at which the next steps end, up to the next event [s], and whether they begin with a jump."""
+    settings, saved, now = at.segment.settings, at.checkpoint, at.now.t
+    stop = slice(saved.stop, saved.stop + 2 * most + 1)
+    times, jumps = settings.stops.times[stop], settings.stops.jumps[stop]
+    following = np.diff(np.concatenate([[now], times])) > 0.0
+    apart = times < min((event.t for event in settings.events[saved.event :]), default=np.inf)
+    good = following & apart & ~(jumps & np.concatenate([[False], jumps[:-1]]))
+    if saved.resolution.off > 0.0:  # what was noticed is reported by the run's last step
+        good &= times < settings.end
+    count = len(good) if good.all() else int(np.argmin(good))
+    ending = np.flatnonzero(~jumps[:count])[:most]
+    return times[ending], (ending > 0) & jumps[ending - 1]
 
 
-def _taken(at: RunState, stepper: FusedStepper, ends: Array) -> _Steps:
+def _taken(at: RunState, stepper: FusedStepper, ends: Array, jumps: Array) -> _Steps:
     """Return steps to the given ends, with their margins."""
     segment, now = at.segment, at.now
+    stops = segment.settings.stops.times[at.checkpoint.stop :]
     begins = np.concatenate([[now.t], ends[:-1]])
+    begins[jumps] = stops[np.searchsorted(stops, ends[jumps]) - 1]
     parts = np.array(evaluation_parts(segment.scheme.c.tolist()) if len(segment.signals.limited) else [])
     inside = begins[:, None] + parts * (ends - begins)[:, None]
     times = np.concatenate([begins[:, None], inside, ends[:, None]], axis=1)
-    points = stepper.take(now, begins, times[:, 1:] - times[:, :1])
-    nodes = {name: np.concatenate([x, points[name][:, -1]]) for name, x in arrays_of(now).items()}
+    held: list[HeldTorques | None] = []
+    remember = None if at.checkpoint.held is None else _sampling(at, begins, jumps, held)
+    points, after_jumps = stepper.take(now, begins, times[:, 1:] - times[:, :1], jumps, remember)
+    starts = {}
+    for name, x in arrays_of(now).items():
+        starts[name] = np.concatenate([x, points[name][:-1, -1]])
+        starts[name][jumps] = after_jumps[name][jumps, 0]
     margins = _margins(segment, points)
-    starts = np.concatenate([at.margins[-1:], margins[:-1, -1]])
+    here = np.concatenate([at.margins[-1:], margins[:-1, -1]])
     tail = at.checkpoint.tail if at.previous is not None else np.full(len(segment.signals), -np.inf)
-    before = np.concatenate([tail[None], margins[:-1, -2] if len(parts) else starts[:-1]])
-    return _Steps(times, points, nodes, np.concatenate([before[:, None], starts[:, None], margins], axis=1))
+    before = np.concatenate([tail[None], margins[:-1, -2] if len(parts) else here[:-1]])
+    here[jumps], before[jumps] = _margins(segment, after_jumps)[jumps, 0], -np.inf
+    margins = np.concatenate([before[:, None], here[:, None], margins], axis=1)
+    failed = len(ends) if remember is None else len(held)
+    return _Steps(times, jumps, points, starts, after_jumps, margins, held, failed)
+
+
+def _sampling(
+    at: RunState, begins: Array, jumps: Array, held: list[HeldTorques | None]
+) -> Callable[[int, Systems], Array | None]:
+    """Return the function that samples the controller before each step, and adds its state to `held` until it fails."""
+    segment, last = at.segment, [at.checkpoint.held, at.now.memory]
+    fields = state_fields(segment.environment.chain)
+
+    def remember(k: int, ends: Systems) -> Array | None:
+        if len(held) < k:
+            return None  # it has failed
+        before, acting = last
+        state = (
+            at.now.state if k == 0 else found_state({at: ends[name][k - 1, -1].copy() for name, at in fields.items()})
+        )
+        try:
+            last[:] = segment.sampled(float(begins[k]), state, before, acting)
+        except Exception:  # raised again where the step is taken by itself
+            return None
+        held.append(last[0])
+        return last[1] if jumps[k] else None
+
+    return remember
 
 
 def _margins(segment: Segment, points: Mapping[str, Array]) -> Array:
@@ -136,10 +191,13 @@ def _margins(segment: Segment, points: Mapping[str, Array]) -> Array:
 
 def _eventful(at: RunState, steps: _Steps) -> Array:
     """Return in which of the steps something may happen, (k,); results after the first of these mean nothing."""
-    found = (steps.points["code"] != 0.0).any(axis=1) | ~(np.abs(steps.nodes["qd"][1:]).max(axis=-1) < LARGEST_RATE)
+    ends = steps.ends
+    found = (steps.points["code"] != 0.0).any(axis=1) | ~(np.abs(ends["qd"]).max(axis=-1, initial=0.0) < LARGEST_RATE)
+    found |= (steps.after_jumps["code"][:, 0] != 0.0) & steps.jumps
+    found[steps.failed :] = True
     if isinstance(at.segment.stepper, SubdividingStepper):
         found |= (steps.points["gaps"][..., 0] > at.segment.stepper.limit).any(axis=1)
-    found |= (cell(steps.nodes["q"][:-1]) != cell(steps.nodes["q"][1:])).any(axis=-1)
+    found |= (cell(steps.starts["q"]) != cell(ends["q"])).any(axis=-1)
     return found | _near_limits(at, steps) | _unresolved(at, steps) | _near_singular(at, steps)
 
 
@@ -166,15 +224,15 @@ def _near_limits(at: RunState, steps: _Steps) -> Array:
 
 def _unresolved(at: RunState, steps: _Steps) -> Array:
     """Return in which steps the velocities change otherwise than by the mean of the accelerations, (k,)."""
-    v, a = _velocities(steps.nodes), _accelerations(steps.nodes)
-    jump = leap(steps.lengths, v[:-1], v[1:], a[:-1], a[1:])
+    v0, v1, a0, a1 = (of(x) for of in (_velocities, _accelerations) for x in (steps.starts, steps.ends))
+    jump = leap(steps.lengths, v0, v1, a0, a1)
     return ~(jump <= OF_MOTION * _largest(at, steps) + IGNORED_RATE)
 
 
 def _largest(at: RunState, steps: _Steps) -> Array:
     """Return the largest velocities of the run up to the end of each step, (k,) [rad/s or m/s]."""
-    largest = np.maximum.accumulate(np.abs(_velocities(steps.nodes)).max(axis=-1))[1:]
-    return np.maximum(largest, at.checkpoint.resolution.largest)
+    both = np.maximum(*(np.abs(_velocities(x)).max(axis=-1) for x in (steps.starts, steps.ends)))
+    return np.maximum(np.maximum.accumulate(both), at.checkpoint.resolution.largest)
 
 
 def _velocities(x: Mapping[str, Array]) -> Array:
@@ -188,71 +246,87 @@ def _accelerations(x: Mapping[str, Array]) -> Array:
 
 def _near_singular(at: RunState, steps: _Steps) -> Array:
     """Return in which steps the constraint may lose rank, or changes so much that the step may be too long, (k,)."""
-    segment, x, h = at.segment, steps.nodes, steps.lengths[:, 0]
+    segment, h = at.segment, steps.lengths[:, 0]
+    x, y = steps.starts, steps.ends
     chain, goes_on = segment.environment.chain, segment.settings.policy.on_singular == "continue"
     if segment.generic_rank <= chain.contact_freedom_count:
         return np.zeros(len(h), dtype=bool)
-    s = chain_strength(x["condition"])
-    before = s[0] if at.previous is None else chain_strength(np.array(at.previous.result.condition))
-    found = changes_much(np.concatenate([[before], s[:-2]]), s[:-1], s[1:])
+    here, later = chain_strength(x["condition"]), chain_strength(y["condition"])
+    first = here[0] if at.previous is None else chain_strength(np.array(at.previous.result.condition))
+    before = np.where(steps.jumps, here, np.concatenate([[first], here[:-1]]))
+    found = changes_much(before, here, later)
     sizes = np.ones(chain.joint_count)
     if not all(joint.turns for joint in chain.all_joints):
         sizes = SHORTER * coordinate_sizes(chain_at_rest(at.now.chain, at.now.state))[: chain.joint_count]
         sizes[[joint.turns for joint in chain.all_joints]] = 1.0
-    turning = np.max(
-        [np.abs(x[name][:, :3]).max(axis=1) for name in ("object_twist", "floating_twist") if name in x], axis=0
-    )
-    moved = np.maximum(
-        (np.abs(np.diff(x["q"], axis=0)) / sizes).max(axis=1, initial=0.0), h * np.maximum(turning[:-1], turning[1:])
-    )
-    found |= may_lose(s[:-1] + s[1:], moved)
+    turning = np.maximum(*(_turning(z) for z in (x, y)))
+    moved = np.maximum((np.abs(y["q"] - x["q"]) / sizes).max(axis=1, initial=0.0), h * turning)
+    found |= may_lose(here + later, moved)
     if goes_on:  # whether a configuration lies ahead
         ahead = 2.0 * segment.settings.longest_step
-        by_joints = np.abs(ahead * x["qd"] + 0.5 * ahead**2 * x["qdd"])[:-1] / sizes
-        found |= may_lose(s[:-1], np.maximum(by_joints.max(axis=1, initial=0.0), ahead * turning[:-1]))
+        by_joints = np.abs(ahead * x["qd"] + 0.5 * ahead**2 * x["qdd"]) / sizes
+        found |= may_lose(here, np.maximum(by_joints.max(axis=1, initial=0.0), ahead * turning))
     return found
+
+
+def _turning(x: Mapping[str, Array]) -> Array:
+    """Return the fastest rotation of the object and of a floating base, (k,), in each direction [rad/s]."""
+    rates = [np.abs(x[name][:, :3]).max(axis=1) for name in ("object_twist", "floating_twist") if name in x]
+    return np.max(rates, axis=0)
 
 
 def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) -> Stretch:
     """Return the first steps as a part of the run."""
-    segment, saved = at.segment, at.checkpoint
-    x = {name: array[:count, -1].copy() for name, array in steps.points.items()}
-    ends, margins, times = steps.times[:count, -1], steps.margins[:count, 1:], steps.times[:count]
+    segment, saved, memory = at.segment, at.checkpoint, at.now.memory
+    jumps = steps.jumps[:count]
+    # the samples in order: number of the step, and whether a sample is the start after a jump
+    step, jumped = np.repeat(np.arange(count), 1 + jumps), np.zeros(count + jumps.sum(), dtype=bool)
+    jumped[np.flatnonzero(jumps) + np.arange(jumps.sum())] = True
+    x = {name: array[step, -1] for name, array in steps.points.items()}
+    for name, array in steps.after_jumps.items():
+        x[name][jumped] = array[step[jumped], 0]
+    x["gaps"][jumped] = 0.0
+    margins, times = steps.margins[step, 1:], steps.times[step]
+    margins[jumped], times[jumped] = margins[jumped, :1], times[jumped, :1]
+    t = times[:, -1]
+    work = np.cumsum(np.concatenate([saved.sums.work[None], x["work"]]), axis=0)[1:]
+    passed = x.get("before", [memory] * len(t))
 
     def instant(k: int) -> Instant:
-        return stepper.instant(x, k, float(ends[k]), at.now.memory)
+        return stepper.instant(x, k, float(t[k]), memory)
 
-    work = np.cumsum(np.concatenate([saved.sums.work[None], x["work"]]), axis=0)[1:]
     of_grasps = margins[:, -1, : len(segment.environment.chain.arms)]
-    samples = Samples(
-        ends,
-        _with_forces(x, instant, segment),
-        (of_grasps, of_grasps, of_grasps),
-        x["gaps"],
-        work,
-        *lowest_of(times, margins),
-    )
+    arrays, allowed = _with_forces(x, instant, segment), (of_grasps, of_grasps, of_grasps)
+    samples = Samples(t, arrays, allowed, x["gaps"], work, *lowest_of(times, margins))
     run = recorded(segment.environment, segment.stepper.accounts, samples, saved.sums)
-    passed = [at.now.memory, *(x["memory"] if "memory" in x else [at.now.memory] * count)]
     lowest = np.minimum.accumulate(np.concatenate([saved.tracker.lowest[None], margins.min(axis=1)]))[1:]
     largest = _largest(at, steps)
 
+    def origin(k: int) -> Origin:
+        return saved.now if k < 0 else Origin(float(t[k]), state_of(x, k), passed[k])
+
     def after(k: int) -> Checkpoint:
-        origins = [saved.now, *(Origin(float(ends[j]), state_of(x, j), passed[j]) for j in range(max(0, k - 1), k + 1))]
+        if jumped[k]:
+            before: dict[str, Any] = {"previous": None, "tail_time": float(t[k]), "tail": margins[k, :0, 0]}
+        else:
+            before = {"previous": origin(k - 1), "tail_time": float(times[k, -2]), "tail": margins[k, -2]}
+        of_step = step[k] - jumped[k]
+        resolution = saved.resolution
+        if of_step >= 0:
+            resolution = resolution._replace(largest=float(largest[of_step]), in_a_row=0)
         return replace(
             saved,
-            now=origins[-1],
-            previous=origins[-2],
-            tail_time=float(times[k, -2]),
-            tail=margins[k, -2],
+            now=origin(k),
             stop=saved.stop + k + 1,
             sums=saved.sums._replace(work=work[k]),
             tracker=replace(saved.tracker, lowest=lowest[k]),
-            resolution=saved.resolution._replace(largest=float(largest[k]), in_a_row=0),
+            resolution=resolution,
+            held=steps.held[step[k]] if steps.held else None,
+            **before,
         )
 
-    last = count - 1
-    earlier = at.now if count == 1 else instant(last - 1)
+    last = len(t) - 1
+    earlier = at.now if last == 0 else instant(last - 1)
     end = RunState(segment, after(last), instant(last), earlier, gaps_of(x, last), times[last], margins[last])
     return Stretch(run, end, after)
 

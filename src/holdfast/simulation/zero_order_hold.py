@@ -10,6 +10,7 @@ had been at rest at its start.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +22,9 @@ from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.simulation.stops import ALIKE, MOST_STEPS
 from holdfast.spatial.scalar import Array, Scalar
-from holdfast.state import State
+from holdfast.state import State, parts_of
+
+MOST_KNOWN = 256  # samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +177,29 @@ def sampled(
         acting, *others = waiting
         waiting = tuple(others)
     return HeldTorques(asked, memory, waiting, held.sample_time, held.delay), acting
+
+
+class AskedOnce:
+    """A controller that is not asked again for what it was asked shortly before.
+
+    Steps that are taken together ask a few samples ahead. If the last of them have to be taken again, one by one, their
+    torques are known.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller, self._known = controller, OrderedDict[tuple[Any, ...], tuple[Any, Any]]()
+
+    def __call__(self, t: float, state: State, memory: Any) -> Any:
+        """Return the torques and the memory."""
+        key = (t, *(x.tobytes() for x in parts_of(state).values()))
+        asked = self._known.get(key)
+        if asked is not None and asked[0] is memory:
+            return asked[1]
+        found = self._controller(t, state, memory)
+        self._known[key] = memory, found
+        if len(self._known) > MOST_KNOWN:
+            self._known.popitem(last=False)
+        return found
 
 
 def held_torques_law(joint_count: int) -> ControlLaw:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -73,15 +73,26 @@ class FusedStepper:
         self._run(systems, now.t, np.array(ends) - now.t, held=False)
         return [self._advance(systems, row, end, now.memory) for row, end in enumerate(ends)]
 
-    def take(self, now: Instant, begin: Array, step: Array) -> Systems:
+    def take(
+        self,
+        now: Instant,
+        begin: Array,
+        step: Array,
+        jumps: Array,
+        remember: Callable[[int, Systems], Array | None] | None,
+    ) -> tuple[Systems, Systems]:
         """Return the results of successive steps at several points of each, (k, points, ...) by name.
 
-        Each step leads on from the last point of the one before. The arrays are overwritten by the next call.
+        Each step leads on from the last point of the one before. The second result contains the evaluations after
+        jumps, (k, 1, ...) by name. All arrays are overwritten by the next call.
 
         Args:
-            now: the instant at which the first step begins.
+            now: the instant at which the first step begins, before a jump.
             begin: (k,) times at which the steps begin [s]; at most `MOST_TOGETHER`.
             step: (k, points) lengths from there to the points [s].
+            jumps: (k,) whether torques or inputs jump at the start of each step.
+            remember: function of the number of a step and of the results of the steps before it that returns the memory
+                of the law from then on, or None for no change; None if the memory does not change between steps.
         """
         start = self.kernel.systems(state_rows([now.state]), now.memory)
         start["slope"][...] = now.rates(no_turns(now.state))
@@ -89,8 +100,11 @@ class FusedStepper:
         taker = self._takers.get(step.shape[1])
         if taker is None:
             taker = self._takers[step.shape[1]] = SuccessiveSteps(self.kernel, MOST_TOGETHER, step.shape[1])
-        taker.take(start, begin, step, self._inputs(begin[:1], step[:1], False))
-        return {name: x[: len(begin)] for name, x in taker.arrays.items()}
+        ends, starts = taker.ends, taker.starts
+        asked = None if remember is None else lambda k: remember(k, ends)
+        count = len(begin)
+        taker.take(start, begin, step, jumps, self._inputs(begin[:1], step[:1], False), asked)
+        return {name: x[:count] for name, x in ends.items()}, {name: x[:count] for name, x in starts.items()}
 
     @cached_property
     def _takers(self) -> dict[int, SuccessiveSteps]:

@@ -12,51 +12,108 @@ from holdfast.spatial.scalar import Array
 
 ANEW = ("count", "work", "code", "worst_margin", "worst_time")  # carried arrays with which every step begins anew
 
+# function of the number of a step, called before it is taken, that returns the law's memory from then on; None for no
+# change
+Remember = Callable[[int], Array | None]
+
 
 class SuccessiveSteps:
-    """Memory for a number of successive steps, and the addresses by which machine code finds its way in it.
+    """Memory for a number of successive steps, and the tables by which machine code finds its way in it.
 
     Attributes:
-        steps: number of steps.
-        points: number of points of each step; the last is its end.
+        ends: results at the points of the steps, (steps, points, ...) by name; the last point is the step's end.
+        starts: results after the jumps at which steps begin, (steps, 1, ...) by name.
     """
 
     def __init__(self, kernel: StepKernel, steps: int, points: int) -> None:
         """Reserve the memory; the machine code is made if there is none yet."""
-        self.kernel, self.steps, self.points = kernel, steps, points
-        sizes = {name: int(np.prod(shape)) for name, shape in kernel.carried.items()}
-        order = sorted(sizes, key=lambda name: name not in ANEW)
-        starts = dict(zip(order, np.cumsum([0, *(sizes[name] for name in order)]).tolist(), strict=False))
-        size = sum(sizes.values())
-        self._anew = sum(sizes[name] for name in order if name in ANEW)
-        self._memory = aligned(steps * points * size).reshape(steps, points, size)
-        self._begin, self._step = np.zeros((steps, 1)), np.zeros((steps, points))
-        self.arrays: Systems = {
-            name: self._memory[..., start : start + sizes[name]].reshape(steps, points, *kernel.carried[name])
-            for name, start in starts.items()
-        }
-        self._places = {f"last.{name}": (self.arrays[name], size) for name in order}
-        self._places |= {"begin": (self._begin, 0), "step": (self._step, 1)}
-        self._run: Callable[[int], None] = kernel.step_code.repeatedly(points)
+        self.kernel = kernel
+        self._ends, self._starts = _Memory(kernel, steps, points), _Memory(kernel, steps, 1)
+        self.ends, self.starts = self._ends.arrays, self._starts.arrays
 
-    def take(self, start: Systems, begin: Array, step: Array, inputs: Mapping[str, Array]) -> None:
-        """Take the steps and leave their results in `arrays`, (steps, points, ...) each.
+    def take(
+        self,
+        start: Systems,
+        begin: Array,
+        step: Array,
+        jumps: Array,
+        inputs: Mapping[str, Array],
+        remember: Remember | None,
+    ) -> None:
+        """Take steps and leave their results in `ends` and `starts`.
 
         Args:
-            start: one system at its state at the start of the first step, with its slope.
-            begin: (k,) times at which the steps begin [s]; at most `steps`.
+            start: one system by name, at the start of the first step, with its slope.
+            begin: (k,) times at which the steps begin [s].
             step: (k, points) lengths from there to the points [s].
+            jumps: (k,) whether torques or inputs jump there, so that the start is evaluated anew.
             inputs: inputs by name, as for `StepKernel.run`.
+            remember: called before each step; None if the memory does not change between steps.
         """
+        ends, starts, anew, count = self._ends, self._starts, self._ends.anew, len(begin)
+        blank = ends.of_system(start)
+        ends.block[:count, :, :anew] = starts.block[:count, :, :anew] = blank[:anew]
+        take = ends.runner({**inputs, "held": np.array(0.0)}, begin, step)
+        jump = starts.runner({**inputs, "held": np.array(1.0)}, begin, np.zeros((count, 1)))
+        before = blank
+        for k, jumping in enumerate(jumps.tolist()):
+            memory = None if remember is None else remember(k)
+            if jumping:
+                starts.block[k, 0, anew:] = before[anew:]
+                starts.set_memory(k, memory)
+                jump(k)
+                before = starts.block[k, 0]
+            ends.block[k, :, anew:] = before[anew:]
+            if not jumping:
+                ends.set_memory(k, memory)
+            take(k)
+            before = ends.block[k, -1]
+
+
+class _Memory:
+    """The carried arrays of several systems in each of several runs, system by system.
+
+    Attributes:
+        block: (runs, systems, size) all numbers.
+        anew: how many of them, the first ones, belong to `ANEW`.
+        arrays: views of the block, (runs, systems, ...) by name.
+    """
+
+    def __init__(self, kernel: StepKernel, runs: int, systems: int) -> None:
+        self._kernel = kernel
+        sizes = {name: int(np.prod(shape)) for name, shape in kernel.carried.items()}
+        self._order = sorted(sizes, key=lambda name: name not in ANEW)
+        size, self.anew = sum(sizes.values()), sum(sizes[name] for name in sizes if name in ANEW)
+        self.block = aligned(runs * systems * size).reshape(runs, systems, size)
+        self.arrays: Systems = {}
+        for name in self._order:
+            start = sum(x[0, 0].size for x in self.arrays.values())
+            part = self.block[..., start : start + sizes[name]]
+            self.arrays[name] = part.reshape(runs, systems, *kernel.carried[name])
+        self._begin, self._step = np.zeros((runs, 1)), np.zeros((runs, systems))
+        self._places = {f"last.{name}": (x, size) for name, x in self.arrays.items()}
+        self._places |= {"begin": (self._begin, 0), "step": (self._step, 1)}
+        self._run = kernel.step_code.repeatedly(systems)
+
+    def of_system(self, system: Systems) -> Array:
+        """Return the numbers of one system in the order of the block, (size,)."""
+        return np.concatenate([system[name].ravel() for name in self._order])
+
+    def set_memory(self, run: int, memory: Array | None) -> None:
+        """Set the law's memory of all systems of a run, unless it is None."""
+        if memory is not None and "memory" in self.arrays:
+            self.arrays["memory"][run] = memory
+
+    def runner(self, inputs: Mapping[str, Array], begin: Array, step: Array) -> Callable[[int], None]:
+        """Return the function that takes the step of a run, for (k,) times and (k, systems) lengths [s]."""
         count = len(begin)
         self._begin[:count, 0], self._step[:count] = begin, step
-        for name, x in start.items():
-            self.arrays[name][0] = x
-        memory, anew, run = self._memory, self._anew, self._run
-        memory[:count, :, :anew] = memory[0, 0, :anew]
-        tables = self.kernel.table(inputs).successive(self._places, count)
+        table = self._kernel.table(inputs)
+        tables, run = table.successive(self._places, count), self._run
         first, apart = tables.ctypes.data, tables.strides[0]
-        for k in range(count):
-            if k:
-                memory[k, :, anew:] = memory[k - 1, -1, anew:]
+
+        def take(k: int) -> None:
+            assert table is not None and tables is not None  # the arrays live as long as this function
             run(first + k * apart)
+
+        return take
