@@ -244,8 +244,10 @@ class StepKernel:
         """
         given = {**parameters, **inputs, **{f"last.{name}": x for name, x in systems.items()}}
         assert self._required <= given.keys(), "machine code would read where nothing is"
+        table = self.table(given)
         code = self._slopes if slopes_only else self.step_code
-        code.run_batch(self.table(given).rows, len(systems["object_pose"]), threads, repeats)
+        code.run_batch(table.rows, len(systems["object_pose"]), threads, repeats)
+        del table  # its arrays must live until the machine code has read them
 
     def table(self, given: Mapping[str, Array]) -> Table:
         """Return the table of the step's arrays, among them the given ones."""
@@ -263,7 +265,9 @@ class StepKernel:
         count = len(systems["object_pose"])
         found = {name: np.zeros((count, *of_one.shape)) for name, of_one in outputs.items()}
         given = {**parameters, **inputs, **{f"last.{name}": x for name, x in systems.items()}, **found}
-        code.run_batch(own.with_arrays(given).rows, count)
+        table = own.with_arrays(given)
+        code.run_batch(table.rows, count)
+        del table
         return found
 
     @cached_property
