@@ -16,6 +16,7 @@ import os
 import pickle
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -29,11 +30,11 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.run_differences import ADAPTIVE, AFTER, BEFORE, INSTANTS, Difference, Record, differences
+
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
-
-from benchmarks.run_differences import ADAPTIVE, AFTER, BEFORE, INSTANTS, Difference, Record, differences  # noqa: E402
-
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "HOLDFAST_COMPILE": "quick"}
 MEASURES = {"before": BEFORE, "after": AFTER, "adaptive": ADAPTIVE, "instants": INSTANTS}
 
@@ -208,6 +209,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="folder for the commit's runs, which are not made again next time")
     parser.add_argument("--blas", help="OPENBLAS_CORETYPE of the working tree's runs")
     chosen = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that the worktree is removed
     seeds = chosen.only or [*range(chosen.seed, chosen.seed + chosen.scenes)]
     commit = _git("rev-parse", "--verify", f"{chosen.commit}^{{commit}}").strip()
     with worktree(commit) as checkout, tempfile.TemporaryDirectory(prefix="holdfast-runs-") as temporary:

@@ -71,7 +71,7 @@ def random_run(seed: int) -> Run:
     words += [f"{name}={options[name]}" for name in ("on_slip", "on_limit", "on_singular")]
     rtol = options["rtol"] if options["scheme"] == "dop853" and "rtol" in options else 0.0
     run = partial(hf.simulate, scene.chain, state, **options)
-    place = float(random.random())
+    place = float(random.uniform(0.1, 0.8))
     return Run(family, ", ".join(words), 2.0 * rtol, partial(_continued, run, place) if scene.continued else run)
 
 
