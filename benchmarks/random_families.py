@@ -83,6 +83,19 @@ def with_joints(chain: hf.ClosedChain, make: Callable[[], dict[str, Any]]) -> hf
     return replace(chain, arms=arms)
 
 
+def unlike_limits(random: Random, chain: hf.ClosedChain) -> hf.ClosedChain:
+    """Return the chain with limits of joints each of which is a little different, so that none are reached together."""
+
+    def scaled(joint: hf.Joint) -> hf.Joint:
+        low, high, rate, effort = (*joint.position_limits, joint.rate_limit, joint.effort_limit) * random.uniform(
+            0.9, 1, 4
+        )
+        return replace(joint, position_limits=(low, high), rate_limit=rate, effort_limit=effort)
+
+    arms = {name: replace(arm, joints=[scaled(joint) for joint in arm.joints]) for name, arm in chain.arms.items()}
+    return replace(chain, arms=arms)
+
+
 def grasp_kinds(random: Random) -> Scene:
     """Two or three arms that hold by any kinds."""
     p = arms_of(random, two_kinds(random) + (("rigid",) if random.random() < 0.3 else ()))
@@ -214,6 +227,7 @@ def rubber_fingers(random: Random) -> Scene:
     else:
         chain, state = hf.assemble(*three_finger_hand())
         push, shift = float(random.uniform(0.4, 3.0)), 0.01
+    chain = unlike_limits(random, chain)
     duration = float(random.uniform(0.05, 0.15))
     path = RestToRest(state.object_frame, shift * random.normal(size=3), 0.1 * random.normal(size=3), duration=duration)
     law = ObjectTracking(chain, path, push) if random.random() < 0.5 else GravityCompensation(chain, push, 0.1)
@@ -257,7 +271,7 @@ def joint_limits(random: Random) -> Scene:
 def limited_robots(random: Random) -> Scene:
     """Two Pandas with their own limits, pushed about."""
     chain, state = two_pandas()
-    tau = hold(chain, state, 20.0)
+    chain, tau = unlike_limits(random, chain), hold(chain, state, 20.0)
     shove, rate = 60.0 * random.normal(size=14), random.uniform(5.0, 40.0)
 
     def controller(t: float, now: hf.State, memory: Any) -> tuple[Any, Any]:
@@ -281,7 +295,7 @@ def events(random: Random) -> Scene:
 def hand_over(random: Random) -> Scene:
     """A robot grips the box that another one carries, which lets go."""
     chain, state = two_pandas()
-    alone = chain.without_grasp("right")
+    alone = unlike_limits(random, chain.without_grasp("right"))
     grip, go = sorted(float(t) for t in random.uniform(0.01, 0.07, 2))
     path = RestToRest(state.object_frame, [0.0, 0.0, 0.02], duration=0.08)
     law = ObjectTracking(alone, path) if random.random() < 0.5 else GravityCompensation(alone, joint_damping=0.1)

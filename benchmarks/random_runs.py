@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -11,6 +12,8 @@ import numpy as np
 import holdfast as hf
 from benchmarks.random_families import FAMILIES, Scene
 from benchmarks.random_laws import Random, random_inputs, random_law
+
+ROUNDING = 1e-15  # rad or m, and their rates
 
 
 class Run(NamedTuple):
@@ -61,13 +64,21 @@ def drawn(random: Random, scene: Scene) -> tuple[dict[str, Any], list[str]]:
     return options, words
 
 
-def random_run(seed: int) -> Run:
-    """Return the run of a seed."""
+def random_run(seed: int, nudge: int = 0) -> Run:
+    """Return the run of a seed.
+
+    Args:
+        seed: of its random numbers.
+        nudge: if not 0, the seed of a change of the state by rounding errors.
+    """
     family, random = list(FAMILIES)[seed % len(FAMILIES)], np.random.default_rng([39, seed])
     scene = FAMILIES[family](random)
     options, words = drawn(random, scene)
     options |= scene.given
     state = options.pop("state", scene.state)
+    if nudge:
+        by_q, by_qd = ROUNDING * np.random.default_rng([40, seed, nudge]).normal(size=(2, len(state.q)))
+        state = replace(state, q=state.q + by_q, qd=state.qd + by_qd)
     words += [f"{name}={options[name]}" for name in ("on_slip", "on_limit", "on_singular")]
     rtol = options["rtol"] if options["scheme"] == "dop853" and "rtol" in options else 0.0
     run = partial(hf.simulate, scene.chain, state, **options)

@@ -38,7 +38,7 @@ def test_a_run_is_a_function_of_its_seed(run):
 
 def test_all_that_is_recorded_is_compared(run):
     """Whatever array is changed by 1e-8 of its size, early or late, or is missing, that is said."""
-    assert differences(run, copy.deepcopy(run)).failures == []
+    assert differences(run, copy.deepcopy(run)).failures == {}
     numbers = {name: x for name, x in run["arrays"].items() if x.size and np.isfinite(x).all()}
     assert len(numbers) > 20
     for name, x in numbers.items():
@@ -60,7 +60,7 @@ def test_bars(run, sample, by, part, fails):
     """1e-11 up to the first event, 1e-9 after it; what is finite is not infinite."""
     other = changed(run, lambda r: r["arrays"]["q"].__setitem__((sample, 0), r["arrays"]["q"][sample, 0] + by))
     found = differences(run, other)
-    assert getattr(found, part) == pytest.approx(by, rel=1e-3) and bool(found.failures) is fails
+    assert found.worst(part, set()) == pytest.approx(by, rel=1e-3) and bool(found.failures) is fails
     other["arrays"]["q"][sample, 0] = np.inf
     assert differences(run, other).failures
     adaptive = changed(run, lambda r: r["arrays"]["q"].__setitem__((sample, 0), r["arrays"]["q"][sample, 0] + 9e-8))
@@ -75,7 +75,7 @@ def test_samples_of_adaptive_steps(run):
         r["arrays"] = {name: np.delete(x, 3, axis=0) for name, x in r["arrays"].items()}
 
     fewer = changed(run, without_one)
-    assert differences(run, fewer).failures == [f"{len(run['arrays']['t'])} samples became {len(fewer['arrays']['t'])}"]
+    assert [*differences(run, fewer).failures] == [("words", "samples")]
     assert not differences(run | {"tolerance": 1e-8}, fewer).failures
 
 
@@ -99,9 +99,34 @@ def test_words_of_occurrences(run, change, fails):
 def test_instants_ends_and_errors(run):
     """A nanosecond, an end, an error, an occurrence less."""
     late = changed(run, lambda r: r["occurrences"][0].update(t=r["occurrences"][0]["t"] + 2e-9))
-    assert differences(run, late).instants == pytest.approx(2e-9, rel=1e-3) and differences(run, late).failures
+    found = differences(run, late)
+    assert found.worst("instants", set()) == pytest.approx(2e-9, rel=1e-3) and found.failures
     for change in ({"stopped": "too long"}, {"error": "StateError: no"}, {"occurrences": []}):
         assert differences(run, run | change).failures
+
+
+def test_what_rounding_explains(run):
+    """Up to 100 times of what it does to the same thing; words, if it changes the same ones."""
+
+    def off(by):
+        other = copy.deepcopy(run)
+        other["arrays"]["q"][2, 0] += by
+        return differences(run, other)
+
+    found = off(1e-7)
+    assert found.explained([]) == set() == found.explained([off(0.0), off(5e-10)])
+    assert found.explained([off(0.0), off(2e-9)]) == {("before", "q")}
+    assert found.worst("before", {("before", "q")}) == 0.0
+    said, other = (
+        differences(run, changed(run, lambda r, text=text: r["occurrences"][0].update(text=text))) for text in "ab"
+    )
+    assert said.explained([other]) == set(said.failures) and not said.explained([found])
+
+
+def test_a_nudge_is_a_rounding_error(run):
+    """It changes the run, far below every bar where the run is well-conditioned."""
+    found = differences(run | {"occurrences": []}, recorded(PLATFORM, nudge=1))
+    assert 0.0 < found.worst("before", set()) < 1e-12 and not found.failures
 
 
 @pytest.mark.long
