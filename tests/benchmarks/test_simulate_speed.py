@@ -9,8 +9,8 @@ from benchmarks.bench.clock import Effort
 
 @pytest.mark.slow
 def test_rows(monkeypatch):
-    """With few steps, and a first run that takes no time: all is measured, and compared with its bar."""
-    monkeypatch.setattr(simulate_speed, "first_run", lambda cache: 0.06)
+    """With few steps, and first runs that were timed before: all is measured, and compared with its bar."""
+    monkeypatch.setattr(simulate_speed, "first_runs", lambda count: (0.06, 0.06))
     lines = simulate_speed.table(2, Effort(1e-3, 1)).split("\n")
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:] if line.startswith("|")]
     bars = {name: bar for name, _, _, bar, _ in cells}
