@@ -67,12 +67,13 @@ capabilities: $(VENV)/.dev
 	HOLDFAST_COMPILE=quick $(BIN)/python -m tests.capabilities.page --write docs/coverage.md
 
 # Speed against other libraries, into docs/benchmarks.md and the README, and the cost of a step of `simulate` into
-# docs/limitations.md (minutes; leave the machine alone meanwhile).
+# docs/limitations.md; then the same beside its bars and MuJoCo, printed (minutes; leave the machine alone meanwhile).
 bench: $(VENV)/.bench
 	mkdir -p results
 	$(BIN)/python -m benchmarks.bench --json > results/bench.json
 	$(BIN)/python benchmarks/bench_page.py results/bench.json
 	$(BIN)/python benchmarks/simulation_cost.py --write docs/limitations.md
+	$(BIN)/python benchmarks/simulate_speed.py
 
 # Closure error against time, beside Pinocchio and MuJoCo, into docs/drift.md (minutes).
 drift: $(VENV)/.bench
