@@ -65,11 +65,13 @@ class Stretch(NamedTuple):
         samples: its samples: the end of each step, and before it its start if that follows a jump.
         end: the run after the last.
         checkpoint: returns the checkpoint after a sample, counted from 0.
+        whole: whether all steps that were tried belong to it.
     """
 
     samples: Trajectory
     end: RunState
     checkpoint: Callable[[int], Checkpoint]
+    whole: bool
 
 
 class _Steps(NamedTuple):
@@ -328,7 +330,7 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
     last = len(t) - 1
     earlier = at.now if last == 0 else instant(last - 1)
     end = RunState(segment, after(last), instant(last), earlier, gaps_of(x, last), times[last], margins[last])
-    return Stretch(run, end, after)
+    return Stretch(run, end, after, count == len(steps.times))
 
 
 def _with_forces(x: Mapping[str, Array], instant: Callable[[int], Instant], segment: Segment) -> Mapping[str, Array]:
