@@ -197,7 +197,7 @@ class CompiledLaw:
         object_twist: Any,
         *,
         memory: Any = None,
-        threads: int = 1,
+        threads: int | None = None,
         **parameters: Any,
     ) -> LawTorques:
         """Return the torques and the memory for one system, or for a batch if an argument has a leading axis.
@@ -209,7 +209,7 @@ class CompiledLaw:
             object_pose: (7,) wxyz_xyz of the object frame.
             object_twist: (6,) [omega; v of C], world axes.
             memory: (m,) memory of the law; by default its initial memory.
-            threads: number of threads for a batch.
+            threads: as for `CompiledChain.forward_dynamics`.
             **parameters: parameters of the law that have no value yet; floating_pose and floating_twist of a floating
                 base.
 

@@ -54,13 +54,13 @@ class BatchFunction:
         externals |= {name: External(shape, "output") for name, shape in outputs.items()}
         self._kernel = BatchKernel(externals, lambda: traced(externals, function))
 
-    def __call__(self, count: int, given: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
+    def __call__(self, count: int, given: Mapping[str, Array], threads: int | None = None) -> dict[str, Array]:
         """Return the results of the function for every system, (count, *shape) each.
 
         Args:
             count: number of systems.
             given: arguments by name, (count, *shape) each, or (*shape) if all systems share it.
-            threads: number of threads.
+            threads: as for `Rollout.step`.
         """
         arrays = {name: np.asarray(given[name], dtype=float, order="C") for name in self.inputs}
         found = {name: np.empty((count, *shape)) for name, shape in self.outputs.items()}

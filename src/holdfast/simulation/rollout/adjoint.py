@@ -80,7 +80,7 @@ class AdjointKernel:
         return gradients
 
     def run(
-        self, given: Mapping[str, Array], cotangents: Mapping[str, Array], count: int, threads: int = 1
+        self, given: Mapping[str, Array], cotangents: Mapping[str, Array], count: int, threads: int | None = None
     ) -> dict[str, Array]:
         """Return the gradients, (count, *shape) each.
 
@@ -88,7 +88,7 @@ class AdjointKernel:
             given: inputs and parameters, (*shape) for all systems or (count, *shape).
             cotangents: cotangents by name, (count, *shape) each.
             count: number of systems.
-            threads: number of threads.
+            threads: as for `Rollout.step`.
         """
         found = {name: np.empty((count, *self._shapes[f"{FOUND}{name}"])) for name in self.by}
         every = {**self._step.parameters, **given}

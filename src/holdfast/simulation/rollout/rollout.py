@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.arrays import require_threads
 from holdfast.compiled.structure import Options
 from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
@@ -119,7 +120,7 @@ class Rollout:
         floating_twist: Any = None,
         memory: Any = None,
         t: float = 0.0,
-        threads: int = 1,
+        threads: int | None = None,
         progress: bool = False,
         **given: Any,
     ) -> RolloutSystems:
@@ -134,20 +135,21 @@ class Rollout:
             floating_twist: (6,) twist of its origin, world axes.
             memory: (m,) memory of the law; by default its initial memory.
             t: initial time [s].
-            threads: number of threads.
+            threads: as for `step`.
             progress: whether to show that machine code is made, which takes seconds the first time.
             **given: parameters of the law and the chain, as for `step`; the systems keep them.
 
         Raises:
             StateError: a shape is wrong, or there are no systems.
         """
+        require_threads(threads)
         every = (q, qd, object_pose, object_twist, floating_pose, floating_twist)
         systems = systems_at(self, state_arguments(self.chain, *every), memory, number("t", t))
         systems.keep_inputs(call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
         with busy(progress, f"compiling steps of {', '.join(self.chain.names)}"):
-            return self._started(systems, whole_number("threads", threads))
+            return self._started(systems, threads)
 
-    def take_over(self, systems: RolloutSystems, *, threads: int = 1, **given: Any) -> RolloutSystems:
+    def take_over(self, systems: RolloutSystems, *, threads: int | None = None, **given: Any) -> RolloutSystems:
         """Return systems of another rollout with the same arms and object, with the grasps and the law of this one.
 
         Grasps that close exert the impulse that stops all relative velocities which the grasps do not allow, like
@@ -158,13 +160,14 @@ class Rollout:
 
         Args:
             systems: systems from `start` or `step` of another rollout, which are not changed.
-            threads: number of threads.
+            threads: as for `step`.
             **given: as for `start`.
 
         Raises:
             StateError: the joints differ, or a shape is wrong.
         """
         require_systems(systems)
+        require_threads(threads)
         joints, others = self.chain.joint_names(), systems.chain.joint_names()
         if joints != others:
             raise StateError(
@@ -186,7 +189,7 @@ class Rollout:
                 array[~before.running] = x[~before.running]
         made = RolloutSystems(self.chain, found, before.t, np.zeros(len(systems)))
         made.keep_inputs(kept | call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
-        made = self._started(made, whole_number("threads", threads))
+        made = self._started(made, threads)
         made.arrays["work"][...] = before.arrays["work"]
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
         for name in state_fields(self.chain):
@@ -203,7 +206,7 @@ class Rollout:
         least_margin: float = -np.inf,
         stop_at_limits: bool = False,
         largest_drift: float | None = None,
-        threads: int = 1,
+        threads: int | None = None,
         **given: Any,
     ) -> RolloutSystems:
         """Advance systems in place by a number of steps, and return them.
@@ -223,7 +226,7 @@ class Rollout:
                 end of a step.
             largest_drift: largest position gap that a step may leave before projection; for systems with a larger gap
                 the step is divided into equal parts, as in `simulate` [m or rad]. None: steps are not divided.
-            threads: number of threads; the results do not depend on it.
+            threads: as for `CompiledChain.forward_dynamics`; the results do not depend on it.
             **given: parameters of the law, shared or (systems, ...); object_wrench (6,), gravity,
                 object_mass, object_com, object_inertia, base_pose, grasp_pose; and link_wrench,
                 link_mass, link_com, link_inertia if they were compiled in, as in `CompiledChain.forward_dynamics`. An
@@ -233,7 +236,8 @@ class Rollout:
             StateError: a shape is wrong, a name is unknown, or the step is not positive.
         """
         require_systems(systems)
-        steps, threads = whole_number("steps", steps, MOST_STEPS_OF_CALL), whole_number("threads", threads)
+        steps = whole_number("steps", steps, MOST_STEPS_OF_CALL)
+        require_threads(threads)
         least = stop_margins(least_margin, stop_at_limits)
         limit = drift_limit(largest_drift)
         lengths, new = step_lengths(step, len(systems)), call_inputs(self.kernel, given, len(systems))
@@ -247,7 +251,7 @@ class Rollout:
         return self.advance(systems, steps, least, limit, threads)
 
     def advance(
-        self, systems: RolloutSystems, steps: int, least: StopMargins, limit: float | None = None, threads: int = 1
+        self, systems: RolloutSystems, steps: int, least: StopMargins, limit: float | None, threads: int | None
     ) -> RolloutSystems:
         """Take steps in place, with the step lengths and the arguments stored in the systems; see `step`."""
         going = systems.running
@@ -261,7 +265,7 @@ class Rollout:
         if stopped.any():
             stopped &= np.isin(systems.arrays["code"], (SLIPPED, LIMITED, PASSES_SINGULAR))
         if stopped.any():
-            take = partial(self.advance_unconfirmed, steps=1, least=NO_STOPS)
+            take = partial(self.advance_unconfirmed, steps=1, least=NO_STOPS, threads=threads)
             wrong = contradicted(systems.copy(stopped), systems.freed(stopped), least, take)
             systems.arrays["code"][np.flatnonzero(stopped)[wrong]] = TOO_LONG
         return systems
@@ -277,7 +281,7 @@ class Rollout:
         least_margin: float = -np.inf,
         stop_at_limits: bool = False,
         largest_drift: float | None = None,
-        threads: int = 1,
+        threads: int | None = None,
         progress: bool | Callable[[float], object] | None = None,
         folder: str | PathLike[str] | None = None,
         overwrite: bool = False,
@@ -326,7 +330,7 @@ class Rollout:
         schedule: Mapping[str, Any] | None = None,
         least_margin: float = -np.inf,
         stop_at_limits: bool = False,
-        threads: int = 1,
+        threads: int | None = None,
         **given: Any,
     ) -> Tape:
         """Take steps and store them, so that gradients can be propagated back through them; see `Tape.vjp`.
@@ -352,7 +356,7 @@ class Rollout:
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
         return Tape(self, systems, step, steps, every, record, schedule or {}, options, given)
 
-    def _started(self, systems: RolloutSystems, threads: int) -> RolloutSystems:
+    def _started(self, systems: RolloutSystems, threads: int | None) -> RolloutSystems:
         """Return the systems projected onto the grasps and evaluated there."""
         given = {name: systems.arrays[name].copy() for name in state_fields(self.chain)}
         if self.generic_rank is None and (near := next(closed_systems(self, systems), None)) is not None:
@@ -380,7 +384,7 @@ class Rollout:
         return systems.step_length * passive_rates(systems, partial(located, self)) > USED * scheme.stability_interval
 
     def advance_unconfirmed(
-        self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int = 1
+        self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int | None
     ) -> None:
         """Take steps in place with the stored arguments, without confirming the systems that stop."""
         systems.set_step_length(step_length)
