@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 import holdfast as hf
+from benchmarks.bench.clock import least_time
 from benchmarks.bench.systems import make_system
 from holdfast.compiler import threads
-from holdfast.compiler.threads import usable_processors
+from holdfast.compiler.threads import free_processors
 
 PAIRS, SECONDS = 31, 2.0  # of a row, at most
 STEP = 1e-3  # s
@@ -68,9 +69,26 @@ def compared(call: Call) -> tuple[int, float, float, float]:
     return 1 + len(started), one, chosen, float(np.median([a / b for a, b in found]))
 
 
+def start_time() -> float:
+    """Return how long it takes to start a thread that does nothing, and to wait for it [s]."""
+    found = []
+    for _ in range(1001):
+        begin = time.perf_counter()
+        threads.divide(lambda begin, end: None, 2, 1, 2)
+        found.append(time.perf_counter() - begin)
+    return float(np.median(found))
+
+
 def main() -> None:
-    """Print a row for every batch."""
-    print(f"{usable_processors()} processors")
+    """Print what a thread costs and the work for which one is started, and a row for every batch."""
+    print(f"{free_processors()} processors are free; starting a thread takes {1e3 * start_time():.3f} ms, ", end="")
+    system = make_system(2, 7)
+    fast = hf.compile(system.chain)
+    arrays = system.repeated(4096).arrays
+    kernel, out = fast.forward_dynamics.calls.kernel, fast.forward_dynamics(*arrays)
+    seconds = least_time(lambda: fast.forward_dynamics(*arrays, out=out, threads=1), 1, PAIRS)
+    work = kernel.operation_count * 4096 / kernel.lanes
+    print(f"{threads.LEAST_WORK:,} operations {1e3 * seconds * threads.LEAST_WORK / work:.3f} ms")
     print(f"{'ms':34}{'one thread':>11}{'chosen':>10}{'threads':>9}{'ratio':>7}")
     for what, call in batches():
         count, one, chosen, ratio = compared(call)

@@ -9,8 +9,10 @@ import functools
 import os
 import threading
 from _thread import start_new_thread
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 
 from holdfast.compiler.errors import CompileError
@@ -18,8 +20,10 @@ from holdfast.compiler.errors import CompileError
 # Operations, each of them in all lanes, for which a thread is worth its start: they take some 0.4 ms, and starting a
 # thread 0.05 ms.
 LEAST_WORK = 2**21
+_SHARES = 4  # of a thread: where some threads are slower than others, the others take more of them
 
-_QUOTA = Path("/sys/fs/cgroup/cpu.max")  # the processor time of a container on Linux
+# Files of Linux: the processor time of a container, and how many threads run.
+_QUOTA, _LOAD = Path("/sys/fs/cgroup/cpu.max"), Path("/proc/loadavg")
 
 Part = Callable[[int, int], None]  # runs the blocks from the first number up to, but without, the second
 
@@ -28,48 +32,61 @@ _busy = 0  # threads that work for calls that did not ask for a number
 
 
 def divide(part: Part, blocks: int, work: int, threads: int | None) -> None:
-    """Run all blocks of a batch, divided evenly among threads, the caller's own included.
+    """Run all blocks of a batch, divided among threads, the caller's own included.
 
     Args:
         part: runs some of the blocks.
         blocks: the number of blocks.
         work: the number of operations of a block.
-        threads: the number of threads; None for as many as have `LEAST_WORK` each and a processor of their own. Calls
-            that overlap share the processors.
+        threads: the number of threads; None for as many as have `LEAST_WORK` each and a free processor. Calls that
+            overlap share the processors.
 
     Raises:
         CompileError: `HOLDFAST_THREADS` is no positive integer.
     """
-    if threads is not None:
-        _run(part, blocks, max(1, min(threads, blocks)))
-    elif (worth := min(blocks, blocks * work // LEAST_WORK)) < 2:
+    wanted = min(blocks, blocks * work // LEAST_WORK if threads is None else threads)
+    if wanted < 2:
         part(0, blocks)
+    elif threads is not None:
+        _run(part, blocks, wanted)
     else:
-        with _processors(worth) as count:
+        with _processors(wanted) as count:
             _run(part, blocks, count)
 
 
-def usable_processors() -> int:
-    """Return how many threads of this process can run at the same time, at most `HOLDFAST_THREADS`.
+def free_processors() -> int:
+    """Return how many threads of this process can run at the same time, its own one included.
+
+    They are bounded by `HOLDFAST_THREADS`, by what the system lets the process use, and on Linux by the processors that
+    no other thread or process uses at the moment.
 
     Raises:
         CompileError: `HOLDFAST_THREADS` is no positive integer.
     """
-    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    there = os.cpu_count() or 1
     most = os.environ.get("HOLDFAST_THREADS") or str(there)
     if not most.isdecimal() or int(most) < 1:
         raise CompileError(f"HOLDFAST_THREADS: expected an integer >= 1, got {most!r}")
-    return min(there, _quota(), int(most))
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else there
+    return max(1, min(int(most), allowed, _quota(), there + 1 - _running()))
 
 
 @functools.cache
 def _quota() -> int:
-    """Return how many processors' time the process may use, at least one."""
+    """Return how many processors' time the process may use."""
     try:
         time, period = _QUOTA.read_text().split()
-        return max(1, int(time) // int(period))
+        return int(time) // int(period)
     except (OSError, ValueError):  # there is no such file, or no quota: "max 100000"
         return os.cpu_count() or 1
+
+
+def _running() -> int:
+    """Return how many threads of all processes have something to do, this one included; 1 if that is unknown."""
+    try:
+        return int(_LOAD.read_text().split()[3].partition("/")[0])
+    except (OSError, ValueError, IndexError):
+        return 1
 
 
 @contextmanager
@@ -77,7 +94,7 @@ def _processors(wanted: int) -> Iterator[int]:
     """Yield how many threads may work within the context: at least one."""
     global _busy
     with _lock:
-        count = max(1, min(wanted, usable_processors() - _busy))
+        count = max(1, min(wanted, free_processors() - _busy))
         _busy += count
     try:
         yield count
@@ -87,35 +104,35 @@ def _processors(wanted: int) -> Iterator[int]:
 
 
 def _run(part: Part, blocks: int, threads: int) -> None:
-    """Run the blocks on some threads; the caller also runs the parts for which no thread can be started."""
-    bounds = [blocks * t // threads for t in range(threads + 1)]
-    finished: set[int] = set()
+    """Run the blocks on some threads, each of which takes one share after another, and wait for them.
+
+    The caller runs all shares for which no other thread gets a processor in time.
+    """
+    count = min(blocks, threads * _SHARES)
+    shares = deque([*pairwise(blocks * k // count for k in range(count + 1)), *[None] * threads])
     errors: list[BaseException] = []
+    running: list[threading.Lock] = []
 
-    def run(t: int, end: threading.Lock | None = None) -> None:
-        try:
-            part(bounds[t], bounds[t + 1])
-        except BaseException as error:
-            errors.append(error)
-        finished.add(t)
-        if end is not None:
-            end.release()
-
-    running: dict[int, threading.Lock] = {}
-    with suppress(RuntimeError):  # the system starts no more threads
-        for t in range(1, threads):
-            end = threading.Lock()
-            end.acquire()
-            start_new_thread(run, (t, end))
-            running[t] = end
-    for t in range(threads):
-        if t not in running:
-            run(t)
-    for t, end in running.items():
-        while t not in finished:
+    def work(busy: threading.Lock) -> None:
+        with busy:
             try:
-                end.acquire()
-            except BaseException as error:  # Ctrl-C: raised when no thread writes into the caller's arrays any more
+                for begin, end in iter(shares.popleft, None):
+                    if errors:
+                        return
+                    part(begin, end)
+            except BaseException as error:
                 errors.append(error)
+
+    with suppress(RuntimeError):  # the system starts no more threads
+        for _ in range(1, threads):
+            running.append(threading.Lock())
+            start_new_thread(work, (running[-1],))
+    work(threading.Lock())
+    while running:
+        try:
+            with running[-1]:
+                running.pop()
+        except BaseException as error:  # Ctrl-C: raised when no thread writes into the caller's arrays any more
+            errors.append(error)
     if errors:
         raise errors[0]

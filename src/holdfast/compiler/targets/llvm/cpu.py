@@ -144,8 +144,7 @@ class Code:
         """
         quick = quick or _always_quick()
         made = None if key else _made(source)
-        named = (key,) if made is None else (made[0], json.dumps(made[1]))
-        key = cache.key_of(*named, *_fingerprint(quick))
+        key = cache.key_of(made[0] if made else key, *_fingerprint(quick))
         stored = cache.load(key)
         if stored is None:
             stored = _compiled(*(made or _made(source)), quick)
