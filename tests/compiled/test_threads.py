@@ -15,21 +15,21 @@ from tests.compiler.started_threads import started_threads
 from tests.simulation.rollout.problems import problem, started, swinging
 
 COUNT = 5 * cpu.lanes() + 3  # six blocks
-Ask = Callable[[int | None], list[np.ndarray]]
+Ask = Callable[[int | None], tuple[np.ndarray, ...]]
 
 
 def forward_dynamics() -> Ask:
     """A question with a status; every parameter differs between systems."""
     chain, fast = chain_named("two"), compiled("two")
     given = numbers(chain, COUNT) | forces(chain, COUNT)
-    return lambda threads: [fast.forward_dynamics(**given, threads=threads).memory]
+    return lambda threads: (fast.forward_dynamics(**given, threads=threads).memory,)
 
 
 def kinetic_energy() -> Ask:
     """A question without a status."""
     chain, fast = chain_named("two"), compiled("two")
     given = {name: x for name, x in numbers(chain, COUNT).items() if name != "tau"}
-    return lambda threads: [fast.kinetic_energy(**given, threads=threads)]
+    return lambda threads: (fast.kinetic_energy(**given, threads=threads),)
 
 
 def gradients() -> Ask:
@@ -37,9 +37,9 @@ def gradients() -> Ask:
     chain, fast = chain_named("two"), compiled("two")
     given, by = numbers(chain, COUNT), ("q", "tau")
 
-    def ask(threads: int | None) -> list[np.ndarray]:
+    def ask(threads: int | None) -> tuple[np.ndarray, ...]:
         found = fast.forward_dynamics.vjp(**given, qdd=given["qd"], by=by, threads=threads)
-        return [found[name] for name in by]
+        return tuple(found[name] for name in by)
 
     return ask
 
@@ -50,16 +50,16 @@ def law() -> Ask:
     fast = compile_law(swinging("one").law, chain)
     q = state.q + 1e-3 * np.random.default_rng(0).normal(size=(COUNT, chain.joint_count))
     rest = (state.qd, state.object_pose, state.object_twist)
-    return lambda threads: [*fast.torques(0.3, q, *rest, threads=threads)]
+    return lambda threads: tuple(fast.torques(0.3, q, *rest, threads=threads))
 
 
 def rollout() -> Ask:
     """Steps, the projection before the first one included."""
     _, state = problem("one")
 
-    def ask(threads: int | None) -> list[np.ndarray]:
+    def ask(threads: int | None) -> tuple[np.ndarray, ...]:
         systems = started(swinging("one"), state, COUNT, threads=threads)
-        return [*swinging("one").step(systems, 2e-3, steps=3, threads=threads).arrays.values()]
+        return tuple(swinging("one").step(systems, 2e-3, steps=3, threads=threads).arrays.values())
 
     return ask
 
@@ -68,7 +68,7 @@ def recorded() -> Ask:
     """A run with a record."""
     _, state = problem("one")
     systems = started(swinging("one"), state, COUNT)
-    return lambda threads: [swinging("one").run(systems, 4e-3, 2e-3, record=["q"], threads=threads)["q"]]
+    return lambda threads: (swinging("one").run(systems, 4e-3, 2e-3, record=["q"], threads=threads)["q"],)
 
 
 def tape() -> Ask:
@@ -76,9 +76,10 @@ def tape() -> Ask:
     _, state = problem("one")
     systems = started(swinging("one"), state, COUNT)
 
-    def ask(threads: int | None) -> list[np.ndarray]:
+    def ask(threads: int | None) -> tuple[np.ndarray, ...]:
         taken = swinging("one").tape(systems, 2e-3, steps=2, threads=threads)
-        return [taken.vjp({"q": np.ones_like(systems.q)}, by=["q", "qd"], threads=threads)[n] for n in ("q", "qd")]
+        found = taken.vjp({"q": np.ones_like(systems.q)}, by=["q", "qd"], threads=threads)
+        return found["q"], found["qd"]
 
     return ask
 
@@ -87,7 +88,7 @@ def function_of_a_task() -> Ask:
     """A function of named arrays, as the observations of gym's tasks are."""
     evaluate = BatchFunction(lambda given: {"y": 2.0 * np.sin(given["x"])}, {"x": (3,)}, {"y": (3,)})
     x = np.random.default_rng(0).normal(size=(COUNT, 3))
-    return lambda threads: [evaluate(COUNT, {"x": x}, threads)["y"]]
+    return lambda threads: (evaluate(COUNT, {"x": x}, threads)["y"],)
 
 
 KINDS = [forward_dynamics, kinetic_energy, gradients, law, rollout, recorded, tape, function_of_a_task]
@@ -140,4 +141,4 @@ def one_system(threads: Any) -> Any:
 @pytest.mark.parametrize("threads", [None, 1, np.int64(2)])
 def test_accepted(threads):
     """For one system, too, where they have nothing to do."""
-    assert all_same_bits([one_system(threads).memory], [one_system(1).memory])
+    assert all_same_bits((one_system(threads).memory,), (one_system(1).memory,))
