@@ -9,6 +9,7 @@ import ctypes
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from typing import Any
 
@@ -43,6 +44,7 @@ class BatchKernel:
         key: str = "",
         lanes: int | None = None,
         quick: bool = False,
+        shown: Callable[[], AbstractContextManager[object]] = nullcontext,
     ) -> None:
         """Prepare to compile a schedule; nothing is compiled yet.
 
@@ -53,8 +55,9 @@ class BatchKernel:
             lanes: how many systems are computed side by side; by default as many as fit a vector register.
             quick: whether to spend less time on optimisation, for code that will not run for long. The results are
                 the same bit for bit.
+            shown: returns the context within which to compile, which shows it to people.
         """
-        self._quick = quick
+        self._quick, self._shown = quick, shown
         self.externals, self.lanes = externals, lanes or cpu.lanes()
         self._make, self._key = make, f"{key}/{self.lanes}" if key else ""
         self._compiling = threading.Lock()
@@ -127,7 +130,8 @@ class BatchKernel:
 
     @cached_property
     def _batch_code(self) -> cpu.Code:
-        return cpu.Code(self._batch_source, "batch", key=self._key and f"{self._key}/batch", quick=self._quick)
+        with self._shown():
+            return cpu.Code(self._batch_source, "batch", key=self._key and f"{self._key}/batch", quick=self._quick)
 
     def _batch_source(self) -> tuple[str, cpu.Notes]:
         text, arena = batch_module(self.schedule, self.lanes)

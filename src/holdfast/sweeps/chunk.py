@@ -16,6 +16,7 @@ from holdfast.errors import ResultError
 from holdfast.io.columns import array_columns
 from holdfast.io.save_run import meta_of
 from holdfast.io.tables import pyarrow
+from holdfast.progress import busy
 from holdfast.simulation.rollout.record import RolloutRecord
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.setting import Setting
@@ -87,7 +88,8 @@ def compute(task: Chunk, threads: int | None = 1) -> Computed:
             f" {_listed(made_by())}; try the same installation on all computers"
         )
     rollout: Rollout = _unpacked(task.rollout)
-    record = rollout.run(rollout.start(**task.rows, threads=threads), **task.run, threads=threads)
+    with busy(False, "a chunk"):  # workers show nothing
+        record = rollout.run(rollout.start(**task.rows, threads=threads), **task.run, threads=threads)
     data = encoded(columns_of(record, task), task.plan)
     counts = Counter(status.name for status in record.systems.status)
     return Computed(task.number, data, counts, time.perf_counter() - start, os.getpid())

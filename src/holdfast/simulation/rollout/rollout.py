@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled.arrays import require_threads
+from holdfast.compiled.kernels import compiling
 from holdfast.compiled.structure import Options
 from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
@@ -17,7 +19,6 @@ from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.progress import busy
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.rollout.arguments import (
@@ -121,7 +122,7 @@ class Rollout:
         memory: Any = None,
         t: float = 0.0,
         threads: int | None = None,
-        progress: bool = False,
+        progress: bool | None = None,
         **given: Any,
     ) -> RolloutSystems:
         """Return systems at given states, projected onto the grasps, which the states must nearly satisfy.
@@ -136,17 +137,16 @@ class Rollout:
             memory: (m,) memory of the law; by default its initial memory.
             t: initial time [s].
             threads: as for `step`.
-            progress: whether to show that machine code is made, which takes seconds the first time.
+            progress: as for `holdfast.compile`.
             **given: parameters of the law and the chain, as for `step`; the systems keep them.
 
         Raises:
             StateError: a shape is wrong, or there are no systems.
         """
-        require_threads(threads)
         every = (q, qd, object_pose, object_twist, floating_pose, floating_twist)
         systems = systems_at(self, state_arguments(self.chain, *every), memory, number("t", t))
         systems.keep_inputs(call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
-        with busy(progress, f"compiling steps of {', '.join(self.chain.names)}"):
+        with nullcontext() if progress is None else compiling(self.chain, "steps", progress):
             return self._started(systems, threads)
 
     def take_over(self, systems: RolloutSystems, *, threads: int | None = None, **given: Any) -> RolloutSystems:
@@ -167,7 +167,6 @@ class Rollout:
             StateError: the joints differ, or a shape is wrong.
         """
         require_systems(systems)
-        require_threads(threads)
         joints, others = self.chain.joint_names(), systems.chain.joint_names()
         if joints != others:
             raise StateError(
@@ -358,6 +357,7 @@ class Rollout:
 
     def _started(self, systems: RolloutSystems, threads: int | None) -> RolloutSystems:
         """Return the systems projected onto the grasps and evaluated there."""
+        require_threads(threads)
         given = {name: systems.arrays[name].copy() for name in state_fields(self.chain)}
         if self.generic_rank is None and (near := next(closed_systems(self, systems), None)) is not None:
             self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
