@@ -43,13 +43,13 @@ def kernel(made: Computation) -> Kernel:
         return found
 
 
-def batch_kernel(made: Computation, what: str, quick: bool = False) -> BatchKernel:
+def batch_kernel(made: Computation, quick: bool = False, what: str = "steps") -> BatchKernel:
     """Return a kernel of one computation for batches only.
 
     Args:
         made: the computation.
-        what: what it is called where compiling it is shown.
         quick: whether to shorten compilation at the cost of run time.
+        what: what it is called where compiling it is shown.
     """
     shown = partial(compiling, made.structure.chain, what, None)
     return BatchKernel(made.externals, _told(made), key_of(made), quick=quick, shown=shown)

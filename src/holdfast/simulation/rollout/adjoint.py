@@ -60,7 +60,9 @@ class AdjointKernel:
         scheme = "closing" if tableau is None else tableau.name
         model = VariedStep(step.model, tableau or EULER)
         what = f"adjoint/{scheme}/{','.join(self.by)};{','.join(self.of)}"
-        self._code = batch_kernel(step.computation(what, self.externals, self._gradients(model, tableau)), "gradients")
+        self._code = batch_kernel(
+            step.computation(what, self.externals, self._gradients(model, tableau)), what="gradients of steps"
+        )
 
     @classmethod
     def of_step(cls, step: StepKernel, tableau: Tableau | None, by: Sequence[str], of: Sequence[str]) -> AdjointKernel:
