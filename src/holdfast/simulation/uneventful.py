@@ -38,7 +38,7 @@ from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.scalar import Array
 from holdfast.state import found_state
 
-SHORTER = 0.5  # bound on the ratio of two sizes of a chain (`coordinate_sizes`) in neighbouring configurations
+SIZE_RATIO = 0.5  # bound on the ratio of two sizes of a chain (`coordinate_sizes`) in neighbouring configurations
 
 
 def uneventful_steps(at: RunState, most: int) -> Stretch | None:
@@ -259,7 +259,7 @@ def _near_singular(at: RunState, steps: _Steps) -> Array:
     found = changes_much(before, here, later)
     sizes = np.ones(chain.joint_count)
     if not all(joint.turns for joint in chain.all_joints):
-        sizes = SHORTER * coordinate_sizes(chain_at_rest(at.now.chain, at.now.state))[: chain.joint_count]
+        sizes = SIZE_RATIO * coordinate_sizes(chain_at_rest(at.now.chain, at.now.state))[: chain.joint_count]
         sizes[[joint.turns for joint in chain.all_joints]] = 1.0
     turning = np.maximum(*(_turning(z) for z in (x, y)))
     moved = np.maximum((np.abs(y["q"] - x["q"]) / sizes).max(axis=1, initial=0.0), h * turning)
