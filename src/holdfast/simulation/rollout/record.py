@@ -28,9 +28,10 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, whole_number
+from holdfast.simulation.rollout.fused_stepper import systems_at
 from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems, status_summary
 from holdfast.simulation.rollout.user_functions import with_wrenches
-from holdfast.simulation.sample import sample
+from holdfast.simulation.sample import Samples, recorded, sample
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory, joined
@@ -166,16 +167,18 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     at.call_inputs, at.under = last.call_inputs, ()  # the arguments of `run` act from the start
     world = _environment(rollout, last)
     steps = round((float(record.t[-1]) - float(record.t[0])) / arguments.step)
-    samples = [_sample(world, rollout, at)]
+    rows = [_row(at)]
     for done in range(0, steps, stride):
         rollout.step(at, arguments.step, steps=min(stride, steps - done), **arguments.options)
-        if float(at.t[0]) > samples[-1].t[0]:
-            samples.append(_sample(world, rollout, at))
+        if at.t[0] > rows[-1]["t"][0]:
+            rows.append(_row(at))
     state = record.systems.status[number]
     stopped = None
     if state is not RolloutStatus.RUNNING:
         stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
-    run = joined(samples, stopped)
+    # at the start the forces are those under the arguments of `start`, so that sample is computed anew
+    first, later = _sample(world, rollout, {name: x[0] for name, x in rows[0].items()}), rows[1:]
+    run = joined([first, _recorded(world, rollout, last, later)] if later else [first], stopped)
     moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
     options = {"scheme": rollout.scheme, **arguments.options}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])
@@ -224,14 +227,37 @@ def _bodies(own: Mapping[str, Array], names: Sequence[str]) -> list[Link]:
     return [Link(mass, com, inertia, physical=False) for mass, com, inertia in rows]
 
 
-def _sample(world: Environment, rollout: Any, at: RolloutSystems) -> Trajectory:
-    """Return a sample of a system at its current state, with its current torques."""
-    parts = {field: at.arrays[name][0] for name, field in state_fields(rollout.chain).items()}
-    tau = np.array(at.tau[0])
-    now = evaluate(
-        world, lambda *_: (tau, None), float(at.t[0]), State(**parts), None, generic_rank=rollout.generic_rank
-    )
-    gaps = Gaps(*np.column_stack([at.drift[0], at.gap[0]]))
-    sums = Sums(np.array(at.work[0]), 0.0, np.zeros(6))
-    accounting = partial(accounts_of, world)
-    return sample(world, accounting, now, gaps, sums, np.array([now.t]), Signals(world.chain).of(now)[None])
+def _row(at: RolloutSystems) -> dict[str, Array]:
+    """Return a copy of the arrays of one system, with its time."""
+    return {**{name: x.copy() for name, x in at.arrays.items()}, "t": np.array(at.t)}
+
+
+def _recorded(
+    world: Environment, rollout: Any, last: RolloutSystems, rows: Sequence[Mapping[str, Array]]
+) -> Trajectory:
+    """Return the run of one system whose arrays at the samples are given."""
+    x = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    signals, sums = Signals(world.chain), Sums(np.zeros(4), 0.0, np.zeros(6))
+    if (x["rank"] < world.chain.constraint_row_count).any():  # forces that are not unique are chosen by the reference
+        return joined(
+            [_sample(world, rollout, {name: array[k] for name, array in x.items()}) for k in range(len(rows))]
+        )
+    margins, t = signals.of_arrays(x), x["t"]
+    of_grasps = margins[:, : len(world.chain.arms)]
+    inputs, parameters = kernel_arguments(rollout.kernel, last.call_inputs)
+
+    def accounting(t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        now = {**inputs, "begin": t, "step": np.array(0.0), "held": np.array(1.0)}
+        return rollout.kernel.accounts(systems_at(rollout.kernel, arrays), now, parameters)
+
+    allowed, times = (of_grasps, of_grasps, of_grasps), np.repeat(t[:, None], margins.shape[1], axis=1)
+    return recorded(world, accounting, Samples(t, x, allowed, x["gaps"], x["work"], margins, times), sums)
+
+
+def _sample(world: Environment, rollout: Any, x: Mapping[str, Array]) -> Trajectory:
+    """Return a sample of a system with the given arrays, with its current torques."""
+    state, tau = State(**{field: x[name] for name, field in state_fields(rollout.chain).items()}), x["drive"]
+    now = evaluate(world, lambda *_: (tau, None), float(x["t"]), state, None, generic_rank=rollout.generic_rank)
+    gaps, sums = Gaps(*x["gaps"].reshape(2, 2).T), Sums(x["work"], 0.0, np.zeros(6))
+    margins = Signals(world.chain).of(now)[None]
+    return sample(world, partial(accounts_of, world), now, gaps, sums, np.array([now.t]), margins)
