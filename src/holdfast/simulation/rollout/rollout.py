@@ -14,6 +14,7 @@ from holdfast.compiled.arrays import require_threads
 from holdfast.compiled.kernels import compiling
 from holdfast.compiled.structure import Options
 from holdfast.control.controller import ControlLaw
+from holdfast.control.sampled import SampledTorque
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
 from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
@@ -28,6 +29,7 @@ from holdfast.simulation.rollout.arguments import (
     drift_limit,
     kernel_arguments,
     number,
+    require_at_samples,
     require_systems,
     state_arguments,
     step_inputs,
@@ -180,7 +182,9 @@ class Rollout:
         stale += ["base_R", "base_p"] if self.base_motion else []
         takes = {name: external.shape for name, external in self.kernel.externals.items() if name not in stale}
         kept = {name: x for name, x in before.call_inputs.items() if takes.get(name) == x.shape[1:]}
-        memory = before.arrays.get("memory", np.zeros((len(systems), 0)))
+        # a sample at this time is taken again, with the grasps and the law of this rollout
+        kept_memory = "before" if isinstance(self.law.torque, SampledTorque) else "memory"
+        memory = before.arrays.get(kept_memory, np.zeros((len(systems), 0)))
         remembered = memory if memory.shape[1] == len(self.law.memory) else None
         found = self.kernel.systems({name: before.arrays[name] for name in state_fields(self.chain)}, remembered)
         for array, x in ((found[key], before.arrays.get(key)) for key in found):
@@ -242,6 +246,7 @@ class Rollout:
         lengths, new = step_lengths(step, len(systems)), call_inputs(self.kernel, given, len(systems))
         inputs, parameters = kernel_arguments(self.kernel, systems.call_inputs | new)
         self.kernel.require_own(systems.arrays)  # all checks come before the first change
+        require_at_samples(self.law, systems, lengths)
         systems.set_step_length(lengths)
         systems.started_from = None
         if systems.keep_inputs(new, self.law, self.inputs):  # the slopes were evaluated with other torques

@@ -11,6 +11,7 @@ from holdfast.compiled import arrays
 from holdfast.compiled.arrays import invalid_mask, largest_positions
 from holdfast.compiled.statuses import MOST_TRIED, system
 from holdfast.compiler.schedule import External
+from holdfast.control.sampled import initial_memories
 from holdfast.dynamics.rank import closed_near, held_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
@@ -38,7 +39,8 @@ def systems_at(rollout: Rollout, given: Mapping[str, Any], memory: Any, t: float
         raise StateError("rollout: expected at least one system, got arrays without rows")
     count = count or 1
     bad = invalid_mask(state, {name: len(s) for name, s in shapes.items()}, largest_positions(rollout.chain), count)
-    remembered = None if memory is None else fitting("memory", memory, (len(rollout.law.memory),), count)
+    memory = initial_memories(rollout.law, range(count)) if memory is None else memory
+    remembered = fitting("memory", memory, (len(rollout.law.memory),), count)
     found = rollout.kernel.systems(state, remembered, count)
     bad = np.zeros(count, dtype=bool) if bad is None else bad
     for pose in (found[name] for name in given if name.endswith("pose")):
