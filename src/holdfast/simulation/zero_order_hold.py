@@ -67,9 +67,7 @@ class HeldTorques:
     delay: float
 
 
-def at_samples(
-    controller: Any, sample_time: float | None, delay: float
-) -> tuple[Any, float | None, float]:
+def at_samples(controller: Any, sample_time: float | None, delay: float) -> tuple[Any, float | None, float]:
     """Return the controller that is called at samples, the sample time and the delay.
 
     Args:

@@ -16,6 +16,7 @@ import numpy as np
 
 from holdfast import outer
 from holdfast.compiled.statuses import system
+from holdfast.control.sampled import SampledTorque
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -166,10 +167,18 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     at.call_inputs, at.under = last.call_inputs, ()  # the arguments of `run` act from the start
     world = _environment(rollout, last)
     steps = round((float(record.t[-1]) - float(record.t[0])) / arguments.step)
+    sampled = isinstance(rollout.law.torque, SampledTorque)
     samples = [_sample(world, rollout, at)]
     for done in range(0, steps, stride):
-        rollout.step(at, arguments.step, steps=min(stride, steps - done), **arguments.options)
+        count, acting = min(stride, steps - done), None
+        if sampled:  # both sides of a jump of the torques are samples
+            if count > 1:
+                rollout.step(at, arguments.step, steps=count - 1, **arguments.options)
+            count, acting = 1, at.tau[0].copy()
+        rollout.step(at, arguments.step, steps=count, **arguments.options)
         if float(at.t[0]) > samples[-1].t[0]:
+            if acting is not None and not np.array_equal(acting, at.tau[0]):
+                samples.append(_sample(world, rollout, at, float(np.nextafter(at.t[0], 0.0)), acting))
             samples.append(_sample(world, rollout, at))
     state = record.systems.status[number]
     stopped = None
@@ -224,13 +233,13 @@ def _bodies(own: Mapping[str, Array], names: Sequence[str]) -> list[Link]:
     return [Link(mass, com, inertia, physical=False) for mass, com, inertia in rows]
 
 
-def _sample(world: Environment, rollout: Any, at: RolloutSystems) -> Trajectory:
-    """Return a sample of a system at its current state, with its current torques."""
+def _sample(
+    world: Environment, rollout: Any, at: RolloutSystems, t: float | None = None, acting: Array | None = None
+) -> Trajectory:
+    """Return a sample of a system at its current state; by default at its time, with its current torques."""
     parts = {field: at.arrays[name][0] for name, field in state_fields(rollout.chain).items()}
-    tau = np.array(at.tau[0])
-    now = evaluate(
-        world, lambda *_: (tau, None), float(at.t[0]), State(**parts), None, generic_rank=rollout.generic_rank
-    )
+    tau, t = np.array(at.tau[0]) if acting is None else acting, float(at.t[0]) if t is None else t
+    now = evaluate(world, lambda *_: (tau, None), t, State(**parts), None, generic_rank=rollout.generic_rank)
     gaps = Gaps(*np.column_stack([at.drift[0], at.gap[0]]))
     sums = Sums(np.array(at.work[0]), 0.0, np.zeros(6))
     accounting = partial(accounts_of, world)

@@ -18,10 +18,10 @@ import numpy as np
 from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_status
 from holdfast.compiled.parameters import WRENCHES
 from holdfast.compiled.traced_chain import Given, framed
-from holdfast.dynamics.closed.chain_solution import ChainSolution
-from holdfast.dynamics.closed.force_elements import with_force_elements, without_force_elements
 from holdfast.control.controller import ControlLaw
 from holdfast.control.sampled import within_steps
+from holdfast.dynamics.closed.chain_solution import ChainSolution
+from holdfast.dynamics.closed.force_elements import with_force_elements, without_force_elements
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.derivatives import PointRule, by_pose, motion_of
 from holdfast.dynamics.projection import STEP_ROUNDS, Change, displaced_by, quickened, turned_and_shifted
