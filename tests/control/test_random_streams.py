@@ -49,7 +49,7 @@ def test_normal_distribution(count):
     for state in states:
         mine = []
         while len(mine) * count < 4000:
-            drawn, state = normals(state, count)  # noqa: PLW2901
+            drawn, state = normals(state, count)
             mine.append(drawn)
         found.append(np.concatenate(mine)[:4000])
     numbers = np.array(found)

@@ -134,7 +134,9 @@ def test_impossible_arguments(options, message):
 def test_impossible_laws():
     """What cannot be traced, what has values already, what is sampled, joints without limits, laws without noise."""
     law = sampled(LAW, CHAIN, **EVERY)
-    free = replace(CHAIN, arms={k: a.of(joints=[replace(j, effort_limit=np.inf) for j in a.joints]) for k, a in CHAIN.arms.items()})
+    free = replace(
+        CHAIN, arms={k: a.of(joints=[replace(j, effort_limit=np.inf) for j in a.joints]) for k, a in CHAIN.arms.items()}
+    )
     for bad, chain, message in (
         (lambda t, now, memory: (now.q, memory), CHAIN, "got function; try ControlLaw"),
         (LAW.given({}), CHAIN, "got GivenLaw"),

@@ -328,5 +328,5 @@ def test_sampled_laws(tmp_path):
     own = hf.control.noise_stream(sampled, 4)
     run = hf.simulate(chain, state, own, 8e-3, 1e-3, parameters={"stiffness": 200.0})
     assert np.abs(run.q[-1] - positions[:, 4]).max() <= 1e-11
-    with pytest.raises(hf.errors.StateError, match="expected one that divides the sample time 0.002 s"):
+    with pytest.raises(hf.errors.StateError, match=r"expected one that divides the sample time 0\.002 s"):
         hf.sweep(chain, sampled, store=tmp_path / "odd", **(plan | {"step": 8e-3}))

@@ -1,7 +1,7 @@
 """A control law with the sensors, the actuators and the limits of a robot, evaluated once per sample.
 
 measurements: resolution * rint((x + noise) / resolution)
-torques: those of the law -> rounded to their resolution -> clipped to the limits -> change since the last sample clipped
+torques: those of the law -> rounded -> clipped to the limits -> change since the last sample clipped
 
 The noise of the torques is added to the result; it is not part of the command that the next sample compares with.
 """
@@ -25,8 +25,6 @@ from holdfast.spatial.differentiation import bare
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, clip, concatenate, rint, where
 from holdfast.state import State
-
-POSE = "object_pose"
 
 
 def evaluated(
@@ -106,7 +104,7 @@ class DigitalTorque(Frozen):
         found = {name: getattr(state, name) for name in {**self.noise, **self.resolution} if name != "tau"}
         for name, x in found.items():
             if name in noise:
-                x = turned_and_shifted(x, noise[name]) if name == POSE else x + noise[name]
+                x = turned_and_shifted(x, noise[name]) if name == "object_pose" else x + noise[name]
             found[name] = self._rounded(name, x)
         return comparable(replace(state, **found)) if found else state
 

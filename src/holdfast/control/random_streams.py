@@ -30,7 +30,7 @@ TRANSITIONS = (
     ((0, 1, 0), (0, 0, 1), (-1370589, 0, 527612)),
 )
 STREAM_BITS = 63
-APART = 127  # logarithm to base 2 of the number of draws from one stream to the next
+LOG_SPACING = 127  # logarithm to base 2 of the number of draws from one stream to the next
 ROOTS = 6  # so many square roots bring an argument of the logarithm close to 1
 TERMS = 9  # of the logarithm's series
 
@@ -61,8 +61,8 @@ def stream_states(seed: int, streams: ArrayLike) -> Array:
 def _jumps(k: int) -> tuple[Array, ...]:
     """Return the matrices (3, 3) that take one of the two recurrences 1, 2, 4 ... streams further."""
     power, found = np.array(TRANSITIONS[k], dtype=object), []
-    for squared in range(APART + STREAM_BITS):
-        if squared >= APART:
+    for squared in range(LOG_SPACING + STREAM_BITS):
+        if squared >= LOG_SPACING:
             found.append(power.astype(np.uint64))
         power = power @ power % MODULI[k]
     return tuple(found)

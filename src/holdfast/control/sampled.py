@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw
-from holdfast.control.digital_law import POSE, DigitalTorque, evaluated
+from holdfast.control.digital_law import DigitalTorque, evaluated
 from holdfast.control.random_streams import STATE_SIZE, STREAM_BITS, stream_states
 from holdfast.control.traced_law import law_of
 from holdfast.errors import ModelError, StateError
@@ -29,8 +29,8 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, concatenate, select, where
 from holdfast.state import State
 
-NOISY = ("q", "qd", POSE, "object_twist", "tau")
-ROUNDED = ("q", "qd", "tau")
+WITH_NOISE = ("q", "qd", "object_pose", "object_twist", "tau")
+WITH_RESOLUTION = ("q", "qd", "tau")
 EARLY = 1e-6  # part of a sample by which a time may fall short of that of a sample, by rounding
 MOST_WAITING = 100
 LARGEST_DENOMINATOR = 1000  # of delay / sample_time, where steps are proposed
@@ -79,8 +79,8 @@ def sampled(
     law, n = _traceable(controller, chain), chain.joint_count
     limits = _limits(saturation, chain)
     change = np.full(n, np.inf) if rate_limit is None else period * _positive(rate_limit, n, "rate_limit")
-    deviations = _by_name(noise, NOISY, n, "noise")
-    steps = _by_name(resolution, ROUNDED, n, "resolution")
+    deviations = _by_name(noise, WITH_NOISE, n, "noise")
+    steps = _by_name(resolution, WITH_RESOLUTION, n, "resolution")
     if deviations and seed is None:
         raise ModelError("sampled: seed: expected an integer >= 0 for the noise, got none; try seed=0")
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0):
@@ -89,7 +89,7 @@ def sampled(
     if deviations or steps or np.isfinite([limits, change]).any():
         known = exact_fingerprint([n, deviations, steps, limits, change]) if law.key else None
         key = f"digital/{known}/{law.key}" if known else ""
-        source = stream_states(int(seed), 0)[0] if deviations else np.zeros(STATE_SIZE)
+        source = stream_states(seed or 0, 0)[0] if deviations else np.zeros(STATE_SIZE)
         law = ControlLaw(digital, digital.memory(source), law.parameters, key)
     torque = SampledTorque(law, n, period, late, seed if deviations else None)
     key = f"sampled/{period!r}/{late!r}/{law.key}" if law.key else ""

@@ -10,6 +10,7 @@ import holdfast as hf
 from holdfast.control import GravityCompensation, noise_stream, sampled
 from holdfast.control.sampled import initial_memories
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
+from holdfast.simulation import Rollout, RolloutSystems, Trajectory
 from holdfast.simulation.events import Release
 from holdfast.spatial.scalar import sin
 from tests.longer import mostly_slow
@@ -41,7 +42,7 @@ def law(name: str) -> hf.ControlLaw:
 
 
 @cache
-def rollout(name: str = "one", delay: float = 0.0, scheme: str = "rk4", imperfect: bool = False) -> hf.simulation.Rollout:
+def rollout(name: str = "one", delay: float = 0.0, scheme: str = "rk4", imperfect: bool = False) -> Rollout:
     """Return the rollout of a law sampled every two steps; the delay is in samples."""
     chain, _ = problem(name)
     options = IMPERFECT if imperfect else {}
@@ -49,23 +50,28 @@ def rollout(name: str = "one", delay: float = 0.0, scheme: str = "rk4", imperfec
     return hf.compile_rollout(chain, sampled_law, scheme=scheme)
 
 
-def started(of: hf.simulation.Rollout, count: int, name: str = "one", **given) -> hf.simulation.RolloutSystems:
+def started(of: Rollout, count: int, name: str = "one", **given) -> RolloutSystems:
     """Return systems at the chain's state."""
     return of.start(**tiled(problem(name)[1], count), **({"stiffness": 5.0} | given))
 
 
-def after_jumps(run: hf.simulation.Trajectory, times: np.ndarray) -> np.ndarray:
+def after_jumps(run: Trajectory, times: np.ndarray) -> np.ndarray:
     """Return the indices of the samples at some times, of two at a jump the later one."""
     return np.searchsorted(run.t, times + 1e-12, side="right") - 1
 
 
 WAYS = [("one", delay, "rk4", False) for delay in (0.0, 0.5, 1.0, 2.5, 4.0)]
-WAYS += [("one", 1.5, "rk4", True), ("one", 0.0, "midpoint", True), ("five", 0.5, "rk4", False), ("five", 1.0, "rk4", True)]
+WAYS += [
+    ("one", 1.5, "rk4", True),
+    ("one", 0.0, "midpoint", True),
+    ("five", 0.5, "rk4", False),
+    ("five", 1.0, "rk4", True),
+]
 
 
 @pytest.mark.parametrize(("name", "delay", "scheme", "imperfect"), mostly_slow(WAYS, [WAYS[3], WAYS[5]]))
 def test_as_simulate(name, delay, scheme, imperfect):
-    """The same law gives the same motion and torques, for delays of parts of a sample and of several, and with noise."""
+    """The same law gives the same motion and torques, for delays of part of a sample and of several, and with noise."""
     of, (chain, state) = rollout(name, delay, scheme, imperfect), problem(name)
     record = of.run(started(of, 1, name), 0.03, H, record=("q", "qd", "object_pose", "object_twist", "tau"))
     run = hf.simulate(chain, state, of.law, 0.03, H, parameters={"stiffness": 5.0}, scheme=scheme)
@@ -99,7 +105,7 @@ def test_simulate_takes_the_law_or_its_times():
         for array in ("t", "q", "tau", "grasp_wrench"):
             assert getattr(one, array).tobytes() == getattr(other, array).tobytes()
         assert other.setting.options["sample_time"] == 2 * H
-    with pytest.raises(ModelError, match="expected none beside a sampled law, which has 0.002 s and 0.001 s, got sample"):
+    with pytest.raises(ModelError, match=r"expected none beside a sampled law, which has 0\.002 s and 0\.001 s"):
         hf.simulate(chain, state, timed, 0.01, H, sample_time=H)
 
 
@@ -144,7 +150,7 @@ def on_paper(samples: int, ahead: int, later: float, period: float, gains: tuple
 @pytest.mark.parametrize(("ahead", "later"), [(0, 0.0), (0, 2e-3), (1, 0.0), (1, 3e-3), (3, 0.0)])
 def test_double_integrator(ahead, later):
     """A sliding mass under a sampled spring and damper is a linear map from sample to sample: exact, for any delay."""
-    chain, state = pressed()
+    chain, _ = pressed()
     period, gains = 5e-3, (300.0, 25.0)
 
     def torque(t, now, memory, given):
@@ -263,7 +269,7 @@ def test_gradients():
     with pytest.raises(StateError, match="tape: by: no 'step'"):
         tape(50.0).vjp(by=("step",))
     rounded = rollout("one", 0.5, imperfect=True)
-    with pytest.raises(MethodNotApplicable, match="expected no rounding of what is varied.*try a law without"):
+    with pytest.raises(MethodNotApplicable, match=r"expected no rounding of what is varied.*try a law without"):
         rounded.tape(started(rounded, 1), H, steps=2).vjp()
 
 
@@ -288,18 +294,19 @@ def test_steps_that_miss_samples():
         assert systems.t[0] == 0.0
     late = hf.compile_rollout(chain, sampled(law("one"), chain, sample_time=2 * H))
     systems = late.step(started(late, 1), H)
-    with pytest.raises(StateError, match="got 0.002 s at 0.001 s after the last sample of system 0; try steps of 0.001 s"):
+    with pytest.raises(StateError, match=r"at 0\.001 s after the last sample of system 0; try steps of 0\.001 s"):
         late.step(systems, 2 * H)
     late.step(late.step(systems, H), 2 * H)
 
 
 def test_another_rollout_samples_again():
-    """Where grasps open at a sample, the law of the new rollout is asked, as in `simulate`; in between, torques stay."""
+    """Where grasps open at a sample, the new rollout's law is asked, as in `simulate`; in between, torques stay."""
     chain, state = squeezed(("rigid", "rigid"))
     one_hand = chain.without_grasp("right")
     laws = [hf.ControlLaw(lambda t, x, m, given, k=k: (k * np.ones(6), m)) for k in (1.0, 2.0)]
     both, single = (
-        hf.compile_rollout(c, sampled(one, c, sample_time=2 * H)) for c, one in zip((chain, one_hand), laws, strict=True)
+        hf.compile_rollout(c, sampled(one, c, sample_time=2 * H))
+        for c, one in zip((chain, one_hand), laws, strict=True)
     )
     systems = both.step(both.start(**tiled(state, 1)), H, steps=4)
     assert single.take_over(systems).tau[0, 0] == 2.0

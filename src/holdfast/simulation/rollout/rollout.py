@@ -182,9 +182,8 @@ class Rollout:
         stale += ["base_R", "base_p"] if self.base_motion else []
         takes = {name: external.shape for name, external in self.kernel.externals.items() if name not in stale}
         kept = {name: x for name, x in before.call_inputs.items() if takes.get(name) == x.shape[1:]}
-        # a sample at this time is taken again, with the grasps and the law of this rollout
-        kept_memory = "before" if isinstance(self.law.torque, SampledTorque) else "memory"
-        memory = before.arrays.get(kept_memory, np.zeros((len(systems), 0)))
+        which = "before" if isinstance(self.law.torque, SampledTorque) else "memory"  # a sample is taken again
+        memory = before.arrays.get(which, np.zeros((len(systems), 0)))
         remembered = memory if memory.shape[1] == len(self.law.memory) else None
         found = self.kernel.systems({name: before.arrays[name] for name in state_fields(self.chain)}, remembered)
         for array, x in ((found[key], before.arrays.get(key)) for key in found):
