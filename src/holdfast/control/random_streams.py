@@ -31,8 +31,7 @@ TRANSITIONS = (
 )
 STREAM_BITS = 63
 LOG_SPACING = 127  # logarithm to base 2 of the number of draws from one stream to the next
-ROOTS = 6  # so many square roots bring an argument of the logarithm close to 1
-TERMS = 9  # of the logarithm's series
+TERMS = 16  # of the logarithm's series
 
 
 def stream_states(seed: int, streams: ArrayLike) -> Array:
@@ -100,17 +99,19 @@ def uniform(x: Sequence[Scalar]) -> tuple[list[Scalar], Scalar]:
 
 
 def _remainder(x: Scalar, m: int) -> Scalar:
-    """Return x mod m of an integer |x| < 2^53."""
-    rest = x - float(m) * rint(x / float(m))
+    """Return x mod m of an integer |x| < 2^53; the quotient may be rounded to either side."""
+    rest = x - float(m) * rint(x * (1.0 / m))
     return where(rest < 0.0, rest + float(m), rest)
 
 
 def _log(u: Scalar) -> Scalar:
-    """Return the logarithm of a number between 2^-33 and 1: 2^k log u^(1/2^k) by the series of artanh."""
-    for _ in range(ROOTS):
-        u = sqrt(u)
+    """Return the logarithm of a number between 2^-32 and 1: log(2^k u) - k log 2, by the series of artanh."""
+    scaled = 0.0
+    for k in (16, 8, 4, 2, 1):  # 2^k u is at least 1/2 afterwards
+        small = u < 2.0**-k
+        u, scaled = where(small, 2.0**k * u, u), where(small, scaled + k, scaled)
     z = (u - 1.0) / (u + 1.0)
     total = 0.0
     for k in reversed(range(TERMS)):
         total = total * (z * z) + 1.0 / (2 * k + 1)
-    return 2.0 ** (ROOTS + 1) * z * total
+    return 2.0 * z * total - math.log(2.0) * scaled

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw
 from holdfast.control.digital_law import DigitalTorque, evaluated
 from holdfast.control.random_streams import STATE_SIZE, STREAM_BITS, stream_states
-from holdfast.control.traced_law import law_of
+from holdfast.control.traced_law import law_key, law_of, require_function
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
@@ -68,8 +68,8 @@ def sampled(
         rate_limit: largest rate of change of the command, one number or (n,) [N m/s or N/s]; no limit for the first.
 
     Raises:
-        ModelError: a number, name or shape is invalid, there is noise without a seed, or the controller is not
-            traceable or is sampled already.
+        ModelError: a number, name or shape is invalid, there is noise without a seed, the controller is not traceable
+            or is sampled already, or the law depends on more than its arguments.
     """
     checks.instance(chain, ClosedChain, "sampled: chain")
     period = checks.number(sample_time, "sampled: sample_time", above=0.0)
@@ -85,14 +85,15 @@ def sampled(
         raise ModelError("sampled: seed: expected an integer >= 0 for the noise, got none; try seed=0")
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0):
         raise ModelError(f"sampled: seed: expected an integer >= 0, got {checks.short(seed)}")
+    require_function(law, chain)
+    key = law_key(law, chain)
     digital = DigitalTorque(law, n, deviations, steps, limits, change)
     if deviations or steps or np.isfinite([limits, change]).any():
-        known = exact_fingerprint([n, deviations, steps, limits, change]) if law.key else None
-        key = f"digital/{known}/{law.key}" if known else ""
+        key = f"digital/{exact_fingerprint([n, deviations, steps, limits, change])}/{key}" if key else ""
         source = stream_states(seed or 0, 0)[0] if deviations else np.zeros(STATE_SIZE)
         law = ControlLaw(digital, digital.memory(source), law.parameters, key)
     torque = SampledTorque(law, n, period, late, seed if deviations else None)
-    key = f"sampled/{period!r}/{late!r}/{law.key}" if law.key else ""
+    key = f"sampled/{period!r}/{late!r}/{key}" if key else ""
     return ControlLaw(torque, torque.memory(law.memory), law.parameters, key)
 
 
