@@ -62,4 +62,4 @@ if __name__ == "__main__":
     rest = hf.control.RestToRest(state.object_frame, displacement=[0, 0, 0.05], turn=np.zeros(3), begin=0.0, duration=1)
     tracking = hf.control.ObjectTracking(chain, rest.at, internal_force=40.0)
     compared("joint springs", springs, chain, state)
-    compared("object tracking", hf.control.traced_law.law_of(tracking, chain), chain, state)
+    compared("object tracking", tracking, chain, state)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.control import GravityCompensation, noise_stream, sampled
+from holdfast.control import GravityCompensation, compile_law, noise_stream, sampled
 from holdfast.errors import ModelError
 from tests.control.two_pandas import two_pandas
 
@@ -151,3 +151,22 @@ def test_impossible_laws():
     noisy = sampled(GravityCompensation(CHAIN), CHAIN, **EVERY, noise={"tau": 1.0}, seed=0)
     with pytest.raises(ModelError, match="noise_stream: stream: expected an integer >= 0, got -1"):
         noise_stream(noisy, -1)
+
+
+def test_as_machine_code():
+    """Compiled, a law with all imperfections returns the torques and the memory of its function, sample by sample."""
+    options = {"noise": {"q": 1e-3, "object_pose": 1e-3, "tau": 0.1}, "seed": 3, "resolution": {"q": 1e-4, "tau": 1e-3}}
+    law = sampled(GravityCompensation(CHAIN), CHAIN, sample_time=2e-3, delay=1e-3, **options, rate_limit=1e4)
+    fast, memory, others = compile_law(law, CHAIN), None, None
+    for k in range(8):
+        tau, memory = law(1e-3 * k, STATE, memory)
+        expected, others = fast(1e-3 * k, STATE, others)
+        np.testing.assert_allclose(tau, expected, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(memory, others, rtol=1e-12, atol=1e-9)
+
+
+def test_what_is_no_function():
+    """A law that depends on more than its arguments is refused before it is wrapped."""
+    random = hf.ControlLaw(lambda t, now, memory, given: (np.random.normal(size=N) - now.qd, memory))
+    with pytest.raises(ModelError, match="expected a function of its arguments alone"):
+        sampled(random, CHAIN, **EVERY)

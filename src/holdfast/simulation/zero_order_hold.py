@@ -85,9 +85,11 @@ def at_samples(controller: Any, sample_time: float | None, delay: float) -> tupl
     if sample_time is not None or delay != 0.0:
         raise ModelError(
             f"simulation: sample_time, delay: expected none beside a sampled law, which has {own.sample_time:g} s and"
-            f" {own.delay:g} s, got {_in_words((sample_time, delay))}; try the law that was sampled"
+            f" {own.delay:g} s, got {sample_time!r} and {delay!r}; try the law that was sampled"
         )
-    inner = replace(own.law, memory=law.memory[: len(own.law.memory)])  # its stream of random numbers
+    inner, memory = own.law, law.memory[: len(own.law.memory)]
+    if not np.array_equal(memory, inner.memory):  # another stream of random numbers
+        inner = replace(inner, memory=memory)
     found = inner if law is controller else replace(controller, law=inner)
     return found, own.sample_time, own.delay
 
@@ -166,7 +168,7 @@ def require_same(hold: ZeroOrderHold | None, saved: HeldTorques | None) -> None:
         )
 
 
-def _in_words(given: tuple[Any, float] | None) -> str:
+def _in_words(given: tuple[float, float] | None) -> str:
     return "no sample_time" if given is None else f"sample_time={given[0]:g} and delay={given[1]:g}"
 
 

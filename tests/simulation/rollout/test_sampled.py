@@ -105,8 +105,10 @@ def test_simulate_takes_the_law_or_its_times():
         for array in ("t", "q", "tau", "grasp_wrench"):
             assert getattr(one, array).tobytes() == getattr(other, array).tobytes()
         assert other.setting.options["sample_time"] == 2 * H
-    with pytest.raises(ModelError, match=r"expected none beside a sampled law, which has 0\.002 s and 0\.001 s"):
-        hf.simulate(chain, state, timed, 0.01, H, sample_time=H)
+    for options, got in (({"sample_time": H}, r"0\.001 and 0\.0"), ({"delay": H}, r"None and 0\.001")):
+        expected = rf"expected none beside a sampled law, which has 0\.002 s and 0\.001 s, got {got}"
+        with pytest.raises(ModelError, match=expected):
+            hf.simulate(chain, state, timed, 0.01, H, **options)
 
 
 def test_controllers_follow_the_grasps():
