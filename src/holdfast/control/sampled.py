@@ -33,6 +33,7 @@ WITH_NOISE = ("q", "qd", "object_pose", "object_twist", "tau")
 WITH_RESOLUTION = ("q", "qd", "tau")
 EARLY = 1e-6  # part of a sample by which a time may fall short of that of a sample, by rounding
 MOST_WAITING = 100
+SMALLEST_SETTING, LARGEST_SETTING = 1e-9, 1e9  # what is rounded to 1e-9 is exact up to 2e6, see `scalar.rint`
 LARGEST_DENOMINATOR = 1000  # of delay / sample_time, where steps are proposed
 
 
@@ -74,6 +75,8 @@ def sampled(
     checks.instance(chain, ClosedChain, "sampled: chain")
     period = checks.number(sample_time, "sampled: sample_time", above=0.0)
     late = checks.number(delay, "sampled: delay", at_least=0.0)
+    if period > LARGEST_SETTING:
+        raise ModelError(f"sampled: sample_time: expected at most {LARGEST_SETTING:g} s, got {period:g} s; try 1e-3")
     if late > MOST_WAITING * period:
         raise ModelError(f"sampled: delay: expected at most {MOST_WAITING} samples of {period:g} s, got {late:g} s")
     law, n = _traceable(controller, chain), chain.joint_count
@@ -141,10 +144,10 @@ def _by_name(given: Mapping[str, ArrayLike] | None, known: Sequence[str], n: int
 def _positive(value: ArrayLike, size: int, what: str) -> Array:
     """Return one number for each entry, (size,), from numbers or one for all."""
     x = checks.numbers(value, None, f"sampled: {what}")
-    if x.shape not in ((), (size,)) or not (x > 0.0).all():
+    if x.shape not in ((), (size,)) or not ((x >= SMALLEST_SETTING) & (x <= LARGEST_SETTING)).all():
         raise ModelError(
-            f"sampled: {what}: expected a number > 0, or ({size},) of them, got {checks.short(value)}; leave out what"
-            " has none"
+            f"sampled: {what}: expected a number from {SMALLEST_SETTING:g} to {LARGEST_SETTING:g}, or ({size},) of them, got"
+            f" {checks.short(value)}; leave out what has none"
         )
     return np.full(size, x)
 
