@@ -143,10 +143,10 @@ def _by_name(given: Mapping[str, ArrayLike] | None, known: Sequence[str], n: int
 
 def _positive(value: ArrayLike, size: int, what: str) -> Array:
     """Return one number for each entry, (size,), from numbers or one for all."""
-    x = checks.numbers(value, None, f"sampled: {what}")
-    if x.shape not in ((), (size,)) or not ((x >= SMALLEST_SETTING) & (x <= LARGEST_SETTING)).all():
+    x, low, high = checks.numbers(value, None, f"sampled: {what}"), SMALLEST_SETTING, LARGEST_SETTING
+    if x.shape not in ((), (size,)) or not ((x >= low) & (x <= high)).all():
         raise ModelError(
-            f"sampled: {what}: expected a number from {SMALLEST_SETTING:g} to {LARGEST_SETTING:g}, or ({size},) of them, got"
+            f"sampled: {what}: expected a number from {low:g} to {high:g}, or ({size},) of them, got"
             f" {checks.short(value)}; leave out what has none"
         )
     return np.full(size, x)
