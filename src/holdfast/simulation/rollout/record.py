@@ -16,6 +16,7 @@ import numpy as np
 
 from holdfast import outer
 from holdfast.compiled.statuses import system
+from holdfast.control.sampled import SampledTorque
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -34,7 +35,7 @@ from holdfast.simulation.rollout.user_functions import with_wrenches
 from holdfast.simulation.sample import Samples, recorded, sample
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.step import Gaps
-from holdfast.simulation.trajectory import Trajectory, joined
+from holdfast.simulation.trajectory import Trajectory, array_names, joined
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
@@ -167,18 +168,31 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     at.call_inputs, at.under = last.call_inputs, ()  # the arguments of `run` act from the start
     world = _environment(rollout, last)
     steps = round((float(record.t[-1]) - float(record.t[0])) / arguments.step)
-    rows = [_row(at)]
+    sampled = isinstance(rollout.law.torque, SampledTorque)
+    rows, before_jumps = [_row(at)], []
     for done in range(0, steps, stride):
-        rollout.step(at, arguments.step, steps=min(stride, steps - done), **arguments.options)
+        count, acting = min(stride, steps - done), None
+        if sampled:  # both sides of a jump of the torques are samples
+            if count > 1:
+                rollout.step(at, arguments.step, steps=count - 1, **arguments.options)
+            count, acting = 1, at.tau.copy()
+        rollout.step(at, arguments.step, steps=count, **arguments.options)
         if at.t[0] > rows[-1]["t"][0]:
             rows.append(_row(at))
+            if acting is not None and not np.array_equal(acting, at.tau):
+                before_jumps.append({**rows[-1], "t": np.nextafter(at.t, 0.0), "drive": acting})
     state = record.systems.status[number]
     stopped = None
     if state is not RolloutStatus.RUNNING:
         stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
-    # at the start the forces are those under the arguments of `start`, so that sample is computed anew
-    first, later = _sample(world, rollout, {name: x[0] for name, x in rows[0].items()}), rows[1:]
-    run = joined([first, _recorded(world, rollout, last, later)] if later else [first], stopped)
+    # the forces at the start are those under the arguments of `start`, and those before jumps are not known
+    by_reference = [
+        _sample(world, rollout, {name: x[0] for name, x in row.items()}) for row in (rows[0], *before_jumps)
+    ]
+    parts = [*by_reference, *([_recorded(world, rollout, last, rows[1:])] if len(rows) > 1 else [])]
+    order = np.argsort(np.concatenate([part.t for part in parts]))
+    run = joined(parts, stopped)
+    run = replace(run, **{name: getattr(run, name)[order] for name in array_names()})
     moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
     options = {"scheme": rollout.scheme, **arguments.options}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])

@@ -18,6 +18,7 @@ from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
 from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.control.controller import ControlLaw
+from holdfast.control.sampled import within_steps
 from holdfast.control.traced_law import law_outputs
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
@@ -149,7 +150,13 @@ class TracedSystem:
         return self.given["begin"][()] + (self.last("count")[()] + steps) * self.given["step"][()]
 
     def evaluate(
-        self, t: Scalar, state: State, memory: Array, choose: bool, implicit: Implicit | None = None
+        self,
+        t: Scalar,
+        state: State,
+        memory: Array,
+        choose: bool,
+        implicit: Implicit | None = None,
+        law: ControlLaw | None = None,
     ) -> Evaluation:
         """Return the torques, and the forward dynamics and power with these torques.
 
@@ -159,11 +166,12 @@ class TracedSystem:
             memory: memory to pass to the law.
             choose: choose the constraint rows at this state, instead of using those of the step's start.
             implicit: additional armatures and torques in a stage of a linearly implicit step.
+            law: the control law, if it is not that of the system.
         """
         held = self.held
         if choose and held is not None:
             held = select(self.given["keep_rows"][()] > 0.5, held, np.ones(held.shape))
-        drive, kept = law_outputs(self.law, self.real, t, state, memory, self.given)
+        drive, kept = law_outputs(law or self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
         chain, inputs = self.surroundings(t, state)
         net, solved = drive - lost, chain
@@ -216,8 +224,8 @@ class TracedSystem:
         kept = {field: select(still, self.last(name), getattr(at, field)) for field, name in poses.items()}
         at = replace(at, **kept)
         if isinstance(request, StageRequest):
-            found = self.evaluate(t, at, self.last("memory"), False, request.implicit)
-            return found.slope(request.turns)
+            inside = within_steps(self.law)
+            return self.evaluate(t, at, self.last("memory"), False, request.implicit, inside).slope(request.turns)
         chain, inputs = self.environment.at(t, at)
         closed = after_step(chain, at, inputs, self.held)
         end = State(**{field: select(still, getattr(at, field), getattr(closed, field)) for field in fields.values()})
