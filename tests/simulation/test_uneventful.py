@@ -1,0 +1,185 @@
+"""Steps taken together: the same samples, to the bit, as steps taken one by one; and each sample is asked for once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from benchmarks.bench.systems import facing_pandas
+from examples.benchmarks.n_four_bar import n_four_bar
+
+import holdfast as hf
+from holdfast.forces.force_split import split
+from holdfast.simulation import run as run_module
+from holdfast.simulation.run import FEWEST_TOGETHER, Pace
+from holdfast.simulation.trajectory import array_names
+from holdfast.simulation.uneventful import uneventful_steps
+from holdfast.simulation.zero_order_hold import AskedOnce
+from tests.simulation.problems import PROBLEMS
+
+STEP, STEPS = 1e-3, 80
+RUBBER = hf.Friction(mu=0.8, torsion_radius=0.02)
+
+
+def springs(chain: hf.ClosedChain, state: hf.State, push: float = 40.0, stiffness: float = 200.0) -> hf.ControlLaw:
+    """Return a law that holds a chain by springs in its joints, a little beside where it is."""
+    hold = hf.holding_torques(chain, state, internal_force=push)
+    aside = state.q + 0.002 * np.cos(np.arange(chain.joint_count))
+    return hf.ControlLaw(lambda t, now, memory, given: (hold + stiffness * (aside - now.q) - 2.0 * now.qd, memory))
+
+
+def swaying(t: Any) -> Any:
+    """Return the motion of a base that moves to and fro by a centimetre."""
+    from holdfast.spatial.scalar import array, cos, sin
+
+    along = array([-0.55 + 0.01 * (1.0 - cos(6.0 * t)), 0.0, 0.0])
+    pose = np.concatenate([[1.0, 0.0, 0.0, 0.0], along])
+    none = np.zeros(3)
+    return (
+        pose,
+        np.concatenate([none, [0.06 * sin(6.0 * t), 0.0, 0.0]]),
+        np.concatenate([none, [0.36 * cos(6.0 * t), 0.0, 0.0]]),
+    )
+
+
+swaying.traceable = True  # type: ignore[attr-defined]
+
+
+def of_pandas(kind: Any = "rigid", contact: hf.Friction | None = None, **options: Any) -> Callable[[], Any]:
+    """Return what simulates two Pandas that hold a box."""
+
+    def run(**more: Any) -> hf.simulation.Trajectory:
+        chain, state = facing_pandas(kind, contact)
+        return hf.simulate(chain, state, springs(chain, state), STEPS * STEP, STEP, **options, **more)
+
+    return run
+
+
+def four_bar(**more: Any) -> hf.simulation.Trajectory:
+    """Simulate the N-four-bar, whose forces are not unique, through its first flat configuration."""
+    free = hf.ControlLaw(lambda t, now, memory, given: (0.0 * now.qd, memory))
+    return hf.simulate(*n_four_bar(), free, 0.8, 4e-3, on_singular="continue", **more)
+
+
+def platform(**more: Any) -> hf.simulation.Trajectory:
+    """Simulate a chain with passive joints that slide."""
+    chain, state = PROBLEMS["Stewart platform"]()
+    return hf.simulate(chain, state, springs(chain, state, 0.0), STEPS * STEP, STEP, **more)
+
+
+RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and how many samples at least are together
+    "rigid": (of_pandas(), STEPS // 2),
+    "soft fingers": (of_pandas("softfinger", RUBBER), STEPS // 2),
+    "midpoint": (of_pandas(scheme="midpoint"), STEPS // 2),
+    "sampled": (of_pandas("softfinger", RUBBER, sample_time=2 * STEP), STEPS // 2),
+    "sampled, delayed": (of_pandas(sample_time=STEP, delay=0.5 * STEP), STEPS // 2),
+    "breakpoints": (of_pandas(breakpoints=[0.02, 0.0305]), STEPS // 4),
+    "little drift": (of_pandas(largest_drift=1e-9), STEPS // 4),
+    "an arm lets go": (of_pandas("softfinger", RUBBER, events=[hf.Release(0.04, "left")]), STEPS // 8),
+    "a moving base": (of_pandas(base_motion={"left": swaying}), STEPS // 4),
+    "flat linkage": (four_bar, 50),
+    "platform": (platform, STEPS // 4),
+}
+
+
+@contextmanager
+def together(monkeypatch: pytest.MonkeyPatch, allowed: bool) -> Iterator[list[int]]:
+    """Within this context, count the samples of steps taken together, or let none be taken together."""
+    counts: list[int] = []
+
+    def counted(*given: Any) -> Any:
+        found = uneventful_steps(*given) if allowed else None
+        counts.append(0 if found is None else len(found.samples))
+        return found
+
+    with monkeypatch.context() as patched:
+        patched.setattr(run_module, "uneventful_steps", counted)
+        yield counts
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_same_bits(name, monkeypatch):
+    """Samples, log, and every checkpoint, whatever happens; and most steps are indeed taken together."""
+    run, least = RUNS[name]
+    kept: dict[bool, list[Any]] = {True: [], False: []}
+    with together(monkeypatch, True) as counts:
+        mine = run(on_checkpoint=kept[True].append)
+    with together(monkeypatch, False):
+        theirs = run(on_checkpoint=kept[False].append)
+    assert sum(counts) >= least
+    assert mine.stopped == theirs.stopped
+    assert mine.occurrences == theirs.occurrences
+    for array in array_names():
+        assert getattr(mine, array).tobytes() == getattr(theirs, array).tobytes(), array
+    for a, b in zip(kept[True], kept[False], strict=True):
+        (x, data), (y, other) = a.to_data(), b.to_data()
+        assert data == other
+        assert x.keys() == y.keys()
+        for array in x:
+            assert x[array].tobytes() == y[array].tobytes(), array
+
+
+def test_a_sample_is_asked_for_once(monkeypatch):
+    """Also where steps taken together are taken again one by one, because a minimum or a slip lies in them."""
+    chain, state = facing_pandas("softfinger", RUBBER)
+    law, asked = springs(chain, state), []
+
+    def controller(t: float, now: hf.State, memory: Any) -> Any:
+        asked.append(t)
+        return law(t, now, memory)
+
+    with together(monkeypatch, True) as counts:
+        run = hf.simulate(chain, state, controller, STEPS * STEP, STEP, sample_time=STEP, on_slip="record")
+    assert len(counts) > 3  # some stretches did not come to their end
+    assert run.stopped is None
+    np.testing.assert_allclose(asked, STEP * np.arange(STEPS), atol=1e-15)
+
+
+def test_a_controller_that_fails():
+    """The samples before are kept, and its own error is raised, as when it is asked one by one."""
+    chain, state = facing_pandas()
+    law, seen = springs(chain, state), []
+
+    def controller(t: float, now: hf.State, memory: Any) -> Any:
+        if t > 0.0495:
+            raise ZeroDivisionError("at half time")
+        return law(t, now, memory)
+
+    with pytest.raises(ZeroDivisionError, match="at half time"):
+        hf.simulate(chain, state, controller, STEPS * STEP, STEP, sample_time=STEP, on_sample=seen.append)
+    assert float(seen[-1].t) == pytest.approx(0.05, abs=1e-12)
+
+
+def test_asked_once():
+    """Only a question with the same state and the very same memory is answered without asking again."""
+    asked = []
+    once = AskedOnce(lambda t, state, memory: (asked.append(t), memory))
+    state, other, memory = hf.State([0.1], [0.0], np.eye(7)[0]), hf.State([0.2], [0.0], np.eye(7)[0]), object()
+    for given in ((0.0, state, memory), (0.0, state, memory), (0.0, other, memory), (0.0, other, object())):
+        once(*given)
+    assert asked == [0.0, 0.0, 0.0]
+
+
+def test_pace():
+    """More after success; after failure none for a while, twice as long each time."""
+    pace, tries = Pace(), []
+    for _ in range(60):
+        tries.append(pace.may_try())
+    assert np.diff(np.flatnonzero(tries)).tolist() == [2, 4, 8, 16]
+    pace.taken(whole=True)
+    assert pace.may_try() and pace.most == 2 * FEWEST_TOGETHER
+    pace.taken(whole=False)
+    assert not pace.may_try() and pace.may_try() and pace.most == FEWEST_TOGETHER
+
+
+def test_internal_wrenches_of_hinges_on_a_moving_base():
+    """Axes that follow a tip are those of the arm where its base is at that time."""
+    chain, state = facing_pandas("hinge")
+    run = hf.simulate(chain, state, springs(chain, state, 0.0), 0.06, 2e-3, base_motion={"left": swaying})
+    for k in (10, len(run) - 1):
+        moved = hf.simulation.environment.Environment(chain, {"left": swaying}).chain_at(float(run.t[k]))
+        parts = split(moved, run.state(k), run.grasp_wrench[k])
+        np.testing.assert_allclose(run.internal_wrench[k], parts.internal, atol=1e-10)
