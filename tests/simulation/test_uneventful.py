@@ -14,6 +14,7 @@ from examples.benchmarks.n_four_bar import n_four_bar
 import holdfast as hf
 from holdfast.forces.force_split import split
 from holdfast.simulation import run as run_module
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.run import FEWEST_TOGETHER, Pace
 from holdfast.simulation.trajectory import array_names
 from holdfast.simulation.uneventful import uneventful_steps
@@ -156,7 +157,12 @@ def test_a_controller_that_fails():
 def test_asked_once():
     """Only a question with the same state and the very same memory is answered without asking again."""
     asked = []
-    once = AskedOnce(lambda t, state, memory: (asked.append(t), memory))
+
+    def controller(t: float, state: hf.State, memory: Any) -> Any:
+        asked.append(t)
+        return np.zeros(1), memory
+
+    once = AskedOnce(controller)
     state, other, memory = hf.State([0.1], [0.0], np.eye(7)[0]), hf.State([0.2], [0.0], np.eye(7)[0]), object()
     for given in ((0.0, state, memory), (0.0, state, memory), (0.0, other, memory), (0.0, other, object())):
         once(*given)
@@ -180,6 +186,6 @@ def test_internal_wrenches_of_hinges_on_a_moving_base():
     chain, state = facing_pandas("hinge")
     run = hf.simulate(chain, state, springs(chain, state, 0.0), 0.06, 2e-3, base_motion={"left": swaying})
     for k in (10, len(run) - 1):
-        moved = hf.simulation.environment.Environment(chain, {"left": swaying}).chain_at(float(run.t[k]))
+        moved = Environment(chain, {"left": swaying}).chain_at(float(run.t[k]))
         parts = split(moved, run.state(k), run.grasp_wrench[k])
         np.testing.assert_allclose(run.internal_wrench[k], parts.internal, atol=1e-10)
