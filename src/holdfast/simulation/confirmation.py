@@ -18,9 +18,9 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.errors import HoldfastError, SingularChainError, StepTooLongError
-from holdfast.simulation.checkpoint import IGNORED_RATE, OF_MOTION, Resolution
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.resolution import MOST_UNRESOLVED, Resolution, largest_of, least_difference, velocity_gap
 from holdfast.simulation.segment import Segment
 from holdfast.simulation.stability import (
     Decay,
@@ -40,7 +40,6 @@ NEGLIGIBLE_DIFFERENCE = 1e-6  # smaller differences (relative, or absolute below
 MOST_REPEATED_PARTS = 16  # largest number of parts in which a failed step is repeated
 MOST_STEPS_TRIED = 200  # largest number of steps for which a suggested length is tried
 SUGGESTED_HALVINGS = 8
-MOST_UNRESOLVED = 8  # steps in a row
 
 
 class Window:
@@ -99,16 +98,10 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
 def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
     """Return whether steps have followed the motion, after a step of fixed length from `window.now` to a later instant.
 
-    A gain, damper or spring whose decay or oscillation is too fast for the step makes velocities grow from step to
-    step, or decay far too slowly, long before anything overflows. The velocities then change by something else than the
-    mean of the accelerations at both ends of the step,
-
-        | v(t + h) - v(t) - h (a(t) + a(t + h)) / 2 |  >  1 % of the largest velocity so far,
-
-    while a smooth motion differs in the third order of h only. Such a step is repeated in halves, and is unresolved if
-    their velocities differ from its own by more than 1 % of the largest so far. This is reported at the run's end,
-    unless it was small against the motion that followed. If many steps in a row are unresolved and a damper or the
-    controller is the cause, the run ends.
+    A step that may not follow it (`simulation.resolution`) is repeated in halves, and is unresolved if their velocities
+    differ from its own by more than 1 % of the largest so far. This is reported at the run's end, unless it was small
+    against the motion that followed. If many steps in a row are unresolved and a damper, a spring or the controller is
+    the cause, the run ends.
 
     Args:
         found: what is known before the step.
@@ -119,12 +112,11 @@ def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
         StepTooLongError: many steps in a row were unresolved, because velocities decay too fast for them.
     """
     now, scheme = window.now, window.segment.scheme
-    v0, v1 = now.velocities, later.velocities
-    largest = max(found.largest, float(np.abs(v0).max()), float(np.abs(v1).max()))
-    least = OF_MOTION * largest + IGNORED_RATE
+    v0, v1, a0, a1 = now.velocities, later.velocities, now.accelerations, later.accelerations
+    largest = float(max(found.largest, largest_of(v0), largest_of(v1)))
+    least = least_difference(largest)
     found = found._replace(largest=largest)
-    jump = float(leap(later.t - now.t, v0, v1, now.accelerations, later.accelerations))
-    if not jump > least:
+    if not (jump := float(velocity_gap(v0, v1, a0, a1, later.t - now.t))) > least:
         return found._replace(in_a_row=0)
     in_a_row = found.in_a_row + 1
     if jump <= 2.0 * found.seen and in_a_row % MOST_UNRESOLVED:
@@ -143,19 +135,6 @@ def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
         return found._replace(in_a_row=in_a_row)
     text = f"{too_long(window, later.t, why)}; if torques or wrenches jump there, name the time in `breakpoints`"
     return found._replace(in_a_row=in_a_row, off=difference, text=text)
-
-
-def leap(h: Array | float, v0: Array, v1: Array, a0: Array, a1: Array) -> Array:
-    """Return by how much velocities change otherwise than by the mean of the accelerations [rad/s or m/s].
-
-    Args:
-        h: length of the step, or (..., 1) of several steps [s].
-        v0: velocities at its start, (..., n + 6); a floating base adds six.
-        v1: velocities at its end.
-        a0: accelerations at its start.
-        a1: accelerations at its end.
-    """
-    return np.abs(v1 - v0 - 0.5 * h * (a0 + a1)).max(axis=-1)
 
 
 def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastError:

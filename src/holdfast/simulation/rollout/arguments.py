@@ -19,6 +19,7 @@ from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
 from holdfast.spatial.scalar import Array
 
 StopMargins = Mapping[int, float]  # margins below which a system stops, by the status code that it then gets
+NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
 MOST_STEPS_OF_CALL = 10**9  # of one call: days, beyond which a count is a slip
 CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
 LINK_ARGUMENTS = (*LINKS, *TRUNK_LINKS, "link_wrench", "trunk_link_wrench")

@@ -25,6 +25,7 @@ from holdfast.questions.arrays import LINKS, TRUNK_LINKS, link_rows, state_field
 from holdfast.simulation.accounts import accounts_of
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, whole_number
@@ -173,13 +174,19 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
             samples.append(_sample(world, rollout, at))
     state = record.systems.status[number]
     stopped = None
-    if state is not RolloutStatus.RUNNING:
+    happened: tuple[Occurrence, ...] = ()
+    if state is RolloutStatus.UNRESOLVED:
+        by = f"velocities differ by up to {float(last.step_error[0]):.3g} rad/s or m/s"
+        happened = (Occurrence(samples[-1].t, "unresolved", "joints", f"{state.value}: {by}; try a smaller step"),)
+    elif state is not RolloutStatus.RUNNING:
         stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
     run = joined(samples, stopped)
     moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
     options = {"scheme": rollout.scheme, **arguments.options}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])
-    return replace(run, setting=Setting(world.chain, moved, name, duration, arguments.step, options))
+    return replace(
+        run, occurrences=happened, setting=Setting(world.chain, moved, name, duration, arguments.step, options)
+    )
 
 
 def _environment(rollout: Any, systems: RolloutSystems) -> Environment:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -21,6 +22,7 @@ from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.rollout.arguments import (
     MOST_STEPS_OF_CALL,
+    NO_STOPS,
     StopMargins,
     call_inputs,
     drift_limit,
@@ -35,7 +37,7 @@ from holdfast.simulation.rollout.arguments import (
     whole_number,
 )
 from holdfast.simulation.rollout.kernel import StepKernel
-from holdfast.simulation.rollout.parts import contradicted, subdivided
+from holdfast.simulation.rollout.parts import contradicted, diverged, followed
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
@@ -48,7 +50,6 @@ from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.simulation.stability import USED, surely_stable_step
 from holdfast.spatial.scalar import Array
 
-NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
 RECORDED = ("q", "qd", "object_pose", "object_twist", "grasp_wrench")
 
 
@@ -91,7 +92,8 @@ class Rollout:
         rank = -1 if generic_rank is None else generic_rank
 
         def of(tableau: Tableau) -> StepKernel:
-            surroundings: Any = {"motions": self.base_motion, "acting": self.inputs, "options": self.options}
+            options = replace(self.options, resolution=not tableau.implicit)
+            surroundings: Any = {"motions": self.base_motion, "acting": self.inputs, "options": options}
             return StepKernel(self.chain, self.law, tableau, rank, **surroundings)
 
         return {False: of(scheme_of(self.scheme)), True: of(IMEX)}
@@ -187,7 +189,8 @@ class Rollout:
         made = RolloutSystems(self.chain, found, before.t, np.zeros(len(systems)))
         made.keep_inputs(kept | call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
         made = self._started(made, whole_number("threads", threads))
-        made.arrays["work"][...] = before.arrays["work"]
+        for name in {"work", "resolution"} & made.arrays.keys() & before.arrays.keys():
+            made.arrays[name][...] = before.arrays[name]
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
         for name in state_fields(self.chain):
             made.arrays[name][apart] = before.arrays[name][apart]
@@ -211,7 +214,8 @@ class Rollout:
         A system stops, and keeps its last good state, if the constraint becomes singular, a margin would fall below
         `least_margin`, a joint would exceed a limit, or the step is too long; its `status` gives the reason. When a
         step shows a slip, a limit or a singularity, it is repeated in halves and quarters, which costs a few steps. If
-        these do not confirm it, the step is reported as too long.
+        these do not confirm it, the step is reported as too long. A step that may not follow the motion is compared with
+        its halves; if they differ, the system goes on with the status UNRESOLVED.
 
         Args:
             systems: systems from `start`.
@@ -250,18 +254,14 @@ class Rollout:
         self, systems: RolloutSystems, steps: int, least: StopMargins, limit: float | None = None, threads: int = 1
     ) -> RolloutSystems:
         """Take steps in place, with the step lengths and the arguments stored in the systems; see `step`."""
-        going = systems.running
-        if limit is None:
-            self.advance_unconfirmed(systems, systems.step_length, steps, least, threads)
-        else:
-            order = scheme_of(self.scheme).order
-            for _ in range(steps):
-                subdivided(systems, limit, order, lambda some, h: self.advance_unconfirmed(some, h, 1, least, threads))
+        going, take = systems.running, partial(self.advance_unconfirmed, threads=threads)
+        followed(systems, steps, take, least, limit, scheme_of(self.scheme).order)
+        systems.arrays["code"][going & diverged(systems)] = TOO_LONG
         stopped = going & ~systems.running
         if stopped.any():
             stopped &= np.isin(systems.arrays["code"], (SLIPPED, LIMITED, PASSES_SINGULAR))
         if stopped.any():
-            take = partial(self.advance_unconfirmed, steps=1, least=NO_STOPS)
+            take = partial(take, steps=1, least=NO_STOPS)
             wrong = contradicted(systems.copy(stopped), systems.freed(stopped), least, take)
             systems.arrays["code"][np.flatnonzero(stopped)[wrong]] = TOO_LONG
         return systems
@@ -380,10 +380,13 @@ class Rollout:
         return systems.step_length * passive_rates(systems, partial(located, self)) > USED * scheme.stability_interval
 
     def advance_unconfirmed(
-        self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int = 1
+        self, systems: RolloutSystems, h: Array, steps: int, least: StopMargins, threads: int = 1, notice: bool = False
     ) -> None:
-        """Take steps in place with the stored arguments, without confirming the systems that stop."""
-        systems.set_step_length(step_length)
+        """Take steps in place with the stored arguments, without confirming the systems that stop.
+
+        With `notice`, systems wait before an explicit step that may not follow the motion.
+        """
+        systems.set_step_length(h)
         stiff = self.stiff(systems)
         for implicit, kernel in self._kernels.items():
             rows = np.flatnonzero(stiff == implicit)
@@ -391,6 +394,7 @@ class Rollout:
                 continue
             part = systems if len(rows) == len(systems) else systems.copy(rows)
             inputs, parameters = kernel_arguments(kernel, part.call_inputs)
-            kernel.run(part.arrays, inputs | step_inputs(part, least), parameters, steps, threads)
+            inputs |= step_inputs(part, least) | {"notice": np.array(float(notice))}
+            kernel.run(part.arrays, inputs, parameters, steps, threads)
             if part is not systems:
                 systems.put(rows, part)

@@ -30,10 +30,11 @@ from holdfast.questions.arrays import CONTACTS, state_fields
 from holdfast.simulation.accounts import SPLIT, Forces, accounts
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment, GivenInputs
-from holdfast.simulation.increment import increment_rate, no_turns, twists
+from holdfast.simulation.increment import accelerations_of, increment_rate, no_turns, twists, velocities_of
 from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.linearly_implicit import Implicit, passive_terms, with_armature
+from holdfast.simulation.resolution import MOST_UNRESOLVED, largest_of, least_difference, velocity_gap
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, StepResult, run_step, take_step
@@ -42,7 +43,8 @@ from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, 
 from holdfast.state import Inputs, State
 
 # Status codes of the machine code. The machine code itself does not return TOO_LONG, which is determined afterwards.
-RUNNING, SLIPPED, PASSES_SINGULAR, GRASP_OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
+# UNRESOLVED: the step may not follow the motion; the system waits until this has been judged, and goes on.
+RUNNING, SLIPPED, PASSES_SINGULAR, GRASP_OPEN, BROKEN, TOO_LONG, LIMITED, UNRESOLVED = range(8)
 
 OF_SOLUTION = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench", "contact_acceleration")
 STEP_RESULTS = ("slope", *OF_SOLUTION, "drive", "memory", "rank", "condition", "margin")
@@ -227,7 +229,8 @@ class TracedSystem:
 def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return the carried arrays of a system after `take_step`; a system that stops keeps its last state."""
     system = TracedSystem(model, given)
-    now, (drift, gaps), work, _ = system.step_from(tableau, system.last("slope"))
+    first = system.last("slope")
+    now, (drift, gaps), work, _ = system.step_from(tableau, first)
     end, found = now.state, now.found
     whole = found.whole
     kept = {name: getattr(end, field) for name, field in state_fields(system.real).items()}
@@ -239,7 +242,10 @@ def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     kept |= {} if found.held is None else {"held_rows": found.held}
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, drift, gaps, passed)
-    return carried(system, kept, code, work, system.time(1.0), concatenate([drift, gaps]))
+    known = {}
+    if "last.resolution" in given:
+        code, known = resolution(system, end, (first, kept["slope"]), code)
+    return carried(system, kept, code, work, system.time(1.0), concatenate([drift, gaps])) | known
 
 
 def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps: Gap, passed: Scalar) -> Scalar:
@@ -271,6 +277,31 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps:
         fault = where(margin <= float("inf"), fault, float(BROKEN))
     code = system.last("code")[()]
     return where(code > 0.5, code, fault)
+
+
+def resolution(
+    system: TracedSystem, end: State, slopes: tuple[Array, Array], code: Scalar
+) -> tuple[Scalar, dict[str, Array]]:
+    """Return the status code after the step, and what is known of its resolution (`simulation.resolution.Resolution`).
+
+    A step that may not follow the motion is not taken at first; the gap that was seen lets it pass the next time.
+
+    Args:
+        system: the system.
+        end: the state at the step's end.
+        slopes: the slopes at both ends.
+        code: status code without regard to this.
+    """
+    largest, in_a_row, seen, off = last = system.last("resolution")
+    v, a = [velocities_of(at) for at in (system.state, end)], [accelerations_of(end, slope) for slope in slopes]
+    gap = system.given["notice"][()] * velocity_gap(*v, *a, system.given["step"][()])
+    largest = maximum(largest, largest_of(v[1]))
+    in_a_row = where(gap > least_difference(largest), in_a_row + 1.0, 0.0)
+    doubtful = where(gap > 2.0 * seen, 1.0, where(in_a_row >= float(MOST_UNRESOLVED), 1.0, 0.0))
+    waits = where(code < 0.5, where(in_a_row > 0.5, doubtful, 0.0), 0.0) > 0.5
+    there = select(code < 0.5, array([largest, in_a_row, seen, off]), last)
+    found = select(waits, array([last[0], 0.0, maximum(seen, gap), off]), there)
+    return where(waits, float(UNRESOLVED), code), {"last.resolution": found}
 
 
 def carried(
