@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,15 +20,21 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.errors import HoldfastError, SingularChainError, StepTooLongError
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.linearly_implicit import passive_terms
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.resolution import MOST_UNRESOLVED, Resolution, largest_of, least_difference, velocity_gap
 from holdfast.simulation.segment import Segment
 from holdfast.simulation.stability import (
     Decay,
     fastest_decay,
+    fastest_swing,
+    feedback,
     feedback_resistance,
+    feedback_stiffness,
     followed,
-    passive_resistance,
+    moved,
+    of_joints,
+    quicker,
     step_for,
 )
 from holdfast.simulation.stepper import Advance, in_parts
@@ -66,6 +73,8 @@ class Window:
 def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker) -> None:
     """Raise an error if a violation begins in a step and shorter steps do not show it.
 
+    Violations that are only recorded end a run only if a damper, a spring or the controller is too fast for the step.
+
     Args:
         window: the step and the one before it.
         found: the margins during the step.
@@ -76,7 +85,7 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
     """
     if not (found.margins < 0.0).any():
         return
-    signals = window.segment.signals
+    signals, acting = window.segment.signals, window.segment.acting
     fresh = np.flatnonzero(np.isinf(tracker.since) & (found.margins.min(axis=0) < 0.0)).tolist()
     for k, together in _by_time(found, fresh):
         t, depth = float(found.times[k]), found.margins[k, together]
@@ -85,14 +94,16 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
         change = np.ptp(found.margins[:, together], axis=0)
         allowed = SHARE * change + NEGLIGIBLE_DIFFERENCE * np.maximum(1.0, np.abs(depth))
         for parts in SHORTER_BY:
-            again = window.in_parts(t, parts)
-            if again.instant is not None:
-                off = np.abs(signals.of(again.instant)[together] - depth)
-                if (off <= allowed).all():
-                    continue
-                together = [together[int(np.argmax(off / allowed))]]
-            margin = f"{signals.quantities[together[0]]} margin of '{signals.names[together[0]]}'"
-            raise too_long(window, t, f"the full step finds a negative {margin}, {parts} shorter steps do not")
+            again = window.in_parts(t, parts).instant
+            off = np.full(len(depth), np.inf) if again is None else np.abs(signals.of(again)[together] - depth)
+            if (off <= allowed).all():
+                continue
+            if _too_fast(window) is None:  # then only what acts on the run is worth its end
+                off = np.where(np.isin(together, acting), off, 0.0)
+            if not (off <= allowed).all():
+                worst = together[int(np.argmax(off / allowed))]
+                margin = f"{signals.quantities[worst]} margin of '{signals.names[worst]}'"
+                raise too_long(window, t, f"the full step finds a negative {margin}, {parts} shorter steps do not")
 
 
 def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
@@ -127,10 +138,8 @@ def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
     if difference <= least:
         return found._replace(in_a_row=0)
     why = f"halves of the step to t = {later.t:.6g} s give velocities that differ by {difference:.3g} rad/s or m/s"
-    if in_a_row % MOST_UNRESOLVED == 0:
-        decay = _decay(window)
-        if decay is not None and not followed(decay, window.segment.settings.longest_step, scheme):
-            raise too_long(window, later.t, f"{why}, and {in_a_row - 1} steps before it were unresolved, too")
+    if in_a_row % MOST_UNRESOLVED == 0 and _too_fast(window) is not None:
+        raise too_long(window, later.t, f"{why}, and {in_a_row - 1} steps before it were unresolved, too")
     if difference <= found.off or scheme.implicit:  # implicit steps damp transients
         return found._replace(in_a_row=in_a_row)
     text = f"{too_long(window, later.t, why)}; if torques or wrenches jump there, name the time in `breakpoints`"
@@ -145,8 +154,7 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
         until: the step's end [s].
         failure: the error that the step raised.
     """
-    decay = _decay(window)
-    if decay is not None and not followed(decay, window.segment.settings.longest_step, window.segment.scheme):
+    if _too_fast(window) is not None:
         return too_long(window, until, f"a step fails ({failure})")
     most = SHORTER_BY[0] if isinstance(failure, SingularChainError) else MOST_REPEATED_PARTS
     parts, fewer = 2, window.in_parts(until, 2)
@@ -159,9 +167,9 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
 
 
 def too_long(window: Window, until: float, why: str) -> StepTooLongError:
-    """Return the error for a step that is too long, which names the joint concerned and a step that works.
+    """Return the error for a step that is too long, which names the joint, the cause if known, and a step that works.
 
-    The suggested step follows from the rate at which damping, friction and the controller make velocities decay;
+    The suggested step follows from the rate at which velocities decay or joints swing, if that is the cause;
     otherwise it is half the step taken. It is halved until steps of half its length give the same result.
 
     Args:
@@ -169,11 +177,9 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
         until: the end of the comparison [s].
         why: how it was noticed, for the message.
     """
-    scheme, decay = window.segment.scheme, _decay(window)
     step = window.segment.settings.longest_step
-    if decay is not None and not followed(decay, step, scheme):
-        joint, reason = decay.joint, f"slowed down at {decay.rate:.3g} 1/s by damping, friction or its controller"
-        limit = step_for(decay, scheme)
+    if (cause := _too_fast(window)) is not None:
+        joint, reason, limit = cause.decay.joint, cause.words, step_for(cause.decay, window.segment.scheme)
     else:
         joint, reason = _most_different(window, until), "whose motion changes when the step is halved"
         limit = 0.5 * step
@@ -195,19 +201,49 @@ def _by_time(found: StepMargins, signals: Sequence[int]) -> Iterator[tuple[int, 
         yield k, [i for i in signals if lowest[i] == k]
 
 
-def _decay(window: Window) -> Decay | None:
-    """Return the fastest decay at the start of a window, the controller's feedback included; None if it is not found.
+class Cause(NamedTuple):
+    """Why velocities change too fast for a step: how fast, and in which joint, and in words by what."""
+
+    decay: Decay
+    words: str
+
+
+def _too_fast(window: Window) -> Cause | None:
+    """Return the damper, spring or gain that is too fast for the step at the start of a window, as far as it is known.
 
     With linearly implicit steps only the feedback of the controller counts.
     """
-    at, controller = window.begin, window.segment.controller
+    at, scheme, controller = window.begin, window.segment.scheme, window.segment.controller
+    chain, state, passive = at.chain, at.state, passive_terms(at.chain)
+    own = 0.0 if scheme.implicit else 1.0
+    dampers, springs = own * passive.resistance(state.qd), own * passive.stiffness
     try:
-        resistance = feedback_resistance(controller, at)
-        if not window.segment.scheme.implicit:
-            resistance = resistance + passive_resistance(at.chain, at.state.qd)
-        return fastest_decay(at.chain, at.state, resistance)
+        slowing, restoring = (of_joints(chain, sizes) for sizes in (dampers, springs))
+        alone = fastest_decay(chain, state, slowing), fastest_swing(chain, state, restoring)
+        slowing, restoring = (
+            slowing + feedback_resistance(controller, at),
+            restoring + feedback_stiffness(controller, at),
+        )
+        found = fastest_decay(chain, state, slowing), fastest_swing(chain, state, restoring)
+        swings = found[1].rate > found[0].rate
+        decay, i = found[swings], chain.joint_names().index(found[swings].joint)
+        alone_i = np.eye(chain.velocity_count)[:, [i]]
+        gain = feedback(controller, at, alone_i, moved if swings else quicker)[i, 0]
     except (HoldfastError, np.linalg.LinAlgError):
         return None
+    step = window.segment.settings.longest_step
+    if followed(decay, step, scheme):
+        return None
+    unit, per = ("N m", "rad") if chain.all_joints[i].turns else ("N", "m")
+    unit = f"{unit}/{per}" if swings else f"{unit} s/{per}"
+    if followed(alone[swings], step, scheme):
+        by = f"its controller's gain of {gain:.3g} {unit}" if gain > 0.0 else "its controller"
+    elif swings:
+        by = f"its spring of {springs[i]:.3g} {unit}"
+    else:
+        by = f"its damping and friction of {dampers[i]:.3g} {unit}"
+    how = f"swinging at {decay.rate:.3g} rad/s" if swings else f"slowed down at {decay.rate:.3g} 1/s"
+    return Cause(decay, f"{how} by {by}")
 
 
 def _working(window: Window, until: float, step: float) -> float:

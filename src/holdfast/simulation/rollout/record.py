@@ -173,20 +173,17 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
         if float(at.t[0]) > samples[-1].t[0]:
             samples.append(_sample(world, rollout, at))
     state = record.systems.status[number]
-    stopped = None
-    happened: tuple[Occurrence, ...] = ()
+    stopped, happened, end = None, (), float(record.stopped[number])
     if state is RolloutStatus.UNRESOLVED:
-        by = f"velocities differ by up to {float(last.step_error[0]):.3g} rad/s or m/s"
-        happened = (Occurrence(samples[-1].t, "unresolved", "joints", f"{state.value}: {by}; try a smaller step"),)
+        text = f"{state.value}: by {last.step_error[0]:.3g} rad/s or m/s; try a smaller step"
+        happened = (Occurrence(float(at.t[0]), "unresolved", "joints", text),)
     elif state is not RolloutStatus.RUNNING:
-        stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
-    run = joined(samples, stopped)
+        stopped = f"{state.name.lower()} at t = {end:.9g} s: {state.value}"
+    run = replace(joined(samples, stopped), occurrences=happened)
     moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
     options = {"scheme": rollout.scheme, **arguments.options}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])
-    return replace(
-        run, occurrences=happened, setting=Setting(world.chain, moved, name, duration, arguments.step, options)
-    )
+    return replace(run, setting=Setting(world.chain, moved, name, duration, arguments.step, options))
 
 
 def _environment(rollout: Any, systems: RolloutSystems) -> Environment:

@@ -214,8 +214,8 @@ class Rollout:
         A system stops, and keeps its last good state, if the constraint becomes singular, a margin would fall below
         `least_margin`, a joint would exceed a limit, or the step is too long; its `status` gives the reason. When a
         step shows a slip, a limit or a singularity, it is repeated in halves and quarters, which costs a few steps. If
-        these do not confirm it, the step is reported as too long. A step that may not follow the motion is compared with
-        its halves; if they differ, the system goes on with the status UNRESOLVED.
+        these do not confirm it, the step is reported as too long. A step that may not follow the motion is repeated in
+        halves. If these differ, the system goes on as UNRESOLVED, and is TOO_LONG if it diverges.
 
         Args:
             systems: systems from `start`.
