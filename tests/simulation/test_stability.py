@@ -281,7 +281,9 @@ def test_springs_too_stiff_for_the_step():
     run = simulate(chain, state, controller, 0.2, STEP)
     swinging = r"joint '(left|right)/z', swinging at (\S+) rad/s by its controller's gain of 2e\+07 N/m"
     found = re.search(swinging, str(run.stopped))
-    assert found and float(found[2]) == pytest.approx(np.sqrt(4e7 / 4.0), rel=0.2)  # the block, by two slides, and it turns
+    assert found and float(found[2]) == pytest.approx(
+        np.sqrt(4e7 / 4.0), rel=0.2
+    )  # the block, by two slides, and it turns
     assert step_of(run) <= 5e-4
 
 
