@@ -1,4 +1,4 @@
-"""Systems whose steps do not follow the motion go on, and say so; one slide that pushes a block is a scalar equation."""
+"""Systems whose steps do not follow the motion go on, and say so; a slide that pushes a block is a scalar equation."""
 
 from __future__ import annotations
 
