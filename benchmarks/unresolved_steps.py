@@ -5,9 +5,8 @@ runs of which nothing should be said, from 0.003 to 0.25 times. Each run, of `si
 compared with one of shorter steps by rk4. Missed: a run that completes without a word, with a velocity off by more than
 1 % of the largest. False: one of which something is said although no velocity is off by more than 0.5 %.
 
-Midpoint is a scheme of second order: at a quarter of its limit it loses up to 2 % of what decays in a step, and a run
-may sum up such errors to more than 1 % though none of its steps, repeated in halves by midpoint, differs by as much.
-These runs are counted apart, as summed; for rk4, of fourth order, there are none.
+Midpoint is a scheme of second order: a run may sum up its errors to more than 1 % though none of its steps differs by
+as much from its halves. Such runs are counted apart, as summed (by midpoint).
 
 python benchmarks/unresolved_steps.py [--runs 100] [--first 0]
 """
@@ -143,7 +142,7 @@ def verdicts_of_rollouts(runs: int, first: int, range_: tuple[float, float]) -> 
 def _of_batch(chain: hf.ClosedChain, scheme: str, batch: list[tuple[hf.State, Drawn]]) -> list[str]:
     """Return what became of systems of one chain by one scheme."""
     law = hf.ControlLaw(torque, parameters={name: np.shape(x) for name, x in batch[0][1].given.items()})
-    given = {name: np.array([one.given[name] for _, one in batch]) for name in law.parameters}
+    given: Any = {name: np.array([one.given[name] for _, one in batch]) for name in law.parameters}
     h, moving = (np.array([getattr(one, name) for _, one in batch]) for name in ("step", "moving"))
     q, qd, pose, twist = (np.array([getattr(at, name) for at, _ in batch]) for name in STATE)
     start = (q, moving[:, None] * qd, pose, moving[:, None] * twist)

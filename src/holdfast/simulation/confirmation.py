@@ -215,35 +215,31 @@ def _too_fast(window: Window) -> Cause | None:
     """
     at, scheme, controller = window.begin, window.segment.scheme, window.segment.controller
     chain, state, passive = at.chain, at.state, passive_terms(at.chain)
-    own = 0.0 if scheme.implicit else 1.0
-    dampers, springs = own * passive.resistance(state.qd), own * passive.stiffness
+    own, step = 0.0 if scheme.implicit else 1.0, window.segment.settings.longest_step
+    sizes = [own * passive.resistance(state.qd), own * passive.stiffness]  # of dampers and of springs
     try:
-        slowing, restoring = (of_joints(chain, sizes) for sizes in (dampers, springs))
-        alone = fastest_decay(chain, state, slowing), fastest_swing(chain, state, restoring)
-        slowing, restoring = (
-            slowing + feedback_resistance(controller, at),
-            restoring + feedback_stiffness(controller, at),
+        passively = [of_joints(chain, one) for one in sizes]
+        wholly = [passively[0] + feedback_resistance(controller, at), passively[1] + feedback_stiffness(controller, at)]
+        alone, found = (
+            [fastest_decay(chain, state, one[0]), fastest_swing(chain, state, one[1])] for one in (passively, wholly)
         )
-        found = fastest_decay(chain, state, slowing), fastest_swing(chain, state, restoring)
         swings = found[1].rate > found[0].rate
         decay, i = found[swings], chain.joint_names().index(found[swings].joint)
-        alone_i = np.eye(chain.velocity_count)[:, [i]]
-        gain = feedback(controller, at, alone_i, moved if swings else quicker)[i, 0]
+        of_joint = np.eye(chain.velocity_count)[:, [i]]
+        gain = float(feedback(controller, at, of_joint, moved if swings else quicker)[i, 0])
     except (HoldfastError, np.linalg.LinAlgError):
         return None
-    step = window.segment.settings.longest_step
     if followed(decay, step, scheme):
         return None
-    unit, per = ("N m", "rad") if chain.all_joints[i].turns else ("N", "m")
-    unit = f"{unit}/{per}" if swings else f"{unit} s/{per}"
-    if followed(alone[swings], step, scheme):
-        by = f"its controller's gain of {gain:.3g} {unit}" if gain > 0.0 else "its controller"
-    elif swings:
-        by = f"its spring of {springs[i]:.3g} {unit}"
-    else:
-        by = f"its damping and friction of {dampers[i]:.3g} {unit}"
+    turns, size = chain.all_joints[i].turns, float(sizes[swings][i])
+    unit = ("N m/rad" if turns else "N/m") if swings else ("N m s/rad" if turns else "N s/m")
+    by = "spring" if swings else "damping" if passive.damping[i] > 0.5 * size else "friction"
+    if followed(
+        alone[swings], step, scheme
+    ):  # its gain is zero if it feeds back the object
+        by, size = "controller" + "'s gain" * (gain > 0.0), gain
     how = f"swinging at {decay.rate:.3g} rad/s" if swings else f"slowed down at {decay.rate:.3g} 1/s"
-    return Cause(decay, f"{how} by {by}")
+    return Cause(decay, f"{how} by its {by}" + f" of {size:.3g} {unit}" * (size > 0.0))
 
 
 def _working(window: Window, until: float, step: float) -> float:

@@ -293,9 +293,10 @@ def resolution(
         code: status code without regard to this.
     """
     largest, in_a_row, seen, off = last = system.last("resolution")
-    v, a = [velocities_of(at) for at in (system.state, end)], [accelerations_of(end, slope) for slope in slopes]
-    gap = system.given["notice"][()] * velocity_gap(*v, *a, system.given["step"][()])
-    largest = maximum(largest, largest_of(v[1]))
+    v0, v1 = velocities_of(system.state), velocities_of(end)
+    a0, a1 = (accelerations_of(end, slope) for slope in slopes)
+    gap = system.given["notice"][()] * velocity_gap(v0, v1, a0, a1, system.given["step"][()])
+    largest = maximum(largest, largest_of(v1))
     in_a_row = where(gap > least_difference(largest), in_a_row + 1.0, 0.0)
     doubtful = where(gap > 2.0 * seen, 1.0, where(in_a_row >= float(MOST_UNRESOLVED), 1.0, 0.0))
     waits = where(code < 0.5, where(in_a_row > 0.5, doubtful, 0.0), 0.0) > 0.5
