@@ -98,7 +98,7 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
             off = np.full(len(depth), np.inf) if again is None else np.abs(signals.of(again)[together] - depth)
             if (off <= allowed).all():
                 continue
-            if _too_fast(window) is None:  # then only what acts on the run is worth its end
+            if _cause(window) is None:  # then only what acts on the run is worth its end
                 off = np.where(np.isin(together, acting), off, 0.0)
             if not (off <= allowed).all():
                 worst = together[int(np.argmax(off / allowed))]
@@ -138,7 +138,7 @@ def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
     if difference <= least:
         return found._replace(in_a_row=0)
     why = f"halves of the step to t = {later.t:.6g} s give velocities that differ by {difference:.3g} rad/s or m/s"
-    if in_a_row % MOST_UNRESOLVED == 0 and _too_fast(window) is not None:
+    if in_a_row % MOST_UNRESOLVED == 0 and _cause(window) is not None:
         raise too_long(window, later.t, f"{why}, and {in_a_row - 1} steps before it were unresolved, too")
     if difference <= found.off or scheme.implicit:  # implicit steps damp transients
         return found._replace(in_a_row=in_a_row)
@@ -154,7 +154,7 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
         until: the step's end [s].
         failure: the error that the step raised.
     """
-    if _too_fast(window) is not None:
+    if _cause(window) is not None:
         return too_long(window, until, f"a step fails ({failure})")
     most = SHORTER_BY[0] if isinstance(failure, SingularChainError) else MOST_REPEATED_PARTS
     parts, fewer = 2, window.in_parts(until, 2)
@@ -178,7 +178,7 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
         why: how it was noticed, for the message.
     """
     step = window.segment.settings.longest_step
-    if (cause := _too_fast(window)) is not None:
+    if (cause := _cause(window)) is not None:
         joint, reason, limit = cause.decay.joint, cause.words, step_for(cause.decay, window.segment.scheme)
     else:
         joint, reason = _most_different(window, until), "whose motion changes when the step is halved"
@@ -208,7 +208,7 @@ class Cause(NamedTuple):
     words: str
 
 
-def _too_fast(window: Window) -> Cause | None:
+def _cause(window: Window) -> Cause | None:
     """Return the damper, spring or gain that is too fast for the step at the start of a window, as far as it is known.
 
     With linearly implicit steps only the feedback of the controller counts.
