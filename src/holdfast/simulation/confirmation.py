@@ -234,9 +234,7 @@ def _cause(window: Window) -> Cause | None:
     turns, size = chain.all_joints[i].turns, float(sizes[swings][i])
     unit = ("N m/rad" if turns else "N/m") if swings else ("N m s/rad" if turns else "N s/m")
     by = "spring" if swings else "damping" if passive.damping[i] > 0.5 * size else "friction"
-    if followed(
-        alone[swings], step, scheme
-    ):  # its gain is zero if it feeds back the object
+    if followed(alone[swings], step, scheme):  # its gain is zero if it feeds back the object
         by, size = "controller" + "'s gain" * (gain > 0.0), gain
     how = f"swinging at {decay.rate:.3g} rad/s" if swings else f"slowed down at {decay.rate:.3g} 1/s"
     return Cause(decay, f"{how} by its {by}" + f" of {size:.3g} {unit}" * (size > 0.0))

@@ -243,12 +243,13 @@ def common_time(systems: RolloutSystems) -> float:
     return float(times[0])
 
 
-def step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array]:
-    """Return the inputs of the machine code other than torques and wrenches: times, and margins that stop systems."""
+def step_inputs(systems: RolloutSystems, least: StopMargins, notice: bool = False) -> dict[str, Array]:
+    """Return the inputs of the machine code other than torques and wrenches: times, and what stops systems."""
     return {
         "begin": systems.begin,
         "step": systems.step_length,
         "held": np.array(0.0),
+        "notice": np.array(float(notice)),
         "least_margin": np.array(least[SLIPPED]),
         "least_joint_margin": np.array(least[LIMITED]),
     }

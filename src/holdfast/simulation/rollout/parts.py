@@ -58,13 +58,11 @@ def followed(
 
     end = systems.arrays["count"] + steps
     taken(systems, steps)
-    while True:
-        code, left = systems.arrays["code"], end - systems.arrays["count"]
-        waiting = code == UNRESOLVED
-        rows = np.flatnonzero(waiting if waiting.any() else (code == RUNNING) & (left > 0.0))
-        if not len(rows):
-            return
-        some = systems.freed(rows)
+    code = systems.arrays["code"]
+    waiting = code == UNRESOLVED
+    rows = np.flatnonzero(waiting)
+    while len(rows):
+        left, some = end - systems.arrays["count"], systems.freed(rows)
         if waiting.any():
             halves = in_parts(some, SHORTER_BY[0], partial(take, steps=1, least=NO_STOPS))
             taken(some, 1)
@@ -72,6 +70,8 @@ def followed(
         else:
             taken(some, int(left[rows].min()))
         systems.put(rows, some)
+        waiting = code == UNRESOLVED
+        rows = np.flatnonzero(waiting if waiting.any() else (code == RUNNING) & (systems.arrays["count"] < end))
 
 
 def _compare(systems: RolloutSystems, halves: RolloutSystems) -> None:

@@ -256,9 +256,9 @@ class Rollout:
         """Take steps in place, with the step lengths and the arguments stored in the systems; see `step`."""
         going, take = systems.running, partial(self.advance_unconfirmed, threads=threads)
         followed(systems, steps, take, least, limit, scheme_of(self.scheme).order)
-        systems.arrays["code"][going & diverged(systems)] = TOO_LONG
         stopped = going & ~systems.running
         if stopped.any():
+            systems.arrays["code"][stopped & diverged(systems)] = TOO_LONG
             stopped &= np.isin(systems.arrays["code"], (SLIPPED, LIMITED, PASSES_SINGULAR))
         if stopped.any():
             take = partial(take, steps=1, least=NO_STOPS)
@@ -388,13 +388,12 @@ class Rollout:
         """
         systems.set_step_length(h)
         stiff = self.stiff(systems)
-        for implicit, kernel in self._kernels.items():
-            rows = np.flatnonzero(stiff == implicit)
+        for implicit in (False, True) if stiff.any() else (False,):
+            kernel, rows = self._kernels[implicit], np.flatnonzero(stiff == implicit)
             if not len(rows):
                 continue
             part = systems if len(rows) == len(systems) else systems.copy(rows)
             inputs, parameters = kernel_arguments(kernel, part.call_inputs)
-            inputs |= step_inputs(part, least) | {"notice": np.array(float(notice))}
-            kernel.run(part.arrays, inputs, parameters, steps, threads)
+            kernel.run(part.arrays, inputs | step_inputs(part, least, notice), parameters, steps, threads)
             if part is not systems:
                 systems.put(rows, part)

@@ -190,8 +190,7 @@ class RolloutSystems:
 
     def set_step_length(self, step: Array) -> None:
         """Set the length of the next steps, (systems,) [s]."""
-        changed = self.step_length != step
-        if changed.any():
+        if step is not self.step_length and (changed := self.step_length != step).any():
             self.begin = np.where(changed, self.t, self.begin)
             self.arrays["count"][changed] = 0.0
             self.step_length = step
