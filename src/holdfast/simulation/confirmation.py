@@ -22,7 +22,7 @@ from holdfast.errors import HoldfastError, SingularChainError, StepTooLongError
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import passive_terms
 from holdfast.simulation.margins import ViolationTracker
-from holdfast.simulation.resolution import MOST_UNRESOLVED, Resolution, largest_of, least_difference, velocity_gap
+from holdfast.simulation.resolution import MOST_UNRESOLVED, Resolution, largest_of, leap, least_difference
 from holdfast.simulation.segment import Segment
 from holdfast.simulation.stability import (
     Decay,
@@ -39,7 +39,6 @@ from holdfast.simulation.stability import (
 )
 from holdfast.simulation.stepper import Advance, in_parts
 from holdfast.simulation.verification import StepMargins
-from holdfast.spatial.scalar import Array
 
 SHORTER_BY = (2, 4)
 SHARE = 0.05  # steps are too long if their results differ by more than this part of the change of margin or velocities
@@ -127,7 +126,7 @@ def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
     largest = float(max(found.largest, largest_of(v0), largest_of(v1)))
     least = least_difference(largest)
     found = found._replace(largest=largest)
-    if not (jump := float(velocity_gap(v0, v1, a0, a1, later.t - now.t))) > least:
+    if not (jump := float(leap(later.t - now.t, v0, v1, a0, a1))) > least:
         return found._replace(in_a_row=0)
     in_a_row = found.in_a_row + 1
     if jump <= 2.0 * found.seen and in_a_row % MOST_UNRESOLVED:

@@ -14,7 +14,9 @@ from __future__ import annotations
 from functools import reduce
 from typing import Any, NamedTuple
 
-from holdfast.spatial.scalar import Array, Scalar, maximum
+import numpy as np
+
+from holdfast.spatial.scalar import Array, maximum
 
 OF_MOTION = 0.01  # smallest difference of velocities that counts, relative to the largest velocity so far
 IGNORED_RATE = 1e-4  # rad/s or m/s: smaller differences never count
@@ -52,19 +54,19 @@ def least_difference(largest: Any) -> Any:
     return OF_MOTION * largest + IGNORED_RATE
 
 
-def largest_of(x: Array) -> Scalar:
-    """Return the largest magnitude among numbers, which may be traced."""
-    return reduce(maximum, [abs(entry) for entry in x])
+def largest_of(x: Array) -> Any:
+    """Return the largest magnitude along the last axis; of traced numbers, which have one axis, a scalar."""
+    return reduce(maximum, [abs(entry) for entry in x]) if x.dtype == object else np.abs(x).max(axis=-1)
 
 
-def velocity_gap(v0: Array, v1: Array, a0: Array, a1: Array, h: Scalar) -> Scalar:
-    """Return the largest entry of |v1 - v0 - h (a0 + a1) / 2| [rad/s or m/s].
+def leap(h: Any, v0: Array, v1: Array, a0: Array, a1: Array) -> Any:
+    """Return by how much velocities change otherwise than by the mean of the accelerations [rad/s or m/s].
 
     Args:
-        v0: velocities at the step's start.
+        h: length of the step, or (..., 1) of several steps [s].
+        v0: velocities at its start, (..., n + 6); a floating base adds six.
         v1: velocities at its end.
         a0: accelerations at its start.
         a1: accelerations at its end.
-        h: length of the step [s].
     """
     return largest_of(v1 - v0 - 0.5 * h * (a0 + a1))

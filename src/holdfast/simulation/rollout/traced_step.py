@@ -34,7 +34,7 @@ from holdfast.simulation.increment import accelerations_of, increment_rate, no_t
 from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.linearly_implicit import Implicit, passive_terms, with_armature
-from holdfast.simulation.resolution import MOST_UNRESOLVED, largest_of, least_difference, velocity_gap
+from holdfast.simulation.resolution import MOST_UNRESOLVED, largest_of, leap, least_difference
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, StepResult, run_step, take_step
@@ -242,10 +242,8 @@ def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     kept |= {} if found.held is None else {"held_rows": found.held}
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, drift, gaps, passed)
-    known = {}
-    if "last.resolution" in given:
-        code, known = resolution(system, end, (first, kept["slope"]), code)
-    return carried(system, kept, code, work, system.time(1.0), concatenate([drift, gaps])) | known
+    code, known = resolution(system, end, (first, kept["slope"]), code) if "last.resolution" in given else (code, {})
+    return {**carried(system, kept, code, work, system.time(1.0), concatenate([drift, gaps])), **known}
 
 
 def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps: Gap, passed: Scalar) -> Scalar:
@@ -279,9 +277,7 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps:
     return where(code > 0.5, code, fault)
 
 
-def resolution(
-    system: TracedSystem, end: State, slopes: tuple[Array, Array], code: Scalar
-) -> tuple[Scalar, dict[str, Array]]:
+def resolution(system: TracedSystem, end: State, slopes: tuple[Array, Array], code: Scalar) -> tuple[Scalar, Given]:
     """Return the status code after the step, and what is known of its resolution (`simulation.resolution.Resolution`).
 
     A step that may not follow the motion is not taken at first; the gap that was seen lets it pass the next time.
@@ -295,7 +291,7 @@ def resolution(
     largest, in_a_row, seen, off = last = system.last("resolution")
     v0, v1 = velocities_of(system.state), velocities_of(end)
     a0, a1 = (accelerations_of(end, slope) for slope in slopes)
-    gap = system.given["notice"][()] * velocity_gap(v0, v1, a0, a1, system.given["step"][()])
+    gap = system.given["notice"][()] * leap(system.given["step"][()], v0, v1, a0, a1)
     largest = maximum(largest, largest_of(v1))
     in_a_row = where(gap > least_difference(largest), in_a_row + 1.0, 0.0)
     doubtful = where(gap > 2.0 * seen, 1.0, where(in_a_row >= float(MOST_UNRESOLVED), 1.0, 0.0))
