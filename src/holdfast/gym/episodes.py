@@ -102,7 +102,7 @@ class Episodes:
 
     @property
     def info(self) -> dict[str, Array]:
-        """Additional results of the last evaluation, (count,) each; `status` is RUNNING, or why the rollout stopped."""
+        """Additional results of the last evaluation, (count,) each; `status` is that of the rollout."""
         info = {name: self.seen[name].copy() for name in self.task.info_names}
         codes = np.zeros(self.count, dtype=int)
         for number, systems in enumerate(self.systems):

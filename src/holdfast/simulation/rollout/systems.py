@@ -33,7 +33,7 @@ class RolloutStatus(Enum):
     SINGULAR = "the grasp constraint is singular, or its condition passes 1e12, here or within the next step"
     OPEN = "a grasp that closes is not there; or the next step, too long, leaves one open by more than 1e-2 (m or rad)"
     BROKEN = "its inputs are invalid, or the next step is not finite"
-    TOO_LONG = "the next step ends in a slip, limit or singularity that shorter steps do not show: it is too long"
+    TOO_LONG = "its steps are too long: it diverges, or the next shows a slip, limit or singularity that halves do not"
     LIMITED = "a joint passes a limit of its position, rate or effort within the next step"
     UNRESOLVED = "goes on, but a step was too long: its halves differ by more than 1 % of the largest velocity so far"
 
