@@ -102,7 +102,7 @@ def laws_of_arrays(chain: hf.ClosedChain, state: hf.State, track: ObjectTracking
         fast = compile_law(law, chain)
         bound = fast.bind(object_pose=state.object_pose, q=state.q, **given)
         single = microseconds(functools.partial(fast.torques, 0.3, state.q, *rest, **given), 2000)
-        batch = microseconds(functools.partial(fast.torques, 0.3, q, *rest, **given), 5) / many
+        batch = microseconds(functools.partial(fast.torques, 0.3, q, *rest, **given, threads=1), 5) / many
         plain, slow = microseconds(bound, 2000), microseconds(reference, 20)
         print(f"{name:16} {single:10.2f} {plain:6.2f} {batch:11.2f} {slow:10.0f}")
 

@@ -37,10 +37,15 @@ def random(task: hf.gym.CarryTask, seen: np.ndarray, generator: np.random.Genera
 
 def compared(name: str, policy: Policy, count: int) -> None:
     """Print steps a second of a vector environment and of its rollout, and their ratio."""
-    envs, generator = hf.gym.CarryVector(count, autoreset_mode="SameStep"), np.random.default_rng(0)
+    envs, generator = hf.gym.CarryVector(count, autoreset_mode="SameStep", threads=1), np.random.default_rng(0)
     task, (seen, _) = envs.task, envs.reset(seed=0)
     rollout, ends = task.phases[0].rollout, 0
-    options: Any = {"steps": task.steps_per_action, "least_margin": 0.0, "stop_at_limits": task.stop_at_limits}
+    options: Any = {
+        "steps": task.steps_per_action,
+        "least_margin": 0.0,
+        "stop_at_limits": task.stop_at_limits,
+        "threads": 1,
+    }
     ratios, rates = [], []
     envs.episodes.steps[...] = generator.integers(0, task.episode_steps, count)
     for turn in range(ROUNDS + 1):

@@ -30,10 +30,10 @@ def measure(arms: int, count: int, steps: int, scheme: str) -> dict[str, float]:
     cotangent = {"q": np.random.default_rng(0).normal(size=np.shape(systems.q))}
 
     def back(every: int) -> Any:
-        return rollout.tape(systems, STEP, steps=steps, every=every, tau=tau).vjp(cotangent)
+        return rollout.tape(systems, STEP, steps=steps, every=every, tau=tau, threads=1).vjp(cotangent, threads=1)
 
     ways: dict[str, Callable[[], Any]] = {
-        "steps": lambda: rollout.step(systems.copy(), STEP, steps=steps, tau=tau),
+        "steps": lambda: rollout.step(systems.copy(), STEP, steps=steps, tau=tau, threads=1),
         "all states kept": lambda: back(1),
         "checkpoints": lambda: back(round(steps**0.5)),
     }

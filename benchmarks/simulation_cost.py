@@ -48,7 +48,7 @@ def costs() -> Iterator[tuple[str, float]]:
     for count in (1, MANY):
         steps = STEPS if count == 1 else 20
         systems = rollout.start(np.tile(state.q, (count, 1)), state.qd, state.object_pose, state.object_twist)
-        run = lambda s=systems, n=steps: rollout.step(s.copy(), STEP, steps=n)  # noqa: E731
+        run = lambda s=systems, n=steps: rollout.step(s.copy(), STEP, steps=n, threads=1)  # noqa: E731
         plural = "system" if count == 1 else "systems, each of them"
         yield f"rollout of {count} {plural}, the same `ControlLaw`", 1e6 * least_time(run, 1, ROUNDS) / (steps * count)
     wanted = hf.forward_dynamics(gripped, state, hold)

@@ -75,8 +75,8 @@ def bare(chunk: int, begin: Any, rates: Any) -> None:
 
 def advance(made: Plan, begin: int) -> None:
     """Take the steps of one chunk."""
-    systems = made.rollout.start(**made.rows(begin, begin + made.chunk))
-    made.rollout.step(systems, STEP, steps=round(DURATION / STEP))
+    systems = made.rollout.start(**made.rows(begin, begin + made.chunk), threads=1)
+    made.rollout.step(systems, STEP, steps=round(DURATION / STEP), threads=1)
 
 
 def bare_rates(workers: int, chunk: int) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
 
@@ -41,9 +40,7 @@ def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
         tau = hf.holding_torques(chain, state) + 0.1 * strength * random.uniform(-1, 1, (EACH, len(strength)))
 
         begin = time.perf_counter()
-        found = fast.forward_dynamics(
-            state.q, velocity[:, :14], tau, state.object_pose, velocity[:, 14:], threads=os.cpu_count() or 1
-        )
+        found = fast.forward_dynamics(state.q, velocity[:, :14], tau, state.object_pose, velocity[:, 14:])
         seconds += time.perf_counter() - begin
 
         force = found.grasp_wrench[..., 3:]

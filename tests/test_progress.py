@@ -1,8 +1,11 @@
 """Progress suits who looks: a cell's bar, a terminal's, a line now and then; and changes no number of what it shows."""
 
 import io
+import os
 import re
+import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +15,7 @@ import holdfast as hf
 from holdfast import progress
 from holdfast.compiled import kernels
 from holdfast.errors import ModelError
-from holdfast.progress import busy, of_time, progress_bar, reporting
+from holdfast.progress import busy, detail, of_time, progress_bar, reporting
 from tests.compiler.programs import same_bits
 from tests.control.two_pandas import two_pandas
 from tests.simulation.rollout.problems import arrays, problem
@@ -63,20 +66,175 @@ def test_in_a_cell_that_fails(cell):
     assert len(cell.shown) == 2 and "<progress" not in cell.shown[-1]
 
 
+class Terminal(io.StringIO):
+    """Stands in for a terminal."""
+
+    def isatty(self) -> bool:
+        """Return True, as a terminal does."""
+        return True
+
+    @property
+    def text(self) -> str:
+        """What was written, without what moves the cursor."""
+        return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", self.getvalue())
+
+
+def on_terminal(patch, patience=0.0):
+    """Return the terminal that stderr becomes, and show work there that takes longer than a time [s]."""
+    found = Terminal()
+    patch.setattr(sys, "stderr", found)
+    patch.setenv("COLUMNS", "120")
+    patch.setattr(progress, "PATIENCE", patience)
+    return found
+
+
 def test_on_a_terminal(monkeypatch):
     """On stderr, with what is done, how far it is and how much longer it takes."""
-
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setenv("COLUMNS", "120")
+    terminal = on_terminal(monkeypatch)
     with progress_bar("simulating [run]") as show:
         show(1.0, "2 of 2 s")
-    text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
-    assert re.search(r"simulating \[run\] \S+ 2 of 2 s \d:\d\d:\d\d", text)
+    assert re.search(r"simulating \[run\] \S+ 2 of 2 s \d:\d\d:\d\d", terminal.text)
+
+
+def long_work(progress=None, inner=None):
+    """Do work that is longer than the patience of the tests, with other such work inside."""
+    with busy(progress, "outer"):
+        time.sleep(0.1)
+        with busy(inner, "inner"):
+            detail("7 parts")
+            time.sleep(0.1)
+
+
+def test_work_that_takes_long(monkeypatch):
+    """It is shown, once, when it has taken a while, with its details; what is over before that is not."""
+    terminal = on_terminal(monkeypatch, 1.0)
+    long_work()
+    assert terminal.text == ""
+    monkeypatch.setattr(progress, "PATIENCE", 0.05)
+    long_work()
+    assert re.search(r"outer \S+ +7 parts", terminal.text) and "inner" not in terminal.text
+
+
+@pytest.mark.parametrize("hidden", [(False, None), (False, False)])
+def test_work_that_is_not_to_be_shown(monkeypatch, hidden):
+    """Nor is any work within it, of runs either."""
+    terminal = on_terminal(monkeypatch)
+    long_work(*hidden)
+    with reporting(False, "simulating", "", of_time(1.0)):
+        long_work()
+    assert terminal.text == ""
+
+
+def test_work_within_a_run(monkeypatch):
+    """The bar of the run is enough."""
+    terminal = on_terminal(monkeypatch)
+    with progress_bar("simulating"):
+        long_work()
+    assert "simulating" in terminal.text and "outer" not in terminal.text
+
+
+def test_long_work_in_a_cell(cell, monkeypatch):
+    """A bar without a value, its details, and a line that says how long it took."""
+    monkeypatch.setattr(progress, "PATIENCE", 0.05)
+    long_work()
+    assert cell.shown[0] == "<progress></progress> outer"
+    assert "<progress></progress> outer: 7 parts" in cell.shown
+    assert re.fullmatch(r"outer: 7 parts, took \d+\.\d s", cell.shown[-1])
+
+
+def fail_late():
+    """Fail in the middle of work that is shown."""
+    with busy(None, "compiling"):
+        time.sleep(0.1)
+        raise ZeroDivisionError
+
+
+def test_long_work_that_fails(monkeypatch):
+    """The bar goes, and the error comes."""
+    terminal = on_terminal(monkeypatch)
+    with pytest.raises(ZeroDivisionError):
+        fail_late()
+    assert "compiling" in terminal.text
+
+
+def test_long_work_that_nobody_sees(capsys, monkeypatch):
+    """A log or a pipe gets nothing."""
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    long_work()
+    monkeypatch.setattr(sys, "stderr", None)
+    long_work()
+    assert capsys.readouterr() == ("", "")
+
+
+FIRST_CALLS = """
+import multiprocessing
+import sys
+
+import numpy as np
+
+import holdfast as hf
+from holdfast import progress
+from tests.simulation.rollout.problems import arrays, problem
+
+progress.PATIENCE = 0.0
+chain, state = problem("one")
+
+
+def shown():
+    fast, given = hf.compile(chain), arrays(state)
+    fast.forward_dynamics(**given | {"q": np.tile(state.q, (3, 1))}, tau=np.zeros(chain.joint_count))
+    fast.kinetic_energy.vjp(**given)
+
+
+def hidden():
+    fast = hf.compile(hf.ClosedChain(chain.arms, chain.held_object, {}), progress=False)
+    fast.potential_energy.vjp(state.q, state.object_pose)
+
+
+if __name__ == "__main__":
+    if "child" in sys.argv:
+        process = multiprocessing.get_context("spawn").Process(target=shown)
+        process.start()
+        process.join()
+    else:
+        hidden()
+        shown()
+"""
+
+
+def said_by(folder, *arguments):
+    """Return what first calls of machine code say on a terminal, with their cache in a folder."""
+    pty = pytest.importorskip("pty", reason="needs Unix")
+    (folder / "first_calls.py").write_text(FIRST_CALLS)
+    above, below = pty.openpty()
+    environment = os.environ | {"HOLDFAST_CACHE": str(folder / "cache"), "COLUMNS": "150"}
+    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
+    run = [sys.executable, str(folder / "first_calls.py"), *arguments]
+    with subprocess.Popen(run, stderr=below, stdout=subprocess.PIPE, env=environment) as process:
+        os.close(below)
+        said = b""
+        while True:
+            try:
+                new = os.read(above, 4096)
+            except OSError:  # so Linux says that nobody writes any more
+                break
+            said += new
+            if not new:
+                break
+        out = process.stdout.read() if process.stdout else b""
+    os.close(above)
+    assert process.returncode == 0 and out == b"", said.decode()
+    return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", said.decode())
+
+
+def test_first_calls_on_a_terminal(tmp_path):
+    """They say what is compiled, and how much, unless told not to; the processes of workers say nothing."""
+    (tmp_path / "other").mkdir()
+    assert said_by(tmp_path / "other", "child") == ""
+    text = said_by(tmp_path)
+    for name in ("forward_dynamics", "forward_dynamics for batches", "kinetic_energy.vjp"):
+        assert re.search(rf"compiling {name} of arm1 \S+ [\d,]+ operations", text), name
+    assert "potential" not in text
 
 
 def test_in_a_log(monkeypatch, capsys):
@@ -107,7 +265,7 @@ def test_nobody_is_told(capsys):
         reporting("yes", "doing", "it", of_time(1.0)),
     ):
         pass
-    with pytest.raises(ModelError, match="progress: expected True or False, got int"), busy(1, "doing"):
+    with pytest.raises(ModelError, match="progress: expected True, False or None, got int"), busy(1, "doing"):
         pass
 
 
@@ -170,5 +328,5 @@ def test_exported_code(capsys, tmp_path):
     made = hf.compile(chain).export(tmp_path / "code", **wanted, progress=True)
     assert capsys.readouterr().err == "writing code of 2 functions: this may take seconds\n"
     assert list(made.functions) == ["chain_kinetic_energy", "chain_hold"]
-    with pytest.raises(ModelError, match="progress: expected True or False, got int"):
+    with pytest.raises(ModelError, match="progress: expected True, False or None, got int"):
         hf.compile(chain).export(tmp_path / "code", **wanted, progress=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -167,7 +168,7 @@ def bound(system: System, fast: Any, what: str) -> Way:
 def batch(system: System, fast: Any, what: str) -> Way:
     """Return one call for many states, on one thread."""
     request, count = DerivativeRequest(system, what), batch_size(system, what)
-    solve, given = getattr(fast, f"forward_dynamics_{request.kind}"), request.of_many(count)
+    solve, given = partial(getattr(fast, f"forward_dynamics_{request.kind}"), threads=1), request.of_many(count)
     arrays = system.repeated(count).arrays
     out = solve(*arrays, **given)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -175,7 +176,7 @@ def bind_copying(system: System, fast: Any) -> Entry:
 
 def batch(system: System, fast: Any, size: int) -> Entry:
     """Return one call for a batch of states, on one thread."""
-    repeated, solve = system.repeated(size), fast.forward_dynamics
+    repeated, solve = system.repeated(size), partial(fast.forward_dynamics, threads=1)
     arrays, base = repeated.arrays, repeated.base_arrays
     out = solve(*arrays, **base)
 

@@ -43,7 +43,7 @@ def rollout(system: System, scheme: str, size: int) -> Stepping:
     initial = made.start(q, qd, pose, twist, tau=tau)
 
     def stepped() -> Any:
-        return made.step(initial.copy(), STEP, steps=STEPS, tau=tau)
+        return made.step(initial.copy(), STEP, steps=STEPS, tau=tau, threads=1)
 
     name, note = f"{scheme}, {size:,} systems", "states copied in each time"
     entry = Timed(name, LIBRARY, stepped, size * STEPS, note)

@@ -56,7 +56,8 @@ def test_the_extra_is_missing(tmp_path, monkeypatch):
 def test_workers_with_other_libraries(tmp_path, monkeypatch):
     """A worker whose results would have other last bits refuses its chunk."""
     other = {"versions": {"numpy": "0.1"}, "processor": "abacus"}
-    monkeypatch.setattr("holdfast.sweeps.workers.compute", lambda task: compute(task._replace(made_by=other)))
+    elsewhere = lambda task, **how: compute(task._replace(made_by=other), **how)  # noqa: E731
+    monkeypatch.setattr("holdfast.sweeps.workers.compute", elsewhere)
     with pytest.raises(hf.errors.ResultError, match=r"expected workers with numpy 0.1, abacus"):
         small_sweep(tmp_path)
 

@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import os
 import signal
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 import holdfast as hf
 from holdfast.sweeps import Uniform, store
 from holdfast.sweeps.workers import computed_by_processes
+from tests.compiler.started_threads import started_threads
 from tests.control.two_pandas import two_pandas
 from tests.sweeps.problems import data, law, small_sweep
 
@@ -124,6 +126,19 @@ def test_by_any_executor(undisturbed, tmp_path):
     with ThreadPoolExecutor(3) as threads:
         small_sweep(tmp_path, workers=threads, ahead=4)
     assert data(tmp_path) == data(undisturbed.folder)
+
+
+def test_threads_of_chunks(tmp_path, monkeypatch):
+    """A process alone divides a chunk among threads, by the same bytes; executors are told to run several chunks."""
+    started = started_threads(monkeypatch, processors=3, least_work=1)
+    with ThreadPoolExecutor(1) as pool:
+        small_sweep(tmp_path / "executor", workers=pool, chunk=33)
+        worker = pool.submit(threading.get_ident).result()
+    assert started and worker not in started  # the plan's check starts some, in this thread
+    before = len(started)
+    small_sweep(tmp_path / "alone", chunk=33)
+    assert len(started) > 2 * before
+    assert data(tmp_path / "alone") == data(tmp_path / "executor")
 
 
 def test_an_error_midway(undisturbed, tmp_path):

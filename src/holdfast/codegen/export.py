@@ -14,6 +14,7 @@ from typing import NamedTuple
 from holdfast.codegen.functions import ExportedFunction, exported_function, exported_law, exported_names
 from holdfast.codegen.header import CFunction, header, wrapper
 from holdfast.compiled.chain import CompiledChain, compile
+from holdfast.compiled.kernels import operations
 from holdfast.compiler.targets import (
     DEFINITIONS,
     OBJECT_TARGETS,
@@ -28,7 +29,7 @@ from holdfast.errors import ModelError, ResultError
 from holdfast.io.files import file_path, names_in, replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.progress import busy
+from holdfast.progress import busy, detail
 from holdfast.simulation.environment import BaseMotion
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.state import State
@@ -82,7 +83,7 @@ def export_c(
     scheme: str = "rk4",
     base_motion: Mapping[str, BaseMotion] | None = None,
     overwrite: bool = False,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> ExportedCode:
     """Write a chain's computations as code that runs without Python, and return a list of the files and functions.
 
@@ -110,7 +111,7 @@ def export_c(
         base_motion: for a step, functions of t that return pose, twist and acceleration of moving bases, by arm name or
             "trunk", as for `compile_rollout`; they become part of the code, in which steps count t from `begin`.
         overwrite: replace an earlier export in this folder.
-        progress: whether to show, in a notebook or on a terminal, that code is made and how long it took.
+        progress: as for `holdfast.compile`.
 
     Raises:
         ModelError: a name is invalid, a function or target is unknown, a step has no state, or `progress` is invalid.
@@ -232,8 +233,9 @@ def _objects(name: str, found: Sequence[ExportedFunction], target: ObjectTarget)
     """Return the object file and its functions."""
     modules, workspaces = [], []
     for one in found:
-        public = f"{name}_{one.name}"
-        text, workspace = single_module(one.schedule(), cpu.lanes(), (public, f"{public}_prepare"))
+        public, schedule = f"{name}_{one.name}", one.schedule()
+        detail(f"{one.name}, {operations(schedule.operation_count)}")
+        text, workspace = single_module(schedule, cpu.lanes(), (public, f"{public}_prepare"))
         modules.append(text)
         workspaces.append(workspace)
     made = object_file(modules, target)
@@ -254,7 +256,9 @@ def _source(name: str, found: Sequence[ExportedFunction], target: ObjectTarget) 
     for one in found:
         draft = CFunction(name, one, 0, None)
         names = (draft.name, f"{draft.name}_prepare")
-        text, workspace = single_source(one.schedule(), names, f"{draft.name}_arrays", draft.fields)
+        schedule = one.schedule()
+        detail(f"{one.name}, {operations(schedule.operation_count)}")
+        text, workspace = single_source(schedule, names, f"{draft.name}_arrays", draft.fields)
         lines += ["", f"/* ---- {draft.name}: {one.summary} ---- */", text]
         functions.append(CFunction(name, one, workspace, None))
     return "\n".join(lines).encode(), functions

@@ -11,7 +11,7 @@ from holdfast.spatial.scalar import Array
 
 class _CentreOfMass(Function):
     def __call__(
-        self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, object_pose: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> Array:
         """Return the mass centre of links and object.
 
@@ -19,7 +19,7 @@ class _CentreOfMass(Function):
             q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
             object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3), base_pose
                 (arms, 7); those of the links, if `compile` was asked for them; with a floating base, required,
                 floating_pose and what moves with it.
@@ -33,7 +33,7 @@ class _CentreOfMass(Function):
 
 class _Closure(Function):
     def __call__(
-        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> dict[str, GraspResidual]:
         """Return the constraint residuals of every grasp.
 
@@ -43,7 +43,7 @@ class _Closure(Function):
             object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
             object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of base_pose (arms, 7), base_twist (arms, 6), grasp_pose (grasps, 7);
                 with a floating base, required, floating_pose and what moves with it; with a trunk that stands
                 trunk_base_twist.
@@ -59,7 +59,7 @@ class _Closure(Function):
 
 class _ForwardDynamics(Function):
     def __call__(
-        self, q: Any, qd: Any, tau: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, qd: Any, tau: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> CompiledResult:
         """Return joint accelerations, the wrench at every grasp and the object's acceleration.
 
@@ -70,7 +70,7 @@ class _ForwardDynamics(Function):
             object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
             object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of object_wrench (6,), gravity (3,), object_mass (), object_com (3,),
                 object_inertia (3, 3), base_pose (arms, 7), base_twist (arms, 6), base_acceleration (arms, 6),
                 grasp_pose (grasps, 7); those of the links, if `compile` was asked for them; with a floating base,
@@ -90,7 +90,7 @@ class _ForwardDynamics(Function):
 
 class _GraspMargins(Function):
     def __call__(
-        self, object_pose: Any, grasp_wrench: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, object_pose: Any, grasp_wrench: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> Array:
         """Return the margin of every grasp: how far it is from slipping, lifting off or giving way.
 
@@ -99,7 +99,7 @@ class _GraspMargins(Function):
             grasp_wrench: (arms, 6) or (batch, arms, 6) wrench [moment; force] of each arm on the object about the
                 contact point, world axes [N m, N].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of grasp_pose (grasps, 7).
 
         Returns:
@@ -111,7 +111,7 @@ class _GraspMargins(Function):
 
 class _InverseDynamics(Function):
     def __call__(
-        self, q: Any, qd: Any, qdd: Any, grasp_wrench: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, qd: Any, qdd: Any, grasp_wrench: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> Array:
         """Return the joint torques of a motion under given grasp wrenches, tau = M qdd + C + J^T f + damping qd + stiffness (q - rest).
 
@@ -122,7 +122,7 @@ class _InverseDynamics(Function):
             grasp_wrench: (arms, 6) or (batch, arms, 6) wrench [moment; force] of each arm on the object about the
                 contact point, world axes [N m, N].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of gravity (3,), base_pose (arms, 7), base_twist (arms, 6),
                 base_acceleration (arms, 6); those of the links, if `compile` was asked for them; with a floating
                 base, required, floating_pose and what moves with it; with a trunk that stands trunk_base_twist and
@@ -137,14 +137,14 @@ class _InverseDynamics(Function):
 
 class _Jacobian(Function):
     def __call__(
-        self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> dict[str, Array]:
         """Return the Jacobian of every arm's tip point, [omega; v] = J qd on a base at rest, world axes.
 
         Args:
             q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of base_pose (arms, 7); with a floating base, required, floating_pose and
                 what moves with it.
 
@@ -158,7 +158,7 @@ class _Jacobian(Function):
 
 class _JointMargins(Function):
     def __call__(
-        self, q: Any, qd: Any, tau: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, qd: Any, tau: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> JointMargins:
         """Return the margins of all joints; infinite without a limit.
 
@@ -167,7 +167,7 @@ class _JointMargins(Function):
             qd: (n,) or (batch, n) joint rates [rad/s or m/s].
             tau: (n,) or (batch, n) joint torques [N m or N].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, none.
 
         Returns:
@@ -181,7 +181,7 @@ class _JointMargins(Function):
 
 class _KineticEnergy(Function):
     def __call__(
-        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> Any:
         """Return the kinetic energy of links and object, plus 1/2 armature qd^2 of the actuators.
 
@@ -191,7 +191,7 @@ class _KineticEnergy(Function):
             object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
             object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3), base_pose
                 (arms, 7), base_twist (arms, 6); those of the links, if `compile` was asked for them; with a floating
                 base, required, floating_pose and what moves with it; with a trunk that stands trunk_base_twist.
@@ -205,14 +205,14 @@ class _KineticEnergy(Function):
 
 class _LinkPoses(Function):
     def __call__(
-        self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> dict[str, Frames]:
         """Return the poses of every arm's link frames in the world, base to tip; their origins lie on the joints.
 
         Args:
             q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of base_pose (arms, 7); with a floating base, required, floating_pose and
                 what moves with it.
 
@@ -226,14 +226,14 @@ class _LinkPoses(Function):
 
 class _MassMatrix(Function):
     def __call__(
-        self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> dict[str, Array]:
         """Return the joint mass matrix of every arm, armature included.
 
         Args:
             q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, none; those of the links, if `compile` was asked for them.
 
         Returns:
@@ -246,7 +246,7 @@ class _MassMatrix(Function):
 
 class _Momentum(Function):
     def __call__(
-        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> Array:
         """Return the momentum of links and object about a world point.
 
@@ -256,7 +256,7 @@ class _Momentum(Function):
             object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
             object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of about (3,), object_mass (), object_com (3,), object_inertia (3, 3),
                 base_pose (arms, 7), base_twist (arms, 6); those of the links, if `compile` was asked for them; with a
                 floating base, required, floating_pose and what moves with it; with a trunk that stands
@@ -272,7 +272,7 @@ class _Momentum(Function):
 
 class _ObjectMobility(Function):
     def __call__(
-        self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, object_pose: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> Array:
         """Return the closed chain's mobility at C.
 
@@ -280,7 +280,7 @@ class _ObjectMobility(Function):
             q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
             object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3), base_pose
                 (arms, 7), grasp_pose (grasps, 7); those of the links, if `compile` was asked for them; with a
                 floating base, required, floating_pose and what moves with it.
@@ -294,7 +294,7 @@ class _ObjectMobility(Function):
 
 class _PotentialEnergy(Function):
     def __call__(
-        self, q: Any, object_pose: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, object_pose: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> Any:
         """Return the potential energy of gravity and of all springs, zero at the world's origin.
 
@@ -302,7 +302,7 @@ class _PotentialEnergy(Function):
             q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
             object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of gravity (3,), object_mass (), object_com (3,), object_inertia (3, 3),
                 base_pose (arms, 7); those of the links, if `compile` was asked for them; with a floating base,
                 required, floating_pose and what moves with it.
@@ -316,7 +316,7 @@ class _PotentialEnergy(Function):
 
 class _Project(Function):
     def __call__(
-        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> dict[str, Array]:
         """Return the state projected onto the grasp constraint, positions and velocities, in the kinetic metric.
 
@@ -326,7 +326,7 @@ class _Project(Function):
             object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
             object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3), base_pose
                 (arms, 7), base_twist (arms, 6), grasp_pose (grasps, 7); those of the links, if `compile` was asked
                 for them; with a floating base, required, floating_pose and what moves with it; with a trunk that
@@ -344,14 +344,14 @@ class _Project(Function):
 
 class _TipPoses(Function):
     def __call__(
-        self, q: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> dict[str, Frames]:
         """Return the pose of every arm's tip frame in the world.
 
         Args:
             q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of base_pose (arms, 7); with a floating base, required, floating_pose and
                 what moves with it.
 
@@ -365,7 +365,7 @@ class _TipPoses(Function):
 
 class _WristWrenches(Function):
     def __call__(
-        self, q: Any, grasp_wrench: Any, *, out: Any = None, threads: int = 1, **parameters: Any
+        self, q: Any, grasp_wrench: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
     ) -> Array:
         """Return the grasp wrenches in tip axes, as force-torque sensors in the wrists measure them.
 
@@ -374,7 +374,7 @@ class _WristWrenches(Function):
             grasp_wrench: (arms, 6) or (batch, arms, 6) wrench [moment; force] of each arm on the object about the
                 contact point, world axes [N m, N].
             out: an earlier answer with arrays, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: for this call, any of base_pose (arms, 7); with a floating base, required, floating_pose and
                 what moves with it.
 

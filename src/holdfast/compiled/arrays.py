@@ -110,9 +110,10 @@ def floats(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 
 
 def require_threads(threads: Any) -> None:
-    """Raise a StateError unless `threads` is an integer of at least 1."""
-    if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:
-        raise StateError(f"threads: expected an integer >= 1, got {checks.short(threads)}")
+    """Raise a StateError unless `threads` is None or an integer of at least 1."""
+    whole = isinstance(threads, int | np.integer) and not isinstance(threads, bool)
+    if threads is not None and not (whole and threads >= 1):
+        raise StateError(f"threads: expected an integer >= 1, got {checks.short(threads)}; try None, which chooses")
 
 
 def batch_of(found: Mapping[str, Array], externals: Mapping[str, External]) -> int | None:

@@ -39,13 +39,13 @@ class Calls:
         self._run = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(kernel.single_address)
         self._changed: list[str] = []  # what the scratch arrays hold that is not the chain's own
 
-    def __call__(self, found: Mapping[str, Array], result: Results, threads: int = 1) -> bool:
+    def __call__(self, found: Mapping[str, Array], result: Results, threads: int | None = None) -> bool:
         """Write the results of one system or a batch; return whether every status is OK.
 
         Args:
             found: the arrays of this call by name, float64 in C order.
             result: the result to be written; its batch size is that of the call.
-            threads: the number of threads for a batch.
+            threads: as for `Function`.
         """
         if result.batch is not None:
             self.kernel.run_batch(self._addresses.table(found, result), result.batch, threads)

@@ -46,7 +46,7 @@ def compile(
     method: str = "auto",
     parameters: Sequence[str] = (),
     generic_rank: int | None = None,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> CompiledChain:
     """Compile the dynamics of a chain to machine code.
 
@@ -64,8 +64,9 @@ def compile(
             and `link_wrench` (external wrenches on the links).
         generic_rank: the rank of the grasp constraint away from singular configurations. If it is None, it is
             determined when it first matters.
-        progress: whether to show, in a notebook or on a terminal, that machine code is made and how long it took; also
-            that of derivatives and of other functions, which is made when they are first called.
+        progress: whether to show that machine code is made, also that of derivatives, batches and other functions,
+            which is made when they are first called. None: in a notebook or on a terminal, if it takes longer than a
+            second; True: always, elsewhere as a line in the log; False: never.
 
     Returns:
         The chain's dynamics as functions of arrays, for one system or a batch.
@@ -103,10 +104,12 @@ class CompiledChain(Answers):
         chain: the chain.
         options: the options with which it was compiled.
         generic_rank: the rank of the grasp constraint away from singular configurations, or None while unknown.
-        progress: whether to show that machine code is made.
+        progress: whether to show that machine code is made; see `compile`.
     """
 
-    def __init__(self, chain: ClosedChain, options: Options, generic_rank: int | None, progress: bool = False) -> None:
+    def __init__(
+        self, chain: ClosedChain, options: Options, generic_rank: int | None, progress: bool | None = None
+    ) -> None:
         self.chain, self.options, self.generic_rank, self.progress = chain, options, generic_rank, progress
 
     def __getattr__(self, name: str) -> Any:

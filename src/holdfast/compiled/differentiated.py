@@ -59,7 +59,7 @@ class Differentiated:
         *given: Any,
         by: Sequence[str] | None = None,
         out: Any = None,
-        threads: int = 1,
+        threads: int | None = None,
         **cotangents_and_parameters: Any,
     ) -> CompiledDerivatives:
         """Return the gradients of sum(cotangent . result), at a few times the cost of the answer.
@@ -68,7 +68,7 @@ class Differentiated:
             *given: the arguments of the question, in order or by name.
             by: the arguments of which gradients are returned; by default `question.by`.
             out: earlier derivatives of the same names, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: as in a call.
             **cotangents_and_parameters: cotangents by result, and parameters as in a call.
 
         Returns:
@@ -91,7 +91,7 @@ class Differentiated:
         along: Mapping[str, Any] | None = None,
         of: Sequence[str] | None = None,
         out: Any = None,
-        threads: int = 1,
+        threads: int | None = None,
         **parameters: Any,
     ) -> CompiledDerivatives:
         """Return the rates of the results along tangents of the arguments, at a few times the cost of the answer.
@@ -102,7 +102,7 @@ class Differentiated:
                 one system at once, (batch, ...) for a batch.
             of: the results; by default all.
             out: earlier derivatives of the same names, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: as in a call.
             **parameters: parameters as in a call.
 
         Returns:
@@ -125,7 +125,7 @@ class Differentiated:
         of: Sequence[str] | None = None,
         by: Sequence[str] | None = None,
         out: Any = None,
-        threads: int = 1,
+        threads: int | None = None,
         **parameters: Any,
     ) -> CompiledDerivatives:
         """Return the Jacobian.
@@ -135,7 +135,7 @@ class Differentiated:
             of: the results; by default `question.of`.
             by: the arguments; by default `question.by`.
             out: earlier derivatives of the same names, to be overwritten.
-            threads: the number of threads for a batch.
+            threads: as in a call.
             **parameters: parameters as in a call.
 
         Returns:
@@ -169,7 +169,7 @@ class Differentiated:
         return found
 
     def _with(
-        self, given: Sequence[Any], vectors: Mapping[str, Any], further: dict[str, Any], out: Any, threads: int
+        self, given: Sequence[Any], vectors: Mapping[str, Any], further: dict[str, Any], out: Any, threads: int | None
     ) -> CompiledDerivatives:
         """Return derivatives, of the question's inputs, cotangents or tangents, and parameters."""
         assert self.request is not None
@@ -181,7 +181,7 @@ class Differentiated:
         require_inputs([name for name in own if name not in inputs], further)
         values += [further.pop(name) for name in own[len(given) :]]
         values += [vectors[name] for name in self.request.given]
-        if type(threads) is int and threads == 1:
+        if threads is None:
             return self(*values, out=out, **further)
         return self(*values, out=out, threads=threads, **further)
 

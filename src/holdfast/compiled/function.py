@@ -114,7 +114,7 @@ class Function(Differentiated):
             [self.externals[name].shape for name in first],
             self._checked,
             self.name,
-            f"({', '.join(made.inputs)}, *, out=None, threads=1, **parameters)",
+            f"({', '.join(made.inputs)}, *, out=None, threads=None, **parameters)",
             question.summary,
             [name.removeprefix(WITH) for name in first],
             len(first) - len(made.inputs),
@@ -155,7 +155,7 @@ class Function(Differentiated):
     def __signature__(self) -> inspect.Signature:
         """The parameters of a call, for completion and help."""
         by_name = [Parameter("out", Parameter.KEYWORD_ONLY, default=None)]
-        by_name += [Parameter("threads", Parameter.KEYWORD_ONLY, default=1)]
+        by_name += [Parameter("threads", Parameter.KEYWORD_ONLY, default=None)]
         names = [name.replace(WITH, "with_") for name in self.computation.inputs]
         given = [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names]
         return inspect.Signature([*given, *by_name, Parameter("parameters", Parameter.VAR_KEYWORD)])
@@ -164,13 +164,13 @@ class Function(Differentiated):
         """Return how to unpickle the function: its machine code is loaded from the cache or made again."""
         return Function, (self.compiled, self.question, self.request, self._options)
 
-    def __call__(self, *given: Any, out: Any = None, threads: int = 1, **parameters: Any) -> Any:
+    def __call__(self, *given: Any, out: Any = None, threads: int | None = None, **parameters: Any) -> Any:
         """Return the answer for one system, or for a batch.
 
         Args:
             *given: the arrays of `question.inputs`, in order or by name.
             out: an earlier answer, to be overwritten; single calls that reuse it are the fastest.
-            threads: the number of threads for a batch.
+            threads: how many threads share a batch; None: as many as make it faster.
             **parameters: values for this call of run-time parameters. An object_mass requires an object_inertia;
                 "scale" scales the chain's own with the mass.
 
@@ -182,7 +182,7 @@ class Function(Differentiated):
         type(self).__call__ = self._builtin.function  # type: ignore[method-assign]
         return self(*given, out=out, threads=threads, **parameters)
 
-    def _checked(self, *given: Any, out: Any = None, threads: int = 1, **parameters: Any) -> Any:
+    def _checked(self, *given: Any, out: Any = None, threads: int | None = None, **parameters: Any) -> Any:
         """Answer the calls that the builtin does not."""
         arrays.require_threads(threads)
         if any(name in parameters and name not in self.externals for name in MOVING):

@@ -6,15 +6,18 @@ import functools
 import hashlib
 import threading
 import weakref
+from collections.abc import Callable
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 
 import holdfast.compiler
 from holdfast.compiled.computation import Computation
 from holdfast.compiler.kernel import BatchKernel, Kernel
+from holdfast.compiler.schedule import Schedule
 from holdfast.compiler.targets import cpu
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.progress import busy
+from holdfast.progress import busy, detail
 
 # The packages whose functions become machine code.
 _ROOMS = ("spatial", "model", "state", "questions", "dynamics", "forces", "compiler", "compiled")
@@ -31,30 +34,54 @@ def key_of(made: Computation) -> str:
 def kernel(made: Computation) -> Kernel:
     """Return the kernel of one computation; its schedule is made only if the machine code is not in the cache."""
     if not (key := key_of(made)):
-        return Kernel(made.externals, made.schedule)
+        return Kernel(made.externals, _told(made))
     key = f"{key}/{cpu.target().name}"
     with _lock:
         found = _made.get(key)
         if found is None:
-            found = _made[key] = Kernel(made.externals, made.schedule, key)
+            found = _made[key] = Kernel(made.externals, _told(made), key)
         return found
 
 
-def batch_kernel(made: Computation, quick: bool = False) -> BatchKernel:
-    """Return a kernel of one computation for batches only; `quick` shortens compilation at the cost of run time."""
-    return BatchKernel(made.externals, made.schedule, key_of(made), quick=quick)
+def batch_kernel(made: Computation, quick: bool = False, what: str = "steps") -> BatchKernel:
+    """Return a kernel of one computation for batches only.
+
+    Args:
+        made: the computation.
+        quick: whether to shorten compilation at the cost of run time.
+        what: what it is called where compiling it is shown.
+    """
+    shown = partial(compiling, made.structure.chain, what, None)
+    return BatchKernel(made.externals, _told(made), key_of(made), quick=quick, shown=shown)
 
 
-def compiling(chain: ClosedChain, what: str, progress: bool) -> AbstractContextManager[None]:
-    """Show, if `progress` is true, that a computation of a chain is compiled within this context."""
+def compiling(chain: ClosedChain, what: str, progress: bool | None) -> AbstractContextManager[None]:
+    """Show that a computation of a chain is compiled within this context; see `busy`."""
     return busy(progress, f"compiling {what} of {', '.join(chain.names)}")
 
 
-def compile_batch(code: Kernel, chain: ClosedChain, what: str, progress: bool) -> None:
-    """Compile what a batch of a computation needs, if it is not compiled yet; show it if `progress` is true."""
-    if progress and not code.batch_is_compiled:
+def compile_batch(code: Kernel, chain: ClosedChain, what: str, progress: bool | None) -> None:
+    """Compile what a batch of a computation needs, if it is not compiled yet, and show it; see `busy`."""
+    if not code.batch_is_compiled:
         with compiling(chain, f"{what} for batches", progress):
+            detail(operations(code.operation_count))
             code.compile_batch()
+
+
+def _told(made: Computation) -> Callable[[], Schedule]:
+    """Return the function that makes the schedule of a computation, and shows how long it is."""
+
+    def schedule() -> Schedule:
+        found = made.schedule()
+        detail(operations(found.operation_count))
+        return found
+
+    return schedule
+
+
+def operations(count: int) -> str:
+    """Return a number of operations in words."""
+    return f"{count:,} operations"
 
 
 @functools.cache

@@ -18,7 +18,7 @@ from pathlib import Path
 
 SIZE_CAP = 256 * 2**20  # bytes; above this size the least recently used entries are removed
 
-_MAGIC = b"holdfst2"
+_MAGIC = b"holdfst3"
 _HEAD = len(_MAGIC) + 8 + 32
 _SUFFIX = ".code"
 

@@ -9,6 +9,7 @@ import ctypes
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.compiler.targets import batch_module, cpu, foreign_call, no_argument_call, single_module
+from holdfast.compiler.threads import divide
 
 _BYTE = ctypes.c_char
 
@@ -42,6 +44,7 @@ class BatchKernel:
         key: str = "",
         lanes: int | None = None,
         quick: bool = False,
+        shown: Callable[[], AbstractContextManager[object]] = nullcontext,
     ) -> None:
         """Prepare to compile a schedule; nothing is compiled yet.
 
@@ -52,8 +55,9 @@ class BatchKernel:
             lanes: how many systems are computed side by side; by default as many as fit a vector register.
             quick: whether to spend less time on optimisation, for code that will not run for long. The results are
                 the same bit for bit.
+            shown: returns the context within which to compile, which shows it to people.
         """
-        self._quick = quick
+        self._quick, self._shown = quick, shown
         self.externals, self.lanes = externals, lanes or cpu.lanes()
         self._make, self._key = make, f"{key}/{self.lanes}" if key else ""
         self._compiling = threading.Lock()
@@ -64,37 +68,28 @@ class BatchKernel:
         """The schedule, made when first needed."""
         return self._make()
 
-    def run_batch(self, table: np.ndarray, batch: int, threads: int = 1, repeats: int = 1) -> None:
+    def run_batch(self, table: np.ndarray, batch: int, threads: int | None = None, repeats: int = 1) -> None:
         """Run a batch; the caller is responsible for the addresses.
 
         Args:
             table: (externals, 2) address and stride in doubles of each array, in order.
             batch: the number of systems.
-            threads: the number of threads among which the systems are divided.
+            threads: the number of threads among which the systems are divided; see `divide`.
             repeats: how many times each system is run, for a schedule with carried arrays.
         """
         with self._compiling:
             code = self._batch_code
         run, address = _BATCH(code.address), table.ctypes.data
-        blocks = -(-batch // self.lanes)
-        threads = min(threads, max(1, blocks))
-        bounds = [blocks * t // threads for t in range(threads + 1)]
 
-        def part(t: int) -> None:
+        def part(begin: int, end: int) -> None:
             try:
                 arena = self._idle.pop()
             except IndexError:
                 arena = aligned(code.notes["arena"])
-            run(address, bounds[t], bounds[t + 1], batch, repeats, arena.ctypes.data)
+            run(address, begin, end, batch, repeats, arena.ctypes.data)
             self._idle.append(arena)
 
-        if threads == 1:
-            part(0)
-            return
-        from concurrent.futures import ThreadPoolExecutor  # here, because it imports much that is rarely needed
-
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(part, range(threads)))
+        divide(part, -(-batch // self.lanes), code.notes["operations"] * repeats, threads)
 
     def repeatedly(self, batch: int) -> Callable[[int], None]:
         """Return a function that runs a batch on this thread, for the table at a given address; see `run_batch`."""
@@ -108,13 +103,13 @@ class BatchKernel:
 
         return run_table
 
-    def run_arrays(self, arrays: Mapping[str, np.ndarray], batch: int, threads: int = 1) -> None:
+    def run_arrays(self, arrays: Mapping[str, np.ndarray], batch: int, threads: int | None = None) -> None:
         """Run a batch on float64 arrays in C order, (batch, *shape) each, or (*shape) if all systems share it.
 
         Args:
             arrays: the external arrays by name.
             batch: the number of systems.
-            threads: the number of threads among which the systems are divided.
+            threads: as for `run_batch`.
         """
         table = np.zeros((len(self.externals), 2), dtype=np.int64)
         for row, (name, external) in zip(table, self.externals.items(), strict=True):
@@ -135,11 +130,12 @@ class BatchKernel:
 
     @cached_property
     def _batch_code(self) -> cpu.Code:
-        return cpu.Code(self._batch_source, "batch", key=self._key and f"{self._key}/batch", quick=self._quick)
+        with self._shown():
+            return cpu.Code(self._batch_source, "batch", key=self._key and f"{self._key}/batch", quick=self._quick)
 
     def _batch_source(self) -> tuple[str, cpu.Notes]:
         text, arena = batch_module(self.schedule, self.lanes)
-        return text, {"arena": arena}
+        return text, {"arena": arena, "operations": self.schedule.operation_count}
 
 
 class Kernel(BatchKernel):

@@ -57,18 +57,18 @@ def _shown(chain: ClosedChain) -> Show:
 
 
 def compile_law(
-    controller: Controller | ControlLaw, chain: ClosedChain | None = None, *, progress: bool = False
+    controller: Controller | ControlLaw, chain: ClosedChain | None = None, *, progress: bool | None = None
 ) -> CompiledLaw:
     """Return a control law compiled to machine code for this computer.
 
     Args:
         controller: a `ControlLaw`, with or without values of its parameters, or a controller of the library.
         chain: the chain that it controls; not needed for controllers of the library, which contain it.
-        progress: whether to show, in a notebook or on a terminal, that machine code is made, also by the first batch.
+        progress: as for `holdfast.compile`.
 
     Raises:
-        ModelError: no chain is given, the law depends on more than its arguments, or `progress` is neither True nor
-            False.
+        ModelError: no chain is given, the law depends on more than its arguments, or `progress` is neither True, False
+            nor None.
         MethodNotApplicable: the controller is a function that cannot be traced.
         CompileError: the law contains operations that cannot be compiled.
     """
@@ -146,7 +146,7 @@ class CompiledLaw:
     """
 
     def __init__(
-        self, law: ControlLaw, chain: ClosedChain, values: Mapping[str, Array], progress: bool = False
+        self, law: ControlLaw, chain: ClosedChain, values: Mapping[str, Array], progress: bool | None = None
     ) -> None:
         self.law, self.chain, self.values = law, chain, dict(values)
         self._fields, self._lock = state_fields(chain), threading.Lock()
@@ -197,7 +197,7 @@ class CompiledLaw:
         object_twist: Any,
         *,
         memory: Any = None,
-        threads: int = 1,
+        threads: int | None = None,
         **parameters: Any,
     ) -> LawTorques:
         """Return the torques and the memory for one system, or for a batch if an argument has a leading axis.
@@ -209,7 +209,7 @@ class CompiledLaw:
             object_pose: (7,) wxyz_xyz of the object frame.
             object_twist: (6,) [omega; v of C], world axes.
             memory: (m,) memory of the law; by default its initial memory.
-            threads: number of threads for a batch.
+            threads: as for `CompiledChain.forward_dynamics`.
             **parameters: parameters of the law that have no value yet; floating_pose and floating_twist of a floating
                 base.
 

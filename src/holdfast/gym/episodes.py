@@ -29,7 +29,7 @@ class Episodes:
     Attributes:
         task: the task.
         count: number of episodes.
-        threads: number of threads.
+        threads: as for `Rollout.step`.
         drawn: random values of the episodes, (count, ...) each.
         steps: (count,) control steps taken so far.
         phase: (count,) index of the current phase.
@@ -38,7 +38,7 @@ class Episodes:
         seen: results of the last `evaluation` of the task, (count, ...) each.
     """
 
-    def __init__(self, task: Task, count: int, threads: int = 1) -> None:
+    def __init__(self, task: Task, count: int, threads: int | None = None) -> None:
         """Compile the task; no episode is begun.
 
         Raises:

@@ -21,6 +21,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Friction, Grasp, GraspName, contact_frame
 from holdfast.model.held_object import HeldObject
+from holdfast.progress import busy
 from holdfast.questions.arrays import shapes, state_fields
 from holdfast.robots.panda import panda
 from holdfast.simulation.rollout.rollout import Rollout
@@ -52,15 +53,17 @@ class BatchFunction:
         self.function, self.inputs, self.outputs = function, dict(inputs), dict(outputs)
         externals = {name: External(shape, "input") for name, shape in inputs.items()}
         externals |= {name: External(shape, "output") for name, shape in outputs.items()}
-        self._kernel = BatchKernel(externals, lambda: traced(externals, function))
+        self._kernel = BatchKernel(
+            externals, lambda: traced(externals, function), shown=lambda: busy(None, "compiling a task")
+        )
 
-    def __call__(self, count: int, given: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
+    def __call__(self, count: int, given: Mapping[str, Array], threads: int | None = None) -> dict[str, Array]:
         """Return the results of the function for every system, (count, *shape) each.
 
         Args:
             count: number of systems.
             given: arguments by name, (count, *shape) each, or (*shape) if all systems share it.
-            threads: number of threads.
+            threads: as for `Rollout.step`.
         """
         arrays = {name: np.asarray(given[name], dtype=float, order="C") for name in self.inputs}
         found = {name: np.empty((count, *shape)) for name, shape in self.outputs.items()}

@@ -10,6 +10,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from holdfast.compiled.arrays import require_threads
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.gym.carry import CarryTask
 from holdfast.gym.environments import NOT_RENDERED, require_no_rendering, require_seed, spaces, systems_of, task_of
@@ -42,7 +43,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         task: Task | None = None,
         *,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        threads: int = 1,
+        threads: int | None = None,
         render_mode: str | None = None,
         **setting: Any,
     ) -> None:
@@ -55,7 +56,8 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         self.single_observation_space, self.single_action_space = spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.episodes = Episodes(self.task, self.num_envs, whole_number("threads", threads))
+        require_threads(threads)
+        self.episodes = Episodes(self.task, self.num_envs, threads)
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self._started, self._over = np.zeros(self.num_envs, dtype=bool), np.zeros(self.num_envs, dtype=bool)
@@ -211,7 +213,7 @@ class CarryVector(TaskVectorEnv):
         envs = gymnasium.make_vec("holdfast/Carry-v0", num_envs=256)  # after `import holdfast.gym`
 
     The arguments are the number of environments, a `CarryTask` or its attributes by name, an `AutoresetMode` (NEXT_STEP
-    by default) and the number of `threads`; `render_mode` must be None.
+    by default) and `threads` as for `Rollout.step`; `render_mode` must be None.
 
     Raises:
         ModelError, StateError: the task is not a `CarryTask`, or an attribute is invalid; the message names it.
@@ -228,7 +230,7 @@ class HandOverVector(TaskVectorEnv):
         envs = gymnasium.make_vec("holdfast/HandOver-v0", num_envs=256)  # after `import holdfast.gym`
 
     The arguments are the number of environments, a `HandOverTask` or its attributes by name, an `AutoresetMode`
-    (NEXT_STEP by default) and the number of `threads`; `render_mode` must be None.
+    (NEXT_STEP by default) and `threads` as for `Rollout.step`; `render_mode` must be None.
 
     Raises:
         ModelError, StateError: the task is not a `HandOverTask`, or an attribute is invalid; the message names it.

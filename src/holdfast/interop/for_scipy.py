@@ -82,7 +82,7 @@ def value_and_gradient(
     step: Any = None,
     steps: int | None = None,
     schedule: Mapping[str, Any] | None = None,
-    threads: int = 1,
+    threads: int | None = None,
     **arguments: Any,
 ) -> ValueAndGradient:
     """Return fun(x) = (cost, d cost / dx) for `scipy.optimize.minimize(fun, fun.x0, jac=True)`.
@@ -103,7 +103,7 @@ def value_and_gradient(
         step: of a rollout [s].
         steps: of a rollout, how many.
         schedule: of a rollout: parameters of its law step by step, by name (steps, ...) or (steps, systems, ...).
-        threads: how many share the systems of a rollout.
+        threads: of a rollout, as for `Rollout.step`.
         **arguments: of a rollout those of `Rollout.start`, of a compiled chain those of `forward_dynamics`.
 
     Returns:

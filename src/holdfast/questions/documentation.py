@@ -18,7 +18,7 @@ def docstring(question: Question) -> str:
     lines += ["Args:", *_entries((name, _given(ARRAYS[name])) for name in question.inputs)]
     further = [
         ("out", "an earlier answer with arrays, to be overwritten."),
-        ("threads", "the number of threads for a batch."),
+        ("threads", "how many threads share a batch; None: as many as make it faster."),
         ("**parameters", f"for this call, {_parameters(question)}"),
     ]
     lines += [*_entries(further), "", "Returns:", *_wrapped(_results(question), 4), "", "Raises:"]
@@ -101,7 +101,7 @@ def stub() -> str:
         lines += [
             f"class {class_name(question)}(Function):",
             "    def __call__(",
-            f"        self, {arguments}, *, out: Any = None, threads: int = 1, **parameters: Any",
+            f"        self, {arguments}, *, out: Any = None, threads: int | None = None, **parameters: Any",
             f"    ) -> {question.returns}:",
             body,
             "",

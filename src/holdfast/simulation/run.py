@@ -223,7 +223,7 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
         stretch = uneventful_steps(at, pace.most) if pace.may_try() else None
         if stretch is not None:
             add(stretch.samples, (), stretch.checkpoint)
-            pace.taken(len(stretch.samples))
+            pace.taken(stretch.whole)
             at = stretch.end
             listeners.progress(at.now.t)
             continue
@@ -263,10 +263,10 @@ class Pace:
         self._wait = min(2**self._failures, MOST_TOGETHER) - 1
         return True
 
-    def taken(self, count: int) -> None:
-        """Take note that a number of steps were taken; if fewer than tried, the next one is taken by itself."""
-        self._failures, self._wait = 0, int(count < self.most)
-        self.most = min(2 * self.most, MOST_TOGETHER) if count == self.most else FEWEST_TOGETHER
+    def taken(self, whole: bool) -> None:
+        """Take note that steps were taken together; if not all that were tried, the next one is taken by itself."""
+        self._failures, self._wait = 0, int(not whole)
+        self.most = min(2 * self.most, MOST_TOGETHER) if whole else FEWEST_TOGETHER
 
 
 def _sample(at: RunState, happened: tuple[Occurrence, ...]) -> Trajectory:

@@ -38,7 +38,7 @@ from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.scalar import Array
 from holdfast.state import found_state
 
-SHORTER = 0.5  # bound on the ratio of two sizes of a chain (`coordinate_sizes`) in neighbouring configurations
+SIZE_RATIO = 0.5  # bound on the ratio of two sizes of a chain (`coordinate_sizes`) in neighbouring configurations
 
 
 def uneventful_steps(at: RunState, most: int) -> Stretch | None:
@@ -65,11 +65,13 @@ class Stretch(NamedTuple):
         samples: its samples: the end of each step, and before it its start if that follows a jump.
         end: the run after the last.
         checkpoint: returns the checkpoint after a sample, counted from 0.
+        whole: whether all steps that were tried belong to it.
     """
 
     samples: Trajectory
     end: RunState
     checkpoint: Callable[[int], Checkpoint]
+    whole: bool
 
 
 class _Steps(NamedTuple):
@@ -257,7 +259,7 @@ def _near_singular(at: RunState, steps: _Steps) -> Array:
     found = changes_much(before, here, later)
     sizes = np.ones(chain.joint_count)
     if not all(joint.turns for joint in chain.all_joints):
-        sizes = SHORTER * coordinate_sizes(chain_at_rest(at.now.chain, at.now.state))[: chain.joint_count]
+        sizes = SIZE_RATIO * coordinate_sizes(chain_at_rest(at.now.chain, at.now.state))[: chain.joint_count]
         sizes[[joint.turns for joint in chain.all_joints]] = 1.0
     turning = np.maximum(*(_turning(z) for z in (x, y)))
     moved = np.maximum((np.abs(y["q"] - x["q"]) / sizes).max(axis=1, initial=0.0), h * turning)
@@ -328,7 +330,7 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
     last = len(t) - 1
     earlier = at.now if last == 0 else instant(last - 1)
     end = RunState(segment, after(last), instant(last), earlier, gaps_of(x, last), times[last], margins[last])
-    return Stretch(run, end, after)
+    return Stretch(run, end, after, count == len(steps.times))
 
 
 def _with_forces(x: Mapping[str, Array], instant: Callable[[int], Instant], segment: Segment) -> Mapping[str, Array]:

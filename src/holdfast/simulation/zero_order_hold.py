@@ -187,16 +187,16 @@ class AskedOnce:
     """
 
     def __init__(self, controller: Controller) -> None:
-        self._controller, self._known = controller, OrderedDict[tuple[Any, ...], tuple[Any, Any]]()
+        self._controller, self._known = controller, OrderedDict[float, tuple[State, Any, Any]]()
 
     def __call__(self, t: float, state: State, memory: Any) -> Any:
         """Return the torques and the memory."""
-        key = (t, *(x.tobytes() for x in parts_of(state).values()))
-        asked = self._known.get(key)
-        if asked is not None and asked[0] is memory:
-            return asked[1]
+        if t in self._known:
+            there, before, found = self._known[t]
+            if before is memory and all(map(np.array_equal, parts_of(there).values(), parts_of(state).values())):
+                return found
         found = self._controller(t, state, memory)
-        self._known[key] = memory, found
+        self._known[t] = state, memory, found
         if len(self._known) > MOST_KNOWN:
             self._known.popitem(last=False)
         return found

@@ -16,6 +16,7 @@ from holdfast.errors import ResultError
 from holdfast.io.columns import array_columns
 from holdfast.io.save_run import meta_of
 from holdfast.io.tables import pyarrow
+from holdfast.progress import busy
 from holdfast.simulation.rollout.record import RolloutRecord
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.setting import Setting
@@ -70,8 +71,12 @@ class Computed(NamedTuple):
 _unpacked = lru_cache(maxsize=1)(pickle.loads)  # the last rollout of this process
 
 
-def compute(task: Chunk) -> Computed:
+def compute(task: Chunk, threads: int | None = 1) -> Computed:
     """Return the results of a chunk, which are the same bytes in every process.
+
+    Args:
+        task: the chunk.
+        threads: as for `Rollout.run`; one by default, since other chunks are computed at the same time.
 
     Raises:
         ResultError: the libraries of this process differ from those of the process that made the plan.
@@ -83,7 +88,8 @@ def compute(task: Chunk) -> Computed:
             f" {_listed(made_by())}; try the same installation on all computers"
         )
     rollout: Rollout = _unpacked(task.rollout)
-    record = rollout.run(rollout.start(**task.rows), **task.run)
+    with busy(False, "a chunk"):  # workers show nothing
+        record = rollout.run(rollout.start(**task.rows, threads=threads), **task.run, threads=threads)
     data = encoded(columns_of(record, task), task.plan)
     counts = Counter(status.name for status in record.systems.status)
     return Computed(task.number, data, counts, time.perf_counter() - start, os.getpid())

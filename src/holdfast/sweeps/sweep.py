@@ -95,7 +95,8 @@ def sweep(
         outputs: names of attributes of `RolloutSystems`, which are stored at the end of each run.
         seed: seed of the random draws, an integer >= 0.
         chunk: number of runs that are computed together and stored in one file.
-        workers: number of processes, 1 for this one; or an executor with the interface of `concurrent.futures`.
+        workers: number of processes, of one thread each; 1 for this one, which uses threads as `Rollout.step` does. Or
+            an executor with the interface of `concurrent.futures`.
         cluster: a Dask cluster: the address of its scheduler, such as "tcp://10.0.0.1:8786", or "local" for `workers`
             processes of this computer. If a scheduler dies, the sweep waits for its successor.
         ahead: number of chunks that are submitted to an executor or a cluster at a time.

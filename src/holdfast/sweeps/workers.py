@@ -82,7 +82,7 @@ def computed_chunks(
 
 def computed_here(tasks: Iterator[Chunk]) -> Iterator[Computed]:
     """Yield the results of chunks that are computed one after the other in this process."""
-    return map(compute, tasks)
+    return (compute(task, threads=None) for task in tasks)
 
 
 def computed_by_processes(tasks: Iterator[Chunk], count: int, most_deaths: int = MOST_DEATHS) -> Iterator[Computed]:

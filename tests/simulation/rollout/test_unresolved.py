@@ -87,7 +87,7 @@ def test_nothing_else_changes(limit):
     for _ in range(12):
         rollout.step(single, H, largest_drift=limit)
     bare = begin.copy()
-    rollout.advance_unconfirmed(bare, np.full(4, H), 12, NO_STOPS)
+    rollout.advance_unconfirmed(bare, np.full(4, H), 12, NO_STOPS, 1)
     assert list(whole.status) == [RolloutStatus.UNRESOLVED] * 4
     for name, x in whole.arrays.items():
         assert same_bits(x, single.arrays[name]), name

@@ -60,7 +60,9 @@ class AdjointKernel:
         scheme = "closing" if tableau is None else tableau.name
         model = VariedStep(step.model, tableau or EULER)
         what = f"adjoint/{scheme}/{','.join(self.by)};{','.join(self.of)}"
-        self._code = batch_kernel(step.computation(what, self.externals, self._gradients(model, tableau)))
+        self._code = batch_kernel(
+            step.computation(what, self.externals, self._gradients(model, tableau)), what="gradients of steps"
+        )
 
     @classmethod
     def of_step(cls, step: StepKernel, tableau: Tableau | None, by: Sequence[str], of: Sequence[str]) -> AdjointKernel:
@@ -80,7 +82,7 @@ class AdjointKernel:
         return gradients
 
     def run(
-        self, given: Mapping[str, Array], cotangents: Mapping[str, Array], count: int, threads: int = 1
+        self, given: Mapping[str, Array], cotangents: Mapping[str, Array], count: int, threads: int | None = None
     ) -> dict[str, Array]:
         """Return the gradients, (count, *shape) each.
 
@@ -88,7 +90,7 @@ class AdjointKernel:
             given: inputs and parameters, (*shape) for all systems or (count, *shape).
             cotangents: cotangents by name, (count, *shape) each.
             count: number of systems.
-            threads: number of threads.
+            threads: as for `Rollout.step`.
         """
         found = {name: np.empty((count, *self._shapes[f"{FOUND}{name}"])) for name in self.by}
         every = {**self._step.parameters, **given}

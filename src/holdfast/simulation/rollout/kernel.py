@@ -229,7 +229,7 @@ class StepKernel:
         inputs: Mapping[str, Array],
         parameters: Mapping[str, Array],
         repeats: int = 1,
-        threads: int = 1,
+        threads: int | None = None,
         *,
         slopes_only: bool = False,
     ) -> None:
@@ -241,7 +241,7 @@ class StepKernel:
                 unless one is given. A system that passes a singular configuration is stopped unless "search" is 0.
             parameters: parameters that differ from those of the chain, likewise.
             repeats: number of steps.
-            threads: number of threads.
+            threads: as for `Rollout.step`.
             slopes_only: take no step, but evaluate the slopes at the current states again, with new inputs.
         """
         given = {**parameters, **inputs, **{f"last.{name}": x for name, x in systems.items()}}

@@ -51,7 +51,7 @@ def followed(
 
     def taken(some: RolloutSystems, count: int) -> None:
         if limit is None:
-            take(some, some.step_length, steps=count, least=least, notice=True)
+            take(some, some.step_length, steps=count, least=least, wait=True)
             return
         for _ in range(count):
             subdivided(some, limit, order, partial(take, steps=1, least=least))
@@ -100,7 +100,7 @@ def subdivided(systems: RolloutSystems, limit: float, order: int, advance: TakeS
         advance: takes a step.
     """
     before = systems.copy()
-    advance(systems, before.step_length, notice=True)
+    advance(systems, before.step_length, wait=True)
     far = systems.arrays["code"] == GRASP_OPEN
     drift = np.where(systems.running, systems.drift[:, 0], 0.0)
     parts = np.where(far, MOST_SUBSTEPS, parts_needed(drift, limit, order))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -39,7 +40,7 @@ class RecordOutput:
 
 
 def recorded_rollout(
-    arguments: RolloutArguments, output: RecordOutput, given: Mapping[str, Any], threads: int
+    arguments: RolloutArguments, output: RecordOutput, given: Mapping[str, Any], threads: int | None
 ) -> RolloutRecord:
     """Advance systems by a duration, and return their record.
 
@@ -50,7 +51,7 @@ def recorded_rollout(
         arguments: the rollout, the systems at the start, the duration and the steps.
         output: the arrays to record, and where.
         given: parameters of the law and the chain, as for `Rollout.step`.
-        threads: number of threads.
+        threads: as for `Rollout.step`.
 
     Raises:
         StateError: a name is wrong, the duration is not a whole number of steps, or the systems have different times.
@@ -96,7 +97,8 @@ def recorded_rollout(
     violated = systems.running & np.isin(at.arrays["code"], (SLIPPED, LIMITED))
     if violated.any():
         least = stop_margins(arguments.options["least_margin"], arguments.options["stop_at_limits"])
-        stopped[violated] = refined(at, violated, step, lambda some, h: rollout.advance_unconfirmed(some, h, 1, least))
+        take = partial(rollout.advance_unconfirmed, steps=1, least=least, threads=threads)
+        stopped[violated] = refined(at, violated, step, take)
     flush(stopped, True)
     return RolloutRecord(*_joined(waiting, record), at, stopped, arguments) if writer is None else writer.record()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from os import PathLike
@@ -10,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.arrays import require_threads
+from holdfast.compiled.kernels import compiling
 from holdfast.compiled.structure import Options
 from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
@@ -17,7 +20,6 @@ from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.progress import busy
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.rollout.arguments import (
@@ -121,8 +123,8 @@ class Rollout:
         floating_twist: Any = None,
         memory: Any = None,
         t: float = 0.0,
-        threads: int = 1,
-        progress: bool = False,
+        threads: int | None = None,
+        progress: bool | None = None,
         **given: Any,
     ) -> RolloutSystems:
         """Return systems at given states, projected onto the grasps, which the states must nearly satisfy.
@@ -136,8 +138,8 @@ class Rollout:
             floating_twist: (6,) twist of its origin, world axes.
             memory: (m,) memory of the law; by default its initial memory.
             t: initial time [s].
-            threads: number of threads.
-            progress: whether to show that machine code is made, which takes seconds the first time.
+            threads: as for `step`.
+            progress: as for `holdfast.compile`.
             **given: parameters of the law and the chain, as for `step`; the systems keep them.
 
         Raises:
@@ -146,10 +148,10 @@ class Rollout:
         every = (q, qd, object_pose, object_twist, floating_pose, floating_twist)
         systems = systems_at(self, state_arguments(self.chain, *every), memory, number("t", t))
         systems.keep_inputs(call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
-        with busy(progress, f"compiling steps of {', '.join(self.chain.names)}"):
-            return self._started(systems, whole_number("threads", threads))
+        with nullcontext() if progress is None else compiling(self.chain, "steps", progress):
+            return self._started(systems, threads)
 
-    def take_over(self, systems: RolloutSystems, *, threads: int = 1, **given: Any) -> RolloutSystems:
+    def take_over(self, systems: RolloutSystems, *, threads: int | None = None, **given: Any) -> RolloutSystems:
         """Return systems of another rollout with the same arms and object, with the grasps and the law of this one.
 
         Grasps that close exert the impulse that stops all relative velocities which the grasps do not allow, like
@@ -160,7 +162,7 @@ class Rollout:
 
         Args:
             systems: systems from `start` or `step` of another rollout, which are not changed.
-            threads: number of threads.
+            threads: as for `step`.
             **given: as for `start`.
 
         Raises:
@@ -188,7 +190,7 @@ class Rollout:
                 array[~before.running] = x[~before.running]
         made = RolloutSystems(self.chain, found, before.t, np.zeros(len(systems)))
         made.keep_inputs(kept | call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
-        made = self._started(made, whole_number("threads", threads))
+        made = self._started(made, threads)
         for name in {"work", "resolution"} & made.arrays.keys() & before.arrays.keys():
             made.arrays[name][...] = before.arrays[name]
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
@@ -206,7 +208,7 @@ class Rollout:
         least_margin: float = -np.inf,
         stop_at_limits: bool = False,
         largest_drift: float | None = None,
-        threads: int = 1,
+        threads: int | None = None,
         **given: Any,
     ) -> RolloutSystems:
         """Advance systems in place by a number of steps, and return them.
@@ -227,7 +229,7 @@ class Rollout:
                 end of a step.
             largest_drift: largest position gap that a step may leave before projection; for systems with a larger gap
                 the step is divided into equal parts, as in `simulate` [m or rad]. None: steps are not divided.
-            threads: number of threads; the results do not depend on it.
+            threads: as for `CompiledChain.forward_dynamics`; the results do not depend on it.
             **given: parameters of the law, shared or (systems, ...); object_wrench (6,), gravity,
                 object_mass, object_com, object_inertia, base_pose, grasp_pose; and link_wrench,
                 link_mass, link_com, link_inertia if they were compiled in, as in `CompiledChain.forward_dynamics`. An
@@ -237,7 +239,8 @@ class Rollout:
             StateError: a shape is wrong, a name is unknown, or the step is not positive.
         """
         require_systems(systems)
-        steps, threads = whole_number("steps", steps, MOST_STEPS_OF_CALL), whole_number("threads", threads)
+        steps = whole_number("steps", steps, MOST_STEPS_OF_CALL)
+        require_threads(threads)
         least = stop_margins(least_margin, stop_at_limits)
         limit = drift_limit(largest_drift)
         lengths, new = step_lengths(step, len(systems)), call_inputs(self.kernel, given, len(systems))
@@ -251,7 +254,7 @@ class Rollout:
         return self.advance(systems, steps, least, limit, threads)
 
     def advance(
-        self, systems: RolloutSystems, steps: int, least: StopMargins, limit: float | None = None, threads: int = 1
+        self, systems: RolloutSystems, steps: int, least: StopMargins, limit: float | None, threads: int | None
     ) -> RolloutSystems:
         """Take steps in place, with the step lengths and the arguments stored in the systems; see `step`."""
         going, take = systems.running, partial(self.advance_unconfirmed, threads=threads)
@@ -277,7 +280,7 @@ class Rollout:
         least_margin: float = -np.inf,
         stop_at_limits: bool = False,
         largest_drift: float | None = None,
-        threads: int = 1,
+        threads: int | None = None,
         progress: bool | Callable[[float], object] | None = None,
         folder: str | PathLike[str] | None = None,
         overwrite: bool = False,
@@ -326,7 +329,7 @@ class Rollout:
         schedule: Mapping[str, Any] | None = None,
         least_margin: float = -np.inf,
         stop_at_limits: bool = False,
-        threads: int = 1,
+        threads: int | None = None,
         **given: Any,
     ) -> Tape:
         """Take steps and store them, so that gradients can be propagated back through them; see `Tape.vjp`.
@@ -352,17 +355,17 @@ class Rollout:
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
         return Tape(self, systems, step, steps, every, record, schedule or {}, options, given)
 
-    def _started(self, systems: RolloutSystems, threads: int) -> RolloutSystems:
+    def _started(self, systems: RolloutSystems, threads: int | None) -> RolloutSystems:
         """Return the systems projected onto the grasps and evaluated there."""
+        require_threads(threads)
         given = {name: systems.arrays[name].copy() for name in state_fields(self.chain)}
         if self.generic_rank is None and (near := next(closed_systems(self, systems), None)) is not None:
             self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
             self._kernels = self._kernels_for(self.generic_rank)
+        close = partial(self.advance_unconfirmed, h=systems.step_length, steps=1, least=NO_STOPS, threads=threads)
         if "held_rows" in self.kernel.carried:
-            hold_rows(
-                self, systems, lambda some: self.advance_unconfirmed(some, some.step_length, 1, NO_STOPS, threads)
-            )
-        self.advance_unconfirmed(systems, systems.step_length, 1, NO_STOPS, threads)
+            hold_rows(self, systems, close)
+        close(systems)
         for name in ("work", "count"):
             systems.arrays[name][...] = 0.0
         systems.started_from = given
@@ -380,12 +383,9 @@ class Rollout:
         return systems.step_length * passive_rates(systems, partial(located, self)) > USED * scheme.stability_interval
 
     def advance_unconfirmed(
-        self, systems: RolloutSystems, h: Array, steps: int, least: StopMargins, threads: int = 1, notice: bool = False
+        self, systems: RolloutSystems, h: Array, steps: int, least: StopMargins, threads: int | None, wait: bool = False
     ) -> None:
-        """Take steps in place with the stored arguments, without confirming the systems that stop.
-
-        With `notice`, systems wait before an explicit step that may not follow the motion.
-        """
+        """Take steps, without confirming what stops; with `wait`, not those that may not follow the motion."""
         systems.set_step_length(h)
         stiff = self.stiff(systems)
         for implicit in (False, True) if stiff.any() else (False,):
@@ -394,6 +394,6 @@ class Rollout:
                 continue
             part = systems if len(rows) == len(systems) else systems.copy(rows)
             inputs, parameters = kernel_arguments(kernel, part.call_inputs)
-            kernel.run(part.arrays, inputs | step_inputs(part, least, notice), parameters, steps, threads)
+            kernel.run(part.arrays, inputs | step_inputs(part, least, wait), parameters, steps, threads)
             if part is not systems:
                 systems.put(rows, part)

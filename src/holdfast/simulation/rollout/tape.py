@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from holdfast.compiled.arrays import require_threads
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
@@ -118,7 +119,7 @@ class Tape:
         along: Mapping[str, Any] | None = None,
         *,
         by: Sequence[str] | None = None,
-        threads: int = 1,
+        threads: int | None = None,
     ) -> Derivatives:
         """Return the gradients of sum(cotangent . result) over the results of all steps. O(steps) (O(n) + O(l)).
 
@@ -139,7 +140,7 @@ class Tape:
                 the state and all parameters of the law. If the tape begins with systems from `Rollout.start` or
                 `take_over`, the gradients refer to the states passed to these functions, before the projection onto
                 the grasps.
-            threads: number of threads.
+            threads: as for `Rollout.step`.
 
         Returns:
             The gradients by name: (systems, ...), summed over the steps, or (steps, systems, ...) for arguments given
@@ -158,7 +159,7 @@ class Tape:
         require_names("tape: final", ends or state, (*state, *memory, WORK_RESULT))
         of_steps = ("tau", MARGIN_RESULT, WORK_RESULT, *results_of(chain))
         require_names("tape: along", passed or state, (*state, *memory, *of_steps))
-        threads = whole_number("threads", threads)
+        require_threads(threads)
         require_names("tape: by", (*state, *law.parameters) if by is None else by, arguments_of(self.rollout))
         names = (*state, *law.parameters) if by is None else tuple(by)
         self._require_unique((*ends, *passed))
@@ -167,7 +168,7 @@ class Tape:
         return self._vjp(ends, passed, code, threads)
 
     def _vjp(
-        self, final: Mapping[str, Any], along: Mapping[str, Any], by: Mapping[str, str], threads: int
+        self, final: Mapping[str, Any], along: Mapping[str, Any], by: Mapping[str, str], threads: int | None
     ) -> Derivatives:
         """Return the gradients; `by` contains the names of the machine code."""
         chain, count, kernel = self.rollout.chain, len(self.systems), self.rollout.kernel
@@ -213,7 +214,7 @@ class Tape:
         return Derivatives(self.systems, {name: whole[key] for name, key in by.items()})
 
     def _through_start(
-        self, cotangents: dict[str, Array], totals: dict[str, Array], parameters: Sequence[str], threads: int
+        self, cotangents: dict[str, Array], totals: dict[str, Array], parameters: Sequence[str], threads: int | None
     ) -> None:
         """Propagate gradients, in place, back through the projection onto the grasps at the start of the systems."""
         came_from = self._came_from
@@ -259,7 +260,7 @@ class Tape:
             rollout.step(at, self._step, steps=1, **self._options, **given, **(self._given if k == 0 else {}))
         else:  # the arguments have not changed
             least = stop_margins(self._options["least_margin"], self._options["stop_at_limits"])
-            rollout.advance(at, 1, least, threads=self._options["threads"])
+            rollout.advance(at, 1, least, None, self._options["threads"])
         if given or k == 0 or self._acting is None:
             self._acting = kernel_arguments(rollout.kernel, at.call_inputs)
         return self._acting
@@ -331,7 +332,7 @@ def _of_rows(
     cotangents: Mapping[str, Array],
     rows: Array,
     count: int,
-    threads: int,
+    threads: int | None,
 ) -> dict[str, Array]:
     """Return the gradients of the systems with the given numbers."""
     if len(rows) == count:
