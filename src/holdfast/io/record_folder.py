@@ -196,7 +196,7 @@ def _loaded(place: Path, meta: RecordMeta, rollout: Rollout | None) -> RolloutRe
             raise ResultError(f"{place}: expected the rollout that made it, got one of another chain")
         try:
             for each in (systems, first):
-                if "resolution" in rollout.kernel.carried:  # records of holdfast 0.1 have none
+                if OLD in meta.files and "resolution" in rollout.kernel.carried:
                     each.arrays.setdefault("resolution", np.zeros((len(each), 4)))
                 rollout.kernel.require_own(each.arrays)
         except StateError as cause:
