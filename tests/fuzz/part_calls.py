@@ -230,3 +230,20 @@ def _law(memory: Any, parameters: Any, key: Any, values: Any) -> Any:
 @call("clipped", chain=Later(lambda: fixed().chain), torques=np.ones(10))
 def _clipped(chain: Any, torques: Any) -> Any:
     return control.clipped(lambda t, state, memory: (torques, memory), chain)(0.0, fixed().state, None)
+
+
+@call(
+    "sampled",
+    chain=Later(lambda: fixed().chain),
+    sample_time=1e-3,
+    delay=5e-4,
+    noise={"q": 1e-3, "tau": np.ones(10)},
+    seed=1,
+    resolution={"qd": 1e-3},
+    saturation=30.0,
+    rate_limit=1e3,
+    stream=3,
+)
+def _sampled(stream: Any, **given: Any) -> Any:
+    law = control.sampled(control.GravityCompensation(fixed().chain), **given)
+    return control.noise_stream(law, stream)(0.0, fixed().state, None)

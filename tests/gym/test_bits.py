@@ -1,5 +1,6 @@
 """A vector environment is that many single ones, to the bit, in every autoreset mode."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,19 @@ def test_threads():
     """No bit depends on how many threads share the environments."""
     ended, _ = walk_together(CARRY, short_carry(), AutoresetMode.SAME_STEP, 17, 20, threads=3)
     assert ended > 0
+
+
+SAMPLING = {"sample_time": 4e-3, "delay": 2e-3, "noise": {"q": 1e-4, "tau": 0.3}, "seed": 4}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [CARRY, HAND_OVER], ids=["carry", "hand-over"])
+def test_sampled(kind):
+    """With a control law that is sampled, late and noisy: the noise belongs to the episode."""
+    short = {"sampling": SAMPLING, "steps_per_action": 4, "duration": 0.2}
+    task = replace(short_carry() if kind is CARRY else careless_hand_over(), **short)
+    ended, _ = walk_together(kind, task, AutoresetMode.SAME_STEP, 4, 60)
+    assert ended > 2
 
 
 @pytest.mark.long

@@ -200,3 +200,45 @@ def test_missing_extra():
     code += "try: hf.gym\nexcept hf.errors.MissingExtra as e: print(e)"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert "pip install 'holdfast[gym]'" in said
+
+
+def test_actions_of_a_sampled_law():
+    """An action acts from the next sample on, after the delay; the noise of an episode can be chosen and repeated."""
+    sampling = {"sample_time": 4e-3, "delay": 2e-3, "noise": {"tau": 0.1}, "seed": 4}
+    env = hf.gym.Carry(commands="joint", sampling=sampling, steps_per_action=1, push=np.zeros(6), mass_spread=0.0)
+    chain, option = env.task.chain, {"noise_stream": 7, "displacement": np.zeros(3), "turn": np.zeros(3)}
+
+    def torques(actions, **options):
+        env.reset(seed=0, options=option | options)
+        found = []
+        for action in actions:
+            env.step(np.full(chain.joint_count, action))
+            found.append(env.episodes.systems[0].tau[0].copy())
+        return np.array(found)
+
+    still, pushed = torques([0.0] * 5), torques([0.0, 0.1, 0.1, 0.1, 0.1])
+    # the action of 2 ms is read by the sample at 4 ms and acts from 6 ms on; torques are read at 2, 4, 6 ... ms
+    assert (still == torques([0.0] * 5)).all()
+    assert (still != torques([0.0] * 5, noise_stream=8)).all()
+    changed = np.abs(pushed - still).max(axis=1) > 0.5
+    assert changed.tolist() == [False, False, True, True, True]
+    for options in ({"noise_stream": -1}, {"noise_stream": 0.5}):
+        with pytest.raises(StateError, match="noise_stream: expected an integer >= 0"):
+            env.reset(options=options)
+
+
+@pytest.mark.parametrize(
+    ("sampling", "message"),
+    [
+        (2e-3, "sampling: expected"),
+        ({"delay": 1e-3}, "sampling: expected a sample_time, got none"),
+        ({"sample_tim": 1e-3}, "sampling: no 'sample_tim'. Did you mean 'sample_time'"),
+        ({"sample_time": 3e-3}, "step: expected one that divides the sample time 0.003 s .* got 0.002 s"),
+        ({"sample_time": 2e-3, "noise": {"q": 1e-3}}, "seed: expected an integer"),
+    ],
+    ids=str,
+)
+def test_impossible_sampling(sampling, message):
+    """Refused when the task is made, by name."""
+    with pytest.raises(HoldfastError, match=message):
+        hf.gym.CarryTask(sampling=sampling)

@@ -146,7 +146,7 @@ def test_robots_out_of_files_are_kept(tmp_path, cli):
         (['simulation.on_slip="release"'], "$.simulation.on_slip"),
         (['simulation.on_limit="clip"'], "$.simulation.on_limit"),
         (['simulation.on_singular="continue"'], "$.simulation.on_singular"),
-        (["simulation.sample_time=0.002"], "$.simulation.sample_time"),
+        (["simulation.sample_time=0.0015"], "step: expected one that divides the sample time 0.0015 s"),
         (["simulation.breakpoints=[0.003]"], "$.breakpoints"),
         (["wrenches=[{force=[0, 0, 1]}]"], "sweep.parameters.object_wrench"),
         (['events=[{type="release", t=0.004, arm="left"}]'], "$.events"),
@@ -163,6 +163,22 @@ def test_refusals(changes, said):
         scene_plan(scenario(*changes))
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_sampled_controller():
+    """A run is that of `simulate` with the scene's sample time and delay, and with the values drawn."""
+    scene = scenario("simulation.sample_time=0.004", "simulation.delay=0.002", "simulation.step=0.002")
+    plan = scene_plan(scene)
+    rows = plan.rows(0, 1)
+    systems = plan.rollout.start(**rows)
+    found = plan.rollout.run(systems, plan.duration, plan.step).trajectory(0)
+    timing = {"sample_time": 0.004, "delay": 0.002}
+    push = hf.Inputs(object_wrench=rows["object_wrench"][0])
+    chain, start = found.require_setting().chain, systems.state(0)
+    run = hf.simulate(chain, start, scene.controller, plan.duration, plan.step, inputs=push, **timing)
+    assert len(run) > 5  # both sides of jumps
+    for name in ("t", "q", "tau"):
+        assert abs(getattr(found, name)[: len(run) - 1] - getattr(run, name)[:-1]).max() <= 1e-9
 
 
 def test_no_sweep_in_the_scene():

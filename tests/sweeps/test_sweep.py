@@ -308,3 +308,25 @@ def test_killed(tmp_path):
     assert data(store) == expected
     time.sleep(1.0)
     assert not [pid for pid in left if os.path.exists(f"/proc/{pid}")]
+
+
+def test_sampled_laws(tmp_path):
+    """The noise of a run depends on its number alone: not on chunks, and the same in `run` and in `simulate`."""
+    chain, state = two_pandas()
+    noise = {"noise": {"q": 1e-5, "tau": 0.1}, "seed": 3, "resolution": {"q": 1e-5}}
+    sampled = hf.control.sampled(law(), chain, sample_time=2e-3, delay=1e-3, **noise)
+    plan = {"state": state, "parameters": {"stiffness": 200.0}, "count": 7, "duration": 8e-3, "step": 1e-3}
+    one, other = (
+        hf.sweep(chain, sampled, store=tmp_path / f"{chunk}", outputs=("q", "tau"), chunk=chunk, **plan)
+        for chunk in (3, 5)
+    )
+    for title in one.columns:
+        assert one.column(title).tolist() == other.column(title).tolist()
+    positions = np.array([one.column(title) for title in one.columns if title.startswith("q ")])
+    assert len(np.unique(positions[0])) == 7
+    assert one.run(4).q[-1].tolist() == positions[:, 4].tolist()
+    own = hf.control.noise_stream(sampled, 4)
+    run = hf.simulate(chain, state, own, 8e-3, 1e-3, parameters={"stiffness": 200.0})
+    assert np.abs(run.q[-1] - positions[:, 4]).max() <= 1e-11
+    with pytest.raises(hf.errors.StateError, match=r"expected one that divides the sample time 0\.002 s"):
+        hf.sweep(chain, sampled, store=tmp_path / "odd", **(plan | {"step": 8e-3}))

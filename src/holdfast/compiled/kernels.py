@@ -6,6 +6,7 @@ import functools
 import hashlib
 import threading
 import weakref
+from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
@@ -23,6 +24,8 @@ from holdfast.progress import busy, detail
 _ROOMS = ("spatial", "model", "state", "questions", "dynamics", "forces", "compiler", "compiled")
 
 _made: weakref.WeakValueDictionary[str, Kernel] = weakref.WeakValueDictionary()
+_recent: OrderedDict[str, BatchKernel] = OrderedDict()  # those of steps, which a next run may need again
+MOST_RECENT = 32
 _lock = threading.Lock()
 
 
@@ -52,7 +55,15 @@ def batch_kernel(made: Computation, quick: bool = False, what: str = "steps") ->
         what: what it is called where compiling it is shown.
     """
     shown = partial(compiling, made.structure.chain, what, None)
-    return BatchKernel(made.externals, _told(made), key_of(made), quick=quick, shown=shown)
+    if not (key := key_of(made)):
+        return BatchKernel(made.externals, _told(made), quick=quick, shown=shown)
+    place = f"{key}/{cpu.target().name}/{quick}"
+    with _lock:
+        found = _recent.pop(place, None) or BatchKernel(made.externals, _told(made), key, quick=quick, shown=shown)
+        _recent[place] = found
+        if len(_recent) > MOST_RECENT:
+            _recent.popitem(last=False)
+    return found
 
 
 def compiling(chain: ClosedChain, what: str, progress: bool | None) -> AbstractContextManager[None]:

@@ -81,6 +81,11 @@ class ClippedTorque(Frozen):
     torque: Torque
     limits: Array
 
+    def for_chain(self, chain: ClosedChain) -> Torque:
+        """Return the clipped torques for a chain whose grasps have changed."""
+        for_chain = getattr(self.torque, "for_chain", None)
+        return self if for_chain is None else ClippedTorque(for_chain(chain), self.limits)
+
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, ArrayLike]:
         """Return the torques (n,) and the memory."""
         tau, kept = self.torque(t, state, memory, given)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -155,6 +155,11 @@ class ControlLaw(Frozen):
         }
         return GivenLaw(self, LawParameters(found))
 
+    def for_chain(self, chain: Any) -> ControlLaw:
+        """Return the law for a chain whose grasps have changed; another one only if its controller has one."""
+        for_chain = getattr(self.torque, "for_chain", None)
+        return self if for_chain is None else replace(self, torque=for_chain(chain), key="")
+
 
 class LawParameters(FrozenDict):
     """The values of a law's parameters, by name; one that was not declared is refused."""
@@ -188,6 +193,11 @@ class GivenLaw(Frozen):
         checks.instance(state, State, "control law: state", StateError)
         found = by_machine_code(self, t, state, memory)
         return self.on_floats(t, state, memory) if found is None else found
+
+    def for_chain(self, chain: Any) -> GivenLaw:
+        """Return the law with the same values for a chain whose grasps have changed."""
+        law = self.law.for_chain(chain)
+        return self if law is self.law else replace(self, law=law)
 
     def on_floats(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the same, computed on floats by the law's own function."""

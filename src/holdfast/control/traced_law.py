@@ -53,6 +53,11 @@ class ControllerTorque(Frozen):
 
     controller: Controller
 
+    def for_chain(self, chain: ClosedChain) -> ControllerTorque:
+        """Return the torques for a chain whose grasps have changed."""
+        for_chain = getattr(self.controller, "for_chain", None)
+        return self if for_chain is None else ControllerTorque(for_chain(chain))
+
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory."""
         return np.asarray(self.controller(t, state, None)[0]), memory

@@ -106,6 +106,8 @@ class CarryTask(Frozen, Task):
         internal_cost: cost of a second at twice the largest internal force.
         effort_cost: cost of a second with all actions at 1.
         failure_cost: cost of a termination.
+        sampling: arguments of `control.sampled` for the control law, such as {"sample_time": 2e-3, "delay": 2e-3}; None
+            for a law that acts all the time. An action acts from the next sample on. Observations have no noise.
     """
 
     chain: ClosedChain = NOT_GIVEN
@@ -136,6 +138,7 @@ class CarryTask(Frozen, Task):
     internal_cost: float = 1.0
     effort_cost: float = 0.01
     failure_cost: float = 5.0
+    sampling: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         put, what = object.__setattr__, "carry"
@@ -218,7 +221,7 @@ class CarryTask(Frozen, Task):
     def phases(self) -> tuple[Phase, ...]:
         """The only phase, in which all grasps are closed."""
         evaluation = BatchFunction(self.evaluate, self.argument_shapes(self.chain), self.result_shapes())
-        return (Phase(compile_rollout(self.chain, self.law), evaluation),)
+        return (Phase(compile_rollout(self.chain, self.sampled(self.law, self.chain)), evaluation),)
 
     @property
     def law(self) -> ControlLaw:

@@ -115,6 +115,7 @@ class HandOverTask(Frozen, Task):
         impact_cost: cost of grasping at 1 m/s.
         success_reward: reward for reaching the goal.
         failure_cost: cost of a termination without success.
+        sampling: as for `CarryTask`.
     """
 
     chain: ClosedChain = NOT_GIVEN
@@ -150,6 +151,7 @@ class HandOverTask(Frozen, Task):
     impact_cost: float = 1.0
     success_reward: float = 5.0
     failure_cost: float = 5.0
+    sampling: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         put, what = object.__setattr__, "hand-over"
@@ -250,7 +252,8 @@ class HandOverTask(Frozen, Task):
     def _rollout(self, chain: ClosedChain) -> Rollout:
         assert self.joint_torque is not None
         internal_force = self.internal_force if len(chain.grasps) > 1 else 0.0
-        return compile_rollout(chain, terms.joint_law(chain, self.joint_torque, internal_force, self.joint_damping))
+        law = terms.joint_law(chain, self.joint_torque, internal_force, self.joint_damping)
+        return compile_rollout(chain, self.sampled(law, chain))
 
     def _evaluation(self, phase: int) -> BatchFunction:
         inputs = self.argument_shapes(self.chains[phase]) | {name: x.shape for name, x in self.frames.items()}

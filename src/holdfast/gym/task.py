@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
+from inspect import signature
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,8 @@ from holdfast.compiled.traced_chain import Given, traced
 from holdfast.compiler.kernel import BatchKernel
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
+from holdfast.control.controller import ControlLaw, held_torques
+from holdfast.control.sampled import initial_memories, require_steps, sampled
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
@@ -25,7 +28,7 @@ from holdfast.progress import busy
 from holdfast.questions.arrays import shapes, state_fields
 from holdfast.robots.panda import panda
 from holdfast.simulation.rollout.rollout import Rollout
-from holdfast.spatial.frozen import frozen_property, read_only
+from holdfast.spatial.frozen import FrozenDict, frozen_property, read_only
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
 
@@ -33,6 +36,7 @@ if TYPE_CHECKING:
     from holdfast.gym.episodes import Episodes
 
 TENTH = 0.1  # default torque at an action of 1, as a fraction of the effort limit
+STREAMS = 10**9  # number of streams of random numbers from which episodes draw theirs
 UNLIMITED = 10.0  # N m or N: default torque at an action of 1 without an effort limit
 
 
@@ -95,6 +99,7 @@ class Task(ABC):
         push: (6,) largest constant wrench [moment; force] on the object about C, world axes [N m, N].
         joint_torque: (n,) torques at an action of 1 [N m or N].
         stop_at_limits: whether a joint beyond a limit of position, rate or effort ends an episode.
+        sampling: arguments of `control.sampled` for the control law, by name; None for a law that acts all the time.
     """
 
     chain: ClosedChain
@@ -105,6 +110,7 @@ class Task(ABC):
     push: Any
     joint_torque: Any
     stop_at_limits: bool
+    sampling: Mapping[str, Any] | None
 
     @property
     @abstractmethod
@@ -134,13 +140,14 @@ class Task(ABC):
     @property
     def drawn(self) -> Mapping[str, Shape]:
         """Shapes of the random quantities of an episode, which can also be given as options of `reset`."""
-        return {"mass_factor": (), "push": (6,)}
+        return {"mass_factor": (), "push": (6,)} | ({"noise_stream": ()} if self._noisy else {})
 
     def draw(self, generator: np.random.Generator) -> dict[str, Array]:
         """Return random values for an episode, by the names of `drawn`."""
         spread = self.mass_spread
         factor = np.array(1.0 + spread * generator.uniform(-1.0, 1.0))
-        return {"mass_factor": factor, "push": self.push * generator.uniform(-1.0, 1.0, 6)}
+        found = {"mass_factor": factor, "push": self.push * generator.uniform(-1.0, 1.0, 6)}
+        return found | ({"noise_stream": np.array(float(generator.integers(STREAMS)))} if self._noisy else {})
 
     def start(self, drawn: Mapping[str, Array], phase: int) -> dict[str, Array]:
         """Return initial states of episodes, (episodes, ...) each; see `Rollout.start`.
@@ -151,7 +158,21 @@ class Task(ABC):
         """
         count = len(drawn["mass_factor"])
         fields = state_fields(self.chain).items()
-        return {name: np.tile(getattr(self.state, field), (count, 1)) for name, field in fields}
+        found = {name: np.tile(getattr(self.state, field), (count, 1)) for name, field in fields}
+        if not self._noisy:
+            return found
+        streams = drawn["noise_stream"]
+        if (streams < 0.0).any() or (streams % 1.0).any():
+            raise StateError(f"options: noise_stream: expected an integer >= 0, got {checks.short(streams)}")
+        return found | {"memory": initial_memories(self.phases[phase].rollout.law, streams)}
+
+    @property
+    def _noisy(self) -> bool:
+        return bool(self.sampling and self.sampling.get("noise"))
+
+    def sampled(self, law: ControlLaw, chain: ClosedChain) -> ControlLaw:
+        """Return the control law of a phase, sampled as `sampling` says."""
+        return law if self.sampling is None else sampled(law, chain, **self.sampling)
 
     def load(self, drawn: Mapping[str, Array], phase: int) -> dict[str, Array]:
         """Return payload and push of episodes as parameters of a phase's rollout, (episodes, ...) each."""
@@ -232,6 +253,16 @@ class Task(ABC):
             raise ModelError(f"{what}: mass_spread: expected less than 1, as masses are positive, got {got}")
         put(self, "push", spread(self.push, 6, f"{what}: push"))
         checks.instance(self.stop_at_limits, (bool, np.bool_), f"{what}: stop_at_limits")
+        if self.sampling is not None:
+            checks.instance(self.sampling, Mapping, f"{what}: sampling")
+            put(self, "sampling", FrozenDict(self.sampling))
+            known = list(signature(sampled).parameters)[2:]  # after the law and the chain
+            for name in self.sampling:
+                if name not in known:
+                    raise ModelError(f"{what}: sampling: no {checks.short(name)}.{checks.did_you_mean(name, known)}")
+            if "sample_time" not in self.sampling:
+                raise ModelError(f"{what}: sampling: expected a sample_time, got none; try {{'sample_time': 1e-3}}")
+            require_steps(self.sampled(held_torques(chain.joint_count), chain), self.step)
 
     def _check_numbers(self, what: str, names: Sequence[str], **bounds: float) -> None:
         """Check attributes that are numbers, and convert them to floats in place; see `checks.number`."""

@@ -7,7 +7,7 @@ N]. A margin is infinite if there is no limit, and negative if the limit is viol
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Self, get_args
@@ -81,6 +81,14 @@ class Signals:
         if self.grasps_limited:
             grasps = np.array([self._of_grasps(at) for at in instants])
         return np.concatenate([grasps, *margins_of_joints(self.joint_limits, q, qd, tau)], axis=1)
+
+    def of_arrays(self, x: Mapping[str, Array]) -> Array:
+        """Return all margins of systems with unique forces, (..., arms + 3 n), from their arrays by name."""
+        grasps = np.full((*x["q"].shape[:-1], len(self.chain.arms)), np.inf)
+        if self.grasps_limited:
+            grasps = by_arm(self.chain, x["margin"])
+        of_joints = margins_of_joints(self.joint_limits, x["q"], x["qd"], x["drive"])
+        return np.concatenate([grasps, *of_joints], axis=-1)
 
     def _of_grasps(self, at: Instant) -> Array:
         """Return the margins of the grasps by arm, (arms,)."""

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, maximum
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, select, where
 
 OF_MOTION = 0.01  # smallest difference of velocities that counts, relative to the largest velocity so far
 IGNORED_RATE = 1e-4  # rad/s or m/s: smaller differences never count
@@ -70,3 +70,23 @@ def leap(h: Any, v0: Array, v1: Array, a0: Array, a1: Array) -> Any:
         a1: accelerations at its end.
     """
     return largest_of(v1 - v0 - 0.5 * h * (a0 + a1))
+
+
+def asked(last: Array, fastest: Scalar, gap: Scalar, taken: Scalar) -> tuple[Scalar, Array]:
+    """Return whether a step must wait until it has been compared with its halves, and a `Resolution` after it, (4,).
+
+    The gap that was seen lets the same step pass the next time.
+
+    Args:
+        last: the numbers of the `Resolution` before the step, (4,).
+        fastest: the largest velocity at its end [rad/s or m/s].
+        gap: its `leap` [rad/s or m/s].
+        taken: whether the step is taken as far as everything else is concerned.
+    """
+    largest, in_a_row, seen, off = last
+    largest = maximum(largest, fastest)
+    in_a_row = where(gap > least_difference(largest), in_a_row + 1.0, 0.0)
+    doubtful = where(gap > 2.0 * seen, 1.0, where(in_a_row >= float(MOST_UNRESOLVED), 1.0, 0.0))
+    waits = where(taken, where(in_a_row > 0.5, doubtful, 0.0), 0.0) > 0.5
+    found = select(taken, array([largest, in_a_row, seen, off]), last)
+    return waits, select(waits, array([last[0], 0.0, maximum(seen, gap), off]), found)

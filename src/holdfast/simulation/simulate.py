@@ -35,7 +35,7 @@ from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.stops import ALIKE, step_times, stops
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.simulation.verification import EVALUATIONS
-from holdfast.simulation.zero_order_hold import zero_order_hold
+from holdfast.simulation.zero_order_hold import at_samples, zero_order_hold
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -98,7 +98,7 @@ def simulate(
         parameters: values of a `ControlLaw`'s parameters, by name; other controllers have none.
         sample_time: sample time of a digital controller [s]. The controller is then called once per sample with the
             state at that time, and its torques are held until the next sample (zero-order hold). Steps end at samples.
-            None: the controller is evaluated at every stage.
+            None: the controller is evaluated at every stage, unless it is a law that `control.sampled` returned.
         delay: time from a sample until its torques act [s]. Until then the previous torques act, and at the start
             those of the first sample.
         on_slip: what to do when a grasp cannot hold: "stop"; "record" and continue as if the grasp held; or
@@ -145,6 +145,7 @@ def simulate(
         raise ModelError(f"simulation: breakpoints: expected times, got {checks.short(breakpoints)}")
     jumps = checks.vector([*breakpoints], "simulation: breakpoints").tolist()
     happening = [one.t for one in ordered]
+    controller, sample_time, delay = at_samples(controller, sample_time, delay)
     hold = zero_order_hold(sample_time, delay, float(grid[-1]), [*jumps, *happening])
     if hold is None:
         ends = stops(grid, [*jumps, *getattr(controller, "breakpoints", ())], happening, ALIKE * step)

@@ -17,11 +17,9 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.near_singular import chain_strength
-from holdfast.forces.margins import margins_of_joints
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.margins import by_arm
 from holdfast.simulation.resolution import leap, least_difference
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.kernel import Systems
@@ -147,11 +145,11 @@ def _taken(at: RunState, stepper: FusedStepper, ends: Array, jumps: Array) -> _S
     for name, x in arrays_of(now).items():
         starts[name] = np.concatenate([x, points[name][:-1, -1]])
         starts[name][jumps] = after_jumps[name][jumps, 0]
-    margins = _margins(segment, points)
+    margins = segment.signals.of_arrays(points)
     here = np.concatenate([at.margins[-1:], margins[:-1, -1]])
     tail = at.checkpoint.tail if at.previous is not None else np.full(len(segment.signals), -np.inf)
     before = np.concatenate([tail[None], margins[:-1, -2] if len(parts) else here[:-1]])
-    here[jumps], before[jumps] = _margins(segment, after_jumps)[jumps, 0], -np.inf
+    here[jumps], before[jumps] = segment.signals.of_arrays(after_jumps)[jumps, 0], -np.inf
     margins = np.concatenate([before[:, None], here[:, None], margins], axis=1)
     failed = len(ends) if remember is None else len(held)
     return _Steps(times, jumps, points, starts, after_jumps, margins, held, failed)
@@ -179,16 +177,6 @@ def _sampling(
         return last[1] if jumps[k] else None
 
     return remember
-
-
-def _margins(segment: Segment, points: Mapping[str, Array]) -> Array:
-    """Return the margins at the points, (k, points, signals)."""
-    chain, x = segment.environment.chain, points
-    grasps = np.full((*x["q"].shape[:2], len(chain.arms)), np.inf)
-    if segment.signals.grasps_limited:
-        grasps = by_arm(chain, x["margin"])
-    of_joints = margins_of_joints(segment.signals.joint_limits, x["q"], x["qd"], x["drive"])
-    return np.concatenate([grasps, *of_joints], axis=-1)
 
 
 def _eventful(at: RunState, steps: _Steps) -> Array:

@@ -1,23 +1,21 @@
-"""The zero-order hold of a sampled controller, which is called once per sample and whose torques are held in between.
-
-    tau(t) = tau_k for t_k + delay <= t < t_(k+1) + delay,   tau_k = controller(t_k, state(t_k), memory_(k-1))
+"""The zero-order hold of `control.sampled` in a run: the controller is called once per sample.
 
 Between two samples the torques are data, not a function of time or state. Steps receive them as the memory of
 `held_torques_law`. Whole steps are therefore machine code for any controller, and neither stages nor evaluations inside
-a step nor repeated steps call the controller. Before the first delay is over, the first torques act, as if the chain
-had been at rest at its start.
+a step nor repeated steps call the controller.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from holdfast.control.controller import ControlLaw, Controller, torques_and_memory
+from holdfast.control.controller import ControlLaw, Controller, GivenLaw, torques_and_memory
+from holdfast.control.sampled import SampledTorque
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.simulation.stops import ALIKE, MOST_STEPS
@@ -67,6 +65,33 @@ class HeldTorques:
     waiting: tuple[Array, ...]
     sample_time: float
     delay: float
+
+
+def at_samples(controller: Any, sample_time: float | None, delay: float) -> tuple[Any, float | None, float]:
+    """Return the controller that is called at samples, the sample time and the delay.
+
+    Args:
+        controller: any controller; one that `control.sampled` returned brings its sample time and delay.
+        sample_time: time between two samples [s], or None.
+        delay: time from a sample until its torques act [s].
+
+    Raises:
+        ModelError: a sample time or a delay is given for a law that has its own.
+    """
+    law = controller.law if isinstance(controller, GivenLaw) else controller
+    if not isinstance(law, ControlLaw) or not isinstance(law.torque, SampledTorque):
+        return controller, sample_time, delay
+    own = law.torque
+    if sample_time is not None or delay != 0.0:
+        raise ModelError(
+            f"simulation: sample_time, delay: expected none beside a sampled law, which has {own.sample_time:g} s and"
+            f" {own.delay:g} s, got {sample_time!r} and {delay!r}; try the law that was sampled"
+        )
+    inner, memory = own.law, law.memory[: len(own.law.memory)]
+    if not np.array_equal(memory, inner.memory):  # another stream of random numbers
+        inner = replace(inner, memory=memory)
+    found = inner if law is controller else replace(controller, law=inner)
+    return found, own.sample_time, own.delay
 
 
 def zero_order_hold(

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.errors import MethodNotApplicable
 from holdfast.spatial.linear import Linear, LinearResult, Rule, Ruled, Step, array_of, arrays_of
 from holdfast.spatial.scalar import Array, Scalar, arctan2, cos, exp, sin, sqrt, tanh, where
 
@@ -121,6 +122,17 @@ class Recorded:
     def cos(self) -> Any:
         """Return the cosine."""
         return _applied(COS, self)
+
+    def rint(self) -> Any:
+        """Raise an error, as rounding has no derivative.
+
+        Raises:
+            MethodNotApplicable: always.
+        """
+        raise MethodNotApplicable(
+            "derivative: expected no rounding of what is varied, got rint, a step function; try a law without a"
+            " resolution"
+        )
 
     def arctan2(self, x: Any) -> Any:
         """Return the angle of the point whose y coordinate is this number."""

@@ -19,6 +19,7 @@ Scalar = Any
 Array = NDArray[Any]
 _ARRAYS = (np.ndarray, list, tuple)
 _LARGEST_EXPONENT = 709.782712893384  # log of the largest float
+_ROUNDER = 1.5 * 2.0**52  # floats of this size are integers
 
 
 class Loops(Protocol):
@@ -116,6 +117,13 @@ def reciprocal(x: Scalar) -> Scalar:
     if isinstance(x, _ARRAYS):
         return _entrywise(reciprocal, x)
     return 1.0 / x if hasattr(x, "where") or x != 0 else math.inf
+
+
+def rint(x: Scalar) -> Scalar:
+    """Return the nearest integer, the even one of two; |x| must be below 2^51. A derivative refuses it."""
+    if isinstance(x, _ARRAYS):
+        return _entrywise(rint, x)
+    return x.rint() if hasattr(x, "rint") else (x + _ROUNDER) - _ROUNDER
 
 
 def less(a: Scalar, b: Scalar) -> Scalar:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, clip, cos, less, less_equal, maximum, minimum, sin, sqrt, where
+from holdfast.spatial.scalar import Array, clip, cos, less, less_equal, maximum, minimum, rint, sin, sqrt, where
 
 
 def _sign(x: Array) -> Array:
@@ -31,6 +31,7 @@ REPLACEMENTS: dict[str, Callable[..., Any]] = {  # by the names of NumPy's funct
     "greater": lambda a, b: less(b, a),
     "greater_equal": lambda a, b: less_equal(b, a),
     "sign": _sign,
+    "rint": rint,
     "fabs": np.abs,
     "hypot": lambda a, b: sqrt(a * a + b * b),
     "tan": lambda x: sin(x) / cos(x),

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from holdfast.control.controller import ControlLaw
+from holdfast.control.sampled import sampled
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.control.traced_law import law_of
 from holdfast.errors import HoldfastError, SceneError
@@ -31,7 +32,7 @@ from holdfast.sweeps.sweep import Progress, carry_out
 
 OF_INSTALLATION = {"versions", "processor", "model_sha256", "law_sha256", "state_sha256"}  # may change its last bits
 # keys of `[simulation]` that rollouts support, and the names of their arguments
-STEADY = {"sample_time": None, "on_singular": "stop"}
+STEADY = {"on_singular": "stop"}
 LEAST_MARGIN = {"stop": 0.0, "record": -float("inf")}
 AT_LIMITS = {"stop": True, "record": False}
 
@@ -194,6 +195,9 @@ def _law(scenario: Scenario, at: Location) -> tuple[ControlLaw | None, dict[str,
         raise at.refuse(str(cause)) from cause
     if law is None:
         raise at.refuse("expected a controller that becomes machine code, got one that cannot be traced")
+    how = scenario.options
+    if how["sample_time"] is not None:
+        law = sampled(law, scenario.chain, sample_time=how["sample_time"], delay=how["delay"])
     return law, {}
 
 

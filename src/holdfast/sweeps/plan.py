@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.control.controller import ControlLaw
+from holdfast.control.sampled import has_noise, initial_memories, require_steps
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -90,6 +91,8 @@ class Plan(Frozen):
                 found[name] = sample.values(name, shape, u)
             else:
                 found[name] = sample[begin:end] if varies(sample, shape) else sample
+        if has_noise(self.rollout.law):  # each run has its own
+            found["memory"] = initial_memories(self.rollout.law, np.arange(begin, end))
         if found["q"].ndim == 1:  # the rows of the state determine the number of systems
             found["q"] = np.tile(found["q"], (end - begin, 1))
         return found
@@ -160,6 +163,7 @@ def plan_of(
     if h <= 0.0:
         raise StateError(f"step: expected a positive number of seconds, got {checks.short(step)}")
     whole_steps(length, h)
+    require_steps(rollout.law, h)
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < LARGEST_SEED:
         raise StateError(f"seed: expected an integer >= 0, got {checks.short(seed)}")
     plan = Plan(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from holdfast import ControlLaw, compile_rollout
+from holdfast.control.sampled import sampled
 from holdfast.simulation import Rollout, RolloutStatus
 from holdfast.simulation.rollout.arguments import NO_STOPS
 from holdfast.spatial.scalar import where
@@ -115,6 +116,21 @@ def test_what_steps_sum_up(scheme, sum_of_errors):
     off = np.abs(record["qd"][:, 0, 0] - SPEED * np.exp(-z * np.arange(21))).max()
     assert off == pytest.approx(sum_of_errors, rel=0.02)
     assert record.systems.status[0] is RolloutStatus.RUNNING
+
+
+@pytest.mark.parametrize("steps", [1, 4])
+def test_samples_are_no_error(steps):
+    """The torques of a sampled law jump at the ends of steps, which are exact in between: nothing is said."""
+    chain, state = pressed()
+    back = ControlLaw(lambda t, x, memory, given: (50.0 * np.ones(1) - 400.0 * x.qd, memory))
+    rollout = compile_rollout(chain, sampled(back, chain, sample_time=steps * H))
+    systems = rollout.step(rollout.start(**tiled(state, 1)), H, steps=40)
+    v = 0.0
+    for _ in range(40 // steps):
+        v += steps * H * (50.0 - 400.0 * v) / MASS
+    assert systems.qd[0, 0] == pytest.approx(v, rel=1e-9)
+    assert systems.status[0] is RolloutStatus.RUNNING and systems.step_error[0] == 0.0
+    assert systems.arrays["resolution"][0, 2] < 1e-12  # nor was a step compared with its halves
 
 
 def test_small_beside_what_follows():

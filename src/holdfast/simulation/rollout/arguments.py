@@ -9,6 +9,8 @@ import numpy as np
 
 from holdfast.compiled import arrays
 from holdfast.compiled.parameters import WRENCHES, parse_parameters
+from holdfast.control.controller import ControlLaw
+from holdfast.control.sampled import EARLY, SampledTorque, require_steps
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -198,6 +200,31 @@ def step_lengths(step: Any, count: int) -> Array:
             f"step: expected one positive number of seconds, or one for each system, got {checks.short(step)}"
         )
     return np.array(np.broadcast_to(h, (count,)))
+
+
+def require_at_samples(law: ControlLaw, systems: RolloutSystems, lengths: Array) -> None:
+    """Refuse steps that do not end at the samples of a sampled law.
+
+    Args:
+        law: the control law.
+        systems: the systems before the steps.
+        lengths: (systems,) lengths of the steps [s].
+
+    Raises:
+        StateError: a step does not divide the sample time or the delay, or the time since the last sample.
+    """
+    require_steps(law, lengths)
+    if not isinstance(law.torque, SampledTorque):
+        return
+    last, count = law.torque.last_samples(systems.arrays["memory"])
+    since = np.where(systems.running & (count > 0.5), systems.t - last, 0.0)
+    parts = since / lengths
+    if len(rows := np.flatnonzero(np.abs(parts - np.rint(parts)) > EARLY * np.maximum(1.0, parts))):
+        row = int(rows[0])
+        raise StateError(
+            f"step: expected steps that end at samples, got {lengths[row]:g} s at {since[row]:.6g} s after the last"
+            f" sample of system {row}; try steps of {since[row]:.6g} s until the next sample"
+        )
 
 
 def whole_steps(duration: float, step: float) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 
 from holdfast import outer
 from holdfast.compiled.statuses import system
+from holdfast.control.sampled import SampledTorque
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -29,12 +30,13 @@ from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, whole_number
+from holdfast.simulation.rollout.fused_stepper import systems_at
 from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems, status_summary
 from holdfast.simulation.rollout.user_functions import with_wrenches
-from holdfast.simulation.sample import sample
+from holdfast.simulation.sample import Samples, recorded, sample
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.step import Gaps
-from holdfast.simulation.trajectory import Trajectory, joined
+from holdfast.simulation.trajectory import Trajectory, array_names, joined
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
@@ -167,19 +169,34 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     at.call_inputs, at.under = last.call_inputs, ()  # the arguments of `run` act from the start
     world = _environment(rollout, last)
     steps = round((float(record.t[-1]) - float(record.t[0])) / arguments.step)
-    samples = [_sample(world, rollout, at)]
+    sampled = isinstance(rollout.law.torque, SampledTorque)
+    rows, before_jumps = [_row(at)], []
     for done in range(0, steps, stride):
-        rollout.step(at, arguments.step, steps=min(stride, steps - done), **arguments.options)
-        if float(at.t[0]) > samples[-1].t[0]:
-            samples.append(_sample(world, rollout, at))
+        count, acting = min(stride, steps - done), None
+        if sampled:  # both sides of a jump of the torques are samples
+            if count > 1:
+                rollout.step(at, arguments.step, steps=count - 1, **arguments.options)
+            count, acting = 1, at.tau.copy()
+        rollout.step(at, arguments.step, steps=count, **arguments.options)
+        if at.t[0] > rows[-1]["t"][0]:
+            rows.append(_row(at))
+            if acting is not None and not np.array_equal(acting, at.tau):
+                before_jumps.append({**rows[-1], "t": np.nextafter(at.t, 0.0), "drive": acting})
     state = record.systems.status[number]
-    stopped, happened, end = None, (), float(record.stopped[number])
+    stopped, happened = None, ()
     if state is RolloutStatus.UNRESOLVED:
         text = f"{state.value}: by {last.step_error[0]:.3g} rad/s or m/s; try a smaller step"
         happened = (Occurrence(float(at.t[0]), "unresolved", "joints", text),)
     elif state is not RolloutStatus.RUNNING:
-        stopped = f"{state.name.lower()} at t = {end:.9g} s: {state.value}"
-    run = replace(joined(samples, stopped), occurrences=happened)
+        stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
+    # the forces at the start are those under the arguments of `start`, and those before jumps are not known
+    by_reference = [
+        _sample(world, rollout, {name: x[0] for name, x in row.items()}) for row in (rows[0], *before_jumps)
+    ]
+    parts = [*by_reference, *([_recorded(world, rollout, last, rows[1:])] if len(rows) > 1 else [])]
+    order = np.argsort(np.concatenate([part.t for part in parts]))
+    run = joined(parts, stopped)
+    run = replace(run, occurrences=happened, **{name: getattr(run, name)[order] for name in array_names()})
     moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
     options = {"scheme": rollout.scheme, **arguments.options}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])
@@ -228,14 +245,37 @@ def _bodies(own: Mapping[str, Array], names: Sequence[str]) -> list[Link]:
     return [Link(mass, com, inertia, physical=False) for mass, com, inertia in rows]
 
 
-def _sample(world: Environment, rollout: Any, at: RolloutSystems) -> Trajectory:
-    """Return a sample of a system at its current state, with its current torques."""
-    parts = {field: at.arrays[name][0] for name, field in state_fields(rollout.chain).items()}
-    tau = np.array(at.tau[0])
-    now = evaluate(
-        world, lambda *_: (tau, None), float(at.t[0]), State(**parts), None, generic_rank=rollout.generic_rank
-    )
-    gaps = Gaps(*np.column_stack([at.drift[0], at.gap[0]]))
-    sums = Sums(np.array(at.work[0]), 0.0, np.zeros(6))
-    accounting = partial(accounts_of, world)
-    return sample(world, accounting, now, gaps, sums, np.array([now.t]), Signals(world.chain).of(now)[None])
+def _row(at: RolloutSystems) -> dict[str, Array]:
+    """Return a copy of the arrays of one system, with its time."""
+    return {**{name: x.copy() for name, x in at.arrays.items()}, "t": np.array(at.t)}
+
+
+def _recorded(
+    world: Environment, rollout: Any, last: RolloutSystems, rows: Sequence[Mapping[str, Array]]
+) -> Trajectory:
+    """Return the run of one system whose arrays at the samples are given."""
+    x = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    signals, sums = Signals(world.chain), Sums(np.zeros(4), 0.0, np.zeros(6))
+    if (x["rank"] < world.chain.constraint_row_count).any():  # forces that are not unique are chosen by the reference
+        return joined(
+            [_sample(world, rollout, {name: array[k] for name, array in x.items()}) for k in range(len(rows))]
+        )
+    margins, t = signals.of_arrays(x), x["t"]
+    of_grasps = margins[:, : len(world.chain.arms)]
+    inputs, parameters = kernel_arguments(rollout.kernel, last.call_inputs)
+
+    def accounting(t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        now = {**inputs, "begin": t, "step": np.array(0.0), "held": np.array(1.0)}
+        return rollout.kernel.accounts(systems_at(rollout.kernel, arrays), now, parameters)
+
+    allowed, times = (of_grasps, of_grasps, of_grasps), np.repeat(t[:, None], margins.shape[1], axis=1)
+    return recorded(world, accounting, Samples(t, x, allowed, x["gaps"], x["work"], margins, times), sums)
+
+
+def _sample(world: Environment, rollout: Any, x: Mapping[str, Array]) -> Trajectory:
+    """Return a sample of a system with the given arrays, with its current torques."""
+    state, tau = State(**{field: x[name] for name, field in state_fields(rollout.chain).items()}), x["drive"]
+    now = evaluate(world, lambda *_: (tau, None), float(x["t"]), state, None, generic_rank=rollout.generic_rank)
+    gaps, sums = Gaps(*x["gaps"].reshape(2, 2).T), Sums(x["work"], 0.0, np.zeros(6))
+    margins = Signals(world.chain).of(now)[None]
+    return sample(world, partial(accounts_of, world), now, gaps, sums, np.array([now.t]), margins)

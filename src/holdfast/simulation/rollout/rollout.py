@@ -30,6 +30,7 @@ from holdfast.simulation.rollout.arguments import (
     drift_limit,
     kernel_arguments,
     number,
+    require_at_samples,
     require_systems,
     state_arguments,
     step_inputs,
@@ -42,7 +43,7 @@ from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, diverged, followed
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
-from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
+from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, remembered, systems_at
 from holdfast.simulation.rollout.systems import RolloutSystems, passive_rates
 from holdfast.simulation.rollout.tape import Tape
 from holdfast.simulation.rollout.traced_step import GRASP_OPEN, LIMITED, PASSES_SINGULAR, SLIPPED, TOO_LONG
@@ -182,9 +183,8 @@ class Rollout:
         stale += ["base_R", "base_p"] if self.base_motion else []
         takes = {name: external.shape for name, external in self.kernel.externals.items() if name not in stale}
         kept = {name: x for name, x in before.call_inputs.items() if takes.get(name) == x.shape[1:]}
-        memory = before.arrays.get("memory", np.zeros((len(systems), 0)))
-        remembered = memory if memory.shape[1] == len(self.law.memory) else None
-        found = self.kernel.systems({name: before.arrays[name] for name in state_fields(self.chain)}, remembered)
+        states = {name: before.arrays[name] for name in state_fields(self.chain)}
+        found = self.kernel.systems(states, remembered(self.law, before))
         for array, x in ((found[key], before.arrays.get(key)) for key in found):
             if x is not None and x.shape == array.shape:
                 array[~before.running] = x[~before.running]
@@ -241,11 +241,11 @@ class Rollout:
         require_systems(systems)
         steps = whole_number("steps", steps, MOST_STEPS_OF_CALL)
         require_threads(threads)
-        least = stop_margins(least_margin, stop_at_limits)
-        limit = drift_limit(largest_drift)
+        least, limit = stop_margins(least_margin, stop_at_limits), drift_limit(largest_drift)
         lengths, new = step_lengths(step, len(systems)), call_inputs(self.kernel, given, len(systems))
         inputs, parameters = kernel_arguments(self.kernel, systems.call_inputs | new)
         self.kernel.require_own(systems.arrays)  # all checks come before the first change
+        require_at_samples(self.law, systems, lengths)
         systems.set_step_length(lengths)
         systems.started_from = None
         if systems.keep_inputs(new, self.law, self.inputs):  # the slopes were evaluated with other torques

@@ -11,6 +11,8 @@ from holdfast.compiled import arrays
 from holdfast.compiled.arrays import invalid_mask, largest_positions
 from holdfast.compiled.statuses import MOST_TRIED, system
 from holdfast.compiler.schedule import External
+from holdfast.control.controller import ControlLaw
+from holdfast.control.sampled import SampledTorque, initial_memories
 from holdfast.dynamics.rank import closed_near, held_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
@@ -19,6 +21,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.arguments import fitting, kernel_arguments
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_step import BROKEN
+from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 if TYPE_CHECKING:
@@ -38,13 +41,19 @@ def systems_at(rollout: Rollout, given: Mapping[str, Any], memory: Any, t: float
         raise StateError("rollout: expected at least one system, got arrays without rows")
     count = count or 1
     bad = invalid_mask(state, {name: len(s) for name, s in shapes.items()}, largest_positions(rollout.chain), count)
-    remembered = None if memory is None else fitting("memory", memory, (len(rollout.law.memory),), count)
-    found = rollout.kernel.systems(state, remembered, count)
+    memory = initial_memories(rollout.law, range(count)) if memory is None else memory
+    found = rollout.kernel.systems(state, fitting("memory", memory, (len(rollout.law.memory),), count), count)
     bad = np.zeros(count, dtype=bool) if bad is None else bad
     for pose in (found[name] for name in given if name.endswith("pose")):
         pose[~bad, :4] /= np.linalg.norm(pose[~bad, :4], axis=1, keepdims=True)
     found["code"][bad] = BROKEN
     return RolloutSystems(rollout.chain, found, np.full(count, t), np.zeros(count))
+
+
+def remembered(law: ControlLaw, before: RolloutSystems) -> Array | None:
+    """Return the memory with which a law takes over systems, None if theirs does not fit; a sample is taken again."""
+    memory = before.arrays.get("before" if isinstance(law.torque, SampledTorque) else "memory")
+    return None if memory is None or memory.shape[1] != len(law.memory) else memory
 
 
 def hold_rows(rollout: Rollout, systems: RolloutSystems, close: Callable[[RolloutSystems], None]) -> None:

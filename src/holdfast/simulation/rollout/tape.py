@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from holdfast.compiled.arrays import require_threads
+from holdfast.control.sampled import SampledTorque
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
@@ -321,6 +322,8 @@ def arguments_of(rollout: Rollout) -> tuple[str, ...]:
     kernel, law = rollout.kernel, rollout.law
     links = [name for name in LINK_ARGUMENTS if name in kernel.externals]
     of_bases = () if rollout.base_motion else (STEP_LENGTH, "base_pose")  # where and when bases move, both decide
+    if isinstance(law.torque, SampledTorque):  # its samples are at fixed times
+        of_bases = of_bases[1:]
     chains = [name for name in CHAINS if name != "base_pose"]
     memory = [LAW_MEMORY] if len(law.memory) else []
     return (*state_fields(rollout.chain), *memory, *law.parameters, *of_bases, *chains, *links)

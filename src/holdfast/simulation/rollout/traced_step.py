@@ -18,6 +18,7 @@ from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
 from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.control.controller import ControlLaw
+from holdfast.control.sampled import within_steps
 from holdfast.control.traced_law import law_outputs
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
@@ -34,7 +35,7 @@ from holdfast.simulation.increment import accelerations_of, increment_rate, no_t
 from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.linearly_implicit import Implicit, passive_terms, with_armature
-from holdfast.simulation.resolution import MOST_UNRESOLVED, largest_of, leap, least_difference
+from holdfast.simulation.resolution import asked, largest_of, leap
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, StepResult, run_step, take_step
@@ -151,7 +152,13 @@ class TracedSystem:
         return self.given["begin"][()] + (self.last("count")[()] + steps) * self.given["step"][()]
 
     def evaluate(
-        self, t: Scalar, state: State, memory: Array, choose: bool, implicit: Implicit | None = None
+        self,
+        t: Scalar,
+        state: State,
+        memory: Array,
+        choose: bool,
+        implicit: Implicit | None = None,
+        law: ControlLaw | None = None,
     ) -> Evaluation:
         """Return the torques, and the forward dynamics and power with these torques.
 
@@ -161,11 +168,12 @@ class TracedSystem:
             memory: memory to pass to the law.
             choose: choose the constraint rows at this state, instead of using those of the step's start.
             implicit: additional armatures and torques in a stage of a linearly implicit step.
+            law: the control law, if it is not that of the system.
         """
         held = self.held
         if choose and held is not None:
             held = select(self.given["keep_rows"][()] > 0.5, held, np.ones(held.shape))
-        drive, kept = law_outputs(self.law, self.real, t, state, memory, self.given)
+        drive, kept = law_outputs(law or self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
         chain, inputs = self.surroundings(t, state)
         net, solved = drive - lost, chain
@@ -218,8 +226,8 @@ class TracedSystem:
         kept = {field: select(still, self.last(name), getattr(at, field)) for field, name in poses.items()}
         at = replace(at, **kept)
         if isinstance(request, StageRequest):
-            found = self.evaluate(t, at, self.last("memory"), False, request.implicit)
-            return found.slope(request.turns)
+            inside = within_steps(self.law)
+            return self.evaluate(t, at, self.last("memory"), False, request.implicit, inside).slope(request.turns)
         chain, inputs = self.environment.at(t, at)
         closed = after_step(chain, at, inputs, self.held)
         end = State(**{field: select(still, getattr(at, field), getattr(closed, field)) for field in fields.values()})
@@ -229,8 +237,7 @@ class TracedSystem:
 def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return the carried arrays of a system after `take_step`; a system that stops keeps its last state."""
     system = TracedSystem(model, given)
-    first = system.last("slope")
-    now, (drift, gaps), work, _ = system.step_from(tableau, first)
+    now, (drift, gaps), work, _ = system.step_from(tableau, system.last("slope"))
     end, found = now.state, now.found
     whole = found.whole
     kept = {name: getattr(end, field) for name, field in state_fields(system.real).items()}
@@ -242,7 +249,7 @@ def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     kept |= {} if found.held is None else {"held_rows": found.held}
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, drift, gaps, passed)
-    code, known = resolution(system, end, (first, kept["slope"]), code) if "last.resolution" in given else (code, {})
+    code, known = resolution(system, end, kept, code) if "last.resolution" in given else (code, {})
     return {**carried(system, kept, code, work, system.time(1.0), concatenate([drift, gaps])), **known}
 
 
@@ -277,27 +284,21 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps:
     return where(code > 0.5, code, fault)
 
 
-def resolution(system: TracedSystem, end: State, slopes: tuple[Array, Array], code: Scalar) -> tuple[Scalar, Given]:
-    """Return the status code after the step, and what is known of its resolution (`simulation.resolution.Resolution`).
-
-    A step that may not follow the motion is not taken at first; the gap that was seen lets it pass the next time.
+def resolution(system: TracedSystem, end: State, kept: Mapping[str, Array], code: Scalar) -> tuple[Scalar, Given]:
+    """Return the status code after the step, and what is known of its resolution; see `simulation.resolution`.
 
     Args:
         system: the system.
         end: the state at the step's end.
-        slopes: the slopes at both ends.
+        kept: arrays at the step's end, by name.
         code: status code without regard to this.
     """
-    largest, in_a_row, seen, off = last = system.last("resolution")
     v0, v1 = velocities_of(system.state), velocities_of(end)
-    a0, a1 = (accelerations_of(end, slope) for slope in slopes)
+    a0, a1 = (accelerations_of(end, slope) for slope in (system.last("slope"), kept["slope"]))
     gap = system.given["notice"][()] * leap(system.given["step"][()], v0, v1, a0, a1)
-    largest = maximum(largest, largest_of(v1))
-    in_a_row = where(gap > least_difference(largest), in_a_row + 1.0, 0.0)
-    doubtful = where(gap > 2.0 * seen, 1.0, where(in_a_row >= float(MOST_UNRESOLVED), 1.0, 0.0))
-    waits = where(code < 0.5, where(in_a_row > 0.5, doubtful, 0.0), 0.0) > 0.5
-    there = select(code < 0.5, array([largest, in_a_row, seen, off]), last)
-    found = select(waits, array([last[0], 0.0, maximum(seen, gap), off]), there)
+    if within_steps(system.law) is not system.law:  # a sample at the step's end changes the torques after it
+        gap = where(largest_of(kept["drive"] - system.last("drive")) > 0.0, 0.0, gap)
+    waits, found = asked(system.last("resolution"), largest_of(v1), gap, code < 0.5)
     return where(waits, float(UNRESOLVED), code), {"last.resolution": found}
 
 

@@ -20,6 +20,8 @@ from holdfast.compiler.node import Node
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw
+from holdfast.control.digital_law import DigitalTorque
+from holdfast.control.sampled import SampledTorque
 from holdfast.control.traced_law import comparable, law_program, require_same_program
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -94,6 +96,8 @@ def travelling_law(law: ControlLaw, chain: ClosedChain) -> ControlLaw:
     """Return the law if it can be pickled, or otherwise an equivalent traced law that can."""
     if _travels(law.torque):
         return law
+    if isinstance(law.torque, SampledTorque | DigitalTorque):
+        return replace(law, torque=replace(law.torque, law=travelling_law(law.torque.law, chain)))
     return replace(law, torque=TracedTorque(law_program(law, chain), tuple(law.parameters)))
 
 
