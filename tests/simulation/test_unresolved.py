@@ -11,22 +11,24 @@ from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.simulation.stability import fastest_decay
 from tests.control.two_pandas import two_pandas
+from tests.simulation.gantries import squeezed
 
 CHAIN, STATE = two_pandas()
 N = CHAIN.joint_count
 HOLD = hf.holding_torques(CHAIN, STATE)
 H = 1e-3
+BALLS, SQUEEZE = ("ball", "ball"), 30.0
 
 
 def damped(factor: float, scheme: str = "rk4"):
-    """Return a controller that sways the box, with damping of a multiple of what the scheme follows; and its joint."""
+    """Return a controller that sways the box, damping a multiple of what the scheme follows; its joint and gain."""
     decay = fastest_decay(CHAIN, STATE, np.eye(N, N + 6))
     gain = factor * scheme_of(scheme).stability_interval / (H * decay.rate)
 
     def law(t, state, memory):
         return HOLD + 2.0 * np.sin(7.0 * t) - gain * state.qd, memory
 
-    return law, decay.joint
+    return law, decay.joint, gain
 
 
 def named(run) -> str:
@@ -37,16 +39,20 @@ def named(run) -> str:
 @pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
 @pytest.mark.parametrize("factor", [1.04, 1.3, 3.0])
 def test_too_high_a_gain(factor, scheme):
-    """Whatever the growth, with the joint that is slowed down and a step that would do."""
-    law, joint = damped(factor, scheme)
+    """Whatever the growth, with the joint that is slowed down, its gain, and a step that would do."""
+    law, joint, gain = damped(factor, scheme)
     said = named(hf.simulate(CHAIN, STATE, law, 700 * H, H, scheme=scheme))
-    assert re.search(rf"too long for joint '(left|right)/{joint.partition('/')[2]}'.* try a step of", said), said
+    slowed = rf"too long for joint '(left|right)/{joint.partition('/')[2]}', slowed down at (\S+) 1/s by its"
+    found = re.search(slowed + r" controller's gain of (\S+) N m s/rad: .* try a step of (\S+) s", said)
+    assert found, said
+    assert float(found[3]) == pytest.approx(gain, rel=5e-3)
+    assert float(found[4]) * float(found[2]) < scheme_of(scheme).stability_interval < H * float(found[2])
 
 
 @pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
 def test_a_gain_that_steps_follow(scheme):
     """Nothing is said, and the velocities are right to a part in a thousand."""
-    law, _ = damped(0.1, scheme)
+    law, *_ = damped(0.1, scheme)
     run = hf.simulate(CHAIN, STATE, law, 60 * H, H, scheme=scheme)
     fine = hf.simulate(CHAIN, STATE, law, 60 * H, H / 5)
     assert named(run).strip() == ""
@@ -55,7 +61,7 @@ def test_a_gain_that_steps_follow(scheme):
 
 def test_what_was_noticed_travels_with_a_checkpoint():
     """A run that goes on from a checkpoint says at its end what the whole run says, to the letter."""
-    law, _ = damped(0.75)
+    law, *_ = damped(0.75)
     pushed = hf.State(STATE.q, STATE.qd, STATE.object_pose, STATE.object_twist)
     kept: list[Checkpoint] = []
     jump = lambda t, state, memory: (law(t, state, memory)[0] + 20.0 * (t > 0.0105), memory)  # noqa: E731
@@ -66,6 +72,35 @@ def test_what_was_noticed_travels_with_a_checkpoint():
         whole.summary()
     )
     assert named(rest) == named(whole)
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ({"damping": 12e3}, r"slowed down at 7.2e\+03 1/s by its damping of 1.2e\+04 N s/m"),
+        ({"stiffness": 2e7}, r"swinging at \S+ rad/s by its spring of 2e\+07 N/m"),
+    ],
+)
+def test_a_damper_or_spring_is_named(part, words, monkeypatch):
+    """They make steps implicit; where they become too fast between two looks at them, the run says which one it was."""
+    monkeypatch.setattr("holdfast.simulation.segment.too_fast", lambda *_: None)
+    chain, state = squeezed(BALLS, **part)
+    pushed = lambda t, x, memory: (np.array([SQUEEZE, 0.0, 5.0, -SQUEEZE, 0.0, 5.0]), memory)  # noqa: E731
+    run = hf.simulate(chain, state, pushed, 0.2, H)
+    assert re.search(rf"joint '(left|right)/[xyz]', {words}", run.stopped or ""), run.stopped
+
+
+@pytest.mark.parametrize("seed", [527, 571])
+def test_a_recorded_limit_ends_no_run(seed):
+    """A midpoint step passes a limit that its halves pass elsewhere: it is recorded, as in a run of shorter steps."""
+    chain, state, controller, step, scheme, _ = case(seed, *RANGES["low"])
+    run, fine = (hf.simulate(chain, state, controller, 20 * step, h, scheme=scheme) for h in (step, step / 8))
+    assert run.stopped is None
+
+    def passed(one):
+        return {(found.text, found.quantity) for found in one.occurrences if found.kind == "violation"}
+
+    assert passed(run) == passed(fine)
 
 
 @pytest.mark.parametrize("seed", [128, 135, 274])

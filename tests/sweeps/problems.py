@@ -20,7 +20,7 @@ def law() -> hf.ControlLaw:
     hold = hf.holding_torques(chain, state, internal_force=40.0)
 
     def stay(t: Any, now: hf.State, memory: Any, given: Any) -> tuple[Any, Any]:
-        return hold - given["stiffness"] * (now.q - state.q) - 20.0 * now.qd, memory
+        return hold - given["stiffness"] * (now.q - state.q) - 2.0 * now.qd, memory
 
     return hf.ControlLaw(stay, parameters={"stiffness": ()})
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,15 @@ def test_arms_that_are_led_beyond_their_reach():
     assert "nearest: left" in readout(playback, len(playback) - 1) or "nearest: right" in readout(
         playback, len(playback) - 1
     )
+
+
+def test_the_singular_arms_come_first():
+    """Arms led beyond their reach by long steps, whose last sample is not quite there: no shorter step is advised."""
+    _, run = tracked([0.0, 0.0, 0.6], 0.01, 0.65)
+    said = str(run.stopped)
+    assert said.startswith("stopped after t = 0.55 s: nearly singular, where joint rates and forces grow without bound")
+    assert said.index("arm 'left'") < said.index("leaves a grasp open")
+    assert not re.search("try a|step of|smaller", said)
 
 
 @pytest.mark.slow

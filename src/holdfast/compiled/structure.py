@@ -33,6 +33,7 @@ class Options:
         base_motion: whether twists and accelerations of the bases are run-time parameters; otherwise they are zero.
         held: whether steps hold as many rows of the constraint as its generic rank (see `held_rows`).
         implicit: whether additional joint armatures and torques are inputs, for the stages of implicit steps.
+        resolution: whether steps notice that they may not follow the motion (`simulation.resolution`).
     """
 
     route: Route = "auto"
@@ -41,6 +42,7 @@ class Options:
     base_motion: bool = False
     held: bool = False
     implicit: bool = False
+    resolution: bool = False
 
 
 def require_rank(generic_rank: Any, chain: ClosedChain, what: str) -> None:

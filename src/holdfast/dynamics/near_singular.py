@@ -87,6 +87,14 @@ def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR_SINGULAR) 
     return found + lost_by_arms(motion, limit)
 
 
+def weakest_strength(chain: ClosedChain, state: State) -> float:
+    """Return the smallest s of the chain and of its arms that grasp, 0 to 1."""
+    motion = chain_at_rest(chain, state)
+    R, arms = state.object_frame.R, motion.arms
+    of_arms = [arm_strength(chain.arms[name], arms[name].at, grasp, R) for name, grasp in chain.grasps.items()]
+    return min([float(chain_strength(np.array(constraint_pivots(chain, state).condition))), *of_arms])
+
+
 def lost_at(motion: ChainMotion, rank: int, generic_rank: int) -> list[str]:
     """Return descriptions of what is lost at a singular configuration, beginning with the loads without effect.
 

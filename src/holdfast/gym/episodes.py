@@ -12,7 +12,7 @@ from holdfast.gym.task import Phase, Task
 from holdfast.model import checks
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.rollout.rollout import Rollout
-from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems
+from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems, status_codes
 from holdfast.spatial.scalar import Array
 
 STATUS_NAMES = np.array([status.name for status in RolloutStatus], dtype=object)
@@ -102,11 +102,11 @@ class Episodes:
 
     @property
     def info(self) -> dict[str, Array]:
-        """Additional results of the last evaluation, (count,) each; `status` is RUNNING, or why the rollout stopped."""
+        """Additional results of the last evaluation, (count,) each; `status` is that of the rollout."""
         info = {name: self.seen[name].copy() for name in self.task.info_names}
         codes = np.zeros(self.count, dtype=int)
         for number, systems in enumerate(self.systems):
-            codes = np.where(self.phase == number, systems.arrays["code"].astype(int), codes)
+            codes = np.where(self.phase == number, status_codes(systems), codes)
         return info | {"status": STATUS_NAMES[codes]}
 
     def _options(self, options: Mapping[str, Any] | None) -> dict[str, Array]:

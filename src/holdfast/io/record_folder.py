@@ -196,6 +196,8 @@ def _loaded(place: Path, meta: RecordMeta, rollout: Rollout | None) -> RolloutRe
             raise ResultError(f"{place}: expected the rollout that made it, got one of another chain")
         try:
             for each in (systems, first):
+                if OLD in meta.files and "resolution" in rollout.kernel.carried:
+                    each.arrays.setdefault("resolution", np.zeros((len(each), 4)))
                 rollout.kernel.require_own(each.arrays)
         except StateError as cause:
             raise ResultError(f"{place}: expected the rollout that made it: {cause}") from cause

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import msgspec
 import numpy as np
@@ -37,6 +37,7 @@ from holdfast.simulation.adaptive import Proposal
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.resolution import NOTHING_NOTICED, Resolution
 from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.frozen import making
 from holdfast.spatial.pose import Pose
@@ -44,34 +45,6 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State, exact_state, parts_of
 
 TRACKER = "ledger"  # its name in result folders
-OF_MOTION = 0.01  # smallest difference of velocities that counts, relative to the largest velocity of the run
-IGNORED_RATE = 1e-4  # rad/s or m/s: smaller differences never count
-
-
-class Resolution(NamedTuple):
-    """Whether steps of fixed length have followed the motion; see `confirmation.resolved`.
-
-    Attributes:
-        largest: largest velocity of a joint or the object so far [rad/s or m/s].
-        in_a_row: number of steps to the present instant that seem unresolved.
-        seen: largest gap between the change of velocities and the mean accelerations so far [rad/s or m/s].
-        off: largest difference between a step and its halves [rad/s or m/s].
-        text: what it was and what to try; "" if nothing was noticed.
-    """
-
-    largest: float = 0.0
-    in_a_row: int = 0
-    seen: float = 0.0
-    off: float = 0.0
-    text: str = ""
-
-    @property
-    def matters(self) -> bool:
-        """Whether the largest difference is more than one per cent of the motion."""
-        return self.off > OF_MOTION * self.largest + IGNORED_RATE
-
-
-NOTHING_NOTICED = Resolution()
 
 
 @dataclass(frozen=True, eq=False)

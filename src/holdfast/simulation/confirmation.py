@@ -12,27 +12,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.errors import HoldfastError, SingularChainError, StepTooLongError
-from holdfast.simulation.checkpoint import IGNORED_RATE, OF_MOTION, Resolution
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.linearly_implicit import passive_terms
 from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.resolution import MOST_UNRESOLVED, Resolution, largest_of, leap, least_difference
 from holdfast.simulation.segment import Segment
 from holdfast.simulation.stability import (
     Decay,
     fastest_decay,
+    fastest_swing,
+    feedback,
     feedback_resistance,
+    feedback_stiffness,
     followed,
-    passive_resistance,
+    moved,
+    of_joints,
+    quicker,
     step_for,
 )
 from holdfast.simulation.stepper import Advance, in_parts
 from holdfast.simulation.verification import StepMargins
-from holdfast.spatial.scalar import Array
 
 SHORTER_BY = (2, 4)
 SHARE = 0.05  # steps are too long if their results differ by more than this part of the change of margin or velocities
@@ -40,7 +46,6 @@ NEGLIGIBLE_DIFFERENCE = 1e-6  # smaller differences (relative, or absolute below
 MOST_REPEATED_PARTS = 16  # largest number of parts in which a failed step is repeated
 MOST_STEPS_TRIED = 200  # largest number of steps for which a suggested length is tried
 SUGGESTED_HALVINGS = 8
-MOST_UNRESOLVED = 8  # steps in a row
 
 
 class Window:
@@ -67,6 +72,8 @@ class Window:
 def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker) -> None:
     """Raise an error if a violation begins in a step and shorter steps do not show it.
 
+    Violations that are only recorded end a run only if a damper, a spring or the controller is too fast for the step.
+
     Args:
         window: the step and the one before it.
         found: the margins during the step.
@@ -77,7 +84,7 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
     """
     if not (found.margins < 0.0).any():
         return
-    signals = window.segment.signals
+    signals, acting = window.segment.signals, window.segment.acting
     fresh = np.flatnonzero(np.isinf(tracker.since) & (found.margins.min(axis=0) < 0.0)).tolist()
     for k, together in _by_time(found, fresh):
         t, depth = float(found.times[k]), found.margins[k, together]
@@ -86,29 +93,25 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
         change = np.ptp(found.margins[:, together], axis=0)
         allowed = SHARE * change + NEGLIGIBLE_DIFFERENCE * np.maximum(1.0, np.abs(depth))
         for parts in SHORTER_BY:
-            again = window.in_parts(t, parts)
-            if again.instant is not None:
-                off = np.abs(signals.of(again.instant)[together] - depth)
-                if (off <= allowed).all():
-                    continue
-                together = [together[int(np.argmax(off / allowed))]]
-            margin = f"{signals.quantities[together[0]]} margin of '{signals.names[together[0]]}'"
-            raise too_long(window, t, f"the full step finds a negative {margin}, {parts} shorter steps do not")
+            again = window.in_parts(t, parts).instant
+            off = np.full(len(depth), np.inf) if again is None else np.abs(signals.of(again)[together] - depth)
+            if (off <= allowed).all():
+                continue
+            if _cause(window) is None:  # then only what acts on the run is worth its end
+                off = np.where(np.isin(together, acting), off, 0.0)
+            if not (off <= allowed).all():
+                worst = together[int(np.argmax(off / allowed))]
+                margin = f"{signals.quantities[worst]} margin of '{signals.names[worst]}'"
+                raise too_long(window, t, f"the full step finds a negative {margin}, {parts} shorter steps do not")
 
 
 def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
     """Return whether steps have followed the motion, after a step of fixed length from `window.now` to a later instant.
 
-    A gain, damper or spring whose decay or oscillation is too fast for the step makes velocities grow from step to
-    step, or decay far too slowly, long before anything overflows. The velocities then change by something else than the
-    mean of the accelerations at both ends of the step,
-
-        | v(t + h) - v(t) - h (a(t) + a(t + h)) / 2 |  >  1 % of the largest velocity so far,
-
-    while a smooth motion differs in the third order of h only. Such a step is repeated in halves, and is unresolved if
-    their velocities differ from its own by more than 1 % of the largest so far. This is reported at the run's end,
-    unless it was small against the motion that followed. If many steps in a row are unresolved and a damper or the
-    controller is the cause, the run ends.
+    A step that may not follow it (`simulation.resolution`) is repeated in halves, and is unresolved if their velocities
+    differ from its own by more than 1 % of the largest so far. This is reported at the run's end, unless it was small
+    against the motion that followed. If many steps in a row are unresolved and a damper, a spring or the controller is
+    the cause, the run ends.
 
     Args:
         found: what is known before the step.
@@ -119,12 +122,11 @@ def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
         StepTooLongError: many steps in a row were unresolved, because velocities decay too fast for them.
     """
     now, scheme = window.now, window.segment.scheme
-    v0, v1 = now.velocities, later.velocities
-    largest = max(found.largest, float(np.abs(v0).max()), float(np.abs(v1).max()))
-    least = OF_MOTION * largest + IGNORED_RATE
+    v0, v1, a0, a1 = now.velocities, later.velocities, now.accelerations, later.accelerations
+    largest = float(max(found.largest, largest_of(v0), largest_of(v1)))
+    least = least_difference(largest)
     found = found._replace(largest=largest)
-    jump = float(leap(later.t - now.t, v0, v1, now.accelerations, later.accelerations))
-    if not jump > least:
+    if not (jump := float(leap(later.t - now.t, v0, v1, a0, a1))) > least:
         return found._replace(in_a_row=0)
     in_a_row = found.in_a_row + 1
     if jump <= 2.0 * found.seen and in_a_row % MOST_UNRESOLVED:
@@ -135,27 +137,12 @@ def resolved(found: Resolution, window: Window, later: Instant) -> Resolution:
     if difference <= least:
         return found._replace(in_a_row=0)
     why = f"halves of the step to t = {later.t:.6g} s give velocities that differ by {difference:.3g} rad/s or m/s"
-    if in_a_row % MOST_UNRESOLVED == 0:
-        decay = _decay(window)
-        if decay is not None and not followed(decay, window.segment.settings.longest_step, scheme):
-            raise too_long(window, later.t, f"{why}, and {in_a_row - 1} steps before it were unresolved, too")
+    if in_a_row % MOST_UNRESOLVED == 0 and _cause(window) is not None:
+        raise too_long(window, later.t, f"{why}, and {in_a_row - 1} steps before it were unresolved, too")
     if difference <= found.off or scheme.implicit:  # implicit steps damp transients
         return found._replace(in_a_row=in_a_row)
     text = f"{too_long(window, later.t, why)}; if torques or wrenches jump there, name the time in `breakpoints`"
     return found._replace(in_a_row=in_a_row, off=difference, text=text)
-
-
-def leap(h: Array | float, v0: Array, v1: Array, a0: Array, a1: Array) -> Array:
-    """Return by how much velocities change otherwise than by the mean of the accelerations [rad/s or m/s].
-
-    Args:
-        h: length of the step, or (..., 1) of several steps [s].
-        v0: velocities at its start, (..., n + 6); a floating base adds six.
-        v1: velocities at its end.
-        a0: accelerations at its start.
-        a1: accelerations at its end.
-    """
-    return np.abs(v1 - v0 - 0.5 * h * (a0 + a1)).max(axis=-1)
 
 
 def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastError:
@@ -166,8 +153,7 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
         until: the step's end [s].
         failure: the error that the step raised.
     """
-    decay = _decay(window)
-    if decay is not None and not followed(decay, window.segment.settings.longest_step, window.segment.scheme):
+    if _cause(window) is not None:
         return too_long(window, until, f"a step fails ({failure})")
     most = SHORTER_BY[0] if isinstance(failure, SingularChainError) else MOST_REPEATED_PARTS
     parts, fewer = 2, window.in_parts(until, 2)
@@ -180,9 +166,9 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
 
 
 def too_long(window: Window, until: float, why: str) -> StepTooLongError:
-    """Return the error for a step that is too long, which names the joint concerned and a step that works.
+    """Return the error for a step that is too long, which names the joint, the cause if known, and a step that works.
 
-    The suggested step follows from the rate at which damping, friction and the controller make velocities decay;
+    The suggested step follows from the rate at which velocities decay or joints swing, if that is the cause;
     otherwise it is half the step taken. It is halved until steps of half its length give the same result.
 
     Args:
@@ -190,11 +176,9 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
         until: the end of the comparison [s].
         why: how it was noticed, for the message.
     """
-    scheme, decay = window.segment.scheme, _decay(window)
     step = window.segment.settings.longest_step
-    if decay is not None and not followed(decay, step, scheme):
-        joint, reason = decay.joint, f"slowed down at {decay.rate:.3g} 1/s by damping, friction or its controller"
-        limit = step_for(decay, scheme)
+    if (cause := _cause(window)) is not None:
+        joint, reason, limit = cause.decay.joint, cause.words, step_for(cause.decay, window.segment.scheme)
     else:
         joint, reason = _most_different(window, until), "whose motion changes when the step is halved"
         limit = 0.5 * step
@@ -216,19 +200,43 @@ def _by_time(found: StepMargins, signals: Sequence[int]) -> Iterator[tuple[int, 
         yield k, [i for i in signals if lowest[i] == k]
 
 
-def _decay(window: Window) -> Decay | None:
-    """Return the fastest decay at the start of a window, the controller's feedback included; None if it is not found.
+class Cause(NamedTuple):
+    """Why velocities change too fast for a step: how fast, and in which joint, and in words by what."""
+
+    decay: Decay
+    words: str
+
+
+def _cause(window: Window) -> Cause | None:
+    """Return the damper, spring or gain that is too fast for the step at the start of a window, as far as it is known.
 
     With linearly implicit steps only the feedback of the controller counts.
     """
-    at, controller = window.begin, window.segment.controller
+    at, scheme, controller = window.begin, window.segment.scheme, window.segment.controller
+    chain, state, passive = at.chain, at.state, passive_terms(at.chain)
+    own, step = 0.0 if scheme.implicit else 1.0, window.segment.settings.longest_step
+    sizes = [own * passive.resistance(state.qd), own * passive.stiffness]  # of dampers and of springs
     try:
-        resistance = feedback_resistance(controller, at)
-        if not window.segment.scheme.implicit:
-            resistance = resistance + passive_resistance(at.chain, at.state.qd)
-        return fastest_decay(at.chain, at.state, resistance)
+        passively = [of_joints(chain, one) for one in sizes]
+        wholly = [passively[0] + feedback_resistance(controller, at), passively[1] + feedback_stiffness(controller, at)]
+        alone, found = (
+            [fastest_decay(chain, state, one[0]), fastest_swing(chain, state, one[1])] for one in (passively, wholly)
+        )
+        swings = found[1].rate > found[0].rate
+        decay, i = found[swings], chain.joint_names().index(found[swings].joint)
+        of_joint = np.eye(chain.velocity_count)[:, [i]]
+        gain = float(feedback(controller, at, of_joint, moved if swings else quicker)[i, 0])
     except (HoldfastError, np.linalg.LinAlgError):
         return None
+    if followed(decay, step, scheme):
+        return None
+    turns, size = chain.all_joints[i].turns, float(sizes[swings][i])
+    unit = ("N m/rad" if turns else "N/m") if swings else ("N m s/rad" if turns else "N s/m")
+    by = "spring" if swings else "damping" if passive.damping[i] > 0.5 * size else "friction"
+    if followed(alone[swings], step, scheme):  # its gain is zero if it feeds back the object
+        by, size = "controller" + "'s gain" * (gain > 0.0), gain
+    how = f"swinging at {decay.rate:.3g} rad/s" if swings else f"slowed down at {decay.rate:.3g} 1/s"
+    return Cause(decay, f"{how} by its {by}" + f" of {size:.3g} {unit}" * (size > 0.0))
 
 
 def _working(window: Window, until: float, step: float) -> float:

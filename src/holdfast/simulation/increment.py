@@ -38,6 +38,17 @@ def twists(state: State) -> list[Array]:
     return [state.object_twist, *([] if state.base_twist is None else [state.base_twist])]
 
 
+def velocities_of(state: State) -> Array:
+    """Return the joint rates and the twists of the free bodies, (n + 6,); a floating base adds six entries."""
+    return concatenate([state.qd, *twists(state)])
+
+
+def accelerations_of(state: State, slope: Array) -> Array:
+    """Return the time derivatives of `velocities_of` in the rate of an increment."""
+    n = len(state.q)
+    return concatenate([slope[n : 2 * n], *(slope[part][6:] for part in body_parts(state))])
+
+
 def work_of(y: Array) -> Array:
     """Return the work in an increment, (4,) [J]."""
     return y[len(y) - OF_WORK :]

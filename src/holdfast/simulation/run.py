@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.near_singular import NEAR_SINGULAR, nearly_lost
+from holdfast.dynamics.near_singular import NEAR_SINGULAR, nearly_lost, weakest_strength
 from holdfast.errors import HoldfastError
 from holdfast.simulation.adaptive import first_proposal
 from holdfast.simulation.checkpoint import Checkpoint, Origin
@@ -280,22 +280,26 @@ def next_or_reason(at: RunState) -> RunState | str | None:
     try:
         return next_state(at)
     except HoldfastError as cause:
-        return f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now)}"
+        return f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now, at.previous)}"
 
 
-def reason(cause: HoldfastError, last: Instant) -> str:
-    """Return why a step failed, with the directions in which the last sample is nearly singular.
+def reason(cause: HoldfastError, last: Instant, previous: Instant | None) -> str:
+    """Return why a step failed: first that the last sample is nearly singular, if it is or the next would be.
 
     Args:
         cause: the error that the step raised.
         last: the chain at the last accepted instant.
+        previous: the chain one step earlier; None if `last` begins a smooth stretch.
     """
-    lost = nearly_lost(last.chain, last.state, NEARLY_SINGULAR)
-    if lost:
-        what = str(cause).partition("; try ")[0]
-        return (
-            f"{what}. The last configuration is nearly singular, where joint rates and forces grow without bound:"
-            f" {'; '.join(lost)}. Try a motion that keeps away from it"
-        )
     near = nearly_lost(last.chain, last.state, NEAR_SINGULAR)
-    return f"{cause}. The last configuration is also near a singular one: {'; '.join(near)}" if near else str(cause)
+    if not near:
+        return str(cause)
+    strength = weakest_strength(last.chain, last.state)
+    earlier = 0.0 if previous is None else weakest_strength(previous.chain, previous.state)
+    if strength > NEARLY_SINGULAR and 2.0 * strength**2 > earlier**2:  # its square falls evenly at a steady speed
+        return f"{cause}. The last configuration is also near a singular one: {'; '.join(near)}"
+    what = str(cause).partition("; try ")[0]
+    return (
+        f"nearly singular, where joint rates and forces grow without bound: {'; '.join(near)}. Try a motion that keeps"
+        f" away from this configuration. There, {what}"
+    )

@@ -11,6 +11,7 @@ by step, if h lambda exceeds the stability interval of the scheme (`Tableau.stab
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from holdfast.dynamics.trunk.whole_chain import whole_chain
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.increment import displaced
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import passive_terms
 from holdfast.simulation.runge_kutta import Tableau
@@ -34,7 +36,7 @@ from holdfast.state import State
 # configuration. At 0.9 each step still reduces a mode by a third (rk4) or a sixth (midpoint) of its size.
 USED = 0.9
 SUGGESTED = 0.5  # fraction that a suggested step uses: with any scheme it reduces a mode to less than half
-VELOCITY_PROBE = 1e-5  # rad/s or m/s: change of the velocities with which a controller's feedback is measured
+PROBE = 1e-5  # rad/s or m/s, rad or m: change of the state with which a controller's feedback is measured
 CELL_SIZE = 0.5  # rad or m: joints that have moved by as much may have another decay rate
 
 
@@ -76,16 +78,16 @@ def fastest_decay(chain: ClosedChain, state: State, resistance: Array) -> Decay:
 
 
 def fastest_swing(chain: ClosedChain, state: State, stiffness: Array) -> Decay:
-    """Return the highest frequency of oscillations on the joints' springs that the grasps allow [rad/s]. O((n + 6)^3).
+    """Return the highest frequency of oscillations on springs that the grasps allow [rad/s]. O((n + 6)^3).
 
     Args:
         chain: the chain.
         state: its configuration; velocities are ignored.
-        stiffness: (n,) stiffness of the joints' springs [N m/rad or N/m].
+        stiffness: (n, n + 6) restoring joint torques per displacement along (qd, V(C)), as in `fastest_decay`.
     """
     if not stiffness.any():
         return Decay(0.0, chain.joint_names()[0])
-    square, joint = fastest_decay(chain, state, np.eye(chain.joint_count, chain.velocity_count) * stiffness[:, None])
+    square, joint = fastest_decay(chain, state, stiffness)
     return Decay(math.sqrt(square), joint)
 
 
@@ -106,8 +108,12 @@ def _mass_matrix(motion: ChainMotion) -> Array:
 
 def passive_resistance(chain: ClosedChain, qd: Array) -> Array:
     """Return the torques of damping and friction per unit of the velocities, (n, n + 6) or (n, n + 12)."""
-    n, taken = chain.joint_count, np.diag(passive_terms(chain).resistance(qd))
-    return np.hstack([taken, np.zeros((n, chain.velocity_count - n))])
+    return of_joints(chain, passive_terms(chain).resistance(qd))
+
+
+def of_joints(chain: ClosedChain, sizes: Array) -> Array:
+    """Return the torques of dampers or springs of such sizes in the joints, as `passive_resistance` does."""
+    return np.eye(chain.joint_count, chain.velocity_count) * sizes[:, None]
 
 
 def feedback_resistance(controller: Controller, now: Instant) -> Array:
@@ -116,17 +122,46 @@ def feedback_resistance(controller: Controller, now: Instant) -> Array:
     The shape is (n, n + 6), or (n, n + 12) with a floating base. The torques are found by central differences: the
     controller is evaluated twice for each velocity.
     """
-    n, Z = len(now.state.q), motion_basis(now.chain, now.state)
-    columns = []
+    Z = motion_basis(now.chain, now.state)
+    return feedback(controller, now, Z, quicker) @ Z.T
+
+
+def feedback_stiffness(controller: Controller, now: Instant) -> Array:
+    """Return the restoring torques of a controller per unit of displacement, found as in `feedback_resistance`."""
+    Z = motion_basis(now.chain, now.state)
+    return feedback(controller, now, Z, moved) @ Z.T
+
+
+def feedback(controller: Controller, now: Instant, along: Array, changed: Callable[[State, Array], State]) -> Array:
+    """Return the torques against changes of the state, per unit of each, by central differences, (n, changes).
+
+    Args:
+        controller: the controller.
+        now: the chain and its state.
+        along: (n + 6, changes) changes of the velocities, or displacements, as columns.
+        changed: `quicker` or `moved`, which applies them.
+    """
+    n = len(now.state.q)
 
     def asked(v: Array) -> Array:
-        state = quickened(now.state, Change(v[:n], v[n : n + 6], v[n + 6 :] if len(v) > n + 6 else None))
-        return checks.numbers(controller(now.t, state, now.memory)[0], (n,), "controller: torques", StateError)
+        torques = controller(now.t, changed(now.state, v), now.memory)[0]
+        return checks.numbers(torques, (n,), "controller: torques", StateError)
 
-    for v in Z.T:
-        less, more = asked(-VELOCITY_PROBE * v), asked(VELOCITY_PROBE * v)
-        columns.append((less - more) / (2.0 * VELOCITY_PROBE))
-    return np.reshape(columns, (-1, n)).T @ Z.T
+    columns = [(asked(-PROBE * v) - asked(PROBE * v)) / (2.0 * PROBE) for v in along.T]
+    return np.reshape(columns, (-1, n)).T
+
+
+def quicker(state: State, v: Array) -> State:
+    """Return the state with its velocities changed by v, (n + 6,)."""
+    n = len(state.q)
+    return quickened(state, Change(v[:n], v[n : n + 6], v[n + 6 :] if len(v) > n + 6 else None))
+
+
+def moved(state: State, v: Array) -> State:
+    """Return the state displaced along velocities v, (n + 6,)."""
+    n = len(state.q)
+    bodies = [np.concatenate([v[first : first + 6], np.zeros(6)]) for first in range(n, len(v), 6)]
+    return displaced(state, np.concatenate([v[:n], np.zeros(n), *bodies]))
 
 
 def followed(decay: Decay, step: float, scheme: Tableau) -> bool:
@@ -173,7 +208,7 @@ def fastest_passive(chain: ClosedChain, state: State) -> tuple[Decay, bool]:
     """
     try:
         decay = fastest_decay(chain, state, passive_resistance(chain, state.qd))
-        swing = fastest_swing(chain, state, passive_terms(chain).stiffness)
+        swing = fastest_swing(chain, state, of_joints(chain, passive_terms(chain).stiffness))
     except np.linalg.LinAlgError:  # masses differ by too much for an answer; each step is still checked
         return Decay(0.0, chain.joint_names()[0]), False
     return max((decay, False), (swing, True), key=lambda found: found[0].rate)

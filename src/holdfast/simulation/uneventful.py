@@ -18,9 +18,9 @@ from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.near_singular import chain_strength
 from holdfast.questions.arrays import state_fields
-from holdfast.simulation.checkpoint import IGNORED_RATE, OF_MOTION, Checkpoint, Origin
-from holdfast.simulation.confirmation import leap
+from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.resolution import leap, least_difference
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.rows import gaps_of, state_of
@@ -216,7 +216,7 @@ def _unresolved(at: RunState, steps: _Steps) -> Array:
     """Return in which steps the velocities change otherwise than by the mean of the accelerations, (k,)."""
     v0, v1, a0, a1 = (of(x) for of in (_velocities, _accelerations) for x in (steps.starts, steps.ends))
     jump = leap(steps.lengths, v0, v1, a0, a1)
-    return ~(jump <= OF_MOTION * _largest(at, steps) + IGNORED_RATE)
+    return ~(jump <= least_difference(_largest(at, steps)))
 
 
 def _largest(at: RunState, steps: _Steps) -> Array:

@@ -20,7 +20,7 @@ from holdfast.simulation.rollout.varied_step import LAW_PREFIX, MARGIN_RESULT, W
 from holdfast.simulation.runge_kutta import EULER, Tableau
 from holdfast.spatial.scalar import Array
 
-UNUSED = ("held", "least_margin", "least_joint_margin", "search", "keep_rows", CONTACTS, "limits")
+UNUSED = ("held", "least_margin", "least_joint_margin", "search", "keep_rows", "notice", CONTACTS, "limits")
 BEFORE = "before"  # the law's memory at the start of a step
 
 

@@ -21,6 +21,7 @@ from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
 from holdfast.spatial.scalar import Array
 
 StopMargins = Mapping[int, float]  # margins below which a system stops, by the status code that it then gets
+NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
 MOST_STEPS_OF_CALL = 10**9  # of one call: days, beyond which a count is a slip
 CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
 LINK_ARGUMENTS = (*LINKS, *TRUNK_LINKS, "link_wrench", "trunk_link_wrench")
@@ -269,12 +270,13 @@ def common_time(systems: RolloutSystems) -> float:
     return float(times[0])
 
 
-def step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array]:
-    """Return the inputs of the machine code other than torques and wrenches: times, and margins that stop systems."""
+def step_inputs(systems: RolloutSystems, least: StopMargins, notice: bool = False) -> dict[str, Array]:
+    """Return the inputs of the machine code other than torques and wrenches: times, and what stops systems."""
     return {
         "begin": systems.begin,
         "step": systems.step_length,
         "held": np.array(0.0),
+        "notice": np.array(float(notice)),
         "least_margin": np.array(least[SLIPPED]),
         "least_joint_margin": np.array(least[LIMITED]),
     }

@@ -43,7 +43,7 @@ STEP_INPUTS = ("begin", "step", "held", "least_margin", "least_joint_margin", "s
 STEP_PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
 
 
-def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str, Shape]:
+def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dict[str, Shape]:
     """Return the shapes of the arrays that a system carries between two steps, by name.
 
     Arrays without entries are left out, except those of the joints.
@@ -51,7 +51,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str,
     Args:
         chain: the chain.
         law: its control law.
-        held: whether steps satisfy a chosen subset of the constraint rows.
+        options: options of the machine code.
     """
     n, grasps, memory = chain.joint_count, (len(chain.grasps),), (len(law.memory),)
     own: dict[str, Shape] = {"slope": (increment_size(chain),), "drive": (n,), "memory": memory}
@@ -59,7 +59,8 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str,
     found = {name: (shapes(chain) | own)[name] for name in traced_step.step_results(chain)}
     found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
     found |= {"worst_margin": grasps, "worst_time": grasps}
-    if held:  # for velocity and, if they differ, for position; see `dynamics.closed.held_rows`
+    found |= {"resolution": (4,)} if options.resolution else {}
+    if options.held:  # for velocity and, if they differ, for position; see `dynamics.closed.held_rows`
         found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
     return {name: shape for name, shape in found.items() if math.prod(shape) or name in CARRIED_OF_JOINTS}
 
@@ -67,7 +68,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str,
 def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:
     """Return the arrays of a step: inputs, parameters, and carried arrays."""
     chain, options = structure.chain, structure.options
-    own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "keep_rows", "generic_rank"), ())
+    own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "keep_rows", "notice", "generic_rank"), ())
     n = chain.joint_count
     own |= {"limits": (4, n), "added_armature": (n,), "added_torque": (n,)}
     of_law = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
@@ -75,11 +76,12 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
     if options.link_wrenches:
         inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
     inputs += ["keep_rows"] if options.held else []
+    inputs += ["notice"] if options.resolution else []
     inputs += ["added_armature", "added_torque"] if options.implicit else []
     parameters = [*STEP_PARAMETERS, *(link_parameters(chain) if options.link_inertia else ())]
     parameters += BASE_MOTION if options.base_motion else ()
     parameters += ["grasp_R", "grasp_p", CONTACTS, "limits"]
-    states = carried_shapes(chain, law, options.held)
+    states = carried_shapes(chain, law, options)
     carried = {f"last.{name}": External(shape, "carried") for name, shape in states.items()}
     return externals(inputs, parameters, (), shapes(chain) | own | of_law) | carried
 
@@ -168,12 +170,12 @@ class StepKernel:
         self.step_code = batch_kernel(self.computation(f"step/{tableau.name}", externals, step), quick)
         self._slopes = batch_kernel(self.computation("evaluation", externals, slopes), quick)
         self.adjoints: dict[Any, Any] = {}  # values are `adjoint.AdjointKernel`, created on demand
-        self.carried = carried_shapes(chain, law, structure.options.held)
+        self.carried = carried_shapes(chain, law, structure.options)
         self.externals = externals
         own = parameters_of(chain, generic_rank) | {"limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         self.defaults: Systems = dict.fromkeys(("least_margin", "least_joint_margin"), np.array(-np.inf))
-        self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
+        self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0), "notice": np.array(0.0)}
         self._required = externals.keys() - self.parameters.keys() - self.defaults.keys()
         self._own = Table(externals, self.parameters | self.defaults)
 

@@ -1,25 +1,93 @@
-"""Steps of many systems in equal parts, to reduce the drift or to confirm that a system stops.
+"""Steps of many systems in equal parts, to reduce the drift, or to confirm what a step shows.
 
 As in `simulate`, a step that leaves the grasps too far open is divided into parts (`simulation.stepper`), and a slip, a
-limit or a singularity counts only if shorter steps show it, too (`simulation.confirmation`).
+limit or a singularity counts only if shorter steps show it, too (`simulation.confirmation`). A step that may not follow
+the motion (`simulation.resolution`) is compared with its halves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
 from holdfast.dynamics.near_singular import chain_strength
+from holdfast.questions.arrays import state_fields
 from holdfast.simulation.confirmation import NEGLIGIBLE_DIFFERENCE, SHARE, SHORTER_BY
-from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_step import BESIDE, GRASP_OPEN, LIMITED, PASSES_SINGULAR, SLIPPED
+from holdfast.simulation.resolution import least_difference
+from holdfast.simulation.rollout.arguments import NO_STOPS, StopMargins
+from holdfast.simulation.rollout.systems import RolloutSystems, resolution_of
+from holdfast.simulation.rollout.traced_step import (
+    BESIDE,
+    BROKEN,
+    GRASP_OPEN,
+    LIMITED,
+    PASSES_SINGULAR,
+    RUNNING,
+    SLIPPED,
+    UNRESOLVED,
+)
 from holdfast.simulation.stepper import MOST_SUBSTEPS, parts_needed
 from holdfast.spatial.scalar import Array
 
 HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
-# function (systems, step lengths) that takes one step in place
-TakeStep = Callable[[RolloutSystems, Array], None]
+TakeStep = Callable[..., None]  # function (systems, step lengths) that takes one step in place
+
+
+def followed(
+    systems: RolloutSystems, steps: int, take: TakeStep, least: StopMargins, limit: float | None, order: int
+) -> None:
+    """Take steps in place; those that may not follow the motion are compared with their halves.
+
+    Args:
+        systems: the systems, with their step lengths set.
+        steps: number of steps.
+        take: takes steps, as `Rollout.advance_unconfirmed` does.
+        least: margins below which a system stops.
+        limit: as for `subdivided`; None: no step is divided.
+        order: order of the scheme.
+    """
+
+    def taken(some: RolloutSystems, count: int) -> None:
+        if limit is None:
+            take(some, some.step_length, steps=count, least=least, wait=True)
+            return
+        for _ in range(count):
+            subdivided(some, limit, order, partial(take, steps=1, least=least))
+
+    end = systems.arrays["count"] + steps
+    taken(systems, steps)
+    code = systems.arrays["code"]
+    waiting = code == UNRESOLVED
+    rows = np.flatnonzero(waiting)
+    while len(rows):
+        left, some = end - systems.arrays["count"], systems.freed(rows)
+        if waiting.any():
+            halves = in_parts(some, SHORTER_BY[0], partial(take, steps=1, least=NO_STOPS))
+            taken(some, 1)
+            _compare(some, halves)
+        else:
+            taken(some, int(left[rows].min()))
+        systems.put(rows, some)
+        waiting = code == UNRESOLVED
+        rows = np.flatnonzero(waiting if waiting.any() else (code == RUNNING) & (systems.arrays["count"] < end))
+
+
+def _compare(systems: RolloutSystems, halves: RolloutSystems) -> None:
+    """Store by how much velocities differ from those after the same step in halves, where this counts."""
+    largest, _, _, off = resolution_of(systems)
+    names = [name for name in state_fields(systems.chain) if name == "qd" or name.endswith("twist")]
+    v, w = (np.hstack([one.arrays[name] for name in names]) for one in (systems, halves))
+    found = np.where(halves.running, np.abs(v - w).max(axis=1), np.inf)
+    off[...] = np.where(systems.running & (found > least_difference(largest)), np.maximum(off, found), off)
+
+
+def diverged(systems: RolloutSystems) -> Array:
+    """Return which systems stopped because a step failed, after steps that did not follow the motion, (systems,)."""
+    largest, in_a_row, _, off = resolution_of(systems)
+    failed = np.isin(systems.arrays["code"], (GRASP_OPEN, BROKEN))
+    return failed & (in_a_row > 0.0) & (off > least_difference(largest))
 
 
 def subdivided(systems: RolloutSystems, limit: float, order: int, advance: TakeStep) -> None:
@@ -32,7 +100,7 @@ def subdivided(systems: RolloutSystems, limit: float, order: int, advance: TakeS
         advance: takes a step.
     """
     before = systems.copy()
-    advance(systems, before.step_length)
+    advance(systems, before.step_length, wait=True)
     far = systems.arrays["code"] == GRASP_OPEN
     drift = np.where(systems.running, systems.drift[:, 0], 0.0)
     parts = np.where(far, MOST_SUBSTEPS, parts_needed(drift, limit, order))

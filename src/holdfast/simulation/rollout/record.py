@@ -26,6 +26,7 @@ from holdfast.questions.arrays import LINKS, TRUNK_LINKS, link_rows, state_field
 from holdfast.simulation.accounts import accounts_of
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, whole_number
@@ -182,8 +183,11 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
             if acting is not None and not np.array_equal(acting, at.tau):
                 before_jumps.append({**rows[-1], "t": np.nextafter(at.t, 0.0), "drive": acting})
     state = record.systems.status[number]
-    stopped = None
-    if state is not RolloutStatus.RUNNING:
+    stopped, happened = None, ()
+    if state is RolloutStatus.UNRESOLVED:
+        text = f"{state.value}: by {last.step_error[0]:.3g} rad/s or m/s; try a smaller step"
+        happened = (Occurrence(float(at.t[0]), "unresolved", "joints", text),)
+    elif state is not RolloutStatus.RUNNING:
         stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
     # the forces at the start are those under the arguments of `start`, and those before jumps are not known
     by_reference = [
@@ -192,7 +196,7 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     parts = [*by_reference, *([_recorded(world, rollout, last, rows[1:])] if len(rows) > 1 else [])]
     order = np.argsort(np.concatenate([part.t for part in parts]))
     run = joined(parts, stopped)
-    run = replace(run, **{name: getattr(run, name)[order] for name in array_names()})
+    run = replace(run, occurrences=happened, **{name: getattr(run, name)[order] for name in array_names()})
     moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
     options = {"scheme": rollout.scheme, **arguments.options}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])

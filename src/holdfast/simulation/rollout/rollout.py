@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -23,6 +24,7 @@ from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.rollout.arguments import (
     MOST_STEPS_OF_CALL,
+    NO_STOPS,
     StopMargins,
     call_inputs,
     drift_limit,
@@ -38,7 +40,7 @@ from holdfast.simulation.rollout.arguments import (
     whole_number,
 )
 from holdfast.simulation.rollout.kernel import StepKernel
-from holdfast.simulation.rollout.parts import contradicted, subdivided
+from holdfast.simulation.rollout.parts import contradicted, diverged, followed
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, remembered, systems_at
@@ -51,7 +53,6 @@ from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.simulation.stability import USED, surely_stable_step
 from holdfast.spatial.scalar import Array
 
-NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
 RECORDED = ("q", "qd", "object_pose", "object_twist", "grasp_wrench")
 
 
@@ -94,7 +95,8 @@ class Rollout:
         rank = -1 if generic_rank is None else generic_rank
 
         def of(tableau: Tableau) -> StepKernel:
-            surroundings: Any = {"motions": self.base_motion, "acting": self.inputs, "options": self.options}
+            options = replace(self.options, resolution=not tableau.implicit)
+            surroundings: Any = {"motions": self.base_motion, "acting": self.inputs, "options": options}
             return StepKernel(self.chain, self.law, tableau, rank, **surroundings)
 
         return {False: of(scheme_of(self.scheme)), True: of(IMEX)}
@@ -189,7 +191,8 @@ class Rollout:
         made = RolloutSystems(self.chain, found, before.t, np.zeros(len(systems)))
         made.keep_inputs(kept | call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
         made = self._started(made, threads)
-        made.arrays["work"][...] = before.arrays["work"]
+        for name in {"work", "resolution"} & made.arrays.keys() & before.arrays.keys():
+            made.arrays[name][...] = before.arrays[name]
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
         for name in state_fields(self.chain):
             made.arrays[name][apart] = before.arrays[name][apart]
@@ -213,7 +216,8 @@ class Rollout:
         A system stops, and keeps its last good state, if the constraint becomes singular, a margin would fall below
         `least_margin`, a joint would exceed a limit, or the step is too long; its `status` gives the reason. When a
         step shows a slip, a limit or a singularity, it is repeated in halves and quarters, which costs a few steps. If
-        these do not confirm it, the step is reported as too long.
+        these do not confirm it, the step is reported as too long. A step that may not follow the motion is repeated in
+        halves. If these differ, the system goes on as UNRESOLVED, and is TOO_LONG if it diverges.
 
         Args:
             systems: systems from `start`.
@@ -253,18 +257,14 @@ class Rollout:
         self, systems: RolloutSystems, steps: int, least: StopMargins, limit: float | None, threads: int | None
     ) -> RolloutSystems:
         """Take steps in place, with the step lengths and the arguments stored in the systems; see `step`."""
-        going = systems.running
-        if limit is None:
-            self.advance_unconfirmed(systems, systems.step_length, steps, least, threads)
-        else:
-            order = scheme_of(self.scheme).order
-            for _ in range(steps):
-                subdivided(systems, limit, order, lambda some, h: self.advance_unconfirmed(some, h, 1, least, threads))
+        going, take = systems.running, partial(self.advance_unconfirmed, threads=threads)
+        followed(systems, steps, take, least, limit, scheme_of(self.scheme).order)
         stopped = going & ~systems.running
         if stopped.any():
+            systems.arrays["code"][stopped & diverged(systems)] = TOO_LONG
             stopped &= np.isin(systems.arrays["code"], (SLIPPED, LIMITED, PASSES_SINGULAR))
         if stopped.any():
-            take = partial(self.advance_unconfirmed, steps=1, least=NO_STOPS, threads=threads)
+            take = partial(take, steps=1, least=NO_STOPS)
             wrong = contradicted(systems.copy(stopped), systems.freed(stopped), least, take)
             systems.arrays["code"][np.flatnonzero(stopped)[wrong]] = TOO_LONG
         return systems
@@ -362,11 +362,10 @@ class Rollout:
         if self.generic_rank is None and (near := next(closed_systems(self, systems), None)) is not None:
             self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
             self._kernels = self._kernels_for(self.generic_rank)
+        close = partial(self.advance_unconfirmed, h=systems.step_length, steps=1, least=NO_STOPS, threads=threads)
         if "held_rows" in self.kernel.carried:
-            hold_rows(
-                self, systems, lambda some: self.advance_unconfirmed(some, some.step_length, 1, NO_STOPS, threads)
-            )
-        self.advance_unconfirmed(systems, systems.step_length, 1, NO_STOPS, threads)
+            hold_rows(self, systems, close)
+        close(systems)
         for name in ("work", "count"):
             systems.arrays[name][...] = 0.0
         systems.started_from = given
@@ -384,17 +383,17 @@ class Rollout:
         return systems.step_length * passive_rates(systems, partial(located, self)) > USED * scheme.stability_interval
 
     def advance_unconfirmed(
-        self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int | None
+        self, systems: RolloutSystems, h: Array, steps: int, least: StopMargins, threads: int | None, wait: bool = False
     ) -> None:
-        """Take steps in place with the stored arguments, without confirming the systems that stop."""
-        systems.set_step_length(step_length)
+        """Take steps, without confirming what stops; with `wait`, not those that may not follow the motion."""
+        systems.set_step_length(h)
         stiff = self.stiff(systems)
-        for implicit, kernel in self._kernels.items():
-            rows = np.flatnonzero(stiff == implicit)
+        for implicit in (False, True) if stiff.any() else (False,):
+            kernel, rows = self._kernels[implicit], np.flatnonzero(stiff == implicit)
             if not len(rows):
                 continue
             part = systems if len(rows) == len(systems) else systems.copy(rows)
             inputs, parameters = kernel_arguments(kernel, part.call_inputs)
-            kernel.run(part.arrays, inputs | step_inputs(part, least), parameters, steps, threads)
+            kernel.run(part.arrays, inputs | step_inputs(part, least, wait), parameters, steps, threads)
             if part is not systems:
                 systems.put(rows, part)

@@ -16,7 +16,9 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.questions.arrays import state_fields
+from holdfast.simulation.resolution import least_difference
 from holdfast.simulation.rollout.kernel import Systems
+from holdfast.simulation.rollout.traced_step import RUNNING, UNRESOLVED
 from holdfast.simulation.stability import cell, fastest_passive
 from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
@@ -31,8 +33,9 @@ class RolloutStatus(Enum):
     SINGULAR = "the grasp constraint is singular, or its condition passes 1e12, here or within the next step"
     OPEN = "a grasp that closes is not there; or the next step, too long, leaves one open by more than 1e-2 (m or rad)"
     BROKEN = "its inputs are invalid, or the next step is not finite"
-    TOO_LONG = "the next step ends in a slip, limit or singularity that shorter steps do not show: it is too long"
+    TOO_LONG = "its steps are too long: it diverges, or the next shows a slip, limit or singularity that halves do not"
     LIMITED = "a joint passes a limit of its position, rate or effort within the next step"
+    UNRESOLVED = "goes on, but a step was too long: its halves differ by more than 1 % of the largest velocity so far"
 
 
 _ATTRIBUTES = ("chain", "arrays", "begin", "step_length", "call_inputs", "under", "started_from")
@@ -167,9 +170,18 @@ class RolloutSystems:
         return read_only(self.arrays["gaps"][:, :2])
 
     @property
+    def step_error(self) -> Array:
+        """(systems,) largest difference of velocities so far between a step and its halves [rad/s or m/s].
+
+        Only steps that may not follow the motion are compared with their halves, and differences that do not count are
+        left out.
+        """
+        return read_only(resolution_of(self)[-1].copy())
+
+    @property
     def status(self) -> Array:
         """(systems,) status of each system, a `RolloutStatus`."""
-        return _STATUSES[self.arrays["code"].astype(int)]
+        return _STATUSES[status_codes(self)]
 
     @property
     def running(self) -> Array:
@@ -178,8 +190,7 @@ class RolloutSystems:
 
     def set_step_length(self, step: Array) -> None:
         """Set the length of the next steps, (systems,) [s]."""
-        changed = self.step_length != step
-        if changed.any():
+        if step is not self.step_length and (changed := self.step_length != step).any():
             self.begin = np.where(changed, self.t, self.begin)
             self.arrays["count"][changed] = 0.0
             self.step_length = step
@@ -285,6 +296,18 @@ class RolloutSystems:
     def __getstate__(self) -> dict[str, Any]:
         """Return the state to pickle, without the law, which may be a function that cannot be pickled."""
         return vars(self) | {"under": ()}
+
+
+def resolution_of(systems: RolloutSystems) -> Array:
+    """Return the numbers of `simulation.resolution.Resolution`, (4, systems); zeros for implicit steps."""
+    return systems.arrays.get("resolution", np.zeros((len(systems), 4))).T
+
+
+def status_codes(systems: RolloutSystems) -> Array:
+    """Return the number of each system's status, (systems,)."""
+    largest, _, _, off = resolution_of(systems)
+    code = systems.arrays["code"].astype(int)
+    return np.where((code == RUNNING) & (off > least_difference(largest)), UNRESOLVED, code)
 
 
 def require_recorded(names: Any) -> None:

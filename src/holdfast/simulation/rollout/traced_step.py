@@ -31,10 +31,11 @@ from holdfast.questions.arrays import CONTACTS, state_fields
 from holdfast.simulation.accounts import SPLIT, Forces, accounts
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment, GivenInputs
-from holdfast.simulation.increment import increment_rate, no_turns, twists
+from holdfast.simulation.increment import accelerations_of, increment_rate, no_turns, twists, velocities_of
 from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.linearly_implicit import Implicit, passive_terms, with_armature
+from holdfast.simulation.resolution import asked, largest_of, leap
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, StepResult, run_step, take_step
@@ -43,7 +44,8 @@ from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, 
 from holdfast.state import Inputs, State
 
 # Status codes of the machine code. The machine code itself does not return TOO_LONG, which is determined afterwards.
-RUNNING, SLIPPED, PASSES_SINGULAR, GRASP_OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
+# UNRESOLVED: the step may not follow the motion; the system waits until this has been judged, and goes on.
+RUNNING, SLIPPED, PASSES_SINGULAR, GRASP_OPEN, BROKEN, TOO_LONG, LIMITED, UNRESOLVED = range(8)
 
 OF_SOLUTION = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench", "contact_acceleration")
 STEP_RESULTS = ("slope", *OF_SOLUTION, "drive", "memory", "rank", "condition", "margin")
@@ -247,7 +249,8 @@ def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     kept |= {} if found.held is None else {"held_rows": found.held}
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, drift, gaps, passed)
-    return carried(system, kept, code, work, system.time(1.0), concatenate([drift, gaps]))
+    code, known = resolution(system, end, kept, code) if "last.resolution" in given else (code, {})
+    return {**carried(system, kept, code, work, system.time(1.0), concatenate([drift, gaps])), **known}
 
 
 def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps: Gap, passed: Scalar) -> Scalar:
@@ -279,6 +282,24 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps:
         fault = where(margin <= float("inf"), fault, float(BROKEN))
     code = system.last("code")[()]
     return where(code > 0.5, code, fault)
+
+
+def resolution(system: TracedSystem, end: State, kept: Mapping[str, Array], code: Scalar) -> tuple[Scalar, Given]:
+    """Return the status code after the step, and what is known of its resolution; see `simulation.resolution`.
+
+    Args:
+        system: the system.
+        end: the state at the step's end.
+        kept: arrays at the step's end, by name.
+        code: status code without regard to this.
+    """
+    v0, v1 = velocities_of(system.state), velocities_of(end)
+    a0, a1 = (accelerations_of(end, slope) for slope in (system.last("slope"), kept["slope"]))
+    gap = system.given["notice"][()] * leap(system.given["step"][()], v0, v1, a0, a1)
+    if within_steps(system.law) is not system.law:  # a sample at the step's end changes the torques after it
+        gap = where(largest_of(kept["drive"] - system.last("drive")) > 0.0, 0.0, gap)
+    waits, found = asked(system.last("resolution"), largest_of(v1), gap, code < 0.5)
+    return where(waits, float(UNRESOLVED), code), {"last.resolution": found}
 
 
 def carried(
