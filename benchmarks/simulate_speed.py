@@ -19,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module, util
 from pathlib import Path
 from typing import Any
@@ -75,14 +76,14 @@ class Row:
         name: what is run.
         entry: runs it; an evaluation is one step of one system.
         bar: the most that it may take [F], or a row and a factor to it; None without a bar.
-        own: entry of the time in it that is not ours, an evaluation is that of one step.
+        less: entries whose times are subtracted: the start of a run, and what is not ours.
         peer: MuJoCo's entry; None if there is no comparable model.
     """
 
     name: str
     entry: Timed
     bar: float | tuple[str, float] | None = None
-    own: Timed | None = None
+    less: tuple[Timed, ...] = ()
     peer: Timed | None = None
 
 
@@ -91,14 +92,36 @@ def entry(name: str, call: Callable[[], object], steps: int, library: str = LIBR
     return Timed(name, library, call, steps)
 
 
-def simulated(chain: hf.ClosedChain, state: hf.State, law: Any, steps: int, **options: Any) -> Timed:
-    """Return a run of `simulate`, which must reach its end."""
+def simulated(
+    name: str,
+    bar: float | None,
+    peer: Timed | None,
+    given: tuple[Any, Any, Any],
+    steps: int,
+    *less: Timed,
+    **options: Any,
+) -> Row:
+    """Return the row of a run of `simulate`, which must reach its end, without its start.
 
-    def run() -> None:
-        found = hf.simulate(chain, state, law, steps * STEP, STEP, **options)
+    The time of a run of half as many steps is subtracted, and an evaluation is one of the remaining steps.
+
+    Args:
+        name: what is run.
+        bar: the most that a step may take [F].
+        peer: MuJoCo's entry.
+        given: chain, state and law.
+        steps: number of steps.
+        *less: further entries whose times are subtracted.
+        **options: options of `simulate`.
+    """
+    half = max(1, steps // 2)
+
+    def run(count: int) -> None:
+        found = hf.simulate(*given, count * STEP, STEP, **options)
         assert found.stopped is None, found.stopped
 
-    return entry("simulate", run, steps)
+    whole, start = (entry("simulate", partial(run, count), half) for count in (2 * half, half))
+    return Row(name, whole, bar, (start, *less), peer)
 
 
 def mobile_arms() -> tuple[hf.ClosedChain, hf.State]:
@@ -182,24 +205,24 @@ def rows(steps: int) -> list[Row]:
     one, many = (by_rollout.start(np.tile(at.q, (n, 1)), at.qd, at.object_pose, at.object_twist) for n in (1, MANY))
     record = by_rollout.run(one, steps * STEP, STEP)
     few = max(1, steps // 20)
-    fingers, own = simulated(gripped, at, grip, steps), entry("the law itself", asked, steps)
+    own = entry("the law itself", asked, steps)
     peers = [mujoco_steps(*of, steps) for of in ((rigid, state), (gripped, at), (mobile, start), (windows, falling))]
     alone = mujoco_steps(gripped, at, steps, recording=False)
     single = "a rollout of one system, recorded"
     return [
-        Row("two Pandas, rigid, GravityCompensation", simulated(rigid, state, calm, steps), 60.0, peer=peers[0]),
-        Row("two Pandas, rigid, ObjectTracking", simulated(rigid, state, track(rigid, state.object_frame), steps), 60.0,
-            peer=peers[0]),
-        Row(SOFT, fingers, 150.0, peer=peers[1]),
-        Row("the same, sampled at 1 kHz with delay", simulated(gripped, at, grip, steps, sample_time=STEP, delay=STEP),
-            (SOFT, 1.05), peer=peers[1]),
-        Row("two arms on a lift and a mobile base", simulated(mobile, start, track(mobile, start.object_frame), steps),
-            300.0, peer=peers[2]),
-        Row("Python law at 1 kHz, less its own time", simulated(rigid, state, springs, steps, sample_time=STEP), 100.0,
-            own, peers[0]),
-        Row("Python law, not sampled", simulated(rigid, state, springs, max(1, steps // 4)), peer=peers[0]),
-        Row("N-four-bar, rk4, through singular configurations",
-            simulated(windows, falling, free, steps, on_singular="continue"), 150.0, peer=peers[3]),
+        simulated("two Pandas, rigid, GravityCompensation", 60.0, peers[0], (rigid, state, calm), steps),
+        simulated("two Pandas, rigid, ObjectTracking", 60.0, peers[0],
+                  (rigid, state, track(rigid, state.object_frame)), steps),
+        simulated(SOFT, 150.0, peers[1], (gripped, at, grip), steps),
+        simulated("the same, sampled at 1 kHz with delay", 1.05 * 150.0, peers[1], (gripped, at, grip), steps,
+                  sample_time=STEP, delay=STEP),
+        simulated("two arms on a lift and a mobile base", 300.0, peers[2],
+                  (mobile, start, track(mobile, start.object_frame)), steps),
+        simulated("Python law at 1 kHz, less its own time", 100.0, peers[0], (rigid, state, springs), steps, own,
+                  sample_time=STEP),
+        simulated("Python law, not sampled", None, peers[0], (rigid, state, springs), max(1, steps // 4)),
+        simulated("N-four-bar, rk4, through singular configurations", 150.0, peers[3], (windows, falling, free), steps,
+                  on_singular="continue"),
         Row(single, entry("run", lambda: by_rollout.run(one, steps * STEP, STEP), steps), peer=alone),
         Row("its record.trajectory(0)", entry("trajectory", lambda: record.trajectory(0), steps), (single, 1.0)),
         Row(f"a rollout of {MANY} systems, each of them",
@@ -211,7 +234,7 @@ def measured(all_rows: Sequence[Row], effort: Effort) -> tuple[float, dict[int, 
     """Return F, and the time of every entry by its id [s]."""
     system = make_system(2, 7)
     unit = bind(system, hf.compile(system.chain))
-    every = [unit, *(one for row in all_rows for one in (row.entry, row.own, row.peer) if one is not None)]
+    every = [unit, *(one for row in all_rows for one in (row.entry, *row.less, row.peer) if one is not None)]
     entries = list({id(one): one for one in every}.values())
     medians = np.median(timed(entries, effort, time.process_time), axis=0)
     return float(medians[0]), {id(one): float(x) for one, x in zip(entries, medians, strict=True)}
@@ -247,11 +270,14 @@ def table(steps: int, effort: Effort) -> str:
     lines = ["| steps of 1 ms, everything recorded | a step | in F | bar | MuJoCo |", "|---|---|---|---|---|"]
     cost: dict[str, float] = {}
     for row in all_rows:
-        cost[row.name] = (seconds[id(row.entry)] - (0.0 if row.own is None else seconds[id(row.own)])) / F
+        cost[row.name] = (seconds[id(row.entry)] - sum(seconds[id(one)] for one in row.less)) / F
         bar = row.bar[1] * cost[row.bar[0]] if isinstance(row.bar, tuple) else row.bar
         peer = "-" if row.peer is None else f"{1e6 * seconds[id(row.peer)]:.3g} us"
         limit = "-" if bar is None else f"{bar:.4g} F{'' if cost[row.name] <= bar else ', missed'}"
         lines.append(f"| {row.name} | {1e6 * F * cost[row.name]:.4g} us | {cost[row.name]:.4g} | {limit} | {peer} |")
+    first, half = all_rows[0], all_rows[0].less[0]
+    before = half.evaluations * (seconds[id(half)] - F * cost[first.name])
+    lines.append(f"| the start of such a run | {1e3 * before:.3g} ms | - | - | - |")
     compiling = [("compiling, cold", COLD), ("compiled code, from disk", CACHED)]
     for (name, bar), taken in zip(compiling, first_runs(effort.rounds), strict=True):
         missed = "" if taken <= bar else ", missed"

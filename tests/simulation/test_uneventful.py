@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,14 @@ def of_pandas(kind: Any = "rigid", contact: hf.Friction | None = None, **options
     return run
 
 
+def beyond_limits(**more: Any) -> hf.simulation.Trajectory:
+    """Simulate arms whose drives are asked for more than their limits most of the time, which is recorded."""
+    chain, state = facing_pandas("softfinger", RUBBER)
+    joints = {name: [replace(joint, effort_limit=4.0) for joint in arm.joints] for name, arm in chain.arms.items()}
+    weak = replace(chain, arms={name: replace(arm, joints=joints[name]) for name, arm in chain.arms.items()})
+    return hf.simulate(weak, state, springs(chain, state), STEPS * STEP, STEP, **more)
+
+
 def four_bar(**more: Any) -> hf.simulation.Trajectory:
     """Simulate the N-four-bar, whose forces are not unique, through its first flat configuration."""
     free = hf.ControlLaw(lambda t, now, memory, given: (0.0 * now.qd, memory))
@@ -80,6 +89,7 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
     "breakpoints": (of_pandas(breakpoints=[0.02, 0.0305]), STEPS // 4),
     "little drift": (of_pandas(largest_drift=1e-9), STEPS // 4),
     "an arm lets go": (of_pandas("softfinger", RUBBER, events=[hf.Release(0.04, "left")]), STEPS // 8),
+    "recorded violations": (beyond_limits, STEPS // 2),
     "a moving base": (of_pandas(base_motion={"left": swaying}), STEPS // 4),
     "flat linkage": (four_bar, 50),
     "platform": (platform, STEPS // 4),

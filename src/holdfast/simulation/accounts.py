@@ -32,12 +32,12 @@ class Forces(NamedTuple):
     trunk_base_wrench: Array | None = None
 
 
-def account_shapes(chain: ClosedChain) -> dict[str, Shape]:
-    """Return the shapes of what `accounts` returns, by the names of a trajectory."""
+def account_shapes(chain: ClosedChain, split: bool) -> dict[str, Shape]:
+    """Return the shapes of what `accounts` returns, by name; `split` says whether it is given a matrix."""
     arms = len(chain.arms)
     found: dict[str, Shape] = {"kinetic": (), "potential": (), "momentum": (6,), "momentum_rate": (6,)}
     found |= {"wrist_wrench": (arms, 6), "spin": (arms,)}
-    return found | ({} if constant_split(chain) is None else {"internal_wrench": (arms, 6), "load_share": (arms,)})
+    return found | ({"internal_wrench": (arms, 6), "load_share": (arms,)} if split else {})
 
 
 def accounts(

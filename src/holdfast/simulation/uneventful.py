@@ -20,6 +20,7 @@ from holdfast.dynamics.near_singular import chain_strength
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.resolution import leap, least_difference
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.kernel import Systems
@@ -49,9 +50,10 @@ def uneventful_steps(at: RunState, most: int) -> Stretch | None:
     stepper = _stepper(at.segment)
     if stepper is None or at.ended is not None or at.violated() is not None:
         return None
-    if np.isfinite(at.checkpoint.tracker.since).any() or not len(ends := _ends(at, most)[0]):
+    ends, jumps = _ends(at, most)
+    if not len(ends):
         return None
-    steps = _taken(at, stepper, *_ends(at, most))
+    steps = _taken(at, stepper, ends, jumps)
     count = int(np.argmax(found)) if (found := _eventful(at, steps)).any() else len(ends)
     return _accepted(at, stepper, steps, count) if count else None
 
@@ -203,9 +205,10 @@ def _near_limits(at: RunState, steps: _Steps) -> Array:
         found = ~unique.all(axis=1)
     else:
         found = np.zeros(len(m), dtype=bool)
+    beyond = np.isfinite(at.checkpoint.tracker.since[signals.limited])  # recorded violations, which may go on
     lowest = here.min(axis=1)
     least = np.minimum.accumulate(np.concatenate([at.checkpoint.tracker.lowest[None, signals.limited], lowest]))[1:]
-    found |= (lowest < 0.0).any(axis=1)
+    found |= np.where(beyond, ~(here.max(axis=1) < 0.0), lowest < 0.0).any(axis=1)
     found |= may_cross(here[:, 0], here[:, 1], here[:, 2]).any(axis=1)
     found |= may_cross(here[:, -1], here[:, -2], here[:, -3]).any(axis=1)
     found[minima(m, least)[0]] = True
@@ -289,8 +292,7 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
     arrays, allowed = _with_forces(x, instant, segment), (of_grasps, of_grasps, of_grasps)
     samples = Samples(t, arrays, allowed, x["gaps"], work, *lowest_of(times, margins))
     run = recorded(segment.environment, segment.stepper.accounts, samples, saved.sums)
-    lowest = np.minimum.accumulate(np.concatenate([saved.tracker.lowest[None], margins.min(axis=1)]))[1:]
-    largest = _largest(at, steps)
+    followed, largest = _followed(saved.tracker, samples), _largest(at, steps)
 
     def origin(k: int) -> Origin:
         return saved.now if k < 0 else Origin(float(t[k]), state_of(x, k), passed[k])
@@ -309,7 +311,7 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
             now=origin(k),
             stop=saved.stop + k + 1,
             sums=saved.sums._replace(work=work[k]),
-            tracker=replace(saved.tracker, lowest=lowest[k]),
+            tracker=followed(k),
             resolution=resolution,
             held=steps.held[step[k]] if steps.held else None,
             **before,
@@ -319,6 +321,22 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
     earlier = at.now if last == 0 else instant(last - 1)
     end = RunState(segment, after(last), instant(last), earlier, gaps_of(x, last), times[last], margins[last])
     return Stretch(run, end, after, count == len(steps.times))
+
+
+def _followed(before: ViolationTracker, samples: Samples) -> Callable[[int], ViolationTracker]:
+    """Return the function that gives the tracker after a sample; violations neither begin nor end."""
+    beyond = np.isfinite(before.since)
+    lowest = np.minimum.accumulate(np.concatenate([before.lowest[None], samples.lowest]))
+    depth = np.minimum.accumulate(np.concatenate([before.depth[None], np.where(beyond, samples.lowest, np.inf)]))
+    deeper = np.concatenate([beyond[None] & False, depth[1:] < depth[:-1]])
+    last = np.maximum.accumulate(np.where(deeper, np.arange(len(deeper))[:, None], 0), axis=0)
+    times = np.concatenate([before.depth_time[None], samples.lowest_time])
+    when = np.take_along_axis(times, last, axis=0)
+
+    def after(k: int) -> ViolationTracker:
+        return replace(before, lowest=lowest[k + 1], depth=depth[k + 1], depth_time=when[k + 1])
+
+    return after
 
 
 def _with_forces(x: Mapping[str, Array], instant: Callable[[int], Instant], segment: Segment) -> Mapping[str, Array]:

@@ -56,7 +56,8 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dic
     n, grasps, memory = chain.joint_count, (len(chain.grasps),), (len(law.memory),)
     own: dict[str, Shape] = {"slope": (increment_size(chain),), "drive": (n,), "memory": memory}
     own |= {"rank": (), "condition": (), "margin": grasps}
-    found = {name: (shapes(chain) | own)[name] for name in traced_step.step_results(chain)}
+    known = shapes(chain) | own
+    found = {name: known[name] for name in traced_step.step_results(chain)}
     found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
     found |= {"worst_margin": grasps, "worst_time": grasps}
     found |= {"resolution": (4,)} if options.resolution else {}
@@ -277,7 +278,9 @@ class StepKernel:
         """The machine code of the accounts, the table of its arrays, and its outputs."""
         split = constant_split(self.chain)
         more = {} if split is None else {SPLIT: External(split.shape, "parameter")}
-        outputs = {name: External(shape, "output") for name, shape in account_shapes(self.chain).items()}
+        outputs = {
+            name: External(shape, "output") for name, shape in account_shapes(self.chain, split is not None).items()
+        }
         needed = {n: e for n, e in self.externals.items() if not n.startswith(("control.", "added_"))}
         arrays = {**needed, **more, **outputs}
         function, moving = partial(traced_step.accounts_of_systems, self.model), self._surroundings

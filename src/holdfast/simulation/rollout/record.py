@@ -5,7 +5,7 @@ A replay repeats the steps of one system and computes everything that a run reco
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
@@ -29,7 +29,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.margins import Signals
-from holdfast.simulation.rollout.arguments import kernel_arguments, whole_number
+from holdfast.simulation.rollout.arguments import kernel_arguments, stop_margins, whole_number
 from holdfast.simulation.rollout.fused_stepper import systems_at
 from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems, status_summary
 from holdfast.simulation.rollout.user_functions import with_wrenches
@@ -171,13 +171,14 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     steps = round((float(record.t[-1]) - float(record.t[0])) / arguments.step)
     sampled = isinstance(rollout.law.torque, SampledTorque)
     rows, before_jumps = [_row(at)], []
+    advance = _advancing(rollout, at, arguments)
     for done in range(0, steps, stride):
         count, acting = min(stride, steps - done), None
         if sampled:  # both sides of a jump of the torques are samples
             if count > 1:
-                rollout.step(at, arguments.step, steps=count - 1, **arguments.options)
+                advance(count - 1)
             count, acting = 1, at.tau.copy()
-        rollout.step(at, arguments.step, steps=count, **arguments.options)
+        advance(count)
         if at.t[0] > rows[-1]["t"][0]:
             rows.append(_row(at))
             if acting is not None and not np.array_equal(acting, at.tau):
@@ -201,6 +202,22 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     options = {"scheme": rollout.scheme, **arguments.options}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])
     return replace(run, setting=Setting(world.chain, moved, name, duration, arguments.step, options))
+
+
+def _advancing(rollout: Any, at: RolloutSystems, arguments: RolloutArguments) -> Callable[[int], object]:
+    """Return the function that takes a number of steps in place; only the first call checks the arguments."""
+    least = stop_margins(arguments.options["least_margin"], arguments.options["stop_at_limits"])
+    limit, begun = arguments.options["largest_drift"], False
+
+    def advance(count: int) -> None:
+        nonlocal begun
+        if begun:
+            rollout.advance(at, count, least, limit, 1)
+        else:
+            rollout.step(at, arguments.step, steps=count, **arguments.options)
+        begun = True
+
+    return advance
 
 
 def _environment(rollout: Any, systems: RolloutSystems) -> Environment:
