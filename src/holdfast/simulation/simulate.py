@@ -115,8 +115,8 @@ def simulate(
             with a larger gap is divided into equal parts [m or rad]. None: steps are not divided.
         start: checkpoint from which to continue; `state` is then not used, and only the later samples are returned.
         progress: True to show a progress bar, in a notebook or on a terminal; or a function that is called with the
-            time after every step.
-        on_sample: called with every new sample.
+            time after a step, or after several that were taken together.
+        on_sample: called with every new sample; samples of up to 64 steps come one after another.
         on_checkpoint: called after `on_sample` with a checkpoint from which the run can be continued.
         make_stepper: returns the stepper. By default steps are compiled to machine code if there are enough of them.
         name: name of the run in pages and files.
