@@ -168,10 +168,11 @@ def test_splitter(name):
     f = np.zeros((len(chain.arms), 6))
     for k, arm in enumerate(chain.grasps):
         f[chain.names.index(arm)] = np.sin(np.arange(6.0) + 7 * k)
-    matrix = constant_split(chain)
-    if matrix is None:
-        assert any(grasp.of_kind.follows_tip for grasp in chain.grasps.values())
+    common, kinds = constant_split(chain), [grasp.of_kind for grasp in chain.grasps.values()]
+    assert (common is None) == any(kind.slides for kind in kinds)
+    if common is None:
         return
-    parts, (internal, share) = split(chain, state, f), parts_by(matrix, chain, state, f)
+    assert (common.ndim == 0) == any(kind.follows_tip for kind in kinds)
+    parts, (internal, share) = split(chain, state, f), parts_by(common, chain, state, f)
     np.testing.assert_allclose(internal, parts.internal, atol=ROUNDING)
     np.testing.assert_allclose(share, parts.load_share, atol=ROUNDING)

@@ -15,7 +15,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.linalg import least_solution
-from holdfast.spatial.scalar import Array, array, concatenate, maximum, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, sqrt, where
 from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift, unrotate
 from holdfast.spatial.vector import dot
 from holdfast.state import State, require_fit
@@ -73,35 +73,42 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
 
 
 def constant_split(chain: ClosedChain) -> Array | None:
-    """Return the matrix (6l, 6l) that gives the motion part of stacked grasp wrenches, both in object axes.
+    """Return what all states of a chain have in common when grasp wrenches are split; None if that is nothing.
 
-    The result is None if the axes or points of the grasps are not fixed in the object, and without grasps. Otherwise
-    the motion part is a linear function of the wrenches that is the same for all states.
+    If the axes and points of all grasps are fixed in the object, this is the matrix (6l, 6l) that gives the motion part
+    of stacked grasp wrenches, both in object axes. If only the points are fixed, it is L of the metric, () [m].
     """
     grasps = chain.grasps.values()
-    if not chain.grasps or any(grasp.of_kind.follows_tip for grasp in grasps):
+    if not chain.grasps or any(grasp.of_kind.slides for grasp in grasps):
         return None
-    places = [_as_rigid(ContactPlace(grasp, grasp.frame.R, grasp.frame.p)) for grasp in grasps]
+    places = [ContactPlace(grasp, grasp.frame.R, grasp.frame.p) for grasp in grasps]
     length = length_scale([place.offset for place in places])
+    if any(grasp.of_kind.follows_tip for grasp in grasps):
+        return np.array(length)
     by_net = [motion_wrenches(places, unit, length).ravel() for unit in np.eye(6)]
     return np.array(by_net).T @ np.concatenate([twist_shift(place.offset) for place in places]).T
 
 
-def parts_by(matrix: Array, chain: ClosedChain, state: State, grasp_wrench: Array) -> tuple[Array, Array]:
+def parts_by(common: Array, chain: ClosedChain, state: State, grasp_wrench: Array) -> tuple[Array, Array]:
     """Return the internal part and the load shares of grasp wrenches (arms, 6), for floats or traced numbers.
 
     They are those of `split`, with shares of 0 where the net force vanishes.
 
     Args:
-        matrix: matrix of `constant_split`.
+        common: the result of `constant_split`.
         chain: the chain.
         state: state with the object's pose.
         grasp_wrench: (arms, 6) as in `ForwardResult`.
     """
     R, rows = state.object_frame.R, [chain.names.index(name) for name in chain.grasps]
-    by_grasp = (matrix @ concatenate([unrotate(R, grasp_wrench[row]) for row in rows])).reshape(-1, 6)
-    none = array([0.0] * 6)
-    motion = dict(zip(rows, [rotate(R, f) for f in by_grasp], strict=True))
+    if common.ndim:
+        by_grasp = (common @ concatenate([unrotate(R, grasp_wrench[row]) for row in rows])).reshape(-1, 6)
+        by_grasp = [rotate(R, f) for f in by_grasp]
+    else:
+        places = contact_places(chain, state)
+        at_C = [shift_wrench(place.offset, grasp_wrench[row]) for row, place in zip(rows, places, strict=True)]
+        by_grasp = list(motion_wrenches(places, sum(at_C, start=np.zeros(6)), common[()]))
+    none, motion = array([0.0] * 6), dict(zip(rows, by_grasp, strict=True))
     internal = [grasp_wrench[row] - motion[row] if row in motion else none for row in range(len(chain.arms))]
     forces = [motion.get(row, none)[3:] for row in range(len(chain.arms))]
     net = sum(forces, start=np.zeros(3))
@@ -117,7 +124,7 @@ def _as_rigid(place: ContactPlace) -> ContactPlace:
     return place._replace(grasp=Grasp("rigid", place.grasp.frame)) if compliant else place
 
 
-def motion_wrenches(places: list[ContactPlace], net: Array, length: float) -> Array:
+def motion_wrenches(places: list[ContactPlace], net: Array, length: Scalar) -> Array:
     """Return the smallest transmissible wrenches with a given sum at C, (grasps, 6).
 
     min sum |moment / L|^2 + |force|^2 over f = K^T lambda with A^T f = net: lambda =

@@ -21,7 +21,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array, Scalar, arctan2, array
 from holdfast.state import Inputs, State, found_state
 
-SPLIT = "motion_part"  # a parameter of machine code: the constant matrix of `force_split.constant_split`
+SPLIT = "split"  # a parameter of machine code: the result of `force_split.constant_split`
 
 
 class Forces(NamedTuple):
@@ -50,7 +50,7 @@ def accounts(
         state: positions and velocities.
         inputs: shaped external wrenches and base motion at that time.
         forces: result of forward dynamics, of which only the wrenches of grasps and bases are used.
-        split: the matrix of `force_split.constant_split`; without one the grasp wrenches are not split.
+        split: the result of `force_split.constant_split`; if it is None, the grasp wrenches are not split.
     """
     given, f = with_force_elements(chain, state, inputs), forces.grasp_wrench
     found = {
