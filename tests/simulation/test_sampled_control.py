@@ -318,8 +318,9 @@ def test_samples_beside_a_singular_configuration(options):
     run = simulate(chain, state, law, passing + 0.03, 1e-2, **given)
     assert run.stopped is None
     assert [one.kind for one in run.occurrences] == ["singular"]
-    assert len(asked) == int(np.ceil(run.t[-1] / period))
-    for t, x in asked:
+    last = dict(asked)  # a sample ahead of a step that is then taken in parts is asked for again
+    assert len(last) == int(np.ceil(run.t[-1] / period))
+    for t, x in last.items():
         k = int(np.searchsorted(run.t, t))
         assert run.t[k] == t
         assert np.array_equal(run.q[k], x.q)
