@@ -28,6 +28,7 @@ from tests.simulation.problems import PROBLEMS
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 from tests.systems.bushed import random_bushed
+from tests.systems.lower_pairs import pair
 
 MIXED = ("pandas", "rigid, hinge, ball", "Stewart platform", "parallelogram")
 ROUNDING = 1e-12
@@ -134,6 +135,15 @@ def test_summary_and_table(shaken):
     assert not any(word in text for text in lines.values() for word in ("inf", "nan", "None"))
 
 
+UNIVERSAL = "rigid, universal"
+
+
+def universal():
+    """Return a chain with a universal joint, whose axes follow the tip; and a state."""
+    p = pair(("rigid", "universal"), 2)
+    return p.chain, p.state
+
+
 SURROUNDINGS = {
     "a wrench on the object": Inputs(object_wrench=np.arange(6.0) - 2.0),
     "moving bases": Inputs(base_twists=np.ones((2, 6)), base_accelerations=np.eye(2, 6)),
@@ -141,11 +151,11 @@ SURROUNDINGS = {
 }
 
 
-@pytest.mark.parametrize(("name", "inputs"), [(name, "a wrench on the object") for name in MIXED]
+@pytest.mark.parametrize(("name", "inputs"), [(name, "a wrench on the object") for name in (*MIXED, UNIVERSAL)]
                          + [("pandas", other) for other in [*SURROUNDINGS][1:]])  # fmt: skip
 def test_by_machine_code(name, inputs):
     """Energies, momentum, its rate, spins, the split, and what the wrists carry."""
-    chain, state = PROBLEMS[name]()
+    chain, state = universal() if name == UNIVERSAL else PROBLEMS[name]()
     tau = np.linspace(-3.0, 5.0, chain.joint_count)
     environment = Environment(chain, {}, SURROUNDINGS[inputs])
     fast = StagewiseStepper(environment, lambda t, x, m: (tau, m), chain.constraint_row_count, RK4, Tolerance())
@@ -158,11 +168,13 @@ def test_by_machine_code(name, inputs):
         assert np.abs(mine[what] - x).max() <= ROUNDING * max(1.0, np.abs(x).max()), what
 
 
-@pytest.mark.parametrize("name", [*MIXED, "soft finger, ball, hinge", "hinges", "bushing"])
+@pytest.mark.parametrize("name", [*MIXED, UNIVERSAL, "soft finger, ball, hinge", "hinges", "bushing"])
 def test_splitter(name):
     """The map found once, in object axes, splits wrenches anywhere as the smallest ones found there."""
     if name in PROBLEMS:
         chain, state = PROBLEMS[name]()
+    elif name == UNIVERSAL:
+        chain, state = universal()
     else:
         chain, state = (p := random_bushed(1)).chain, p.state
     f = np.zeros((len(chain.arms), 6))

@@ -135,14 +135,14 @@ def motion_wrenches(places: list[ContactPlace], net: Array, length: Scalar) -> A
         net: (6,) wrench on the object about C, world axes.
         length: L [m].
     """
-    columns, weights = [], []
+    columns, scales = [], []
     for grasp, axes, offset in places:
         K = array([rotate(axes, row) for row in grasp.transmission]).reshape(-1, 6)
         columns.append((K, array([shift_wrench(offset, row) for row in K]).reshape(-1, 6)))
-        weights.extend(scale * scale for scale in grasp.of_kind.row_scales(length))
+        scales.extend(grasp.of_kind.row_scales(length))
     to_C = np.concatenate([at_C for _, at_C in columns]).T  # A^T K^T, (6, rows)
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
-    root = np.sqrt(weights)
+    root = array(scales)  # of the diagonal of W^-1
     lam = root * least_solution(unit[:, None] * to_C * root, unit * net)
     ends = np.cumsum([len(K) for K, _ in columns])[:-1]
     return array([K.T @ part for (K, _), part in zip(columns, np.split(lam, ends), strict=True)])
