@@ -126,8 +126,8 @@ def test_large_batches(monkeypatch):
     assert len(started_here) == 2
     systems = started(swinging("one"), problem("one")[1], COUNT)
     started_here.clear()
-    swinging("one").step(systems, 1e-5, steps=1000)
-    assert len(started_here) == 2
+    swinging("one").step(systems, 1e-5, steps=1000)  # in several calls, if a step is asked whether it was followed
+    assert started_here and len(started_here) % 2 == 0
     fast.forward_dynamics(**numbers(chain, 10_000), threads=1)
     assert len(started_here) == 2
 

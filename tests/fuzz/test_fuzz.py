@@ -54,8 +54,8 @@ FOUND = {
         ModelError,
         "path",
     ),
-    "a length whose square overflows": (
-        lambda: forces.split(CHAIN, STATE, np.ones((2, 6)), length=1e308),
+    "a length whose inverse overflows": (
+        lambda: forces.split(CHAIN, STATE, np.ones((2, 6)), length=1e-320),
         StateError,
         "split: expected finite numbers",
     ),
