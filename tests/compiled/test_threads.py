@@ -128,8 +128,9 @@ def test_large_batches(monkeypatch):
     started_here.clear()
     swinging("one").step(systems, 1e-5, steps=1000)  # in several calls, if a step is asked whether it was followed
     assert started_here and len(started_here) % 2 == 0
+    started_here.clear()
     fast.forward_dynamics(**numbers(chain, 10_000), threads=1)
-    assert len(started_here) == 2
+    assert not started_here
 
 
 def one_system(threads: Any) -> Any:
