@@ -20,6 +20,7 @@ from holdfast.simulation.run import FEWEST_TOGETHER, Pace
 from holdfast.simulation.trajectory import array_names
 from holdfast.simulation.uneventful import uneventful_steps
 from holdfast.simulation.zero_order_hold import AskedOnce
+from holdfast.spatial import scalar
 from tests.simulation.problems import PROBLEMS
 
 STEP, STEPS = 1e-3, 80
@@ -35,15 +36,13 @@ def springs(chain: hf.ClosedChain, state: hf.State, push: float = 40.0, stiffnes
 
 def swaying(t: Any) -> Any:
     """Return the motion of a base that moves to and fro by a centimetre."""
-    from holdfast.spatial.scalar import array, cos, sin
-
-    along = array([-0.55 + 0.01 * (1.0 - cos(6.0 * t)), 0.0, 0.0])
+    along = scalar.array([-0.55 + 0.01 * (1.0 - scalar.cos(6.0 * t)), 0.0, 0.0])
     pose = np.concatenate([[1.0, 0.0, 0.0, 0.0], along])
     none = np.zeros(3)
     return (
         pose,
-        np.concatenate([none, [0.06 * sin(6.0 * t), 0.0, 0.0]]),
-        np.concatenate([none, [0.36 * cos(6.0 * t), 0.0, 0.0]]),
+        np.concatenate([none, [0.06 * scalar.sin(6.0 * t), 0.0, 0.0]]),
+        np.concatenate([none, [0.36 * scalar.cos(6.0 * t), 0.0, 0.0]]),
     )
 
 

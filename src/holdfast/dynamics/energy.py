@@ -167,19 +167,6 @@ def arm_elastic_energy(arm: Arm, q: Array) -> Scalar:
     return 0.5 * (arm.stiffness @ (q - arm.rest) ** 2)
 
 
-def elastic_energy(chain: ClosedChain, state: State) -> Scalar:
-    """Return the elastic energy of all springs and bushings [J]."""
-    in_joints = [arm_elastic_energy(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()]
-    if chain.trunk is not None:
-        in_joints.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
-    return sum(stored_energies(chain, state), start=sum(in_joints))
-
-
-def rotor_energy(chain: ClosedChain, state: State) -> Scalar:
-    """Return the kinetic energy of the actuators' rotors [J]."""
-    return 0.5 * (np.array([joint.armature for joint in chain.all_joints]) @ state.qd**2)
-
-
 @np.errstate(all="ignore")  # what overflows is refused below
 def centre_of_mass(chain: ClosedChain, state: State) -> Array:
     """Return the centre of mass of trunk, arms and object together, (3,) world axes [m]. O(n).

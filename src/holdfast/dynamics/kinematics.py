@@ -122,11 +122,6 @@ def _jacobians(case: VariedCase) -> tuple[Array]:
     return _each_arm(lambda arm, q: jacobian(arm, forward_kinematics(arm, q)).ravel(), case)
 
 
-def tip_rotations(case: VariedCase) -> Array:
-    """Return the attitudes of all tips, by rows, one after the other."""
-    return _each_arm(lambda arm, q: forward_kinematics(arm, q).tip.R.ravel(), case)[0]
-
-
 def _tips(case: VariedCase) -> tuple[Array]:
     return _each_arm(lambda arm, q: _numbers(forward_kinematics(arm, q).tip), case)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.spatial.frozen import read_only
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, sqrt, where
 from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift, unrotate
@@ -72,6 +74,7 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
     return Split(motion, internal, share, L)
 
 
+@lru_cache(maxsize=16)
 def constant_split(chain: ClosedChain) -> Array | None:
     """Return what all states of a chain have in common when grasp wrenches are split; None if that is nothing.
 
@@ -84,9 +87,9 @@ def constant_split(chain: ClosedChain) -> Array | None:
     places = [ContactPlace(grasp, grasp.frame.R, grasp.frame.p) for grasp in grasps]
     length = length_scale([place.offset for place in places])
     if any(grasp.of_kind.follows_tip for grasp in grasps):
-        return np.array(length)
+        return read_only(np.array(length))
     by_net = [motion_wrenches(places, unit, length).ravel() for unit in np.eye(6)]
-    return np.array(by_net).T @ np.concatenate([twist_shift(place.offset) for place in places]).T
+    return read_only(np.array(by_net).T @ np.concatenate([twist_shift(place.offset) for place in places]).T)
 
 
 def parts_by(common: Array, chain: ClosedChain, state: State, grasp_wrench: Array) -> tuple[Array, Array]:

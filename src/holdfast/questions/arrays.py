@@ -12,6 +12,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp, WrenchLimits
 from holdfast.model.link import Link
 from holdfast.spatial.scalar import Array
+from holdfast.state import State, found_state
 
 Shape = tuple[int, ...]
 Axes = tuple[int | str, ...]  # lengths, or names of lengths in `sizes`
@@ -303,6 +304,12 @@ def results_of(chain: ClosedChain) -> tuple[str, ...]:
 def state_fields(chain: ClosedChain) -> dict[str, str]:
     """Return the fields of a chain's state by the names of its arrays."""
     return {name: ARRAYS[name].field for name in (*STATE, *(FLOATING if chain.floats else ()))}
+
+
+def state_of(arrays: Mapping[str, Array], row: int | tuple[int, ...]) -> State:
+    """Return one of several states from their arrays by name, without changing any bits."""
+    names = (*STATE, *FLOATING)
+    return found_state({ARRAYS[name].field: arrays[name][row].copy() for name in names if name in arrays})
 
 
 def link_parameters(chain: ClosedChain) -> tuple[str, ...]:

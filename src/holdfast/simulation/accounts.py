@@ -15,11 +15,11 @@ from holdfast.dynamics.result import ForwardResult
 from holdfast.forces.force_split import constant_split, parts_by
 from holdfast.forces.wrist import across_tips
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.questions.arrays import ARRAYS, FLOATING, STATE, Shape
+from holdfast.questions.arrays import Shape, state_of
 from holdfast.simulation.environment import Environment
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array, Scalar, arctan2, array
-from holdfast.state import Inputs, State, found_state
+from holdfast.state import Inputs, State
 
 SPLIT = "split"  # a parameter of machine code: the result of `force_split.constant_split`
 
@@ -76,10 +76,9 @@ def accounts_of(environment: Environment, t: Array, arrays: Mapping[str, Array])
     """
     split, found = constant_split(environment.chain), []
     for k, time in enumerate(t.tolist()):
-        x = {name: of_all[k] for name, of_all in arrays.items()}
-        state = found_state({ARRAYS[name].field: x[name] for name in (*STATE, *FLOATING) if name in x})
+        state = state_of(arrays, k)
         chain, inputs = environment.at(time, state)
-        forces = Forces(x["grasp_wrench"], x["base_wrench"], x.get("trunk_base_wrench"))
+        forces = Forces(*(arrays[name][k] for name in Forces._fields if name in arrays))
         found.append(accounts(chain, state, inputs.shaped(chain), forces, split))
     return {name: np.array([one[name] for one in found]) for name in found[0]}
 

@@ -11,7 +11,7 @@ from holdfast.dynamics.result import Status
 from holdfast.forces.force_split import split
 from holdfast.forces.margin_interval import margin_range
 from holdfast.forces.margins import conditions
-from holdfast.questions.arrays import ARRAYS, FLOATING, STATE
+from holdfast.questions.arrays import ARRAYS, FLOATING, STATE, state_of
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Occurrence
@@ -21,7 +21,6 @@ from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Accounting
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
-from holdfast.state import found_state
 
 # Arrays of an instant, which have the same names in a result of forward dynamics and in machine code, and those of a
 # trunk or a floating base.
@@ -84,10 +83,11 @@ def sample(
         occurrences: what has happened since the previous sample.
     """
     before, after = zip(gaps.position, gaps.velocity, strict=True)
+    now, best, worst = _allowed_margins(at)
     one = Samples(
         np.array([at.t]),
         arrays_of(at),
-        tuple(x[None] for x in _allowed_margins(at)),  # type: ignore[arg-type]
+        (now[None], best[None], worst[None]),
         np.array([[*before, *after]]),
         sums.work[None],
         *lowest_of(times[None], margins[None]),
@@ -188,8 +188,7 @@ def _split(environment: Environment, samples: Samples) -> dict[str, Array]:
     """Return internal wrenches and load shares, sample by sample, for grasps whose axes or points follow the tips."""
     x, internal, share = samples.arrays, [], []
     for k, t in enumerate(samples.t.tolist()):
-        state = found_state({ARRAYS[name].field: x[name][k] for name in (*STATE, *FLOATING) if name in x})
-        parts = split(environment.chain_at(t), state, x["grasp_wrench"][k])
+        parts = split(environment.chain_at(t), state_of(x, k), x["grasp_wrench"][k])
         internal.append(parts.internal)
         share.append(np.zeros(len(internal[-1])) if parts.load_share is None else parts.load_share)
     return {"internal_wrench": np.array(internal), "load_share": np.array(share)}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,14 +18,14 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.near_singular import chain_strength
-from holdfast.questions.arrays import state_fields
+from holdfast.questions.arrays import state_of
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.resolution import leap, least_difference
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.kernel import Systems
-from holdfast.simulation.rollout.rows import gaps_of, state_of
+from holdfast.simulation.rollout.rows import TWISTS, gaps_of, velocities_in
 from holdfast.simulation.run_step import LARGEST_RATE, RunState
 from holdfast.simulation.sample import Samples, arrays_of, lowest_of, recorded
 from holdfast.simulation.segment import Segment
@@ -35,7 +36,6 @@ from holdfast.simulation.trajectory import Trajectory
 from holdfast.simulation.verification import evaluation_parts, may_cross, minima
 from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.scalar import Array
-from holdfast.state import found_state
 
 SIZE_RATIO = 0.5  # bound on the ratio of two sizes of a chain (`coordinate_sizes`) in neighbouring configurations
 
@@ -162,15 +162,12 @@ def _sampling(
 ) -> Callable[[int, Systems], Array | None]:
     """Return the function that samples the controller before each step, and adds its state to `held` until it fails."""
     segment, last = at.segment, [at.checkpoint.held, at.now.memory]
-    fields = state_fields(segment.environment.chain)
 
     def remember(k: int, ends: Systems) -> Array | None:
         if len(held) < k:
             return None  # it has failed
         before, acting = last
-        state = (
-            at.now.state if k == 0 else found_state({at: ends[name][k - 1, -1].copy() for name, at in fields.items()})
-        )
+        state = at.now.state if k == 0 else state_of(ends, (k - 1, -1))
         try:
             last[:] = segment.sampled(float(begins[k]), state, before, acting)
         except Exception:  # raised again where the step is taken by itself
@@ -217,19 +214,15 @@ def _near_limits(at: RunState, steps: _Steps) -> Array:
 
 def _unresolved(at: RunState, steps: _Steps) -> Array:
     """Return in which steps the velocities change otherwise than by the mean of the accelerations, (k,)."""
-    v0, v1, a0, a1 = (of(x) for of in (_velocities, _accelerations) for x in (steps.starts, steps.ends))
+    v0, v1, a0, a1 = (of(x) for of in (velocities_in, _accelerations) for x in (steps.starts, steps.ends))
     jump = leap(steps.lengths, v0, v1, a0, a1)
     return ~(jump <= least_difference(_largest(at, steps)))
 
 
 def _largest(at: RunState, steps: _Steps) -> Array:
     """Return the largest velocities of the run up to the end of each step, (k,) [rad/s or m/s]."""
-    both = np.maximum(*(np.abs(_velocities(x)).max(axis=-1) for x in (steps.starts, steps.ends)))
+    both = np.maximum(*(np.abs(velocities_in(x)).max(axis=-1) for x in (steps.starts, steps.ends)))
     return np.maximum(np.maximum.accumulate(both), at.checkpoint.resolution.largest)
-
-
-def _velocities(x: Mapping[str, Array]) -> Array:
-    return np.concatenate([x[name] for name in ("qd", "object_twist", "floating_twist") if name in x], axis=-1)
 
 
 def _accelerations(x: Mapping[str, Array]) -> Array:
@@ -264,7 +257,7 @@ def _near_singular(at: RunState, steps: _Steps) -> Array:
 
 def _turning(x: Mapping[str, Array]) -> Array:
     """Return the fastest rotation of the object and of a floating base, (k,), in each direction [rad/s]."""
-    rates = [np.abs(x[name][:, :3]).max(axis=1) for name in ("object_twist", "floating_twist") if name in x]
+    rates = [np.abs(x[name][:, :3]).max(axis=1) for name in TWISTS if name in x]
     return np.max(rates, axis=0)
 
 
@@ -285,6 +278,7 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
     work = np.cumsum(np.concatenate([saved.sums.work[None], x["work"]]), axis=0)[1:]
     passed = x.get("before", [memory] * len(t))
 
+    @cache
     def instant(k: int) -> Instant:
         return stepper.instant(x, k, float(t[k]), memory)
 

@@ -20,15 +20,16 @@ from holdfast.control.traced_law import law_of
 from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.questions.arrays import state_of
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import MOVING_BASES, Environment, GivenInputs
 from holdfast.simulation.increment import body_parts, twists
-from holdfast.simulation.instant import Instant, late_instant
+from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.margins import Signals
-from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows, margins_in, systems_at
+from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows, systems_at
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, refuse, state_of, state_rows
+from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, late, refuse, state_rows
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
 from holdfast.simulation.step import (
     EvaluationRequest,
@@ -265,8 +266,7 @@ def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
 def _late(found: Systems, row: int, at: StageInputs) -> Instant:
     """Return one system as an instant that is evaluated in full only when this is needed."""
     tau = found["drive"][row] if at.tau is None else at.tau
-    joints, margins = (found["q"][row], found["qd"][row], tau), margins_in(at.chain, found, row)
-    return late_instant(at.t, joints, margins, lambda: instant_of(found, row, at))
+    return late(found, row, at.t, at.chain, tau, lambda: instant_of(found, row, at))
 
 
 def _slope(found: Array, at: StageRequest) -> Array:

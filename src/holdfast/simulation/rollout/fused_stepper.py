@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from holdfast.control.controller import ControlLaw
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import state_of
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import no_turns
-from holdfast.simulation.instant import Instant, late_instant
+from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.rows import StageInputs, failure, gaps_of, instant_of, refuse, state_of, state_rows
+from holdfast.simulation.rollout.rows import StageInputs, failure, gaps_of, instant_of, late, refuse, state_rows
 from holdfast.simulation.rollout.successive_steps import SuccessiveSteps
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Gaps, rows_held_near
@@ -100,10 +100,9 @@ class FusedStepper:
         taker = self._takers.get(step.shape[1])
         if taker is None:
             taker = self._takers[step.shape[1]] = SuccessiveSteps(self.kernel, MOST_TOGETHER, step.shape[1])
-        ends, starts = taker.ends, taker.starts
+        ends, starts, count = taker.ends, taker.starts, len(begin)
         asked = None if remember is None else lambda k: remember(k, ends)
-        count = len(begin)
-        taker.take(start, begin, step, jumps, self._inputs(begin[:1], step[:1], False), asked)
+        taker.take(start, begin, step, jumps, self._given, asked)
         return {name: x[:count] for name, x in ends.items()}, {name: x[:count] for name, x in starts.items()}
 
     @cached_property
@@ -119,9 +118,8 @@ class FusedStepper:
             t: its time [s].
             memory: memory passed to the law.
         """
-        joints = systems["q"][row], systems["qd"][row], systems["drive"][row]
-        margins = margins_in(self.environment.chain, systems, row)
-        return late_instant(t, joints, margins, lambda: self._whole(systems, row, t, memory))
+        chain, tau = self.environment.chain, systems["drive"][row]
+        return late(systems, row, t, chain, tau, lambda: self._whole(systems, row, t, memory))
 
     def _advance(self, systems: Systems, row: int, end: float, memory: Any) -> Advance:
         fault = failure(systems["code"][row])
@@ -146,16 +144,14 @@ class FusedStepper:
 
     def _inputs(self, begin: Array, steps: Array, held: bool) -> dict[str, Array]:
         """Return the inputs of the machine code."""
+        return {**self._given, "begin": begin, "step": steps, "held": np.array(float(held))}
+
+    @cached_property
+    def _given(self) -> dict[str, Array]:
+        """The inputs that all steps share."""
         wrench = self._acting.object_wrench
         assert wrench is not None
-        return {
-            "begin": begin,
-            "step": steps,
-            "held": np.array(float(held)),
-            "object_wrench": wrench,
-            "search": np.array(0.0),  # `simulate` searches for singular configurations itself
-            **self.values,
-        }
+        return {"object_wrench": wrench, "search": np.array(0.0), **self.values}  # `simulate` searches itself
 
     def _whole(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         chain, inputs = self.environment.chain, self._acting
@@ -181,12 +177,6 @@ def systems_at(kernel: StepKernel, arrays: Mapping[str, Array]) -> Systems:
     """Return systems with the states and forces of several instants, (k, ...) each by the names of machine code."""
     given = {name: x for name, x in arrays.items() if name in kernel.carried and name != "memory"}
     return kernel.systems(given, count=len(arrays["q"]))
-
-
-def margins_in(chain: ClosedChain, systems: Systems, row: int) -> Array | None:
-    """Return the margins of a system's grasps (grasps,); None without grasps or if the forces are not unique."""
-    unique = systems["rank"][row] == chain.constraint_row_count
-    return systems["margin"][row] if unique and "margin" in systems else None
 
 
 def hold_rows(systems: Systems, held: Array | None) -> None:

@@ -16,7 +16,7 @@ from holdfast.compiled.computation import Computation
 from holdfast.compiled.kernels import batch_kernel
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
-from holdfast.compiled.traced_chain import Given, externals, traced
+from holdfast.compiled.traced_chain import Given, externals, framed, traced
 from holdfast.compiler.kernel import BatchKernel, address_of
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
@@ -29,7 +29,7 @@ from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.questions.arrays import BASE_MOTION, CONTACTS, link_parameters, shapes
-from holdfast.simulation.accounts import SPLIT, account_shapes
+from holdfast.simulation.accounts import SPLIT, Forces, account_shapes, accounts
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.joint_friction import joint_friction
@@ -283,9 +283,17 @@ class StepKernel:
         }
         needed = {n: e for n, e in self.externals.items() if not n.startswith(("control.", "added_"))}
         arrays = {**needed, **more, **outputs}
-        function, moving = partial(traced_step.accounts_of_systems, self.model), self._surroundings
+
+        def of_systems(given: Given) -> dict[str, Any]:
+            system = traced_step.TracedSystem(self.model, given)
+            state, last = framed(system.state), system.last
+            chain, inputs = system.surroundings(system.time(0.0), state)
+            forces = Forces(last("grasp_wrench"), last("base_wrench"), given.get("last.trunk_base_wrench"))
+            return accounts(chain, state, inputs, forces, given.get(SPLIT))
+
+        moving = self._surroundings
         name = "" if moving is None else f"accounts/{list(arrays.items())}/{moving}"
-        made = Computation(name, self.structure, arrays, partial(traced, arrays, function), packages=PACKAGES)
+        made = Computation(name, self.structure, arrays, partial(traced, arrays, of_systems), packages=PACKAGES)
         own = self.parameters | self.defaults | ({} if split is None else {SPLIT: split})
         return batch_kernel(made, quick=True), Table(arrays, own), outputs
 

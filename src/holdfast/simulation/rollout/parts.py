@@ -13,10 +13,10 @@ from functools import partial
 import numpy as np
 
 from holdfast.dynamics.near_singular import chain_strength
-from holdfast.questions.arrays import state_fields
 from holdfast.simulation.confirmation import NEGLIGIBLE_DIFFERENCE, SHARE, SHORTER_BY
 from holdfast.simulation.resolution import least_difference
 from holdfast.simulation.rollout.arguments import NO_STOPS, StopMargins
+from holdfast.simulation.rollout.rows import velocities_in
 from holdfast.simulation.rollout.systems import RolloutSystems, resolution_of
 from holdfast.simulation.rollout.traced_step import (
     BESIDE,
@@ -77,8 +77,7 @@ def followed(
 def _compare(systems: RolloutSystems, halves: RolloutSystems) -> None:
     """Store by how much velocities differ from those after the same step in halves, where this counts."""
     largest, _, _, off = resolution_of(systems)
-    names = [name for name in state_fields(systems.chain) if name == "qd" or name.endswith("twist")]
-    v, w = (np.hstack([one.arrays[name] for name in names]) for one in (systems, halves))
+    v, w = (velocities_in(one.arrays) for one in (systems, halves))
     found = np.where(halves.running, np.abs(v - w).max(axis=1), np.inf)
     off[...] = np.where(systems.running & (found > least_difference(largest)), np.maximum(off, found), off)
 

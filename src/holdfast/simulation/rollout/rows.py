@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,14 +16,16 @@ from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
 from holdfast.model.closed_chain import TRUNK, ClosedChain
-from holdfast.questions.arrays import ARRAYS, FLOATING, STATE
-from holdfast.simulation.instant import WORST_CONDITION, Instant
+from holdfast.questions.arrays import ARRAYS, FLOATING, STATE, state_of
+from holdfast.simulation.instant import WORST_CONDITION, Instant, late_instant
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.traced_step import BROKEN, GRASP_OPEN, PASSES_SINGULAR
 from holdfast.simulation.step import Gaps
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State, found_state
+from holdfast.state import Inputs, State
+
+TWISTS = ("object_twist", "floating_twist")  # of the free bodies
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +54,25 @@ def state_rows(states: Sequence[State]) -> dict[str, Array]:
     return {name: np.array([getattr(state, field) for state in states]) for name, field in fields.items()}
 
 
-def state_of(systems: Systems, row: int) -> State:
-    """Return the state of one system without changing any bits."""
-    fields = {name: ARRAYS[name].field for name in (*STATE, *FLOATING)}
-    return found_state({field: systems[name][row].copy() for name, field in fields.items() if name in systems})
+def velocities_in(systems: Mapping[str, Array]) -> Array:
+    """Return the joint rates and the twists of the free bodies, (..., n + 6); a floating base adds six entries."""
+    return np.concatenate([systems[name] for name in ("qd", *TWISTS) if name in systems], axis=-1)
+
+
+def late(systems: Systems, row: int, t: float, chain: ClosedChain, tau: Array, whole: Callable[[], Instant]) -> Instant:
+    """Return one system as an instant that is evaluated in full only when this is needed.
+
+    Args:
+        systems: systems after a step, which may have length zero.
+        row: index of the system.
+        t: its time [s].
+        chain: the chain.
+        tau: (n,) torques of the controller.
+        whole: returns the fully evaluated instant.
+    """
+    unique = systems["rank"][row] == chain.constraint_row_count
+    margins = systems["margin"][row] if unique and "margin" in systems else None
+    return late_instant(t, (systems["q"][row], systems["qd"][row], tau), margins, whole)
 
 
 def instant_of(systems: Systems, row: int, at: StageInputs) -> Instant:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -53,20 +54,21 @@ class SuccessiveSteps:
         ends, starts, anew, count = self._ends, self._starts, self._ends.anew, len(begin)
         blank = ends.of_system(start)
         ends.block[:count, :, :anew] = starts.block[:count, :, :anew] = blank[:anew]
-        take = ends.runner({**inputs, "held": np.array(0.0)}, begin, step)
-        jump = starts.runner({**inputs, "held": np.array(1.0)}, begin, np.zeros((count, 1)))
+        ends.prepare({**inputs, "held": np.array(0.0)}, begin, step)
+        if jumps.any():
+            starts.prepare({**inputs, "held": np.array(1.0)}, begin, np.zeros((count, 1)))
         before = blank
         for k, jumping in enumerate(jumps.tolist()):
             memory = None if remember is None else remember(k)
             if jumping:
                 starts.block[k, 0, anew:] = before[anew:]
                 starts.set_memory(k, memory)
-                jump(k)
+                starts.run(k)
                 before = starts.block[k, 0]
             ends.block[k, :, anew:] = before[anew:]
             if not jumping:
                 ends.set_memory(k, memory)
-            take(k)
+            ends.run(k)
             before = ends.block[k, -1]
 
 
@@ -93,7 +95,8 @@ class _Memory:
         self._begin, self._step = np.zeros((runs, 1)), np.zeros((runs, systems))
         self._places = {f"last.{name}": (x, size) for name, x in self.arrays.items()}
         self._places |= {"begin": (self._begin, 0), "step": (self._step, 1)}
-        self._run = kernel.step_code.repeatedly(systems)
+        self._take, self._first, self._apart = kernel.step_code.repeatedly(systems), 0, 0
+        self._kept: tuple[Any, ...] = ()
 
     def of_system(self, system: Systems) -> Array:
         """Return the numbers of one system in the order of the block, (size,)."""
@@ -104,16 +107,15 @@ class _Memory:
         if memory is not None and "memory" in self.arrays:
             self.arrays["memory"][run] = memory
 
-    def runner(self, inputs: Mapping[str, Array], begin: Array, step: Array) -> Callable[[int], None]:
-        """Return the function that takes the step of a run, for (k,) times and (k, systems) lengths [s]."""
+    def prepare(self, inputs: Mapping[str, Array], begin: Array, step: Array) -> None:
+        """Set the inputs, (k,) times and (k, systems) lengths [s] of the steps of the first k runs."""
         count = len(begin)
         self._begin[:count, 0], self._step[:count] = begin, step
         table = self._kernel.table(inputs)
-        tables, run = table.successive(self._places, count), self._run
-        first, apart = tables.ctypes.data, tables.strides[0]
+        tables = table.successive(self._places, count)
+        self._first, self._apart = tables.ctypes.data, tables.strides[0]
+        self._kept = table, tables  # machine code reads them and the inputs
 
-        def take(k: int) -> None:
-            assert table is not None and tables is not None  # the arrays live as long as this function
-            run(first + k * apart)
-
-        return take
+    def run(self, k: int) -> None:
+        """Take the step of a run."""
+        self._take(self._first + k * self._apart)

@@ -28,7 +28,6 @@ from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Gap, after_step,
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, state_fields
-from holdfast.simulation.accounts import SPLIT, Forces, accounts
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment, GivenInputs
 from holdfast.simulation.increment import accelerations_of, increment_rate, no_turns, twists, velocities_of
@@ -176,7 +175,7 @@ class TracedSystem:
         drive, kept = law_outputs(law or self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
         chain, inputs = self.surroundings(t, state)
-        net, solved = drive - lost, chain
+        net, solved, implicit = drive - lost, chain, self.plain(implicit)
         if implicit is not None:
             net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
         choose = choose and held is not None
@@ -185,6 +184,15 @@ class TracedSystem:
         self.worst = maximum(self.worst, array([found.condition, found.status]))
         self.conditions.append(found.condition)
         return Evaluation(state, found, drive, kept, power)
+
+    def at_stage(self, request: StageRequest, state: State, memory: Array) -> Array:
+        """Return the slope at a stage; a sampled law holds its torques there."""
+        found = self.evaluate(request.t, state, memory, False, request.implicit, within_steps(self.law))
+        return found.slope(request.turns)
+
+    def plain(self, implicit: Implicit | None) -> Implicit | None:
+        """Return the additional armatures and torques of a stage as `solve` takes them."""
+        return implicit
 
     def surroundings(self, t: Scalar, state: State) -> tuple[ClosedChain, Inputs]:
         """Return the chain with its bases at their poses at a time [s], and all inputs at that time and state."""
@@ -226,8 +234,7 @@ class TracedSystem:
         kept = {field: select(still, self.last(name), getattr(at, field)) for field, name in poses.items()}
         at = replace(at, **kept)
         if isinstance(request, StageRequest):
-            inside = within_steps(self.law)
-            return self.evaluate(t, at, self.last("memory"), False, request.implicit, inside).slope(request.turns)
+            return self.at_stage(request, at, self.last("memory"))
         chain, inputs = self.environment.at(t, at)
         closed = after_step(chain, at, inputs, self.held)
         end = State(**{field: select(still, getattr(at, field), getattr(closed, field)) for field in fields.values()})
@@ -337,15 +344,6 @@ def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
         "last.slope": select(on, now.slope(no_turns(now.state)), system.last("slope")),
         "last.memory": select(on, now.memory, system.last("memory")),
     }
-
-
-def accounts_of_systems(model: StepModel, given: Given) -> dict[str, Any]:
-    """Return what a run records besides the motion, at the current states; see `accounts.accounts`."""
-    system = TracedSystem(model, given)
-    state, last = framed(system.state), system.last
-    chain, inputs = system.surroundings(system.time(0.0), state)
-    forces = Forces(last("grasp_wrench"), last("base_wrench"), given.get("last.trunk_base_wrench"))
-    return accounts(chain, state, inputs, forces, given.get(SPLIT))
 
 
 def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: Gap) -> Scalar:

@@ -18,8 +18,6 @@ import numpy as np
 from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_status
 from holdfast.compiled.parameters import WRENCHES
 from holdfast.compiled.traced_chain import Given, framed
-from holdfast.control.controller import ControlLaw
-from holdfast.control.sampled import within_steps
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.force_elements import with_force_elements, without_force_elements
 from holdfast.dynamics.closed.second_solve import Point, point
@@ -74,19 +72,10 @@ class VariedSystem(TracedSystem):
         self.heavier: Array | None = None
         self.memory, self.many, self.working = self.last("before"), of.many, False
 
-    def evaluate(
-        self,
-        t: Scalar,
-        state: State,
-        memory: Array,
-        choose: bool,
-        implicit: Implicit | None = None,
-        law: ControlLaw | None = None,
-    ) -> Evaluation:
-        """Return the torques and forward dynamics; see `TracedSystem.evaluate`."""
+    def plain(self, implicit: Implicit | None) -> Implicit | None:
+        """Return the additional armatures without their derivatives, which `solve` takes from `heavier`."""
         self.heavier = None if implicit is None else implicit.armature
-        plain = None if implicit is None else implicit._replace(armature=bare(implicit.armature))
-        return super().evaluate(t, state, memory, choose, plain, law)
+        return None if implicit is None else implicit._replace(armature=bare(implicit.armature))
 
     def solve(
         self, chain: ClosedChain, state: State, tau: Array, inputs: Inputs, held: Array | None, choose: bool
@@ -145,8 +134,7 @@ class VariedSystem(TracedSystem):
         """Return the reply to a request of a step; at the end it is the state."""
         t, at = request.t, request.state
         if isinstance(request, StageRequest):
-            inside = within_steps(self.law)
-            return self.evaluate(t, at, self.memory, False, request.implicit, inside).slope(request.turns)
+            return self.at_stage(request, at, self.memory)
         return at if isinstance(request, EndRequest) else (self.closed(t, at), None)
 
     def closed(self, t: Scalar, state: State) -> State:
