@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from holdfast.compiler import threads as batch_threads
 from holdfast.compiler.targets import cpu
 from holdfast.control import compile_law
 from holdfast.gym.task import BatchFunction
@@ -125,10 +126,14 @@ def test_large_batches(monkeypatch):
     fast.forward_dynamics(**numbers(chain, 10_000))
     assert len(started_here) == 2
     systems = started(swinging("one"), problem("one")[1], COUNT)
-    swinging("one").step(systems, 1e-5, steps=10)  # from here on no step is asked whether it was followed
     started_here.clear()
-    swinging("one").step(systems, 1e-5, steps=1000)
-    assert len(started_here) == 2
+    run, shared = batch_threads._run, []
+    monkeypatch.setattr(
+        batch_threads, "_run", lambda part, blocks, count: (shared.append(count), run(part, blocks, count))
+    )
+    swinging("one").step(systems, 1e-5, steps=1000)  # in several calls, as some steps are compared with their halves
+    assert set(shared) == {3}
+    assert len(started_here) == 2 * len(shared)
     started_here.clear()
     fast.forward_dynamics(**numbers(chain, 10_000), threads=1)
     assert not started_here
