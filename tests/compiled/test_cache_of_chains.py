@@ -109,13 +109,13 @@ def test_off(tmp_path):
 
 @pytest.mark.slow
 def test_next_process_of_a_rollout(tmp_path):
-    """With a key and without one; another list of parameters under the same key is other code."""
+    """With a key or known by its program; another list of parameters under the same key is other code."""
     compilations, traces, bits = run(ROLLOUT, tmp_path, "keyed", "gain")
     assert compilations == traces == 2  # the step, and the slope anew
     assert run(ROLLOUT, tmp_path, "keyed", "gain") == [0, 0, bits]
     assert run(ROLLOUT, tmp_path, "keyed", "gain", "offset")[:2] == [2, traces]
     assert run(ROLLOUT, tmp_path, "", "gain") == [2, traces, bits]
-    assert run(ROLLOUT, tmp_path, "", "gain") == [0, traces, bits]
+    assert run(ROLLOUT, tmp_path, "", "gain") == [0, 0, bits]
 
 
 def test_controllers_of_the_library():
