@@ -166,7 +166,7 @@ def test_pictures_of_what_is_no_run(tmp_path):
     for use in uses:
         with pytest.raises(hf.errors.StateError, match=r"expected a Trajectory.*got a Result; try its \.trajectory"):
             use(chain, hf.load_result(tmp_path / "run"))
-        with pytest.raises(hf.errors.StateError, match="expected one of this chain, 7 joints in 1 arms, got 14 in 2"):
+        with pytest.raises(hf.errors.StateError, match="expected one of this chain with 7 joints, got 14"):
             use(one_arm, run)
         with pytest.raises(hf.errors.StateError, match="expected samples, got none"):
             use(chain, empty)

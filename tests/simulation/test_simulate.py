@@ -9,11 +9,11 @@ from holdfast import Inputs, State
 from holdfast.dynamics import closure
 from holdfast.errors import ModelError, SingularChainError, StateError
 from holdfast.simulation.events import Release
+from holdfast.simulation.interpolant import Knot
+from holdfast.simulation.interpolant import interpolant as between_knots
 from holdfast.simulation.runge_kutta import dop853
 from holdfast.simulation.simulate import simulate
 from holdfast.simulation.stops import MOST_STEPS
-from holdfast.simulation.trajectory import Knot
-from holdfast.simulation.trajectory import interpolant as between_knots
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from tests.simulation.runs import differences, limp, numbers, stepper_of

@@ -14,7 +14,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.sample import Sums, sample
 from holdfast.simulation.stepper import NO_GAPS
-from holdfast.simulation.trajectory import Trajectory, joined
+from holdfast.simulation.trajectory import Trajectory, array_names, joined
 from holdfast.view.playback import Playback, playback_of_run
 from holdfast.view.scene_writer import Camera
 from tests.control.two_pandas import two_pandas
@@ -41,7 +41,8 @@ def lifted(left: str = "softfinger", right: str = "ball", samples: int = 6) -> t
         now = evaluate(Environment(chain), GravityCompensation(chain, 40.0 - 30.0 * t), float(t), here, None)
         margins = np.full((1, 2 + 3 * 14), np.inf)
         sums, world = Sums(np.zeros(4), 0.0, np.zeros(6)), Environment(chain)
-        found.append(sample(world, functools.partial(accounts_of, world), now, NO_GAPS, sums, np.array([t]), margins))
+        accounting = functools.partial(accounts_of, world)
+        found.append(sample(world, accounting, now, NO_GAPS, sums, np.array([t]), margins, array_names()))
     return chain, joined(found)
 
 

@@ -15,9 +15,11 @@ from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
 from holdfast.progress import of_time, progress_bar
 from holdfast.scenario.build import Scenario
+from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.simulation.run_record import record_settings
 from holdfast.simulation.simulate import simulate as run_simulation
 from holdfast.simulation.summary import Summary, summarise
-from holdfast.simulation.trajectory import Trajectory
+from holdfast.simulation.trajectory import Trajectory, text_of
 from holdfast.view.figure_style import matplotlib
 from holdfast.view.plots import save_plots
 from holdfast.view.summary_table import summary_table
@@ -72,8 +74,10 @@ def simulate(
     robots = scenario.sources
     home = str(scene.parent.resolve()) if robots else ""
     sampled = scenario.options["sample_time"] is not None
-    hold = {name: scenario.options[name] for name in ("sample_time", "delay")} if sampled else {}
-    meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step, scene_folder=home, **hold)
+    options = {name: scenario.options[name] for name in ("sample_time", "delay")} if sampled else {}
+    record, every = scenario.options["record"], scenario.options["every"]
+    options |= record_settings(record, every, scenario.step, scenario.chain).options
+    meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step, scene_folder=home, **options)
     if resume:
         writer = ResultWriter.resume(folder, meta, scenario.text, robots=robots)
         if writer.start is None:
@@ -90,17 +94,18 @@ def simulate(
     if writer.start is not None:  # the first part is on disk
         writer.flush()
         run = replace(load_result(folder).trajectory, stopped=run.stopped)
-    summary = summarise(scenario.chain, run)
+    summary = summarise(scenario.chain, run) if run.has_every_array else None
     writer.finish(summary, stopped=run.stopped, occurrences=happened)
     if not json:
-        stdout().print(summary_table(summary))
+        _print(run, summary)
     if run.stopped is not None:
         complain(f"{scene}: {run.stopped}")
-    if not json:
-        _point_to(folder, "summary.json")
+    written = [] if summary is None else ["summary.json"]
+    for name in () if json else written:
+        _point_to(folder, name)
     drawn = save_plots(scenario.chain, run, folder) if plots else []
     if json:
-        files = [str(folder / name) for name in ("summary.json", *drawn)]
+        files = [str(folder / name) for name in (*written, *drawn)]
         print_document(_document(folder, summary, run.stopped, files))
     for name in () if json else drawn:
         _point_to(folder, name)
@@ -110,6 +115,11 @@ def simulate(
 def _run(scenario: Scenario, writer: ResultWriter) -> Trajectory | None:
     """Return the run, or None if the user interrupted it; in both cases the writer has the samples."""
     whole, steps = scenario.duration, math.ceil(scenario.duration / scenario.step)
+
+    def keep(part: Trajectory, checkpoint: Checkpoint) -> None:
+        writer.add(part)
+        writer.mark(checkpoint)
+
     with progress_bar(f"simulating {scenario.name}", f"{whole:g} s in {steps} steps", say) as show:
         try:
             return run_simulation(
@@ -121,15 +131,23 @@ def _run(scenario: Scenario, writer: ResultWriter) -> Trajectory | None:
                 **scenario.options,
                 start=writer.start,
                 progress=lambda t: show(*of_time(whole)(t)),
-                on_sample=writer.add,
-                on_checkpoint=writer.mark,
+                on_samples=keep,
             )
         except KeyboardInterrupt:
             return None
 
 
-def _document(folder: Path, summary: Summary, stopped: str | None, files: list[str]) -> dict[str, object]:
-    return {"result": str(folder), "stopped": stopped, "files": files, "summary": asdict(summary)}
+def _print(run: Trajectory, summary: Summary | None) -> None:
+    """Print the summary, or what was recorded if that is too little for one."""
+    if summary is None:
+        stdout().print(f"{text_of(run)}: {', '.join(run.recorded)}; too little for a summary", soft_wrap=True)
+    else:
+        stdout().print(summary_table(summary))
+
+
+def _document(folder: Path, summary: Summary | None, stopped: str | None, files: list[str]) -> dict[str, object]:
+    numbers = None if summary is None else asdict(summary)
+    return {"result": str(folder), "stopped": stopped, "files": files, "summary": numbers}
 
 
 def _interrupted(scenario: Scenario, writer: ResultWriter, as_json: bool) -> int:
@@ -139,11 +157,11 @@ def _interrupted(scenario: Scenario, writer: ResultWriter, as_json: bool) -> int
         complain("interrupted before the first step; nothing was written")
         return EXIT_INTERRUPTED
     run = load_result(writer.folder).trajectory
-    summary = summarise(scenario.chain, run)
+    summary = summarise(scenario.chain, run) if run.has_every_array else None
     if as_json:
         print_document(_document(writer.folder, summary, "interrupted", []))
     else:
-        stdout().print(summary_table(summary))
+        _print(run, summary)
     complain(
         f"interrupted after t = {run.t[-1]:.6g} s; the results until then are in {writer.folder}, and --resume"
         " continues from there"

@@ -11,7 +11,7 @@ from holdfast.io.result_meta import ResultMeta
 from holdfast.model.joint_types import JOINT_TYPES
 from holdfast.questions.arrays import Row, Shape
 from holdfast.simulation.events import Occurrence
-from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory, array_names
+from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory
 from holdfast.spatial.scalar import Array
 
 NO_UNIT = "1"
@@ -41,7 +41,7 @@ def columns(meta: ResultMeta, run: Trajectory) -> list[TableColumn]:
         meta: metadata of the run.
         run: the run or a part of it.
     """
-    return [one for name in array_names() for one in array_columns(name, getattr(run, name).shape[1:], meta)]
+    return [one for name in run.recorded for one in array_columns(name, getattr(run, name).shape[1:], meta)]
 
 
 def array_columns(array: str, shape: Shape, meta: ResultMeta) -> list[TableColumn]:
@@ -79,7 +79,7 @@ def _along(axis: int | str, row: Row, meta: ResultMeta) -> list[TableColumn]:
 
 def rows(run: Trajectory) -> Array:
     """Return the table of a run or a part of it, (samples, columns)."""
-    return np.column_stack([getattr(run, array).reshape(len(run), -1) for array in array_names()])
+    return np.column_stack([getattr(run, array).reshape(len(run), -1) for array in run.recorded])
 
 
 TEXTS = ("kind", "name", "text", "quantity")

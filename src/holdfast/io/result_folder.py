@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -28,7 +28,7 @@ from msgspec.structs import replace
 from holdfast.errors import ResultError
 from holdfast.io import result_meta
 from holdfast.io.result_meta import RESULT, ResultMeta
-from holdfast.io.store import StoreWriter, advising, arrays_text, json_text, read_arrays, require_free, sha256
+from holdfast.io.store import CHANGED, StoreWriter, advising, arrays_text, json_text, read_arrays, require_free, sha256
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
 from holdfast.robots.urdf.source import UrdfSource
@@ -36,7 +36,7 @@ from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.summary import Summary
-from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory
+from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory, stacked
 
 CHUNK = 1000  # samples that wait until they are flushed
 LONGEST_WAIT = 5.0  # seconds after which fewer are
@@ -117,15 +117,20 @@ class ResultWriter:
         """Number of samples on disk."""
         return self._meta.samples
 
-    def add(self, sample: Trajectory) -> None:
-        """Take one sample."""
-        self._waiting.append(sample)
-        self._reported += len(sample.occurrences)
+    def add(self, part: Trajectory) -> None:
+        """Take a sample, or successive ones to the last of which belongs what has happened."""
+        self._waiting.append(part if np.ndim(part.t) else stacked([part]))
+        self._reported += len(part.occurrences)
 
     def mark(self, checkpoint: Checkpoint) -> None:
         """Take the checkpoint of the last sample, and flush if a flush is due."""
-        self._marked = self.samples + len(self._waiting), checkpoint
+        self._marked = self.samples + self.waiting, checkpoint
         self.flush_if_due()
+
+    @property
+    def waiting(self) -> int:
+        """Number of samples that are not on disk yet."""
+        return sum(map(len, self._waiting))
 
     def flush_if_due(self) -> None:
         """Flush if many samples wait, if the last flush is long ago, or if none is on disk yet.
@@ -133,8 +138,19 @@ class ResultWriter:
         Raises:
             ResultError: they cannot be written.
         """
-        if len(self._waiting) >= CHUNK or time.monotonic() - self._flushed_at >= LONGEST_WAIT:
+        if self.waiting >= CHUNK or time.monotonic() - self._flushed_at >= LONGEST_WAIT:
             self.flush()
+
+    def parts(self) -> Iterator[Trajectory]:
+        """Yield the samples on disk chunk by chunk, one chunk in memory at a time.
+
+        Raises:
+            ResultError: the folder has changed.
+        """
+        meta = replace(self._meta, files=self._store.files)
+        for k in range(len(meta.chunks)):
+            with advising(self.folder, CHANGED):
+                yield result_meta.read_chunk(self.folder, k, meta)
 
     def flush(self) -> None:
         """Write the waiting samples to disk; they are durable when this returns.
@@ -147,13 +163,13 @@ class ResultWriter:
         if not self._waiting:
             return
         self._store.begin(self._meta, self._files)
-        k, count = len(self._meta.chunks), len(self._waiting)
+        k, count = len(self._meta.chunks), self.waiting
         self._store.write(result_meta.chunk_name(k), result_meta.chunk_text(self._waiting))
         flushed = replace(
             self._with_checkpoint(),
             samples=self.samples + count,
             chunks=[*self._meta.chunks, count],
-            last_time=float(self._waiting[-1].t),
+            last_time=float(self._waiting[-1].t[-1]),
         )
         self._commit(flushed)
         self._waiting = []

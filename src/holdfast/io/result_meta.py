@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from holdfast.errors import ResultError
 from holdfast.io.store import (
@@ -22,7 +23,7 @@ from holdfast.io.store import (
 )
 from holdfast.robots.urdf.source import UrdfSource
 from holdfast.simulation.events import Occurrence
-from holdfast.simulation.trajectory import TRUNK_FIELDS, Trajectory, array_names, stacked
+from holdfast.simulation.trajectory import TRUNK_FIELDS, Trajectory, array_names, joined
 
 META, SCENE, SUMMARY = "meta.json", "scene.toml", "summary.json"
 MODEL, BASES, PLANNED = "model.json", "bases.npz", "bases_planned.npz"  # of a run made in Python
@@ -83,7 +84,7 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
         work_terms: the columns of `work`.
         units: shape, meaning and unit of each array, as documentation.
         duration, step: as requested [s].
-        options: further settings on which the results depend.
+        options: further settings on which the results depend; "record" lists the arrays if not all are there.
         samples: number of samples in the folder.
         chunks: number of samples of each chunk that belong to the run, from its first on.
         last_time: time of the last sample [s].
@@ -190,11 +191,11 @@ def chunk_name(k: int) -> str:
     return RESULT.chunk.format(k)
 
 
-def chunk_text(samples: Sequence[Trajectory]) -> bytes:
-    """Return samples as the bytes of a chunk."""
-    chunk = stacked(samples)
-    log = [{"sample": i, **asdict(line)} for i, one in enumerate(samples) for line in one.occurrences]
-    return arrays_text({name: getattr(chunk, name) for name in array_names()}, "occurrences", log)
+def chunk_text(parts: Sequence[Trajectory]) -> bytes:
+    """Return parts of a run as the bytes of a chunk; what has happened belongs to the last sample of a part."""
+    chunk, ends = joined(parts), np.cumsum([len(part) for part in parts]).tolist()
+    log = [{"sample": k - 1, **asdict(line)} for k, part in zip(ends, parts, strict=True) for line in part.occurrences]
+    return arrays_text({name: getattr(chunk, name) for name in chunk.recorded}, "occurrences", log)
 
 
 def read_chunk(folder: Path, k: int, meta: ResultMeta) -> Trajectory:
@@ -205,7 +206,8 @@ def read_chunk(folder: Path, k: int, meta: ResultMeta) -> Trajectory:
     """
     count = meta.chunks[k]
     arrays, log = read_arrays(folder, chunk_name(k), meta.files, "occurrences")
-    if lacking := [name for name in array_names() if name not in (*arrays, *TRUNK_FIELDS)]:
+    names = meta.options.get("record", array_names())
+    if lacking := [name for name in names if name not in (*arrays, *TRUNK_FIELDS)]:
         raise Damage(f"{chunk_name(k)} lacks {', '.join(lacking)}")
     for name, array in arrays.items():
         if array.shape[:1] < (count,):
@@ -216,4 +218,4 @@ def read_chunk(folder: Path, k: int, meta: ResultMeta) -> Trajectory:
     except (msgspec.ValidationError, KeyError, TypeError) as cause:
         raise Damage(f"{chunk_name(k)}: occurrences: {cause}") from cause
     ours: dict[str, Any] = {name: arrays[name][:count] for name in array_names() if name in arrays}
-    return Trajectory(**ours, occurrences=occurrences)
+    return Trajectory(**ours, every=meta.options.get("every", 1), occurrences=occurrences)

@@ -9,8 +9,6 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 
-import numpy as np
-
 from holdfast.errors import ResultError, StateError
 from holdfast.io.files import file_path
 from holdfast.io.model_data import model_of
@@ -30,7 +28,7 @@ from holdfast.io.store import CHANGED, Damage, advising, read_arrays, stored, ti
 from holdfast.model.fingerprint import fingerprint
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import RecordedBase, Setting
-from holdfast.simulation.trajectory import TRUNK_FIELDS, Trajectory, array_names
+from holdfast.simulation.trajectory import TRUNK_FIELDS, Trajectory, array_names, joined
 from holdfast.spatial.scalar import Array
 
 
@@ -66,13 +64,10 @@ class Result(RunOutputs):
         Raises:
             ResultError: the folder changed since `load_result`.
         """
-        parts = list(self.parts())
-        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in array_names()}
-        occurrences = tuple(one for part in parts for one in part.occurrences)
-        setting = None
+        run, setting = joined(list(self.parts()), self.meta.stopped), None
         with suppress(Damage):  # which `note` names; the samples can be read nevertheless
             setting = self.setting if self.keeps_model else None
-        return Trajectory(**arrays, stopped=self.meta.stopped, occurrences=occurrences, setting=setting)
+        return replace(run, setting=setting)
 
     @property
     def keeps_model(self) -> bool:
@@ -161,7 +156,7 @@ def load_result(folder: str | PathLike[str]) -> Result:
 
 def _named(part: Trajectory) -> tuple[Array, dict[str, Array]]:
     """Return times and arrays of a chunk."""
-    return part.t, {name: getattr(part, name) for name in array_names()}
+    return part.t, {name: getattr(part, name) for name in part.recorded}
 
 
 def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Setting:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
 
@@ -12,10 +13,12 @@ from holdfast.io.model_data import model_text
 from holdfast.io.result_folder import CHUNK, ResultWriter, run_meta
 from holdfast.io.result_meta import BASES, MODEL, PLANNED, RESULT, WAS_INTERRUPTED, ResultMeta
 from holdfast.io.store import arrays_text, require_free
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
-from holdfast.simulation.summary import summarise
-from holdfast.simulation.trajectory import Trajectory, single
+from holdfast.simulation.summary import Summary, summary_of_parts
+from holdfast.simulation.trajectory import Trajectory, part_of
 from holdfast.spatial.scalar import Array
 
 ADVICE = "overwrite=True"
@@ -41,11 +44,11 @@ def save_run(run: Trajectory, folder: str | PathLike[str], overwrite: bool = Fal
     with replaced_folder(place, RESULT.owns) as new:
         files = {MODEL: model_text(setting.chain)} | _bases(BASES, setting, run.t)
         writer = ResultWriter(new, meta_of(setting), NO_SCENE, files=files)
-        for k, one in enumerate(_singles(run)):
-            writer.add(one)
-            if (k + 1) % CHUNK == 0:
+        for part in _parts(run):
+            writer.add(part)
+            if writer.waiting >= CHUNK:
                 writer.flush()
-        writer.finish(summarise(setting.chain, run), stopped=run.stopped, occurrences=run.occurrences)
+        writer.finish(_summary(setting.chain, [run], run), stopped=run.stopped, occurrences=run.occurrences)
     return place
 
 
@@ -73,24 +76,35 @@ class AppendedRun:
         files = {MODEL: model_text(setting.chain)} | _bases(PLANNED, setting, times)
         self._writer = ResultWriter(place, meta_of(setting), NO_SCENE, files=files, overwrite=overwrite, advice=ADVICE)
 
-    def add(self, sample: Trajectory) -> None:
-        """Take a sample, and flush if a flush is due.
+    def add(self, part: Trajectory, _: Checkpoint) -> None:
+        """Take samples, and flush if a flush is due.
 
         Raises:
             ResultError: they cannot be written, or another process has written to the folder.
         """
-        self._writer.add(sample)
+        self._writer.add(part)
         self._writer.flush_if_due()
 
+    def read(self, name: str) -> Array:
+        """Return an array of all samples.
+
+        Raises:
+            ResultError: they cannot be written or read.
+        """
+        self._writer.flush()
+        return np.concatenate([getattr(part, name) for part in self._writer.parts()])
+
     def finish(self, run: Trajectory) -> None:
-        """Write the remaining samples, the motions of bases, and how the run ended.
+        """Write the remaining samples, the summary, the motions of bases, and how the run ended.
 
         Raises:
             ResultError: they cannot be written, or another process has written to the folder.
         """
+        self._writer.flush()
         setting = run.require_setting()
-        summary, moved = summarise(setting.chain, run), _bases(BASES, setting, run.t)
-        self._writer.finish(summary, stopped=run.stopped, occurrences=run.occurrences, bases=moved.get(BASES))
+        moved = _bases(BASES, setting, run.t).get(BASES) if setting.base_motion else None
+        summary = _summary(setting.chain, self._writer.parts(), run)
+        self._writer.finish(summary, stopped=run.stopped, occurrences=run.occurrences, bases=moved)
 
     def interrupt(self) -> None:
         """Write the remaining samples of a run that an error or Ctrl-C ended.
@@ -99,6 +113,11 @@ class AppendedRun:
             ResultError: they cannot be written, or another process has written to the folder.
         """
         self._writer.finish(None, stopped=WAS_INTERRUPTED)
+
+
+def _summary(chain: ClosedChain, parts: Iterable[Trajectory], run: Trajectory) -> Summary | None:
+    """Return the summary of a run, or None if some of the arrays for it were not recorded."""
+    return summary_of_parts(chain, parts, run.stopped, run.occurrences) if run.has_every_array else None
 
 
 def _bases(name: str, setting: Setting, times: Array) -> dict[str, bytes]:
@@ -110,9 +129,10 @@ def _bases(name: str, setting: Setting, times: Array) -> dict[str, bytes]:
     return {name: arrays_text(arrays, "bases", list(setting.base_motion))} if arrays else {}
 
 
-def _singles(run: Trajectory) -> list[Trajectory]:
-    """Return the samples one by one, each with the occurrences since the one before; later ones ended the run."""
+def _parts(run: Trajectory) -> list[Trajectory]:
+    """Return a run in parts of at most a chunk, each with what has happened at its last sample."""
     at: dict[int, list[Occurrence]] = {}
     for one in run.occurrences:
         at.setdefault(int(np.searchsorted(run.t, one.t)), []).append(one)
-    return [single(run, k, tuple(at.get(k, ()))) for k in range(len(run))]
+    ends = sorted({*(k + 1 for k in at if k < len(run)), *range(CHUNK, len(run), CHUNK), len(run)})
+    return [part_of(run, slice(a, b), tuple(at.get(b - 1, ()))) for a, b in zip([0, *ends], ends, strict=False)]

@@ -31,7 +31,7 @@ from holdfast.io.save_run import meta_of
 from holdfast.questions.arrays import Row, Shape
 from holdfast.simulation.rollout.record import RolloutRecord
 from holdfast.simulation.setting import Setting
-from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory, array_names, require_run_of
+from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 
 Parts = Callable[[], Iterable[Trajectory]]  # the pieces of a run
@@ -160,7 +160,7 @@ def data_set_of_run(run: Trajectory) -> Any:
         StateError: the run does not contain its chain.
     """
     meta = meta_of(run.require_setting())
-    arrays = {name: getattr(run, name) for name in array_names() if name != "t"}
+    arrays = {name: getattr(run, name) for name in run.recorded if name != "t"}
     return _data_set(arrays, {"t": run.t}, meta)
 
 

@@ -33,6 +33,7 @@ from holdfast.scenario.robots import Robot, RobotFiles, SceneTrunk, robot, scene
 from holdfast.scenario.scene import ArmTable, ReleaseTable, SceneTable, SweepTable
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.events import Attach, Event, Release, holding_after
+from holdfast.simulation.run_record import record_settings
 from holdfast.simulation.stops import step_times
 from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.state import Inputs, State
@@ -43,6 +44,7 @@ MOST_LEVELS = 20  # levels of nesting; a scene needs seven
 MOST_ARMS, MOST_JOINTS = 64, 1000
 SIMULATION_KEYS = (  # passed on to `simulate`
     "on_slip", "on_limit", "on_singular", "scheme", "rtol", "atol", "largest_drift", "sample_time", "delay",
+    "record", "every",
 )  # fmt: skip
 
 
@@ -317,6 +319,7 @@ def build_options(data: SceneTable, chain: ClosedChain, at: Location) -> dict[st
         if how.largest_drift is not None:
             checks.number(how.largest_drift, "simulation: largest_drift", above=0.0)
         zero_order_hold(how.sample_time, how.delay, how.duration, [])
+        record_settings(how.record, how.every, how.step, chain)
     return {
         "events": build_events(data, chain, at / "events"),
         "base_motion": swaying,

@@ -10,6 +10,7 @@ from holdfast.model.closed_chain import STANDARD_GRAVITY
 from holdfast.model.grasp import GraspName
 from holdfast.simulation.adaptive import RTOL
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip
+from holdfast.simulation.run_record import EVERYTHING
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -305,6 +306,8 @@ class SimulationTable(_Table):
     on_limit: OnLimit = "record"
     on_singular: OnSingular = "stop"
     breakpoints: list[float] = []
+    record: str | list[str] = EVERYTHING
+    every: int = 1
 
 
 ParameterNumbers = float | list[float | list[float]]

@@ -11,6 +11,7 @@ decreases with the fourth power of the step, as the integrator's does.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -71,12 +72,51 @@ def momentum_imbalance(t: Array, momentum: Array, rate: Array, base_impulse: Arr
         rate: (samples, 6) sum of the external wrenches on the whole chain, about the same point.
         base_impulse: (samples, 6) impulses of the bases in all impacts so far, about the same point.
     """
-    by_wrenches = np.zeros_like(momentum)
-    jumps = np.flatnonzero(np.diff(t) <= np.maximum(4 * np.spacing(t[1:]), 2 * JUMP_WIDTH)) + 1
-    for part in np.split(np.arange(len(t)), jumps):
-        if len(part) > 1:
-            by_wrenches[part[1:]] = interval_integrals(t[part], rate[part])
-    return momentum - momentum[0] - np.cumsum(by_wrenches, axis=0) - (base_impulse - base_impulse[0])
+    balance = MomentumBalance()
+    return np.concatenate([balance.add(t, momentum, rate, base_impulse), balance.rest()])
+
+
+class MomentumBalance:
+    """The `momentum_imbalance` of a run of which one part after another is seen.
+
+    The integral over an interval depends on two samples before it and two after it. The imbalances of a part's last
+    samples are therefore found with the next part.
+    """
+
+    def __init__(self) -> None:
+        self._held: tuple[
+            Array, ...
+        ] = ()  # t, momentum, rate, base_impulse: what waits, and up to three samples before
+        self._done = 0  # samples of these whose imbalance was returned
+        self._first: tuple[Array, Array] | None = None
+        self._total = np.zeros((1, 6))
+
+    def add(self, *part: Array) -> Array:
+        """Take times, momenta, their rates and impulses of bases; return the imbalances that are known, (k, 6)."""
+        self._held = tuple(np.concatenate(both) for both in zip(self._held, part, strict=True)) if self._held else part
+        return self._next(ended=False)
+
+    def rest(self) -> Array:
+        """Return the imbalances of the last samples, (k, 6)."""
+        return self._next(ended=True)
+
+    def _next(self, ended: bool) -> Array:
+        t, momentum, rate, base_impulse = self._held
+        self._first = self._first or (momentum[0], base_impulse[0])
+        jumps = np.flatnonzero(np.diff(t) <= np.maximum(4 * np.spacing(t[1:]), 2 * JUMP_WIDTH)) + 1
+        begins = [0, *jumps.tolist()]
+        by_wrenches = np.zeros_like(momentum)
+        for a, b in pairwise([*begins, len(t)]):
+            if b - a > 1:
+                by_wrenches[a + 1 : b] = interval_integrals(t[a:b], rate[a:b])
+        done, known = self._done, len(t) if ended else max(begins[-1] + 1, len(t) - 2)
+        totals = np.cumsum(np.concatenate([self._total, by_wrenches[done:known]]), axis=0)
+        momentum0, impulse0 = self._first
+        found = momentum[done:known] - momentum0 - totals[1:] - (base_impulse[done:known] - impulse0)
+        kept = max(known - 3, *(a for a in begins if a < known))
+        self._held, self._done = tuple(x[kept:] for x in self._held), known - kept
+        self._total = totals[-1:]
+        return found
 
 
 def interval_integrals(t: Array, f: Array) -> Array:
@@ -120,9 +160,3 @@ def _through(t: Array, f: Array, nodes: Array) -> tuple[Array, Array]:
         total += (half * values / apart)[:, None] * f[nodes[:, j]]
         leading += f[nodes[:, j]] / apart[:, None]
     return total, np.abs(leading)
-
-
-def energy_moved(kinetic: Array, potential: Array, work: Array, impact: Array) -> float:
-    """Return the largest energy exchanged in a run [J], with which its imbalance is compared."""
-    sizes = (kinetic, potential - potential[0], *work.T, impact)
-    return max(float(np.abs(size).max()) for size in sizes)

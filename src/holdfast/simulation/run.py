@@ -5,9 +5,8 @@ Its transitions are a step, a jump, a grasp that opens, and the end.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,15 +18,17 @@ from holdfast.simulation.events import Attach, Occurrence, happen
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER
+from holdfast.simulation.run_record import Listeners, RunRecord
 from holdfast.simulation.run_step import RunState, stepped
 from holdfast.simulation.sample import sample
 from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with, suited
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.stops import MOST_STEPS, just_after
-from holdfast.simulation.trajectory import Trajectory, array_names, joined, single
+from holdfast.simulation.trajectory import Trajectory, part_of
 from holdfast.simulation.uneventful import uneventful_steps
 from holdfast.simulation.zero_order_hold import initial_hold, require_same
+from holdfast.spatial.frozen import changed
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
 
@@ -176,20 +177,6 @@ def _stretch_begins(
     return RunState(segment, saved, now, None, gaps, np.array([now.t]), margins[None])
 
 
-class Listeners(NamedTuple):
-    """Functions that are called while a run goes on; see `simulate`.
-
-    Attributes:
-        progress: called with the time after every step.
-        on_sample: each called with every sample.
-        on_checkpoint: called after that with the checkpoint.
-    """
-
-    progress: Callable[[float], object]
-    on_sample: Sequence[Callable[[Trajectory], None]]
-    on_checkpoint: Callable[[Checkpoint], None] | None
-
-
 def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajectory:
     """Return the samples of a run from a state to its end, and why it stopped, if it did.
 
@@ -198,50 +185,37 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
         resumed: whether an earlier call recorded this state, so that the samples are those after it.
         listeners: functions to call on the way.
     """
-    samples: list[Trajectory] = []  # parts of one or more samples
+    settings, record = at.segment.settings, RunRecord(at.segment.settings.recording, resumed, listeners)
     first = reported = len(at.checkpoint.occurrences) if resumed else 0
-    longest = MOST_STEPS + len(at.segment.settings.stops.times)  # an adaptive scheme by itself might never end
-
-    def record(at: RunState) -> None:
-        nonlocal reported
-        happened = at.checkpoint.occurrences[reported:]
-        reported += len(happened)
-        add(_sample(at, happened), happened, lambda _: at.checkpoint)
-
-    def add(run: Trajectory, happened: tuple[Occurrence, ...], checkpoint: Callable[[int], Checkpoint]) -> None:
-        samples.append(run)
-        for k in range(len(run)) if listeners.on_sample or listeners.on_checkpoint is not None else ():
-            for listen in listeners.on_sample:
-                listen(single(run, k, happened))
-            if listeners.on_checkpoint is not None:
-                listeners.on_checkpoint(checkpoint(k))
-
+    longest = MOST_STEPS + len(settings.stops.times)  # an adaptive scheme by itself might never end
     if not resumed:
-        record(at)
-    pace = Pace()
+        record.add(_sample(at, at.checkpoint.occurrences), lambda _: at.checkpoint)
+        reported = len(at.checkpoint.occurrences)
+    pace, taken = Pace(), int(not resumed)
     while True:
         stretch = uneventful_steps(at, pace.most) if pace.may_try() else None
         if stretch is not None:
-            add(stretch.samples, (), stretch.checkpoint)
+            record.add(stretch.samples, stretch.checkpoint)
             pace.taken(stretch.whole)
-            at = stretch.end
+            at, taken = stretch.end, taken + 1
             listeners.progress(at.now.t)
             continue
         later = next_or_reason(at)
         if not isinstance(later, RunState):
             break
-        if len(samples) > longest:
+        if taken > longest:
             later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
             break
+        saved = later.checkpoint
         if later.now.t > at.now.t:
-            record(later)
+            record.add(_sample(later, saved.occurrences[reported:]), lambda _, saved=saved: saved)
+            reported = len(saved.occurrences)
             listeners.progress(later.now.t)
-        at = later
-    if samples:
-        return replace(joined(samples, later), occurrences=at.checkpoint.occurrences[first:])
-    last = _sample(at, ())
-    none: dict[str, Any] = {name: getattr(last, name)[:0] for name in array_names()}
-    return replace(last, stopped=later, **none)  # resumed at its end
+        at, taken = later, taken + 1
+    found = record.whole(at.checkpoint)
+    if found is None:  # resumed at its end
+        found = part_of(_sample(at, ()), slice(0, 0))
+    return changed(found, stopped=later, occurrences=at.checkpoint.occurrences[first:], every=settings.recording.every)
 
 
 class Pace:
@@ -272,7 +246,8 @@ class Pace:
 def _sample(at: RunState, happened: tuple[Occurrence, ...]) -> Trajectory:
     """Return the run of one sample at an accepted instant."""
     environment, accounting = at.segment.environment, at.segment.stepper.accounts
-    return sample(environment, accounting, at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened)
+    names = at.segment.settings.recording.names
+    return sample(environment, accounting, at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, names, happened)
 
 
 def next_or_reason(at: RunState) -> RunState | str | None:

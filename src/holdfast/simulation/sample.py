@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from holdfast.forces.force_split import split
 from holdfast.forces.margin_interval import margin_range
 from holdfast.forces.margins import conditions
 from holdfast.questions.arrays import ARRAYS, FLOATING, STATE, state_of
+from holdfast.simulation.accounts import account_shapes
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Occurrence
@@ -25,6 +26,7 @@ from holdfast.spatial.scalar import Array
 # Arrays of an instant, which have the same names in a result of forward dynamics and in machine code, and those of a
 # trunk or a floating base.
 OF_RESULT = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench")
+SPLIT_NAMES = {"internal_wrench", "load_share"}
 OF_TRUNK = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}
 
 
@@ -68,6 +70,7 @@ def sample(
     sums: Sums,
     times: Array,
     margins: Array,
+    names: Collection[str],
     occurrences: tuple[Occurrence, ...] = (),
 ) -> Trajectory:
     """Return a run of one sample.
@@ -80,6 +83,7 @@ def sample(
         sums: work and impulses since the run's start.
         times: (k,) times since the previous sample at which the margins were evaluated; the last is that of `at`.
         margins: (k, signals) margins at these times, see `margins.Signals`.
+        names: the arrays to record.
         occurrences: what has happened since the previous sample.
     """
     before, after = zip(gaps.position, gaps.velocity, strict=True)
@@ -92,7 +96,7 @@ def sample(
         sums.work[None],
         *lowest_of(times[None], margins[None]),
     )
-    return recorded(environment, accounting, one, sums, occurrences)
+    return recorded(environment, accounting, one, sums, names, occurrences)
 
 
 def recorded(
@@ -100,6 +104,7 @@ def recorded(
     accounting: Accounting,
     samples: Samples,
     sums: Sums,
+    names: Collection[str],
     occurrences: tuple[Occurrence, ...] = (),
 ) -> Trajectory:
     """Return a run of the given samples, completed by what is recorded besides the motion.
@@ -109,44 +114,44 @@ def recorded(
         accounting: returns what is recorded besides the motion.
         samples: the samples, between which nothing has happened.
         sums: impulses since the run's start.
+        names: the arrays to record.
         occurrences: what has happened since the previous sample.
     """
     chain, x, k, l = environment.chain, samples.arrays, len(samples.t), len(environment.chain.arms)
-    found = accounting(samples.t, x)
-    if "internal_wrench" not in found:
+    found = {} if account_shapes(chain, True).keys().isdisjoint(names) else accounting(samples.t, x)
+    if "internal_wrench" not in found and not SPLIT_NAMES.isdisjoint(names):
         found = {**found, **_split(environment, samples)}
     joint, joint_lowest, joint_when = _lowest_joints(samples.lowest[:, l:], samples.lowest_time[:, l:])
     now, best, worst = samples.margins
     none = np.zeros((k, 0))
     arrays: dict[str, Any] = {name: x[name] for name in OF_RESULT} | found
     arrays |= {field: x.get(name, none) for name, field in OF_TRUNK.items()}
-    return Trajectory(
-        t=samples.t,
-        q=x["q"],
-        qd=x["qd"],
-        tau=x["drive"],
-        object_pose=x["object_pose"],
-        object_twist=x["object_twist"],
-        **arrays,
-        holding=np.tile([name in chain.grasps for name in chain.names], (k, 1)),
-        margin=now,
-        best_margin=best,
-        worst_margin=worst,
-        lowest_margin=samples.lowest[:, :l],
-        lowest_margin_time=samples.lowest_time[:, :l],
-        lowest_joint_margin=joint_lowest,
-        lowest_joint_margin_time=joint_when,
-        lowest_joint=joint,
-        position_gap=samples.gaps[:, ::2],
-        velocity_gap=samples.gaps[:, 1::2],
-        work=samples.work,
-        impact=np.full(k, sums.impact),
-        base_impulse=np.tile(sums.base_impulse, (k, 1)),
-        condition=x["condition"],
-        base_pose=x.get("floating_pose", none),
-        base_twist=x.get("floating_twist", none),
-        occurrences=occurrences,
-    )
+    arrays |= {
+        "t": samples.t,
+        "q": x["q"],
+        "qd": x["qd"],
+        "tau": x["drive"],
+        "object_pose": x["object_pose"],
+        "object_twist": x["object_twist"],
+        "holding": np.tile([name in chain.grasps for name in chain.names], (k, 1)),
+        "margin": now,
+        "best_margin": best,
+        "worst_margin": worst,
+        "lowest_margin": samples.lowest[:, :l],
+        "lowest_margin_time": samples.lowest_time[:, :l],
+        "lowest_joint_margin": joint_lowest,
+        "lowest_joint_margin_time": joint_when,
+        "lowest_joint": joint,
+        "position_gap": samples.gaps[:, ::2],
+        "velocity_gap": samples.gaps[:, 1::2],
+        "work": samples.work,
+        "impact": np.full(k, sums.impact),
+        "base_impulse": np.tile(sums.base_impulse, (k, 1)),
+        "condition": x["condition"],
+        "base_pose": x.get("floating_pose", none),
+        "base_twist": x.get("floating_twist", none),
+    }
+    return Trajectory(**{name: arrays[name] for name in names}, occurrences=occurrences)
 
 
 def lowest_of(times: Array, margins: Array) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Event, Occurrence
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
+from holdfast.simulation.run_record import RecordSettings
 from holdfast.simulation.runge_kutta import IMEX, Tableau, dop853
 from holdfast.simulation.stability import too_fast
 from holdfast.simulation.stepper import Stepper, SubdividingStepper
@@ -49,6 +50,7 @@ class RunSettings:
         policy: what to do at violations and singular configurations.
         events: the events in order of time.
         stops: times at which steps must end.
+        recording: what is recorded.
     """
 
     environment: Environment
@@ -61,6 +63,7 @@ class RunSettings:
     policy: Policy
     events: list[Event]
     stops: Stops
+    recording: RecordSettings
 
     @property
     def end(self) -> float:

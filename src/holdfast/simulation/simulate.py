@@ -28,7 +28,8 @@ from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
-from holdfast.simulation.run import Listeners, recorded_run, resumed_run, start_of_run
+from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
+from holdfast.simulation.run_record import EVERYTHING, Listeners, record_settings, require_memory
 from holdfast.simulation.runge_kutta import scheme as scheme_named
 from holdfast.simulation.segment import MakeStepper, RunSettings
 from holdfast.simulation.setting import Setting, recorded_base
@@ -36,6 +37,7 @@ from holdfast.simulation.stops import ALIKE, step_times, stops
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.simulation.verification import EVALUATIONS
 from holdfast.simulation.zero_order_hold import at_samples, zero_order_hold
+from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -64,10 +66,13 @@ def simulate(
     rtol: float = RTOL,
     atol: float | None = None,
     largest_drift: float | None = None,
+    record: str | Sequence[str] = EVERYTHING,
+    every: int = 1,
     start: Checkpoint | None = None,
     progress: bool | Callable[[float], object] | None = None,
     on_sample: Callable[[Trajectory], None] | None = None,
     on_checkpoint: Callable[[Checkpoint], None] | None = None,
+    on_samples: Callable[[Trajectory, Checkpoint], None] | None = None,
     make_stepper: MakeStepper | None = None,
     name: str = "run",
     folder: str | PathLike[str] | None = None,
@@ -113,21 +118,28 @@ def simulate(
         atol: absolute tolerance of an adaptive scheme.
         largest_drift: largest position gap that a fixed step may leave before projection, for example 1e-10; a step
             with a larger gap is divided into equal parts [m or rad]. None: steps are not divided.
+        record: what is recorded: "everything"; "states", which are positions, velocities and accelerations; or names of
+            a trajectory's arrays. The others raise an error when they are used. What is verified stays the same.
+        every: number of steps between two samples. Both sides of an event, of a jump at such a step, and the last
+            sample are recorded, too. Lowest margins are those since the sample before.
         start: checkpoint from which to continue; `state` is then not used, and only the later samples are returned.
         progress: True to show a progress bar, in a notebook or on a terminal; or a function that is called with the
             time after a step, or after several that were taken together.
-        on_sample: called with every new sample; samples of up to 64 steps come one after another.
+        on_sample: called with every recorded sample; samples of up to 64 steps come one after another.
         on_checkpoint: called after `on_sample` with a checkpoint from which the run can be continued.
+        on_samples: called with the samples of one or more steps as a run, and the checkpoint after the last of them, to
+            which what has happened belongs.
         make_stepper: returns the stepper. By default steps are compiled to machine code if there are enough of them.
         name: name of the run in pages and files.
         folder: result folder to which the samples are appended while the run goes on, at least every 5 seconds. It can
-            be read at any time by `load_result`, also after the process was killed.
+            be read at any time by `load_result`, also after the process was killed. Memory holds at most 256 MiB of
+            samples beside it; the arrays of a longer run are read from the folder when they are first used.
         overwrite: whether an earlier result in this folder is replaced.
 
     Raises:
-        ModelError: the duration or step is not positive, there are too many steps, a policy or scheme is unknown, an
-            event is impossible, the sample time or delay is invalid, the controller is not a function, or a law depends
-            on more than its arguments.
+        ModelError: the duration or step is not positive, there are too many steps, a policy, a scheme or an array is
+            unknown, an event is impossible, the sample time or delay is invalid, the controller is not a function, or a
+            law depends on more than its arguments.
         StateError: the initial state violates a grasp, the controller does not return valid torques and memory, or
             the parameters do not match those of its law.
         SingularChainError: the initial configuration is singular.
@@ -154,20 +166,23 @@ def simulate(
     environment = Environment(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
     policy, tolerance = Policy(on_slip, on_limit, on_singular), Tolerance(rtol, atol)
     make = make_stepper or partial(stepper_for, steps=int((~ends.jumps).sum()))
+    wanted = record_settings(record, every, step, chain)
+    if folder is None:
+        require_memory(len(grid), wanted.every)
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)
     if policy.on_limit == "clip":
         controller = clipped(controller, chain)
     acting = given_law(controller, parameters)
     if isinstance(acting, GivenLaw):
         require_function(acting.law, chain)
-    settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends)
+    settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
 
     calls = len(ends.times) * (1 if hold else len(named.c) * (EVALUATIONS if joint_limits(chain).limited.any() else 1))
     options = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
     options |= {"atol": atol, "largest_drift": limit, "controller": called}
     options |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}
-    options |= {} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay}
+    options |= wanted.options | ({} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay})
     setting = Setting(chain, environment.base_motion, name, float(duration), float(step), options)
     doing, begin = f"simulating {name}", f"{duration:g} s in {len(grid) - 1} steps"
     with (
@@ -176,11 +191,11 @@ def simulate(
         _appending(folder, overwrite, setting, ends.times) as on_disk,
     ):
         at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
-        add = None if on_disk is None else on_disk.add
-        listeners = Listeners(tell, [one for one in (add, on_sample) if one is not None], on_checkpoint)
-        run = recorded_run(at, start is not None, listeners)
+        told = [one for one in (None if on_disk is None else on_disk.add, on_samples) if one is not None]
+        read = None if on_disk is None else on_disk.read
+        run = recorded_run(at, start is not None, Listeners(tell, on_sample, on_checkpoint, told, read))
         moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
-        run = replace(run, setting=replace(setting, base_motion=moved))
+        run = changed(run, setting=replace(setting, base_motion=moved))
         if on_disk is not None:
             on_disk.finish(run)
     return run

@@ -32,8 +32,8 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.bracket import search_lowest, together
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.interpolant import Knot, interpolant
 from holdfast.simulation.segment import Segment
-from holdfast.simulation.trajectory import Knot, interpolant
 from holdfast.simulation.verification import DROPS, TIME_OF_MINIMUM
 from holdfast.spatial.scalar import Array
 from holdfast.state import State

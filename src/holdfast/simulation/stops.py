@@ -17,7 +17,7 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
-MOST_STEPS = 1_000_000
+MOST_STEPS = 10_000_000
 JUMP_WIDTH = 1e-15  # [s]: time between the two sides of a jump, unless float64 is coarser at that time
 ALIKE = 1e-9  # grid times that are nearer to a breakpoint than this fraction of a step are omitted
 

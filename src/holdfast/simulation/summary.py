@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from holdfast import outer
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.balance import energy_moved
+from holdfast.simulation.balance import MomentumBalance
 from holdfast.simulation.events import Occurrence, ending
 from holdfast.simulation.margins import JOINT_QUANTITIES
+from holdfast.simulation.trajectory import LOWEST, Trajectory, part_of
 from holdfast.spatial.scalar import Array
-
-if TYPE_CHECKING:
-    from holdfast.simulation.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,8 @@ class Summary:
         worst_step_drift: largest position gap of any grasp before projection [m or rad].
         energy_imbalance: largest change of energy that no work explains [J].
         energy_moved: largest energy exchanged in the run, for comparison [J].
-        momentum_imbalance: largest change of angular and linear momentum that no wrench explains [N m s, N s].
+        momentum_imbalance: largest change of angular and linear momentum that no wrench explains [N m s, N s]; None if
+            there is not a sample at every step.
         momentum_moved: largest angular and linear momentum in the run, for comparison [N m s, N s].
         peak_force: largest grasp force, by arm that held the object [N].
         peak_moment: largest grasp moment, by arm that held the object [N m].
@@ -58,7 +58,7 @@ class Summary:
     worst_step_drift: float
     energy_imbalance: float
     energy_moved: float
-    momentum_imbalance: tuple[float, float]
+    momentum_imbalance: tuple[float, float] | None
     momentum_moved: tuple[float, float]
     peak_force: dict[str, float]
     peak_moment: dict[str, float]
@@ -86,79 +86,128 @@ class Summary:
 
 def summarise(chain: ClosedChain, run: Trajectory) -> Summary:
     """Return the summary of a run of the chain."""
-    moment, force = _largest(run.grasp_wrench)
-    internal = _largest(run.internal_wrench)[1]
-    arms = [(i, name) for i, name in enumerate(chain.names) if run.holding[:, i].any()]
+    return summary_of_parts(chain, [run], run.stopped, run.occurrences)
+
+
+def summary_of_parts(
+    chain: ClosedChain, parts: Iterable[Trajectory], stopped: str | None, occurrences: tuple[Occurrence, ...]
+) -> Summary:
+    """Return the summary of a run of the chain whose successive parts are given, one of which is in memory at a time.
+
+    Args:
+        chain: the chain.
+        parts: the parts, at least one.
+        stopped: the reason why the run ended early, or None.
+        occurrences: the log.
+
+    Raises:
+        StateError: an array was not recorded.
+    """
+    first: Trajectory | None = None  # the first sample
+    run: Trajectory | None = None
+    worst: dict[str, Any] = {}  # largest values
+    lowest: dict[str, tuple[Array, ...]] = {}  # lowest values, and what belongs to them
+    balance, samples = MomentumBalance(), 0
+    for run in parts:
+        largest = _largest_values(run, run if first is None else first, first is None)
+        first = part_of(run, slice(0, 1)) if first is None else first
+        if run.every == 1:
+            unexplained = balance.add(run.t, run.momentum, run.momentum_rate, run.base_impulse)
+            largest["unexplained"] = _halves(unexplained)
+        worst |= {name: np.maximum(x, worst.get(name, x)) for name, x in largest.items()}
+        for name, others in LOWEST.items():
+            k = np.argmin(getattr(run, name), axis=0)[None]
+            here = tuple(np.take_along_axis(getattr(run, of), k, axis=0)[0] for of in (name, *others))
+            before = lowest.get(name, here)
+            lowest[name] = tuple(np.where(here[0] < before[0], *pair) for pair in zip(here, before, strict=True))
+        samples += len(run)
+    assert run is not None
+    every_step = run.every == 1
+    if every_step:
+        worst["unexplained"] = np.maximum(worst["unexplained"], _halves(balance.rest()))
+    joints = chain.joint_names()
+    arms = [(i, name) for i, name in enumerate(chain.names) if worst["holding"][i]]
+    margins = [(name, *(float(x[i]) for x in lowest["lowest_margin"])) for i, name in arms]
+    of_joints = zip(JOINT_QUANTITIES, *(x.tolist() for x in lowest["lowest_joint_margin"]), strict=True)
+    best = -worst["loose_margin"]
     return Summary(
         last_time=float(run.t[-1]),
-        samples=len(run),
-        stopped=run.stopped,
-        worst_position_gap=float(run.position_gap[:, 1].max()),
-        worst_velocity_gap=float(run.velocity_gap[:, 1].max()),
-        worst_step_drift=float(run.position_gap[1:, 0].max(initial=0.0)),
-        energy_imbalance=float(np.abs(run.imbalance).max()),
-        energy_moved=energy_moved(run.kinetic, run.potential, run.work, run.impact),
-        momentum_imbalance=_halves(run.momentum_imbalance),
-        momentum_moved=_halves(run.momentum),
-        peak_force={name: float(force[i]) for i, name in arms},
-        peak_moment={name: float(moment[i]) for i, name in arms},
-        peak_internal_force={name: float(internal[i]) for i, name in arms},
-        spin={name: float(np.abs(run.spin[:, i] - run.spin[0, i]).max()) for i, name in arms if run.spin[:, i].any()},
-        lowest_margin=_lowest_margins(run, arms),
-        lowest_best_margin=_lowest_best_margins(run, arms),
-        lowest_joint_margin=_lowest_joint_margins(run, chain.joint_names()),
-        worst_condition=float(run.condition.max()),
-        torque_use=_torque_use(chain, run.tau),
-        limit_excess=_limit_excess(chain, run.q),
-        occurrences=run.occurrences,
+        samples=samples,
+        stopped=stopped,
+        worst_position_gap=float(worst["position_gap"]),
+        worst_velocity_gap=float(worst["velocity_gap"]),
+        worst_step_drift=float(worst["drift"]),
+        energy_imbalance=float(worst["imbalance"]),
+        energy_moved=float(worst["energy"]),
+        momentum_imbalance=_pair(worst["unexplained"]) if every_step else None,
+        momentum_moved=_pair(worst["momentum"]),
+        peak_force={name: float(worst["force"][i]) for i, name in arms},
+        peak_moment={name: float(worst["moment"][i]) for i, name in arms},
+        peak_internal_force={name: float(worst["internal_force"][i]) for i, name in arms},
+        spin={name: float(worst["turned"][i]) for i, name in arms if worst["spin"][i]},
+        lowest_margin={name: (margin, when) for name, margin, when in margins if np.isfinite(margin)},
+        lowest_best_margin={
+            name: float(best[i]) if np.isfinite(best[i]) else None for i, name in arms if worst["loose"][i]
+        },
+        lowest_joint_margin={
+            what: (margin, joints[int(joint)], when) for what, margin, when, joint in of_joints if np.isfinite(margin)
+        },
+        worst_condition=float(worst["condition"]),
+        torque_use=_torque_use(chain, worst["torque"]),
+        limit_excess=_limit_excess(chain, worst["q"], -worst["-q"]),
+        occurrences=occurrences,
     )
 
 
-def _largest(wrenches: Array) -> tuple[Array, Array]:
-    """Return the largest norms of moment and force for every arm."""
-    halves = wrenches[:, :, :3], wrenches[:, :, 3:]
-    moment, force = (np.hypot.reduce(half, axis=2).max(axis=0) for half in halves)
-    return moment, force
-
-
-def _halves(momentum: Array) -> tuple[float, float]:
-    """Return the largest norms of angular and linear momentum."""
-    angular, linear = (float(np.hypot.reduce(half, axis=1).max()) for half in (momentum[:, :3], momentum[:, 3:]))
-    return angular, linear
-
-
-def _lowest_margins(run: Trajectory, arms: list[tuple[int, str]]) -> dict[str, tuple[float, float]]:
-    k = np.argmin(run.lowest_margin, axis=0)
-    found = {name: (float(run.lowest_margin[k[i], i]), float(run.lowest_margin_time[k[i], i])) for i, name in arms}
-    return {name: lowest for name, lowest in found.items() if np.isfinite(lowest[0])}
-
-
-def _lowest_best_margins(run: Trajectory, arms: list[tuple[int, str]]) -> dict[str, float | None]:
+def _largest_values(run: Trajectory, start: Trajectory, begins: bool) -> dict[str, Any]:
+    """Return the largest values in a part of a run by name; `start` has the first sample, which may begin the part."""
+    moment, force = _halves(run.grasp_wrench)
+    energy = run.kinetic + run.potential
+    unexplained = energy - (start.kinetic[0] + start.potential[0]) - run.work.sum(axis=1) - run.impact
+    moved = (run.kinetic, run.potential - start.potential[0], *run.work.T, run.impact)
     loose = np.isinf(run.worst_margin) & (run.worst_margin < 0)
-    lowest = np.where(loose, run.best_margin, np.inf).min(axis=0)
-    return {name: float(lowest[i]) if np.isfinite(lowest[i]) else None for i, name in arms if loose[:, i].any()}
+    return {
+        "position_gap": run.position_gap[:, 1].max(),
+        "velocity_gap": run.velocity_gap[:, 1].max(),
+        "drift": run.position_gap[int(begins) :, 0].max(initial=0.0),
+        "imbalance": np.abs(unexplained).max(),
+        "energy": np.abs(moved).max(),
+        "momentum": _halves(run.momentum),
+        "moment": moment,
+        "force": force,
+        "internal_force": _halves(run.internal_wrench)[1],
+        "holding": run.holding.any(axis=0),
+        "turned": np.abs(run.spin - start.spin[0]).max(axis=0),
+        "spin": (run.spin != 0.0).any(axis=0),
+        "loose": loose.any(axis=0),
+        "loose_margin": -np.where(loose, run.best_margin, np.inf).min(axis=0),
+        "condition": run.condition.max(),
+        "torque": np.abs(run.tau).max(axis=0),
+        "q": run.q.max(axis=0),
+        "-q": -run.q.min(axis=0),
+    }
 
 
-def _lowest_joint_margins(run: Trajectory, joints: list[str]) -> dict[str, tuple[float, str, float]]:
-    found = {}
-    for i, quantity in enumerate(JOINT_QUANTITIES):
-        k = int(np.argmin(run.lowest_joint_margin[:, i]))
-        margin, when = float(run.lowest_joint_margin[k, i]), float(run.lowest_joint_margin_time[k, i])
-        if np.isfinite(margin):
-            found[quantity] = margin, joints[int(run.lowest_joint[k, i])], when
-    return found
+def _halves(x: Array) -> Array:
+    """Return the largest norms of the two halves of (samples, ..., 6), (2, ...); without samples 0."""
+    return np.array([np.hypot.reduce(half, axis=-1).max(axis=0, initial=0.0) for half in (x[..., :3], x[..., 3:])])
 
 
-def _torque_use(chain: ClosedChain, tau: Array) -> tuple[float, str] | None:
+def _pair(x: Array) -> tuple[float, float]:
+    first, second = x.tolist()
+    return first, second
+
+
+def _torque_use(chain: ClosedChain, largest: Array) -> tuple[float, str] | None:
     limits = np.array([joint.effort_limit for joint in chain.all_joints])
     if not np.isfinite(limits).any():
         return None
-    return _worst_joint(chain, np.abs(tau).max(axis=0) / limits)
+    return _worst_joint(chain, largest / limits)
 
 
-def _limit_excess(chain: ClosedChain, q: Array) -> tuple[float, str] | None:
+def _limit_excess(chain: ClosedChain, largest: Array, least: Array) -> tuple[float, str] | None:
     low, high = np.array([joint.position_limits for joint in chain.all_joints]).reshape(-1, 2).T
-    beyond = np.maximum(low - q, q - high).max(axis=0)
+    beyond = np.maximum(low - least, largest - high)
     return _worst_joint(chain, beyond) if (beyond > 0).any() else None
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any, NoReturn, Self
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.wrist import WRISTS
@@ -16,178 +17,148 @@ from holdfast.names import called
 from holdfast.questions.arrays import ARRAYS, RAD, RATE, TORQUE, Row
 from holdfast.simulation.balance import WORK_TERMS, imbalance, momentum_imbalance
 from holdfast.simulation.events import Occurrence, ending
+from holdfast.simulation.interpolant import Knot, interpolant
 from holdfast.simulation.margins import JOINT_QUANTITIES
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import Setting
-from holdfast.spatial.frozen import NOT_GIVEN, Frozen
-from holdfast.spatial.rotation import quaternion_product
+from holdfast.spatial.frozen import NOT_GIVEN, Frozen, read_only
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-
-class Knot(NamedTuple):
-    """An end point of an interpolating quintic.
-
-    Attributes:
-        t: time [s].
-        state: positions and velocities.
-        accelerations: (n + 6,) accelerations of the joints [rad/s^2 or m/s^2] and of the object [omega_dot; v_dot of
-            C], world axes; a floating base adds six entries.
-    """
-
-    t: float
-    state: State
-    accelerations: Array
-
-
-def interpolant(now: Knot, later: Knot) -> Callable[[float], State]:
-    """Return the state as a function of time between two knots.
-
-    Joint positions and the position and quaternion of the object, and of a floating base, follow quintics; velocities
-    are their derivatives. Over a step h the error is O(h^6) for positions and O(h^5) for velocities, and both are exact
-    at the ends. The interpolated state is not projected, so its grasps are open by O(h^6) and O(h^5), too. If torques
-    jump at `later` (for example with a controller that holds them during a step), the accelerations there do not belong
-    to the step, and the orders are 2 and 1.
-
-    Args:
-        now: the earlier knot.
-        later: the later knot.
-
-    Raises:
-        StateError: raised by the returned function if the time is not between the two knots.
-    """
-    step = later.t - now.t
-    ends = [_motion(at, now.state) for at in (now, later)]
-    n, floats = len(now.state.q), now.state.base_pose is not None
-
-    def state(t: float) -> State:
-        if not now.t <= t <= later.t:
-            raise StateError(f"interpolation: t: expected {now.t:.9g} to {later.t:.9g} s, got {t:.9g} s")
-        x, rate = _quintic(*ends[0], *ends[1], step, (t - now.t) / step)
-        held, *base = [_pose_and_twist(x[k : k + 7], rate[k : k + 7]) for k in range(n, len(x), 7)]
-        return State(x[:n], rate[:n], *held, *(base[0] if floats else ()))
-
-    return state
-
-
-def _motion(at: Knot, near: State) -> tuple[Array, Array, Array]:
-    """Return q and (quaternion, p) of the free bodies at a knot, their rates and accelerations, (n + 7 bodies,) each.
-
-    Of the two quaternions that represent an attitude, the one nearer to that in `near` is used.
-    """
-    state, n = at.state, len(at.state.q)
-    bodies = [_free_body(state.object_pose, state.object_twist, at.accelerations[n : n + 6], near.object_pose)]
-    if state.base_pose is not None and state.base_twist is not None and near.base_pose is not None:
-        bodies.append(_free_body(state.base_pose, state.base_twist, at.accelerations[n + 6 :], near.base_pose))
-    joints = (state.q, state.qd, at.accelerations[:n])
-    x, v, a = (np.concatenate(parts) for parts in zip(joints, *bodies, strict=True))
-    return x, v, a
-
-
-def _free_body(pose: Array, twist: Array, acceleration: Array, near: Array) -> tuple[Array, Array, Array]:
-    """Return (quaternion, p) of a free body, its rate and acceleration, (7,) each.
-
-    With W = [0; omega] the quaternion's rate is W o quaternion / 2.
-    """
-    quaternion = pose[:4] if pose[:4] @ near[:4] >= 0.0 else -pose[:4]
-    spin, spinning_up = (np.concatenate([[0.0], x[:3]]) for x in (twist, acceleration))
-    turning = 0.5 * quaternion_product(spin, quaternion)
-    turning_up = 0.5 * (quaternion_product(spinning_up, quaternion) + quaternion_product(spin, turning))
-    return (
-        np.concatenate([quaternion, pose[4:]]),
-        np.concatenate([turning, twist[3:]]),
-        np.concatenate([turning_up, acceleration[3:]]),
-    )
-
-
-def _pose_and_twist(x: Array, rate: Array) -> tuple[Array, Array]:
-    """Return the pose wxyz_xyz and the twist of a free body from a quaternion that need not be normalised."""
-    quaternion, length = x[:4], np.sqrt(x[:4] @ x[:4])
-    inverse = np.array([1.0, -1.0, -1.0, -1.0]) * quaternion / length**2
-    omega = 2.0 * quaternion_product(rate[:4], inverse)[1:]  # the scalar part only changes the length
-    return np.concatenate([quaternion / length, x[4:]]), np.concatenate([omega, rate[4:]])
-
-
-def _quintic(
-    x0: Array, v0: Array, a0: Array, x1: Array, v1: Array, a1: Array, step: float, s: float
-) -> tuple[Array, Array]:
-    """Return value and rate at the fraction s of the step, 0 at its start and 1 at its end."""
-    gap = x1 - x0 - step * v0 - 0.5 * step**2 * a0  # remainder for the powers 3, 4 and 5 of s
-    gap_rate = step * (v1 - v0 - step * a0)
-    gap_acceleration = step**2 * (a1 - a0)
-    c3 = 10.0 * gap - 4.0 * gap_rate + 0.5 * gap_acceleration
-    c4 = -15.0 * gap + 7.0 * gap_rate - gap_acceleration
-    c5 = 6.0 * gap - 3.0 * gap_rate + 0.5 * gap_acceleration
-    t = s * step
-    x = x0 + t * v0 + 0.5 * t**2 * a0 + s**3 * (c3 + s * (c4 + s * c5))
-    return x, v0 + t * a0 + s**2 * (3.0 * c3 + s * (4.0 * c4 + 5.0 * s * c5)) / step
-
-
+# Lowest values since the sample before, and what tells when and where these were.
+LOWEST = {
+    "lowest_margin": ("lowest_margin_time",),
+    "lowest_joint_margin": ("lowest_joint_margin_time", "lowest_joint"),
+}
 # results of 0.1 have no such arrays
 TRUNK_FIELDS = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wrench")
+
+
+class ArrayNotRecorded(StateError):
+    """A run does not contain an array."""
+
+
+class NotRecorded(NDArrayOperatorsMixin):
+    """Stands for an array that a run does not contain; whatever is asked of it raises an error that names the array."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __repr__(self) -> str:
+        return f"<'{self._name}' was not recorded>"
+
+    def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        raise ArrayNotRecorded(
+            f"run: '{self._name}' was not recorded; try simulate(..., record=[..., '{self._name}']), or record="
+            '"everything"'
+        )
+
+    __array__ = __array_ufunc__ = __array_function__ = __getitem__ = __len__ = __iter__ = __float__ = _refuse
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # of copies and pickles
+            raise AttributeError(name)
+        self._refuse()
 
 
 @called
 @dataclass(frozen=True, eq=False)
 class Trajectory(Frozen, RunOutputs):
-    """A run sampled at every step; the first axis of every array is the sample.
+    """The samples of a run; the first axis of every array is the sample.
 
-    Shapes are those of one sample: a single sample has the same fields without the first axis. Arrays of a trunk or of
-    a floating base have the shape (0,) without one. Times increase. If torques, inputs or grasps jump, there are two
-    samples whose times differ by 1e-15 s or by one unit in the last place. `RUN_ARRAYS` lists the arrays as data.
+    There is a sample at the end of every step, unless `every` says otherwise. Shapes are those of one sample: a single
+    sample has the same fields without the first axis. Arrays of a trunk or of a floating base have the shape (0,)
+    without one. Times increase. If torques, inputs or grasps jump, there are two samples whose times differ by 1e-15 s
+    or by one unit in the last place. `RUN_ARRAYS` lists the arrays as data. An array that was not recorded raises a
+    `StateError` when it is used.
 
     Attributes:
+        every: number of steps between two samples.
         stopped: None for a run that reached its end, otherwise the reason why it ended.
         occurrences: the log in order of time: grasps that closed or opened, limits that were passed, and so on.
         setting: chain, base motions and arguments of the run; None for a run that was assembled from arrays.
     """
 
     t: Array
-    q: Array
-    qd: Array
-    qdd: Array
-    tau: Array
-    object_pose: Array
-    object_twist: Array
-    object_acceleration: Array
-    grasp_wrench: Array
-    internal_wrench: Array
-    load_share: Array
-    wrist_wrench: Array
-    base_wrench: Array
-    holding: Array
-    spin: Array
-    margin: Array
-    best_margin: Array
-    worst_margin: Array
-    lowest_margin: Array
-    lowest_margin_time: Array
-    lowest_joint_margin: Array
-    lowest_joint_margin_time: Array
-    lowest_joint: Array
-    position_gap: Array
-    velocity_gap: Array
-    kinetic: Array
-    potential: Array
-    work: Array
-    impact: Array
-    momentum: Array
-    momentum_rate: Array
-    base_impulse: Array
-    condition: Array
+    q: Array = NOT_GIVEN
+    qd: Array = NOT_GIVEN
+    qdd: Array = NOT_GIVEN
+    tau: Array = NOT_GIVEN
+    object_pose: Array = NOT_GIVEN
+    object_twist: Array = NOT_GIVEN
+    object_acceleration: Array = NOT_GIVEN
+    grasp_wrench: Array = NOT_GIVEN
+    internal_wrench: Array = NOT_GIVEN
+    load_share: Array = NOT_GIVEN
+    wrist_wrench: Array = NOT_GIVEN
+    base_wrench: Array = NOT_GIVEN
+    holding: Array = NOT_GIVEN
+    spin: Array = NOT_GIVEN
+    margin: Array = NOT_GIVEN
+    best_margin: Array = NOT_GIVEN
+    worst_margin: Array = NOT_GIVEN
+    lowest_margin: Array = NOT_GIVEN
+    lowest_margin_time: Array = NOT_GIVEN
+    lowest_joint_margin: Array = NOT_GIVEN
+    lowest_joint_margin_time: Array = NOT_GIVEN
+    lowest_joint: Array = NOT_GIVEN
+    position_gap: Array = NOT_GIVEN
+    velocity_gap: Array = NOT_GIVEN
+    kinetic: Array = NOT_GIVEN
+    potential: Array = NOT_GIVEN
+    work: Array = NOT_GIVEN
+    impact: Array = NOT_GIVEN
+    momentum: Array = NOT_GIVEN
+    momentum_rate: Array = NOT_GIVEN
+    base_impulse: Array = NOT_GIVEN
+    condition: Array = NOT_GIVEN
     base_pose: Array = NOT_GIVEN
     base_twist: Array = NOT_GIVEN
     base_acceleration: Array = NOT_GIVEN
     trunk_base_wrench: Array = NOT_GIVEN
+    every: int = 1
     stopped: str | None = None
     occurrences: tuple[Occurrence, ...] = ()
     setting: Setting | None = None
 
     def __post_init__(self) -> None:
-        for name in TRUNK_FIELDS:
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, np.zeros((*np.shape(self.t), 0)))
+        missing = [name for name in array_names() if getattr(self, name) is None]
+        without_trunk = np.zeros((*np.shape(self.t), 0)) if set(missing) <= set(TRUNK_FIELDS) else None
+        for name in missing:
+            object.__setattr__(self, name, NotRecorded(name) if without_trunk is None else without_trunk)
         super().__post_init__()
+
+    @classmethod
+    def on_disk(cls, names: Sequence[str], read: Callable[[str], Array]) -> Self:
+        """Return a run whose arrays are read when they are first used.
+
+        Args:
+            names: the arrays that there are.
+            read: returns the array of a name.
+        """
+        nothing: dict[str, Any] = dict.fromkeys(names, np.zeros(0))
+        run = cls(**nothing)
+        for name in names:
+            del run.__dict__[name]
+        run.__dict__["_read"] = read
+        return run
+
+    def __getattr__(self, name: str) -> Any:
+        if "_read" not in self.__dict__ or name not in array_names():
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+        self.__dict__[name] = found = read_only(self.__dict__["_read"](name))
+        return found
+
+    @property
+    def recorded(self) -> list[str]:
+        """The names of the arrays that the run contains."""
+        held = self.__dict__
+        return [name for name in array_names() if not isinstance(held.get(name), NotRecorded)]
+
+    @property
+    def has_every_array(self) -> bool:
+        """Whether everything was recorded."""
+        return len(self.recorded) == len(array_names())
 
     def __len__(self) -> int:
         return len(self.t)
@@ -246,7 +217,15 @@ class Trajectory(Frozen, RunOutputs):
 
     @property
     def momentum_imbalance(self) -> Array:
-        """(samples, 6) change of [angular; linear] momentum that no wrench explains [N m s, N s]."""
+        """(samples, 6) change of [angular; linear] momentum that no wrench explains [N m s, N s].
+
+        Raises:
+            StateError: there is not a sample at every step, so that wrenches cannot be integrated.
+        """
+        if self.every > 1:
+            raise StateError(
+                f"momentum_imbalance: expected a sample at every step, got one every {self.every} steps; try every=1"
+            )
         return momentum_imbalance(self.t, self.momentum, self.momentum_rate, self.base_impulse)
 
 
@@ -263,19 +242,24 @@ def text_of(run: Trajectory) -> str:
 
 def joined(runs: Sequence[Trajectory], stopped: str | None = None) -> Trajectory:
     """Return successive parts of a run, one or more, as one."""
-    arrays: dict[str, Any] = {key: np.concatenate([getattr(run, key) for run in runs]) for key in array_names()}
-    return Trajectory(**arrays, stopped=stopped, occurrences=tuple(one for run in runs for one in run.occurrences))
-
-
-def single(run: Trajectory, k: int, occurrences: tuple[Occurrence, ...] = ()) -> Trajectory:
-    """Return sample k of a run, without the sample axis."""
-    return Trajectory(**{name: getattr(run, name)[k] for name in array_names()}, occurrences=occurrences)
+    return _combined(np.concatenate, runs, stopped)
 
 
 def stacked(samples: Sequence[Trajectory], stopped: str | None = None) -> Trajectory:
     """Return a run made of single samples."""
-    arrays: dict[str, Any] = {key: np.stack([getattr(s, key) for s in samples]) for key in array_names()}
-    return Trajectory(**arrays, stopped=stopped, occurrences=tuple(one for s in samples for one in s.occurrences))
+    return _combined(np.stack, samples, stopped)
+
+
+def _combined(how: Callable[[list[Array]], Array], runs: Sequence[Trajectory], stopped: str | None) -> Trajectory:
+    arrays: dict[str, Any] = {name: how([getattr(run, name) for run in runs]) for name in runs[0].recorded}
+    happened = tuple(one for run in runs for one in run.occurrences)
+    return Trajectory(**arrays, every=runs[0].every, stopped=stopped, occurrences=happened)
+
+
+def part_of(run: Trajectory, k: Any, occurrences: tuple[Occurrence, ...] = ()) -> Trajectory:
+    """Return the samples of a run at an index or a slice; a number gives one sample, without the sample axis."""
+    arrays = {name: getattr(run, name)[k] for name in run.recorded}
+    return Trajectory(**arrays, every=run.every, occurrences=occurrences)
 
 
 def require_run_of(chain: Any, run: Any) -> None:
@@ -292,11 +276,9 @@ def require_run_of(chain: Any, run: Any) -> None:
         raise StateError(f"run: expected a Trajectory, as simulate returns it, got a {type(run).__name__}{inside}")
     if not len(run):
         raise StateError("run: expected samples, got none")
-    here, there = (chain.joint_count, len(chain.arms)), (run.q.shape[1], run.grasp_wrench.shape[1])
-    if here != there:
-        raise StateError(
-            f"run: expected one of this chain, {here[0]} joints in {here[1]} arms, got {there[0]} in {there[1]}"
-        )
+    for name, size, what in (("q", chain.joint_count, "joints"), ("grasp_wrench", len(chain.arms), "arms")):
+        if name in run.recorded and (got := getattr(run, name).shape[1]) != size:
+            raise StateError(f"run: expected one of this chain with {size} {what}, got {got}")
 
 
 GAPS = ("before", "after")
@@ -341,6 +323,10 @@ _SECTION = "    Attributes:\n"
 Trajectory.__doc__ = (Trajectory.__doc__ or "").replace(
     _SECTION, _SECTION + "".join(f"        {name}: {row.text}.\n" for name, row in RUN_ARRAYS.items())
 )
+
+for _name in RUN_ARRAYS:  # their defaults, so that an array on disk is asked for
+    if _name in vars(Trajectory):
+        delattr(Trajectory, _name)
 
 
 def array_names() -> list[str]:

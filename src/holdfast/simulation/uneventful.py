@@ -285,7 +285,7 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
     of_grasps = margins[:, -1, : len(segment.environment.chain.arms)]
     arrays, allowed = _with_forces(x, instant, segment), (of_grasps, of_grasps, of_grasps)
     samples = Samples(t, arrays, allowed, x["gaps"], work, *lowest_of(times, margins))
-    run = recorded(segment.environment, segment.stepper.accounts, samples, saved.sums)
+    run = recorded(segment.environment, segment.stepper.accounts, samples, saved.sums, segment.settings.recording.names)
     followed, largest = _followed(saved.tracker, samples), _largest(at, steps)
 
     def origin(k: int) -> Origin:

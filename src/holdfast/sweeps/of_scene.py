@@ -24,6 +24,7 @@ from holdfast.model import checks
 from holdfast.scenario.build import Scenario, parse_scene
 from holdfast.scenario.robots import RobotFiles
 from holdfast.scenario.scene import NearPoseTable, NormalTable, UniformTable
+from holdfast.simulation.run_record import EVERYTHING
 from holdfast.sweeps.distributions import NearPose, Normal, Uniform
 from holdfast.sweeps.plan import OUTPUTS, Plan, plan_of
 from holdfast.sweeps.result import Sweep
@@ -32,7 +33,7 @@ from holdfast.sweeps.sweep import Progress, carry_out
 
 OF_INSTALLATION = {"versions", "processor", "model_sha256", "law_sha256", "state_sha256"}  # may change its last bits
 # keys of `[simulation]` that rollouts support, and the names of their arguments
-STEADY = {"on_singular": "stop"}
+STEADY = {"on_singular": "stop", "record": EVERYTHING, "every": 1}
 LEAST_MARGIN = {"stop": 0.0, "record": -float("inf")}
 AT_LIMITS = {"stop": True, "record": False}
 

@@ -98,12 +98,15 @@ def html_of_run(run: Any) -> str | None:
         whole = run.whole_run()
         chain = whole.require_setting().chain
         require_run_of(chain, whole)
-        lines = html_of_summary(summarise(chain, whole))
+        lines = html_of_summary(summarise(chain, whole)) if whole.has_every_array else ""
     except HoldfastError:
         return None
     head = f"<b>{escaped(text_of(whole))}</b>"
     try:
-        name, figure = next(iter(figures(chain, whole).items()))
+        drawn = figures(chain, whole)
     except MissingExtra:
+        drawn = {}
+    if not drawn:
         return head + lines
+    name, figure = next(iter(drawn.items()))
     return f'{head}<div style="display:flex;gap:2em;align-items:start">{lines}{image(figure, name)}</div>'

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from os import PathLike
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from holdfast.io.files import file_path
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import WORK_TERMS
-from holdfast.simulation.trajectory import Trajectory, require_run_of
+from holdfast.simulation.trajectory import ArrayNotRecorded, Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style as style
 from holdfast.view.playback import base_travel
@@ -26,23 +27,24 @@ BEYOND = 1e9  # N: further than any axis goes
 def figures(chain: ClosedChain, run: Trajectory) -> dict[str, Any]:
     """Return the figures that have something to show, by name.
 
-    Margins need a grasp with a limit, load shares two arms that hold the object.
+    Margins need a grasp with a limit, load shares two arms that hold the object, and each its recorded arrays.
 
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    holding = int(run.holding.any(axis=0).sum())
-    found: dict[str, Any] = {}
-    if holding:
-        found["grasp_wrenches"] = grasp_wrench_figure(chain, run)
-    if np.isfinite(run.margin).any():
-        found["friction_margins"] = friction_margin_figure(chain, run)
-    if chain.floats:
-        found["base_motion"] = base_motion_figure(run)
-    found["joint_torques"] = joint_torque_figure(chain, run)
-    if holding > 1:
-        found["load_share"] = load_share_figure(chain, run)
-    found["closure_and_energy"] = closure_and_energy_figure(run)
+    choices: dict[str, tuple[Callable[[], Any], Callable[[], Any]]] = {
+        "grasp_wrenches": (lambda: run.holding.any(), lambda: grasp_wrench_figure(chain, run)),
+        "friction_margins": (lambda: np.isfinite(run.margin).any(), lambda: friction_margin_figure(chain, run)),
+        "base_motion": (lambda: chain.floats, lambda: base_motion_figure(run)),
+        "joint_torques": (lambda: True, lambda: joint_torque_figure(chain, run)),
+        "load_share": (lambda: run.holding.any(axis=0).sum() > 1, lambda: load_share_figure(chain, run)),
+        "closure_and_energy": (lambda: True, lambda: closure_and_energy_figure(run)),
+    }
+    found = {}
+    for name, (shows_something, draw) in choices.items():
+        with suppress(ArrayNotRecorded):
+            if shows_something():
+                found[name] = draw()
     return found
 
 

@@ -36,7 +36,7 @@ from holdfast.simulation.rollout.user_functions import with_wrenches
 from holdfast.simulation.sample import Samples, recorded, sample
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.step import Gaps
-from holdfast.simulation.trajectory import Trajectory, array_names, joined
+from holdfast.simulation.trajectory import Trajectory, array_names, joined, part_of
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
@@ -196,8 +196,8 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     ]
     parts = [*by_reference, *([_recorded(world, rollout, last, rows[1:])] if len(rows) > 1 else [])]
     order = np.argsort(np.concatenate([part.t for part in parts]))
-    run = joined(parts, stopped)
-    run = replace(run, occurrences=happened, **{name: getattr(run, name)[order] for name in array_names()})
+    run = joined(parts)
+    run = replace(part_of(run, order, happened), stopped=stopped, every=stride)
     moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
     options = {"scheme": rollout.scheme, **arguments.options}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])
@@ -286,7 +286,9 @@ def _recorded(
         return rollout.kernel.accounts(systems_at(rollout.kernel, arrays), now, parameters)
 
     allowed, times = (of_grasps, of_grasps, of_grasps), np.repeat(t[:, None], margins.shape[1], axis=1)
-    return recorded(world, accounting, Samples(t, x, allowed, x["gaps"], x["work"], margins, times), sums)
+    return recorded(
+        world, accounting, Samples(t, x, allowed, x["gaps"], x["work"], margins, times), sums, array_names()
+    )
 
 
 def _sample(world: Environment, rollout: Any, x: Mapping[str, Array]) -> Trajectory:
@@ -295,4 +297,4 @@ def _sample(world: Environment, rollout: Any, x: Mapping[str, Array]) -> Traject
     now = evaluate(world, lambda *_: (tau, None), float(x["t"]), state, None, generic_rank=rollout.generic_rank)
     gaps, sums = Gaps(*x["gaps"].reshape(2, 2).T), Sums(x["work"], 0.0, np.zeros(6))
     margins = Signals(world.chain).of(now)[None]
-    return sample(world, partial(accounts_of, world), now, gaps, sums, np.array([now.t]), margins)
+    return sample(world, partial(accounts_of, world), now, gaps, sums, np.array([now.t]), margins, array_names())
