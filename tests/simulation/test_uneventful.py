@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -59,12 +60,34 @@ def of_pandas(kind: Any = "rigid", contact: hf.Friction | None = None, **options
     return run
 
 
-def beyond_limits(**more: Any) -> hf.simulation.Trajectory:
+def by_function(kind: Any = "rigid", contact: hf.Friction | None = None, **options: Any) -> Callable[[], Any]:
+    """Return what simulates two Pandas under a Python function with a memory, which integrates."""
+
+    def run(**more: Any) -> hf.simulation.Trajectory:
+        chain, state = facing_pandas(kind, contact)
+        return hf.simulate(chain, state, integrating(chain, state), STEPS * STEP, STEP, **options, **more)
+
+    return run
+
+
+def integrating(chain: hf.ClosedChain, state: hf.State) -> Callable[[float, hf.State, Any], Any]:
+    """Return springs as a Python function, with a sum of errors as memory."""
+    law = springs(chain, state)
+
+    def controller(t: float, now: hf.State, memory: Any) -> Any:
+        summed = (0.0 if memory is None else memory) + STEP * (state.q - now.q)
+        return np.asarray(law.torque(t, now, np.zeros(0), {})[0]) + 5.0 * summed, summed
+
+    return controller
+
+
+def beyond_limits(function: bool = False, **more: Any) -> hf.simulation.Trajectory:
     """Simulate arms whose drives are asked for more than their limits most of the time, which is recorded."""
     chain, state = facing_pandas("softfinger", RUBBER)
     joints = {name: [replace(joint, effort_limit=4.0) for joint in arm.joints] for name, arm in chain.arms.items()}
     weak = replace(chain, arms={name: replace(arm, joints=joints[name]) for name, arm in chain.arms.items()})
-    return hf.simulate(weak, state, springs(chain, state), STEPS * STEP, STEP, **more)
+    law = integrating(chain, state) if function else springs(chain, state)
+    return hf.simulate(weak, state, law, STEPS * STEP, STEP, **more)
 
 
 def four_bar(**more: Any) -> hf.simulation.Trajectory:
@@ -92,6 +115,13 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
     "a moving base": (of_pandas(base_motion={"left": swaying}), STEPS // 4),
     "flat linkage": (four_bar, 50),
     "platform": (platform, STEPS // 4),
+    "function": (by_function(), STEPS // 2),
+    "function, soft fingers": (by_function("softfinger", RUBBER), STEPS // 2),
+    "function, midpoint, breakpoints": (by_function(scheme="midpoint", breakpoints=[0.02, 0.0305]), STEPS // 4),
+    "function, a moving base": (by_function(base_motion={"left": swaying}), STEPS // 4),
+    "function, an arm lets go": (by_function("softfinger", RUBBER, events=[hf.Release(0.04, "left")]), STEPS // 8),
+    "function, recorded violations": (partial(beyond_limits, True), STEPS // 4),
+    "function, little drift": (by_function(largest_drift=1e-9), 0),
 }
 
 
@@ -148,6 +178,62 @@ def test_a_sample_is_asked_for_once(monkeypatch):
     np.testing.assert_allclose(asked, STEP * np.arange(STEPS), atol=1e-15)
 
 
+@pytest.mark.parametrize("options", [{}, {"scheme": "midpoint"}, {"breakpoints": [0.0205]}])
+def test_a_function_is_called_at_the_stages(options):
+    """Once at each, if no margin needs a closer look; the motion is that of the traced law, and so are the margins."""
+    chain, state = facing_pandas("softfinger", RUBBER)
+    hold, asked = hf.holding_torques(chain, state, internal_force=40.0), []
+
+    def torque(t: Any, now: Any, memory: Any, given: Any) -> Any:
+        return (1.0 - 0.2 * t) * hold - 2.0 * now.qd, memory  # so that it sinks, faster and faster
+
+    def controller(t: float, now: hf.State, memory: Any) -> Any:
+        asked.append(t)
+        return torque(t, now, None, {})[0], memory
+
+    laws = controller, hf.ControlLaw(torque)
+    run, traced = (hf.simulate(chain, state, one, STEPS * STEP, STEP, **options) for one in laws)
+    stages = 2 if options.get("scheme") == "midpoint" else 4
+    assert stages * STEPS <= len(asked) <= stages * STEPS + 20
+    for name in ("t", "q", "qd", "tau", "grasp_wrench", "work", "margin"):
+        mine, theirs = getattr(run, name), getattr(traced, name)
+        np.testing.assert_allclose(mine, theirs, rtol=0.0, atol=1e-11 * max(1.0, np.abs(theirs).max()), err_msg=name)
+    for name in ("lowest_margin", "lowest_joint_margin"):
+        mine, theirs = getattr(run, name), getattr(traced, name)
+        finite = np.isfinite(theirs)
+        np.testing.assert_allclose(mine[finite], theirs[finite], rtol=1e-4, err_msg=name)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_instants_under_a_function(seed):
+    """Effort limits are passed when they are under the same law, traced, to a billionth of a second."""
+    chain, state = facing_pandas()
+    random = np.random.default_rng(seed)
+    hold = hf.holding_torques(chain, state, internal_force=20.0)
+    size, rate, phase = (random.uniform(*bounds, 14) for bounds in ((1.0, 3.0), (40.0, 200.0), (0.0, 6.0)))
+
+    def torque(t: Any, now: Any, memory: Any, given: Any) -> Any:
+        return hold + size * scalar.sin(rate * t + phase) - 3.0 * now.qd, memory
+
+    joints = {
+        name: [
+            replace(joint, effort_limit=abs(h) + 2.0)
+            for joint, h in zip(arm.joints, hold[chain.joints[name]], strict=True)
+        ]
+        for name, arm in chain.arms.items()
+    }
+    weak = replace(chain, arms={name: replace(arm, joints=joints[name]) for name, arm in chain.arms.items()})
+
+    def controller(t: float, now: hf.State, memory: Any) -> Any:
+        return torque(t, now, None, {})[0], memory
+
+    mine, theirs = (hf.simulate(weak, state, one, 0.1, STEP) for one in (controller, hf.ControlLaw(torque)))
+    assert len(theirs.occurrences) > 3
+    for a, b in zip(mine.occurrences, theirs.occurrences, strict=True):
+        assert (a.kind, a.name, a.quantity) == (b.kind, b.name, b.quantity)
+        assert abs(a.t - b.t) < 1e-9
+
+
 def test_a_controller_that_fails():
     """The samples before are kept, and its own error is raised, as when it is asked one by one."""
     chain, state = facing_pandas()
@@ -158,9 +244,11 @@ def test_a_controller_that_fails():
             raise ZeroDivisionError("at half time")
         return law(t, now, memory)
 
-    with pytest.raises(ZeroDivisionError, match="at half time"):
-        hf.simulate(chain, state, controller, STEPS * STEP, STEP, sample_time=STEP, on_sample=seen.append)
-    assert float(seen[-1].t) == pytest.approx(0.05, abs=1e-12)
+    for sample_time in (STEP, None):
+        seen.clear()
+        with pytest.raises(ZeroDivisionError, match="at half time"):
+            hf.simulate(chain, state, controller, STEPS * STEP, STEP, sample_time=sample_time, on_sample=seen.append)
+        assert float(seen[-1].t) == pytest.approx(0.05 if sample_time else 0.049, abs=1e-12)
 
 
 def test_asked_once():

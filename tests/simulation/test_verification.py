@@ -9,8 +9,9 @@ import pytest
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.errors import ModelError, StateError
 from holdfast.simulation.bracket import crossing, search_lowest, together
+from holdfast.simulation.rollout.compiled_steppers import StagewiseStepper
 from holdfast.simulation.simulate import simulate
-from holdfast.simulation.stepper import NO_GAPS, Advance
+from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper
 from holdfast.simulation.stops import step_times, stops
 from holdfast.simulation.verification import MarginCurves, evaluation_times, verify
 from tests.simulation.dips import Dips, found_dips
@@ -124,7 +125,7 @@ def test_refused_points():
 def test_dips_of_a_chain():
     """Twenty dips of a contact's margin, from a quarter of a step on and of any shape, are all found."""
     dips = Dips.random(20, H, 0.25, 1.5, seed=7)
-    found_dips(dips, H, scheme="midpoint")
+    found_dips(dips, H, scheme="midpoint", make_stepper=StagewiseStepper)
 
 
 def test_dips_between_knots():
@@ -161,7 +162,7 @@ def test_dips_of_a_polynomial_piece():
 
 
 def test_no_limits_cost_nothing():
-    """Without contacts and limits a step asks its stepper for its end alone."""
+    """Without contacts and limits a step asks its stepper for its end alone; nor do they cost calls of a function."""
     chain, state = pressed()
     free = chain.without_grasp("pusher")
     calls = []
@@ -174,7 +175,11 @@ def test_no_limits_cost_nothing():
     plain = len(calls)
     assert plain <= 4 * 5 + 2
     calls.clear()
-    simulate(chain, state, lambda t, s, m: (counting(t, s, m)[0] + 1.0, m), 0.05, H)
+    pushing = chain, state, lambda t, s, m: (counting(t, s, m)[0] + 1.0, m), 0.05, H
+    simulate(*pushing)
+    assert len(calls) == plain
+    calls.clear()
+    simulate(*pushing, make_stepper=ReferenceStepper)
     assert len(calls) >= 8 * (plain - 2)
 
 

@@ -34,6 +34,7 @@ class Options:
         held: whether steps hold as many rows of the constraint as its generic rank (see `held_rows`).
         implicit: whether additional joint armatures and torques are inputs, for the stages of implicit steps.
         resolution: whether steps notice that they may not follow the motion (`simulation.resolution`).
+        stages: number of stages of a step whose torques are given (`rollout.stage_torques`); 0 if a law computes them.
     """
 
     route: Route = "auto"
@@ -43,6 +44,7 @@ class Options:
     held: bool = False
     implicit: bool = False
     resolution: bool = False
+    stages: int = 0
 
 
 def require_rank(generic_rank: Any, chain: ClosedChain, what: str) -> None:

@@ -15,6 +15,7 @@ from holdfast.simulation.confirmation import Window, explained, require_shown, r
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_configuration import (
     ALMOST,
@@ -30,7 +31,7 @@ from holdfast.simulation.singular_configuration import (
 from holdfast.simulation.stability import elsewhere
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Advance, Stepper
-from holdfast.simulation.verification import MarginCurves, StepMargins, evaluation_times, verify
+from holdfast.simulation.verification import MarginCurves, StepMargins, evaluation_times, in_doubt, verify
 from holdfast.spatial.scalar import Array
 
 LARGEST_RATE = 1e30  # rad/s or m/s: the squares of faster rates soon overflow float64
@@ -218,6 +219,7 @@ def _step_to(
         curves.margins[reached.t] = segment.margins(reached.instant)
         until = reached.t
     times = evaluation_times(now.t, until, segment.scheme.c.tolist()) if len(signals.limited) else [until]
+    _screen(curves, at, stepper or segment.stepper, times)
     found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest)
     end = found.end
     window = Window(segment, at.previous, now)
@@ -276,6 +278,22 @@ def _require_step(window: Window, found: StepMargins, until: float, tracker: Vio
         raise StateError(why) if settings.scheme.adaptive else too_long(window, until, why)
     if not settings.scheme.adaptive:
         require_shown(window, found, tracker)
+
+
+def _screen(curves: MarginCurves, at: RunState, stepper: Stepper, times: list[float]) -> None:
+    """Enter the margins of a step under a Python function that is called at its stages only, if none is in doubt."""
+    limited, tracker = at.segment.signals.limited, at.checkpoint.tracker
+    if not isinstance(stepper, PythonLawStepper) or len(times) == 1:
+        return
+    found = stepper.screened(at.now, times)
+    if any(one.instant is None for one in found):
+        return
+    margins = at.segment.margins_of([one.instant for one in found if one.instant is not None])
+    before = at.checkpoint.tail if at.previous is not None else np.full(len(at.segment.signals), -np.inf)
+    both = np.concatenate([before[None], at.margins[-1:], margins])[None, :, limited]
+    if not in_doubt(both, np.isfinite(tracker.since[limited]), tracker.lowest[limited])[0]:
+        curves.advances.update(zip(times, found, strict=True))
+        curves.margins.update(zip(times, margins, strict=True))
 
 
 def _margin_curves(at: RunState, stepper: Stepper) -> MarginCurves:

@@ -25,6 +25,7 @@ from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.resolution import leap, least_difference
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.kernel import Systems
+from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.rollout.rows import TWISTS, gaps_of, velocities_in
 from holdfast.simulation.run_step import LARGEST_RATE, RunState
 from holdfast.simulation.sample import Samples, arrays_of, lowest_of, recorded
@@ -33,7 +34,7 @@ from holdfast.simulation.singular_configuration import changes_much, may_lose
 from holdfast.simulation.stability import cell
 from holdfast.simulation.stepper import SubdividingStepper
 from holdfast.simulation.trajectory import Trajectory
-from holdfast.simulation.verification import evaluation_parts, may_cross, minima
+from holdfast.simulation.verification import evaluation_parts, in_doubt
 from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.scalar import Array
 
@@ -87,6 +88,7 @@ class _Steps(NamedTuple):
             start without an evaluation that belongs to the same smooth stretch.
         held: the state of a sampled controller during each step.
         failed: number of the step before which the controller raised an error; k if it did not.
+        memories: as in `Taken`.
     """
 
     times: Array
@@ -97,6 +99,7 @@ class _Steps(NamedTuple):
     margins: Array
     held: Sequence[HeldTorques | None]
     failed: int
+    memories: tuple[Sequence[Any], Sequence[Any]] | None
 
     @property
     def lengths(self) -> Array:
@@ -113,6 +116,8 @@ def _stepper(segment: Segment) -> FusedStepper | None:
     """Return the stepper whose steps can be taken together; None if there is none."""
     stepper = segment.stepper
     whole = stepper.whole if isinstance(stepper, SubdividingStepper) else stepper
+    if isinstance(stepper, SubdividingStepper) and isinstance(whole, PythonLawStepper):
+        return None  # whose steps are not screened
     return whole if isinstance(whole, FusedStepper) else None
 
 
@@ -142,7 +147,7 @@ def _taken(at: RunState, stepper: FusedStepper, ends: Array, jumps: Array) -> _S
     times = np.concatenate([begins[:, None], inside, ends[:, None]], axis=1)
     held: list[HeldTorques | None] = []
     remember = None if at.checkpoint.held is None else _sampling(at, begins, jumps, held)
-    points, after_jumps = stepper.take(now, begins, times[:, 1:] - times[:, :1], jumps, remember)
+    points, after_jumps, taken, memories = stepper.take(now, times, jumps, remember)
     starts = {}
     for name, x in arrays_of(now).items():
         starts[name] = np.concatenate([x, points[name][:-1, -1]])
@@ -153,8 +158,8 @@ def _taken(at: RunState, stepper: FusedStepper, ends: Array, jumps: Array) -> _S
     before = np.concatenate([tail[None], margins[:-1, -2] if len(parts) else here[:-1]])
     here[jumps], before[jumps] = segment.signals.of_arrays(after_jumps)[jumps, 0], -np.inf
     margins = np.concatenate([before[:, None], here[:, None], margins], axis=1)
-    failed = len(ends) if remember is None else len(held)
-    return _Steps(times, jumps, points, starts, after_jumps, margins, held, failed)
+    failed = taken if remember is None else len(held)
+    return _Steps(times, jumps, points, starts, after_jumps, margins, held, failed, memories)
 
 
 def _sampling(
@@ -196,20 +201,13 @@ def _near_limits(at: RunState, steps: _Steps) -> Array:
     m = steps.margins[..., signals.limited]
     if not m.size:
         return np.zeros(len(m), dtype=bool)
-    here = m[:, 1:]  # without the evaluation before the step
     if signals.grasps_limited:  # forces that are not unique are chosen by the reference
         unique = steps.points["rank"] == at.segment.environment.chain.constraint_row_count
         found = ~unique.all(axis=1)
     else:
         found = np.zeros(len(m), dtype=bool)
-    beyond = np.isfinite(at.checkpoint.tracker.since[signals.limited])  # recorded violations, which may go on
-    lowest = here.min(axis=1)
-    least = np.minimum.accumulate(np.concatenate([at.checkpoint.tracker.lowest[None, signals.limited], lowest]))[1:]
-    found |= np.where(beyond, ~(here.max(axis=1) < 0.0), lowest < 0.0).any(axis=1)
-    found |= may_cross(here[:, 0], here[:, 1], here[:, 2]).any(axis=1)
-    found |= may_cross(here[:, -1], here[:, -2], here[:, -3]).any(axis=1)
-    found[minima(m, least)[0]] = True
-    return found
+    tracker = at.checkpoint.tracker
+    return found | in_doubt(m, np.isfinite(tracker.since[signals.limited]), tracker.lowest[signals.limited])
 
 
 def _unresolved(at: RunState, steps: _Steps) -> Array:
@@ -276,11 +274,15 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
     margins[jumped], times[jumped] = margins[jumped, :1], times[jumped, :1]
     t = times[:, -1]
     work = np.cumsum(np.concatenate([saved.sums.work[None], x["work"]]), axis=0)[1:]
-    passed = x.get("before", [memory] * len(t))
+    returned: Sequence[Any] = [memory] * len(t)
+    passed = x.get("before", returned)
+    if steps.memories is not None:
+        returned = [steps.memories[0 if jump else 1][k] for k, jump in zip(step.tolist(), jumped.tolist(), strict=True)]
+        passed = [memory, *returned[:-1]]
 
     @cache
     def instant(k: int) -> Instant:
-        return stepper.instant(x, k, float(t[k]), memory)
+        return stepper.instant(x, k, float(t[k]), returned[k])
 
     of_grasps = margins[:, -1, : len(segment.environment.chain.arms)]
     arrays, allowed = _with_forces(x, instant, segment), (of_grasps, of_grasps, of_grasps)

@@ -2,7 +2,10 @@
 
 The margins are known at the step's start. They are also evaluated after every eighth of the step and at the stage times
 of the scheme. Each of these points is reached by one shorter step from the start (in parts, if `SubdividingStepper`
-divides it), never by an interpolant.
+divides it), never by an interpolant. A controller that is a Python function and is not sampled is called at the stages
+of the step only: at those points its torques are those of a quadratic through its answers, and it is called for a
+margin that may be negative or lower than before (`rollout.python_law_stepper`). What such a function does between two
+stages is neither part of the motion nor verified.
 
 *Every dip below zero that lasts a quarter of a step is certain to be found.* The evaluations are at most h/8 apart,
 also across steps, so any interval of length h/4 contains at least two of them, and a dip of any shape appears as a
@@ -219,6 +222,24 @@ def minima(m: Array, least: Array) -> tuple[Array, Array, Array]:
     deep = (possible < least[step, signal] - FLAT * sizes) | ((lowest >= 0.0) & (possible < 0.0))
     found = (drop > FLAT * sizes) & deep
     return step[found], row[found], signal[found]
+
+
+def in_doubt(margins: Array, beyond: Array, lowest: Array) -> Array:
+    """Return in which of several successive steps a margin is or may be negative, or has a minimum to refine, (k,).
+
+    Args:
+        margins: (k, points, signals) margins at the last evaluation before each step, at its start, and inside it up to
+            its end; minus infinity where there is no evaluation before it.
+        beyond: (signals,) whether a recorded violation goes on, in which a margin stays negative.
+        lowest: (signals,) the lowest margins of the run so far.
+    """
+    here = margins[:, 1:]
+    least = here.min(axis=1)
+    found = np.where(beyond, ~(here.max(axis=1) < 0.0), least < 0.0).any(axis=1)
+    found |= may_cross(here[:, 0], here[:, 1], here[:, 2]).any(axis=1)
+    found |= may_cross(here[:, -1], here[:, -2], here[:, -3]).any(axis=1)
+    found[minima(margins, np.minimum.accumulate(np.concatenate([lowest[None], least]))[1:])[0]] = True
+    return found
 
 
 def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> float | None:

@@ -16,6 +16,7 @@ from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.compiled_steppers import FusedStepper, StagewiseStepper, stepper_for
+from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.runge_kutta import scheme
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.spatial import rotation
@@ -68,6 +69,25 @@ def stubborn(t: float, state: State, memory: Any) -> tuple[np.ndarray, Any]:
     if state.object_twist[3] > 0.0 or len(count) > 1:
         tau = tau + 1.0
     return tau, [*count, t]
+
+
+@pytest.mark.parametrize(("name", "by"), [("five", "rk4"), ("nobody holds", "rk4"), ("one", "midpoint")])
+def test_python_law(name, by):
+    """A function that branches and remembers, asked once a stage; torques between the stages are close to its own."""
+    chain, state = problem(name)
+    environment, rank = pushed(chain), generic_rank(chain, state)
+    reference = ReferenceStepper(environment, stubborn, rank, scheme(by))
+    stepper = PythonLawStepper.of_controller(environment, stubborn, scheme(by), rank)
+    agree(stepper, reference, state)
+    (now, _), ends = stepper.start(BEGIN, state, None), [BEGIN + part * 1e-3 for part in (0.3, 0.5, 1.0)]
+    screened, exact = stepper.screened(now, ends), stepper.advance(now, ends)
+    assert screened[-1].instant and exact[-1].instant
+    assert difference(numbers(screened[-1].instant), numbers(exact[-1].instant)) == 0.0
+    assert screened[-1].instant.memory == exact[-1].instant.memory == [BEGIN, BEGIN + 1e-3]
+    for a, b in zip(screened, exact, strict=True):
+        assert a.instant and b.instant
+        np.testing.assert_allclose(a.instant.tau, b.instant.tau, atol=1e-3 * max(1.0, np.abs(now.tau).max()))
+        np.testing.assert_allclose(a.instant.state.q, b.instant.state.q, atol=1e-8)
 
 
 def wind(t: float) -> Inputs:
@@ -126,6 +146,7 @@ def test_failures_are_each_ends_own():
     for stepper in (
         FusedStepper.of(environment, law, scheme("rk4"), rank),
         StagewiseStepper(environment, stubborn, rank, scheme("rk4"), Tolerance()),
+        PythonLawStepper.of_controller(environment, stubborn, scheme("rk4"), rank),
     ):
         now, _ = stepper.start(BEGIN, state, None)
         near, far = stepper.advance(now, [BEGIN + 1e-3, BEGIN + 5.0])

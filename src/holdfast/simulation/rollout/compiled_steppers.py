@@ -29,6 +29,7 @@ from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows, systems_at
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
+from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, late, refuse, state_rows
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
 from holdfast.simulation.step import (
@@ -326,6 +327,8 @@ def stepper_for(
     if law is None or scheme.adaptive or not traceable:
         if _moves_trunk_base(environment, acting):  # stagewise steps do not support this
             return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
+        if law is None and traceable and not (scheme.adaptive or scheme.implicit):
+            return PythonLawStepper.of_controller(environment, controller, scheme, generic_rank)
         return StagewiseStepper(environment, controller, generic_rank, scheme, tolerance, law)
     return FusedStepper.of(environment, law, scheme, generic_rank, values)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from holdfast.simulation.increment import no_turns
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, failure, gaps_of, instant_of, late, refuse, state_rows
-from holdfast.simulation.rollout.successive_steps import SuccessiveSteps
+from holdfast.simulation.rollout.successive_steps import Driven, SuccessiveSteps
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Gaps, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance
@@ -24,6 +24,23 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 MOST_TOGETHER = 64  # steps
+
+
+class Taken(NamedTuple):
+    """The results of successive steps.
+
+    Attributes:
+        ends: results at the points of the steps, (k, points, ...) by name.
+        starts: evaluations after the jumps at which steps begin, (k, 1, ...) by name.
+        taken: number of steps that were taken; results of the others mean nothing.
+        memories: memory that the controller returned at the start, if there was a jump, and at the end of each step;
+            None if it is part of the results.
+    """
+
+    ends: Systems
+    starts: Systems
+    taken: int
+    memories: tuple[Sequence[Any], Sequence[Any]] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,34 +93,38 @@ class FusedStepper:
     def take(
         self,
         now: Instant,
-        begin: Array,
-        step: Array,
+        times: Array,
         jumps: Array,
         remember: Callable[[int, Systems], Array | None] | None,
-    ) -> tuple[Systems, Systems]:
-        """Return the results of successive steps at several points of each, (k, points, ...) by name.
+    ) -> Taken:
+        """Return the results of successive steps at several points of each.
 
-        Each step leads on from the last point of the one before. The second result contains the evaluations after
-        jumps, (k, 1, ...) by name. All arrays are overwritten by the next call.
+        Each step leads on from the last point of the one before. All arrays are overwritten by the next call.
 
         Args:
             now: the instant at which the first step begins, before a jump.
-            begin: (k,) times at which the steps begin [s]; at most `MOST_TOGETHER`.
-            step: (k, points) lengths from there to the points [s].
+            times: (k, points + 1) times at which the steps begin, and their points [s]; at most `MOST_TOGETHER` steps.
             jumps: (k,) whether torques or inputs jump at the start of each step.
             remember: function of the number of a step and of the results of the steps before it that returns the memory
                 of the law from then on, or None for no change; None if the memory does not change between steps.
         """
         start = self.kernel.systems(state_rows([now.state]), now.memory)
-        start["slope"][...] = now.rates(no_turns(now.state))
+        start["slope"][...], start["drive"][...] = now.rates(no_turns(now.state)), now.tau
         hold_rows(start, now.result.held)
-        taker = self._takers.get(step.shape[1])
+        count, points = len(times), times.shape[1] - 1
+        taker = self._takers.get(points)
         if taker is None:
-            taker = self._takers[step.shape[1]] = SuccessiveSteps(self.kernel, MOST_TOGETHER, step.shape[1])
-        ends, starts, count = taker.ends, taker.starts, len(begin)
+            taker = self._takers[points] = SuccessiveSteps(self.kernel, MOST_TOGETHER, points)
+        ends, starts = taker.ends, taker.starts
         asked = None if remember is None else lambda k: remember(k, ends)
-        taker.take(start, begin, step, jumps, self._given, asked)
-        return {name: x[:count] for name, x in ends.items()}, {name: x[:count] for name, x in starts.items()}
+        driven = self._driven(now, times)
+        done = taker.take(start, times[:, 0], times[:, 1:] - times[:, :1], jumps, self._given, asked, driven)
+        found = [{name: x[:count] for name, x in arrays.items()} for arrays in (ends, starts)]
+        return Taken(found[0], found[1], done, None if driven is None else driven.memories)
+
+    def _driven(self, now: Instant, times: Array) -> Driven | None:
+        """Return what sets the torques of steps at these times; None if a law computes them."""
+        return None
 
     @cached_property
     def _takers(self) -> dict[int, SuccessiveSteps]:

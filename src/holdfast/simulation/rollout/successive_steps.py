@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -18,6 +18,24 @@ ANEW = ("count", "work", "code", "worst_margin", "worst_time")  # carried arrays
 Remember = Callable[[int], Array | None]
 
 
+class Driven(Protocol):
+    """Sets the torques of steps whose torques are given; see `stage_torques`.
+
+    Attributes:
+        memories: memory that the controller returned at the start, if there was a jump, and at the end of each step.
+    """
+
+    memories: tuple[list[Any], list[Any]]
+
+    def start(self, k: int, starts: CarriedArrays) -> bool:
+        """Set those at the start of step k, whose carried arrays are known, and return whether there are any."""
+        ...
+
+    def step(self, k: int, ends: CarriedArrays) -> bool:
+        """Set those of step k, whose carried arrays are those at its start, and return whether there are any."""
+        ...
+
+
 class SuccessiveSteps:
     """Memory for a number of successive steps, and the tables by which machine code finds its way in it.
 
@@ -29,7 +47,7 @@ class SuccessiveSteps:
     def __init__(self, kernel: StepKernel, steps: int, points: int) -> None:
         """Reserve the memory; the machine code is made if there is none yet."""
         self.kernel = kernel
-        self._ends, self._starts = _Memory(kernel, steps, points), _Memory(kernel, steps, 1)
+        self._ends, self._starts = CarriedArrays(kernel, steps, points), CarriedArrays(kernel, steps, 1)
         self.ends, self.starts = self._ends.arrays, self._starts.arrays
 
     def take(
@@ -40,8 +58,9 @@ class SuccessiveSteps:
         jumps: Array,
         inputs: Mapping[str, Array],
         remember: Remember | None,
-    ) -> None:
-        """Take steps and leave their results in `ends` and `starts`.
+        driven: Driven | None = None,
+    ) -> int:
+        """Take steps, leave their results in `ends` and `starts`, and return how many were taken.
 
         Args:
             start: one system by name, at the start of the first step, with its slope.
@@ -50,6 +69,7 @@ class SuccessiveSteps:
             jumps: (k,) whether torques or inputs jump there, so that the start is evaluated anew.
             inputs: inputs by name, as for `StepKernel.run`.
             remember: called before each step; None if the memory does not change between steps.
+            driven: sets the torques, if they are given; a step for which it has none is the first that is not taken.
         """
         ends, starts, anew, count = self._ends, self._starts, self._ends.anew, len(begin)
         blank = ends.of_system(start)
@@ -63,20 +83,26 @@ class SuccessiveSteps:
             if jumping:
                 starts.block[k, 0, anew:] = before[anew:]
                 starts.set_memory(k, memory)
+                if driven is not None and not driven.start(k, starts):
+                    return k
                 starts.run(k)
                 before = starts.block[k, 0]
             ends.block[k, :, anew:] = before[anew:]
             if not jumping:
                 ends.set_memory(k, memory)
+            if driven is not None and not driven.step(k, ends):
+                return k
             ends.run(k)
             before = ends.block[k, -1]
+        return count
 
 
-class _Memory:
+class CarriedArrays:
     """The carried arrays of several systems in each of several runs, system by system.
 
     Attributes:
         block: (runs, systems, size) all numbers.
+        torques: (runs, systems, stages, n) torques of steps whose torques are given.
         anew: how many of them, the first ones, belong to `ANEW`.
         arrays: views of the block, (runs, systems, ...) by name.
     """
@@ -95,6 +121,10 @@ class _Memory:
         self._begin, self._step = np.zeros((runs, 1)), np.zeros((runs, systems))
         self._places = {f"last.{name}": (x, size) for name, x in self.arrays.items()}
         self._places |= {"begin": (self._begin, 0), "step": (self._step, 1)}
+        stages, n = kernel.structure.options.stages, kernel.chain.joint_count
+        self.torques = np.zeros((runs, systems, stages, n))
+        if stages:
+            self._places["control.tau"] = self.torques, stages * n
         self._take, self._first, self._apart = kernel.step_code.repeatedly(systems), 0, 0
         self._kept: tuple[Any, ...] = ()
 
@@ -115,6 +145,10 @@ class _Memory:
         tables = table.successive(self._places, count)
         self._first, self._apart = tables.ctypes.data, tables.strides[0]
         self._kept = table, tables  # machine code reads them and the inputs
+
+    def set_step(self, begin: float, step: float) -> None:
+        """Set the time and the length of the step of the only system [s]."""
+        self._begin[0, 0], self._step[0, 0] = begin, step
 
     def run(self, k: int) -> None:
         """Take the step of a run."""

@@ -243,7 +243,12 @@ class TracedSystem:
 
 def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return the carried arrays of a system after `take_step`; a system that stops keeps its last state."""
-    system = TracedSystem(model, given)
+    return step_of(TracedSystem(model, given), tableau)
+
+
+def step_of(system: TracedSystem, tableau: Tableau) -> dict[str, Any]:
+    """Return the same of a traced system."""
+    given = system.given
     now, (drift, gaps), work, _ = system.step_from(tableau, system.last("slope"))
     end, found = now.state, now.found
     whole = found.whole

@@ -1,0 +1,205 @@
+"""The stepper for whole steps in machine code under a controller that is a Python function, called once a stage.
+
+At points inside a step that ends elsewhere, the controller is not called: its torques there are those of the quadratic
+through the torques at the start, in the middle and at the end of the step. They serve to see whether margins may need
+a closer look, for which it is called.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled.structure import Options
+from holdfast.control.controller import Controller, torques_and_memory
+from holdfast.errors import HoldfastError, StateError
+from holdfast.model import checks
+from holdfast.questions.arrays import state_of
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.increment import no_turns
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.rollout.fused_stepper import FusedStepper, hold_rows
+from holdfast.simulation.rollout.kernel import StepKernel, Systems
+from holdfast.simulation.rollout.rows import gaps_of, refuse, state_rows
+from holdfast.simulation.rollout.stage_torques import ASKED, TORQUES, asked_states, stage_torques
+from holdfast.simulation.rollout.successive_steps import CarriedArrays, Driven
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.step import Gaps, rows_held_near
+from holdfast.simulation.stepper import NO_GAPS, Advance
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+# functions of time [s] and state, or before these of the memory, that return the torques (n,) and the memory
+Ask = Callable[[float, State], tuple[Array, Any]]
+AskWithMemory = Callable[[Any, float, State], tuple[Array, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class PythonLawStepper(FusedStepper):
+    """Takes whole steps in machine code under any controller, with traceable base motions and constant wrenches.
+
+    Attributes:
+        controller: the controller.
+    """
+
+    controller: Controller = lambda t, state, memory: (np.zeros(len(state.q)), memory)
+
+    @classmethod
+    def of_controller(
+        cls, environment: Environment, controller: Controller, scheme: Tableau, generic_rank: int
+    ) -> PythonLawStepper:
+        """Return the stepper for a controller; the scheme must be explicit, and not adaptive."""
+        chain, stages = environment.chain, len(scheme.c)
+        law, options = stage_torques(chain, stages), Options(stages=stages)
+        motions = environment.base_motion
+        kernel = StepKernel(chain, law, scheme, generic_rank, motions=motions, options=options, quick=True)
+        return cls(environment, kernel, scheme, generic_rank, controller=controller)
+
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return the results of single steps; see `Stepper`."""
+        return [self._advanced(now, [end])[0] for end in ends]
+
+    def screened(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return the same, but the controller is called for the last step only; see the head of this file."""
+        return self._advanced(now, ends)
+
+    def _advanced(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        begin, last = now.t, ends[-1]
+        systems = self.kernel.systems(state_rows([now.state] * len(ends)))
+        systems["slope"][...] = now.rates(no_turns(now.state))
+        hold_rows(systems, now.result.held)
+        try:
+            start = {name: x[:1] for name, x in systems.items()}
+            torques, memory = self._asking.torques(start, begin, last, now.tau, partial(self._ask, now.memory))
+        except HoldfastError as cause:
+            return [Advance(end, None, NO_GAPS, np.zeros(4), failure=cause) for end in ends]
+        lengths = np.array(ends) - begin
+        self._drive(systems, begin, lengths, held=False, torques=_at_points(torques, now.tau, lengths, self.scheme))
+        return [self._advance(systems, row, end, memory) for row, end in enumerate(ends)]
+
+    def _at(self, t: float, state: State, memory: Any, held: bool) -> tuple[Instant, Gaps]:
+        systems = self.kernel.systems(state_rows([state]))
+        torques = np.zeros((1, len(self.scheme.c), len(state.q)))
+        if not held:
+            hold_rows(systems, rows_held_near(self.environment, t, state, self.generic_rank))
+            closing = {name: x.copy() for name, x in systems.items()}
+            self._drive(closing, t, np.zeros(1), held, torques)
+            refuse(closing)
+            state = state_of(closing, 0)
+        torques[...], memory = self._ask(memory, t, state)
+        self._drive(systems, t, np.zeros(1), held, torques)
+        refuse(systems)
+        return self.instant(systems, 0, t, memory), gaps_of(systems, 0)
+
+    def _drive(self, systems: Systems, begin: float, steps: Array, held: bool, torques: Array) -> None:
+        self.kernel.run(systems, self._inputs(np.array(begin), steps, held) | {f"control.{TORQUES}": torques}, {})
+
+    def _driven(self, now: Instant, times: Array) -> Driven:
+        return _CalledAhead(self._asking, self._ask, self.scheme, times, now.memory)
+
+    def _ask(self, memory: Any, t: float, state: State) -> tuple[Array, Any]:
+        """Return the torques of the controller, and its memory.
+
+        Raises:
+            StateError: the torques have a wrong shape, or are not finite.
+        """
+        tau, kept = torques_and_memory(self.controller(t, state, memory))
+        return checks.numbers(tau, (len(state.q),), "controller: torques", StateError), kept
+
+    @cached_property
+    def _asking(self) -> StageByStage:
+        return StageByStage(self.kernel, self.scheme, self._given)
+
+
+class StageByStage:
+    """Asks a controller for the torques at the stages of a step, one after another."""
+
+    def __init__(self, kernel: StepKernel, scheme: Tableau, given: dict[str, Array]) -> None:
+        self._arrays, self._nodes = CarriedArrays(kernel, 1, 1), [*scheme.c[1:].tolist(), 1.0]
+        self._arrays.prepare({**given, "held": np.array(0.0)}, np.zeros(1), np.zeros((1, 1)))
+        self._states = asked_states(kernel.chain, self._arrays.arrays[ASKED])
+        self._numbers, self._torques = self._arrays.arrays[ASKED][0, 0], self._arrays.torques[0, 0]
+
+    def torques(
+        self,
+        start: Systems | Array,
+        begin: float,
+        end: float,
+        first: Array,
+        ask: Ask,
+    ) -> tuple[Array, Any]:
+        """Return the torques (stages, n) at the later stages and at the step's end, and the memory from there.
+
+        Args:
+            start: the system at the step's start, by name or as the numbers of `CarriedArrays`.
+            begin: the step's start [s].
+            end: its end [s].
+            first: (n,) the torques at its start.
+            ask: returns torques and memory at a time and state.
+
+        Raises:
+            StateError: a stage is not finite, or what `ask` raises.
+        """
+        numbers = start if isinstance(start, np.ndarray) else self._arrays.of_system(start)
+        length, memory = end - begin, None
+        self._arrays.set_step(begin, length)
+        self._torques[...] = first
+        for i, node in enumerate(self._nodes):
+            self._arrays.block[0, 0] = numbers
+            self._arrays.run(0)
+            if not np.isfinite(self._numbers[i]).all():
+                raise StateError("the step overflows float64; try a smaller time step")
+            t = end if node == 1.0 and i == len(self._nodes) - 1 else begin + node * length
+            self._torques[i:], memory = ask(t, state_of(self._states, (0, 0, i)))
+        return self._torques.copy(), memory
+
+
+class _CalledAhead:
+    """Sets the torques of successive steps by calls of a controller; see `successive_steps.Driven`."""
+
+    def __init__(self, asking: StageByStage, ask: AskWithMemory, scheme: Tableau, times: Array, memory: Any) -> None:
+        self._asking, self._ask, self._scheme, self._times, self._memory = asking, ask, scheme, times, memory
+        self.memories: tuple[list[Any], list[Any]] = [], []
+
+    def start(self, k: int, starts: CarriedArrays) -> bool:
+        try:
+            found, memory = self._ask(self._memory, float(self._times[k, 0]), state_of(starts.arrays, (k, 0)))
+        except Exception:  # raised again where the step is taken by itself
+            return False
+        starts.torques[k] = found
+        self._memory = memory
+        self.memories[0].extend([None] * (k - len(self.memories[0])) + [memory])
+        return True
+
+    def step(self, k: int, ends: CarriedArrays) -> bool:
+        begin, *_, end = self._times[k].tolist()
+        first, ask = ends.arrays["drive"][k, -1].copy(), partial(self._ask, self._memory)
+        try:
+            found, self._memory = self._asking.torques(ends.block[k, -1], begin, end, first, ask)
+        except Exception:  # as above
+            return False
+        ends.torques[k] = _at_points(found, first, self._times[k, 1:] - begin, self._scheme)
+        self.memories[1].append(self._memory)
+        return True
+
+
+def _at_points(torques: Array, first: Array, lengths: Array, scheme: Tableau) -> Array:
+    """Return the torques (points, stages, n) of the steps to several points, of which the last has those given.
+
+    Args:
+        torques: (stages, n) torques of the last step at its stages after the first, and at its end.
+        first: (n,) torques at the start.
+        lengths: (points,) lengths of the steps [s].
+        scheme: the scheme.
+    """
+    nodes, end = np.append(scheme.c[1:], 1.0), torques[-1]
+    middle = [torques[i] for i, node in enumerate(nodes[:-1]) if node == 0.5]
+    half = sum(middle[1:], middle[0]) / len(middle) if middle else 0.5 * (first + end)
+    u = (lengths / lengths[-1])[:, None, None] * nodes[:, None]
+    found = (1.0 - u) * (1.0 - 2.0 * u) * first + 4.0 * u * (1.0 - u) * half + u * (2.0 * u - 1.0) * end
+    found[-1] = torques
+    return found
