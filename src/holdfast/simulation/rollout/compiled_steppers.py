@@ -1,8 +1,9 @@
 """The steppers of `simulate` that use machine code, and the choice of the stepper for a run.
 
 If the controller and the base motions can be compiled, a whole step is one call of machine code (`FusedStepper`), and
-steps to several end times cost about as much as one. Otherwise, dynamics, projection and a traced law are machine code,
-while the environment or the controller is evaluated in Python at every stage (`StagewiseStepper`, for any scheme).
+steps to several end times cost about as much as one. If only the controller cannot, it is one call for each of its
+answers (`PythonLawStepper`). Otherwise, dynamics, projection and a traced law are machine code, while the environment
+or the controller is evaluated in Python at every stage (`StagewiseStepper`, for any scheme).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ a closer look, for which it is called.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
 
@@ -46,7 +46,7 @@ class PythonLawStepper(FusedStepper):
         controller: the controller.
     """
 
-    controller: Controller = lambda t, state, memory: (np.zeros(len(state.q)), memory)
+    controller: Controller = field(kw_only=True)
 
     @classmethod
     def of_controller(
