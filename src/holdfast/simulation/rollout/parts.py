@@ -17,9 +17,9 @@ from holdfast.simulation.confirmation import NEGLIGIBLE_DIFFERENCE, SHARE, SHORT
 from holdfast.simulation.resolution import least_difference
 from holdfast.simulation.rollout.arguments import NO_STOPS, StopMargins
 from holdfast.simulation.rollout.rows import velocities_in
+from holdfast.simulation.rollout.singular_steps import BESIDE
 from holdfast.simulation.rollout.systems import RolloutSystems, resolution_of
 from holdfast.simulation.rollout.traced_step import (
-    BESIDE,
     BROKEN,
     GRASP_OPEN,
     LIMITED,

@@ -25,7 +25,7 @@ from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.fused_stepper import FusedStepper, hold_rows
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import gaps_of, refuse, state_rows
-from holdfast.simulation.rollout.stage_torques import ASKED, TORQUES, asked_states, stage_torques
+from holdfast.simulation.rollout.stage_torques import ASKED, GIVEN_TORQUES, asked_states, stage_torques
 from holdfast.simulation.rollout.successive_steps import CarriedArrays, Driven
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Gaps, rows_held_near
@@ -96,7 +96,7 @@ class PythonLawStepper(FusedStepper):
         return self.instant(systems, 0, t, memory), gaps_of(systems, 0)
 
     def _drive(self, systems: Systems, begin: float, steps: Array, held: bool, torques: Array) -> None:
-        self.kernel.run(systems, self._inputs(np.array(begin), steps, held) | {f"control.{TORQUES}": torques}, {})
+        self.kernel.run(systems, self._inputs(np.array(begin), steps, held) | {f"control.{GIVEN_TORQUES}": torques}, {})
 
     def _driven(self, now: Instant, times: Array) -> Driven:
         return _CalledAhead(self._asking, self._ask, self.scheme, times, now.memory)

@@ -14,13 +14,12 @@ import numpy as np
 from holdfast.control.controller import ControlLaw
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import shapes, state_fields
-from holdfast.simulation.linearly_implicit import Implicit
-from holdfast.simulation.rollout.traced_step import Evaluation, StepModel, TracedSystem, step_of
+from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, step_of
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.state import State
 
-TORQUES = "tau"  # parameter of the law
+GIVEN_TORQUES = "tau"  # parameter of the law
 ASKED = "asked"  # array of the states at which the controller is to be asked, (stages, size)
 
 
@@ -28,9 +27,9 @@ def stage_torques(chain: ClosedChain, stages: int) -> ControlLaw:
     """Return a law without a function: its torques at the stages after the first, and at the step's end, are given."""
 
     def torque(t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
-        return given[TORQUES], memory
+        return given[GIVEN_TORQUES][-1], memory
 
-    return ControlLaw(torque, parameters={TORQUES: (stages, chain.joint_count)}, key="stage torques")
+    return ControlLaw(torque, parameters={GIVEN_TORQUES: (stages, chain.joint_count)}, key="stage torques")
 
 
 def asked_shape(chain: ClosedChain, stages: int) -> tuple[int, int]:
@@ -55,24 +54,11 @@ class SystemWithStageTorques(TracedSystem):
     def __init__(self, model: StepModel, given: Mapping[str, Any]) -> None:
         super().__init__(model, given)
         self.asked: list[State] = []
-        self._torques = given[f"control.{TORQUES}"]
 
-    def evaluate(
-        self,
-        t: Scalar,
-        state: State,
-        memory: Array,
-        choose: bool,
-        implicit: Implicit | None = None,
-        law: ControlLaw | None = None,
-    ) -> Evaluation:
-        """Return the evaluation with the next torques; see `TracedSystem.evaluate`."""
-        now = {**self.given, f"control.{TORQUES}": self._torques[len(self.asked)]}
+    def torques(self, law: ControlLaw, t: Scalar, state: State, memory: Array) -> tuple[Array, Array]:
+        """Return the torques of the next stage, and no memory."""
         self.asked.append(state)
-        before, self.given = self.given, now
-        found = super().evaluate(t, state, memory, choose, implicit, law)
-        self.given = before
-        return found
+        return self.given[f"control.{GIVEN_TORQUES}"][len(self.asked) - 1], memory
 
 
 def step(model: StepModel, tableau: Tableau, given: Mapping[str, Any]) -> dict[str, Any]:

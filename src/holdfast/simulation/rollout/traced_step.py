@@ -23,23 +23,22 @@ from holdfast.control.traced_law import law_outputs
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
-from holdfast.dynamics.near_singular import STRENGTH_LOST
 from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Gap, after_step, largest_gaps
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, state_fields
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment, GivenInputs
-from holdfast.simulation.increment import accelerations_of, increment_rate, no_turns, twists, velocities_of
+from holdfast.simulation.increment import accelerations_of, increment_rate, no_turns, velocities_of
 from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.linearly_implicit import Implicit, passive_terms, with_armature
 from holdfast.simulation.resolution import asked, largest_of, leap
+from holdfast.simulation.rollout.singular_steps import passes_singular
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EndRequest, EvaluationRequest, StageRequest, StepResult, run_step, take_step
-from holdfast.spatial import rotation
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, reciprocal, select, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, select, where
 from holdfast.state import Inputs, State
 
 # Status codes of the machine code. The machine code itself does not return TOO_LONG, which is determined afterwards.
@@ -49,9 +48,6 @@ RUNNING, SLIPPED, PASSES_SINGULAR, GRASP_OPEN, BROKEN, TOO_LONG, LIMITED, UNRESO
 OF_SOLUTION = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench", "contact_acceleration")
 STEP_RESULTS = ("slope", *OF_SOLUTION, "drive", "memory", "rank", "condition", "margin")
 OF_TRUNK_RESULTS = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}
-
-BESIDE = 0.1  # share of the strengths at both ends; a smaller difference may be due to curvature
-LEAPING = 1e-3  # drift relative to the motion of the joints
 
 
 def step_results(chain: ClosedChain) -> tuple[str, ...]:
@@ -172,7 +168,7 @@ class TracedSystem:
         held = self.held
         if choose and held is not None:
             held = select(self.given["keep_rows"][()] > 0.5, held, np.ones(held.shape))
-        drive, kept = law_outputs(law or self.law, self.real, t, state, memory, self.given)
+        drive, kept = self.torques(law or self.law, t, state, memory)
         lost = friction_torque(self.friction, state.qd)
         chain, inputs = self.surroundings(t, state)
         net, solved, implicit = drive - lost, chain, self.plain(implicit)
@@ -184,6 +180,10 @@ class TracedSystem:
         self.worst = maximum(self.worst, array([found.condition, found.status]))
         self.conditions.append(found.condition)
         return Evaluation(state, found, drive, kept, power)
+
+    def torques(self, law: ControlLaw, t: Scalar, state: State, memory: Array) -> tuple[Array, Array]:
+        """Return the torques (n,) of a law, and its memory."""
+        return law_outputs(law, self.real, t, state, memory, self.given)
 
     def at_stage(self, request: StageRequest, state: State, memory: Array) -> Array:
         """Return the slope at a stage; a sampled law holds its torques there."""
@@ -349,55 +349,3 @@ def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
         "last.slope": select(on, now.slope(no_turns(now.state)), system.last("slope")),
         "last.memory": select(on, now.memory, system.last("memory")),
     }
-
-
-def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: Gap) -> Scalar:
-    """Return 1 if a step probably passes a singular configuration, otherwise 0.
-
-    The strength s = condition^-1/2 of the constraint is the absolute value of a quantity that changes sign at a
-    singular configuration. If a step passes one, the strengths at its start, middle and end therefore lie on a straight
-    line, up to the curvature of the step, once the last or the last two are taken with the opposite sign. In addition,
-    their sum is not larger than the motion of the joints can explain. A step that begins or ends within a twentieth of
-    its length from the configuration counts as passing it. So does a step near the configuration whose gaps before
-    projection are so large that it may have leapt across.
-
-    Args:
-        system: the system after all evaluations of the step.
-        tableau: the scheme.
-        end: the state at the step's end.
-        drift: gaps before projection.
-    """
-    nodes, found = [*tableau.c[1:].tolist(), 1.0], system.conditions
-    if tableau.implicit:
-        later = _between(system, end), found[-1]
-    elif 0.5 in nodes:
-        later = found[nodes.index(0.5)], found[nodes.index(1.0)]
-    else:
-        return 0.0
-    first, middle, last = (reciprocal(sqrt(x)) for x in (system.last("condition")[()], *later))
-    kept_sign = abs(first - 2.0 * middle + last)
-    other_sign = minimum(abs(first + 2.0 * middle - last), abs(first - 2.0 * middle - last))
-    turned = [system.given["step"][()] * twist[:3] for twist in twists(end)]
-    moved = [*(end.q - system.last("q")), *concatenate(turned)]
-    far = reduce(maximum, [abs(x) for x in moved])
-    if any(not joint.turns for joint in system.real.all_joints):
-        far = float("inf")  # the displacement of a sliding joint has no scale of its own
-    both, most = first + last, STRENGTH_LOST * far
-    passed = where(both < most, where(other_sign - BESIDE * both < kept_sign, 1.0, 0.0), 0.0)
-    leaping = where(both < 2.0 * most, where(drift.position > LEAPING * far, 1.0, 0.0), 0.0)
-    return maximum(passed, leaping)
-
-
-def _between(system: TracedSystem, end: State) -> Scalar:
-    """Return the condition half-way through an implicit step, whose own stages have larger armatures."""
-    begin = system.state
-    poses = [name for name in ("object_pose", "base_pose") if getattr(end, name) is not None]
-    there = {name: _halfway(getattr(begin, name), getattr(end, name)) for name in poses}
-    state = replace(end, q=0.5 * (begin.q + end.q), **there)
-    chain, inputs = system.environment.at(system.time(0.5), state)
-    return system.solve(chain, state, np.zeros(len(end.q)), inputs, system.held, choose=False).condition
-
-
-def _halfway(a: Array, b: Array) -> Array:
-    """Return the pose half-way between two poses that are close to each other, (7,)."""
-    return concatenate([rotation.quaternion_midpoint(a[:4], b[:4]), 0.5 * (a[4:] + b[4:])])
