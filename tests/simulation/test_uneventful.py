@@ -17,6 +17,7 @@ import holdfast as hf
 from holdfast.forces.force_split import split
 from holdfast.simulation import run as run_module
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER
 from holdfast.simulation.run import FEWEST_TOGETHER, Pace
 from holdfast.simulation.trajectory import array_names
 from holdfast.simulation.uneventful import uneventful_steps
@@ -90,6 +91,14 @@ def beyond_limits(function: bool = False, **more: Any) -> hf.simulation.Trajecto
     return hf.simulate(weak, state, law, STEPS * STEP, STEP, **more)
 
 
+def tracking(**more: Any) -> hf.simulation.Trajectory:
+    """Simulate arms that move an object; margins of their joints have their lowest minima on the way."""
+    chain, state = facing_pandas()
+    path = hf.control.RestToRest(state.object_frame, [0.0, 0.0, 0.01], duration=STEPS * STEP)
+    law = hf.control.ObjectTracking(chain, path, internal_force=40.0)
+    return hf.simulate(chain, state, law, STEPS * STEP, STEP, **more)
+
+
 def four_bar(**more: Any) -> hf.simulation.Trajectory:
     """Simulate the N-four-bar, whose forces are not unique, through its first flat configuration."""
     free = hf.ControlLaw(lambda t, now, memory, given: (0.0 * now.qd, memory))
@@ -109,9 +118,11 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
     "sampled": (of_pandas("softfinger", RUBBER, sample_time=2 * STEP), STEPS // 2),
     "sampled, delayed": (of_pandas(sample_time=STEP, delay=0.5 * STEP), STEPS // 2),
     "breakpoints": (of_pandas(breakpoints=[0.02, 0.0305]), STEPS // 4),
-    "little drift": (of_pandas(largest_drift=1e-9), STEPS // 4),
+    "little drift": (of_pandas(largest_drift=1e-13), STEPS // 4),
     "an arm lets go": (of_pandas("softfinger", RUBBER, events=[hf.Release(0.04, "left")]), STEPS // 8),
     "recorded violations": (beyond_limits, STEPS // 2),
+    "minima of margins": (tracking, STEPS),
+    "minima, sampled": (partial(tracking, sample_time=2 * STEP), STEPS),
     "a moving base": (of_pandas(base_motion={"left": swaying}), STEPS // 4),
     "flat linkage": (four_bar, 50),
     "platform": (platform, STEPS // 4),
@@ -267,15 +278,17 @@ def test_asked_once():
 
 
 def test_pace():
-    """More after success; after failure none for a while, twice as long each time."""
+    """Twice as many as went well; after failure none for a while, twice as long each time."""
     pace, tries = Pace(), []
     for _ in range(60):
         tries.append(pace.may_try())
     assert np.diff(np.flatnonzero(tries)).tolist() == [2, 4, 8, 16]
-    pace.taken(whole=True)
+    pace.taken(FEWEST_TOGETHER, whole=True)
     assert pace.may_try() and pace.most == 2 * FEWEST_TOGETHER
-    pace.taken(whole=False)
+    pace.taken(1, whole=False)
     assert not pace.may_try() and pace.may_try() and pace.most == FEWEST_TOGETHER
+    pace.taken(MOST_TOGETHER - 1, whole=False)
+    assert pace.most == MOST_TOGETHER
 
 
 def test_internal_wrenches_of_hinges_on_a_moving_base():

@@ -96,10 +96,10 @@ class BatchKernel:
         with self._compiling:
             code = self._batch_code
         run, blocks = _BATCH(code.address), -(-batch // self.lanes)
-        arena = aligned(code.notes["arena"])
+        arena = aligned(code.notes["arena"]).ctypes  # which keeps the memory
 
         def run_table(table: int) -> None:
-            run(table, 0, blocks, batch, 1, arena.ctypes.data)
+            run(table, 0, blocks, batch, 1, arena.data)
 
         return run_table
 

@@ -194,6 +194,11 @@ class ViolationTracker:
         """Return the tracker for the start of a run."""
         return cls(*(np.full(signals, np.inf) for _ in range(4)))
 
+    @property
+    def beyond(self) -> Array:
+        """Whether a recorded violation goes on, (signals,)."""
+        return np.isfinite(self.since)
+
     def at(self, t: float, margins: Array, signals: Signals, now: Instant) -> tuple[Self, list[Occurrence]]:
         """Return the tracker after an instant that begins a stretch, and the occurrences to report.
 

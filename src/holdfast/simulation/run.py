@@ -34,7 +34,7 @@ from holdfast.state import State
 
 # Strength of a direction: below it a singular configuration counts as the cause, above it as a possible one.
 NEARLY_SINGULAR = 0.01
-FEWEST_TOGETHER = 8  # steps that are first tried together
+FEWEST_TOGETHER = 8  # steps that are tried together at least
 
 
 def start_of_run(settings: RunSettings, state: State) -> RunState:
@@ -196,7 +196,7 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
         stretch = uneventful_steps(at, pace.most) if pace.may_try() else None
         if stretch is not None:
             record.add(stretch.samples, stretch.checkpoint)
-            pace.taken(stretch.whole)
+            pace.taken(stretch.steps, stretch.whole)
             at, taken = stretch.end, taken + 1
             listeners.progress(at.now.t)
             continue
@@ -219,7 +219,9 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
 
 
 class Pace:
-    """How many steps are tried together: more after success, none for a while after failure. Results do not change.
+    """How many steps are tried together: twice as many as went well; none for a while after failure.
+
+    Results do not change.
 
     Attributes:
         most: the largest number of steps to try.
@@ -237,10 +239,10 @@ class Pace:
         self._wait = min(2**self._failures, MOST_TOGETHER) - 1
         return True
 
-    def taken(self, whole: bool) -> None:
+    def taken(self, count: int, whole: bool) -> None:
         """Take note that steps were taken together; if not all that were tried, the next one is taken by itself."""
         self._failures, self._wait = 0, int(not whole)
-        self.most = min(2 * self.most, MOST_TOGETHER) if whole else FEWEST_TOGETHER
+        self.most = min(max(2 * count, FEWEST_TOGETHER), MOST_TOGETHER)
 
 
 def _sample(at: RunState, happened: tuple[Occurrence, ...]) -> Trajectory:

@@ -31,7 +31,7 @@ from holdfast.simulation.singular_configuration import (
 from holdfast.simulation.stability import elsewhere
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Advance, Stepper
-from holdfast.simulation.verification import MarginCurves, StepMargins, evaluation_times, in_doubt, verify
+from holdfast.simulation.verification import MarginCurves, StepMargins, evaluation_times, in_doubt, minima, verify
 from holdfast.spatial.scalar import Array
 
 LARGEST_RATE = 1e30  # rad/s or m/s: the squares of faster rates soon overflow float64
@@ -290,8 +290,9 @@ def _screen(curves: MarginCurves, at: RunState, stepper: Stepper, times: list[fl
         return
     margins = at.segment.margins_of([one.instant for one in found if one.instant is not None])
     before = at.checkpoint.tail if at.previous is not None else np.full(len(at.segment.signals), -np.inf)
-    both = np.concatenate([before[None], at.margins[-1:], margins])[None, :, limited]
-    if not in_doubt(both, np.isfinite(tracker.since[limited]), tracker.lowest[limited])[0]:
+    both = np.concatenate([before[None], at.margins[-1:], margins])[:, limited]
+    least = np.minimum(tracker.lowest[limited], both[1:].min(axis=0))
+    if not in_doubt(both[1:], tracker.beyond[limited]) and not len(minima(both, least)[0]):
         curves.advances.update(zip(times, found, strict=True))
         curves.margins.update(zip(times, margins, strict=True))
 

@@ -1,9 +1,9 @@
 """Fixed steps in which nothing happens, taken one after another by machine code, and checked and recorded together.
 
-A step may need more than its result: a margin becomes negative or has a minimum inside it, the constraint may lose
-rank, the velocities change too much for the step, or it fails. Such a step is taken by `run_step.stepped`, which looks
-closer. Here only these are recognised, for many steps at once, with the same bounds. What is returned is the same, bit
-for bit, however many steps are taken together.
+A step may need more than its result: a margin becomes negative inside it, the constraint may lose rank, the velocities
+change too much for the step, or it fails. Such a step is taken by `run_step.stepped`, which looks closer. Here only
+these are recognised, for many steps at once, with the same bounds. Minima of margins are refined as it does. What is
+returned is the same, bit for bit, however many steps are taken together.
 """
 
 from __future__ import annotations
@@ -16,29 +16,35 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
-from holdfast.dynamics.constraint import coordinate_sizes
+from holdfast.dynamics.constraint import SMALLEST_LENGTH, coordinate_sizes
 from holdfast.dynamics.near_singular import chain_strength
 from holdfast.questions.arrays import state_of
+from holdfast.simulation.bracket import search_lowest, together
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.resolution import leap, least_difference
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
-from holdfast.simulation.rollout.kernel import Systems
-from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.rollout.rows import TWISTS, gaps_of, velocities_in
 from holdfast.simulation.run_step import LARGEST_RATE, RunState
 from holdfast.simulation.sample import Samples, arrays_of, lowest_of, recorded
-from holdfast.simulation.segment import Segment
+from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_configuration import changes_much, may_lose
 from holdfast.simulation.stability import cell
-from holdfast.simulation.stepper import SubdividingStepper
+from holdfast.simulation.steps_together import (
+    StepsTogether,
+    margins_at,
+    needs_a_look,
+    next_ends,
+    stepper_of,
+    steps_together,
+)
 from holdfast.simulation.trajectory import Trajectory
-from holdfast.simulation.verification import evaluation_parts, in_doubt
-from holdfast.simulation.zero_order_hold import HeldTorques
+from holdfast.simulation.verification import TIME_OF_MINIMUM, changes, in_doubt, minima
 from holdfast.spatial.scalar import Array
 
 SIZE_RATIO = 0.5  # bound on the ratio of two sizes of a chain (`coordinate_sizes`) in neighbouring configurations
+Curve = tuple[Array, Array]  # times (k,) within a step in order [s], the last its end, and the margins (k, signals)
 
 
 def uneventful_steps(at: RunState, most: int) -> Stretch | None:
@@ -48,15 +54,16 @@ def uneventful_steps(at: RunState, most: int) -> Stretch | None:
         at: the run.
         most: the largest number of steps to take, at most `MOST_TOGETHER`.
     """
-    stepper = _stepper(at.segment)
+    stepper = stepper_of(at.segment)
     if stepper is None or at.ended is not None or at.violated() is not None:
         return None
-    ends, jumps = _ends(at, most)
+    ends, jumps = next_ends(at, most)
     if not len(ends):
         return None
-    steps = _taken(at, stepper, ends, jumps)
+    steps = steps_together(at, stepper, ends, jumps)
     count = int(np.argmax(found)) if (found := _eventful(at, steps)).any() else len(ends)
-    return _accepted(at, stepper, steps, count) if count else None
+    refined, count = _refined(at, steps, count)
+    return _accepted(at, stepper, steps, refined, count) if count else None
 
 
 class Stretch(NamedTuple):
@@ -66,158 +73,104 @@ class Stretch(NamedTuple):
         samples: its samples: the end of each step, and before it its start if that follows a jump.
         end: the run after the last.
         checkpoint: returns the checkpoint after a sample, counted from 0.
+        steps: number of its steps.
         whole: whether all steps that were tried belong to it.
     """
 
     samples: Trajectory
     end: RunState
     checkpoint: Callable[[int], Checkpoint]
+    steps: int
     whole: bool
 
 
-class _Steps(NamedTuple):
-    """Steps that have been taken, before it is known in which of them nothing happens.
-
-    Attributes:
-        times: (k, points + 1) the start of each step, and the points at which it was evaluated, the last its end [s].
-        jumps: (k,) whether torques or inputs jump at the start.
-        points: results at the points, (k, points, ...) by name.
-        starts: results at the start, (k, ...) by name.
-        after_jumps: results at those starts that follow a jump, (k, 1, ...) by name; those of other steps mean nothing.
-        margins: (k, points + 2, signals) margins before the start, at it, and at the points; minus infinity before a
-            start without an evaluation that belongs to the same smooth stretch.
-        held: the state of a sampled controller during each step.
-        failed: number of the step before which the controller raised an error; k if it did not.
-        memories: as in `Taken`.
-    """
-
-    times: Array
-    jumps: Array
-    points: Mapping[str, Array]
-    starts: Mapping[str, Array]
-    after_jumps: Mapping[str, Array]
-    margins: Array
-    held: Sequence[HeldTorques | None]
-    failed: int
-    memories: tuple[Sequence[Any], Sequence[Any]] | None
-
-    @property
-    def lengths(self) -> Array:
-        """(k, 1) lengths of the steps [s]."""
-        return self.times[:, -1:] - self.times[:, :1]
-
-    @property
-    def ends(self) -> dict[str, Array]:
-        """Results at the end of each step, (k, ...) by name."""
-        return {name: x[:, -1] for name, x in self.points.items()}
-
-
-def _stepper(segment: Segment) -> FusedStepper | None:
-    """Return the stepper whose steps can be taken together; None if there is none."""
-    stepper = segment.stepper
-    whole = stepper.whole if isinstance(stepper, SubdividingStepper) else stepper
-    if isinstance(stepper, SubdividingStepper) and isinstance(whole, PythonLawStepper):
-        return None  # whose steps are not screened
-    return whole if isinstance(whole, FusedStepper) else None
-
-
-def _ends(at: RunState, most: int) -> tuple[Array, Array]:
-    """Return the times at which the next steps end, up to the next event [s], and whether they begin with a jump."""
-    settings, saved, now = at.segment.settings, at.checkpoint, at.now.t
-    stop = slice(saved.stop, saved.stop + 2 * most + 1)
-    times, jumps = settings.stops.times[stop], settings.stops.jumps[stop]
-    following = np.diff(np.concatenate([[now], times])) > 0.0
-    apart = times < min((event.t for event in settings.events[saved.event :]), default=np.inf)
-    good = following & apart & ~(jumps & np.concatenate([[False], jumps[:-1]]))
-    if saved.resolution.off > 0.0:  # what was noticed is reported by the run's last step
-        good &= times < settings.end
-    count = len(good) if good.all() else int(np.argmin(good))
-    ending = np.flatnonzero(~jumps[:count])[:most]
-    return times[ending], (ending > 0) & jumps[ending - 1]
-
-
-def _taken(at: RunState, stepper: FusedStepper, ends: Array, jumps: Array) -> _Steps:
-    """Return steps to the given ends, with their margins."""
-    segment, now = at.segment, at.now
-    stops = segment.settings.stops.times[at.checkpoint.stop :]
-    begins = np.concatenate([[now.t], ends[:-1]])
-    begins[jumps] = stops[np.searchsorted(stops, ends[jumps]) - 1]
-    parts = np.array(evaluation_parts(segment.scheme.c.tolist()) if len(segment.signals.limited) else [])
-    inside = begins[:, None] + parts * (ends - begins)[:, None]
-    times = np.concatenate([begins[:, None], inside, ends[:, None]], axis=1)
-    held: list[HeldTorques | None] = []
-    remember = None if at.checkpoint.held is None else _sampling(at, begins, jumps, held)
-    points, after_jumps, taken, memories = stepper.take(now, times, jumps, remember)
-    starts = {}
-    for name, x in arrays_of(now).items():
-        starts[name] = np.concatenate([x, points[name][:-1, -1]])
-        starts[name][jumps] = after_jumps[name][jumps, 0]
-    margins = segment.signals.of_arrays(points)
-    here = np.concatenate([at.margins[-1:], margins[:-1, -1]])
-    tail = at.checkpoint.tail if at.previous is not None else np.full(len(segment.signals), -np.inf)
-    before = np.concatenate([tail[None], margins[:-1, -2] if len(parts) else here[:-1]])
-    here[jumps], before[jumps] = segment.signals.of_arrays(after_jumps)[jumps, 0], -np.inf
-    margins = np.concatenate([before[:, None], here[:, None], margins], axis=1)
-    failed = taken if remember is None else len(held)
-    return _Steps(times, jumps, points, starts, after_jumps, margins, held, failed, memories)
-
-
-def _sampling(
-    at: RunState, begins: Array, jumps: Array, held: list[HeldTorques | None]
-) -> Callable[[int, Systems], Array | None]:
-    """Return the function that samples the controller before each step, and adds its state to `held` until it fails."""
-    segment, last = at.segment, [at.checkpoint.held, at.now.memory]
-
-    def remember(k: int, ends: Systems) -> Array | None:
-        if len(held) < k:
-            return None  # it has failed
-        before, acting = last
-        state = at.now.state if k == 0 else state_of(ends, (k - 1, -1))
-        try:
-            last[:] = segment.sampled(float(begins[k]), state, before, acting)
-        except Exception:  # raised again where the step is taken by itself
-            return None
-        held.append(last[0])
-        return last[1] if jumps[k] else None
-
-    return remember
-
-
-def _eventful(at: RunState, steps: _Steps) -> Array:
+def _eventful(at: RunState, steps: StepsTogether) -> Array:
     """Return in which of the steps something may happen, (k,); results after the first of these mean nothing."""
-    ends = steps.ends
-    found = (steps.points["code"] != 0.0).any(axis=1) | ~(np.abs(ends["qd"]).max(axis=-1, initial=0.0) < LARGEST_RATE)
+    segment, ends = at.segment, steps.ends
+    found = needs_a_look(segment, steps.points).any(axis=1)
+    found |= ~(np.abs(ends["qd"]).max(axis=-1, initial=0.0) < LARGEST_RATE)
     found |= (steps.after_jumps["code"][:, 0] != 0.0) & steps.jumps
     found[steps.failed :] = True
-    if isinstance(at.segment.stepper, SubdividingStepper):
-        found |= (steps.points["gaps"][..., 0] > at.segment.stepper.limit).any(axis=1)
-    found |= (cell(steps.starts["q"]) != cell(ends["q"])).any(axis=-1)
-    return found | _near_limits(at, steps) | _unresolved(at, steps) | _near_singular(at, steps)
+    found |= _near_limits(at, steps) | _unresolved(at, steps) | _near_singular(at, steps)
+    elsewhere = (cell(steps.starts["q"]) != cell(ends["q"])).any(axis=-1)
+    for k in np.flatnonzero(elsewhere & ~np.logical_or.accumulate(found)).tolist():
+        state = state_of(steps.points, (k, -1))
+        found[k] = suited(segment, float(steps.times[k, -1]), state)[0] is not segment
+    return found
 
 
-def _near_limits(at: RunState, steps: _Steps) -> Array:
-    """Return in which steps a margin is or may be negative, or has a minimum to refine, (k,)."""
-    signals = at.segment.signals
-    m = steps.margins[..., signals.limited]
-    if not m.size:
-        return np.zeros(len(m), dtype=bool)
-    if signals.grasps_limited:  # forces that are not unique are chosen by the reference
-        unique = steps.points["rank"] == at.segment.environment.chain.constraint_row_count
-        found = ~unique.all(axis=1)
-    else:
-        found = np.zeros(len(m), dtype=bool)
-    tracker = at.checkpoint.tracker
-    return found | in_doubt(m, np.isfinite(tracker.since[signals.limited]), tracker.lowest[signals.limited])
+def _near_limits(at: RunState, steps: StepsTogether) -> Array:
+    """Return in which steps a margin is or may be negative, (k,)."""
+    if not len(at.segment.signals.limited):
+        return np.zeros(len(steps.times), dtype=bool)
+    return in_doubt(steps.margins[1:], at.checkpoint.tracker.beyond)
 
 
-def _unresolved(at: RunState, steps: _Steps) -> Array:
+def _refined(at: RunState, steps: StepsTogether, count: int) -> tuple[dict[int, Curve], int]:
+    """Return the margins in the first steps that have a minimum to refine, and how many steps then remain uneventful.
+
+    Args:
+        at: the run.
+        steps: the steps.
+        count: number of steps in which nothing happens apart from such minima.
+    """
+    m, lowest = steps.margins[:, :count], at.checkpoint.tracker.lowest
+    least = np.minimum.accumulate(np.concatenate([lowest[None], m[1:].min(axis=0)]))
+    brackets = list(zip(*(places.tolist() for places in minima(m, least[1:])), strict=True))
+    if any(row == k == 0 for row, k, _ in brackets):  # it begins in a step before these
+        return {}, 0
+    if steps.again is None:
+        return {}, min([count, *(k for _, k, _ in brackets)])
+    searched = _searched(at, steps, brackets)
+    found: dict[int, Curve] = {}
+    for k in sorted({k for _, k, _ in brackets}):
+        # what was refined before may have been lower than this
+        deep = set(zip(*(places.tolist() for places in minima(m[:, k], np.minimum(lowest, least[k + 1]))), strict=True))
+        known = dict(zip(steps.times[k].tolist(), m[1:, k], strict=True))
+        for (row, step, signal), margins in zip(brackets, searched, strict=True):
+            known |= margins if step == k and (row, signal) in deep else {}
+        times = np.array(sorted(known))
+        margins = np.array([known[t] for t in times.tolist()])
+        if changes(margins, at.checkpoint.tracker.beyond):
+            return found, k
+        found[k], lowest = (times, margins), np.minimum(lowest, margins.min(axis=0))
+    return found, count
+
+
+def _searched(at: RunState, steps: StepsTogether, brackets: Sequence[tuple[int, int, int]]) -> list[dict[float, Array]]:
+    """Return the margins that the search for the minimum in each bracket has evaluated, by time.
+
+    Args:
+        at: the run.
+        steps: the steps.
+        brackets: number of the first of three evaluations, of the step, and of the signal.
+    """
+    found: list[dict[float, Array]] = [{} for _ in brackets]
+    known, searches = [], []
+    for row, k, signal in brackets:
+        a, b, c = [*steps.times[k - 1, -2:-1].tolist(), *steps.times[k].tolist()][row : row + 3]
+        known.append(dict(zip((a, b, c), steps.margins[row : row + 3, k, signal].tolist(), strict=True)))
+        searches.append(search_lowest(a, b, c, TIME_OF_MINIMUM * float(steps.lengths[k, 0])))
+
+    def values(times: Mapping[int, float]) -> list[float]:
+        new = [i for i, t in times.items() if t not in known[i]]
+        reached = margins_at(at, steps, [brackets[i][1] for i in new], [times[i] for i in new])
+        for i, margins in zip(new, reached, strict=True):
+            found[i][times[i]], known[i][times[i]] = margins, float(margins[brackets[i][2]])
+        return [known[i][t] for i, t in times.items()]
+
+    together(searches, values)
+    return found
+
+
+def _unresolved(at: RunState, steps: StepsTogether) -> Array:
     """Return in which steps the velocities change otherwise than by the mean of the accelerations, (k,)."""
     v0, v1, a0, a1 = (of(x) for of in (velocities_in, _accelerations) for x in (steps.starts, steps.ends))
     jump = leap(steps.lengths, v0, v1, a0, a1)
     return ~(jump <= least_difference(_largest(at, steps)))
 
 
-def _largest(at: RunState, steps: _Steps) -> Array:
+def _largest(at: RunState, steps: StepsTogether) -> Array:
     """Return the largest velocities of the run up to the end of each step, (k,) [rad/s or m/s]."""
     both = np.maximum(*(np.abs(velocities_in(x)).max(axis=-1) for x in (steps.starts, steps.ends)))
     return np.maximum(np.maximum.accumulate(both), at.checkpoint.resolution.largest)
@@ -228,7 +181,7 @@ def _accelerations(x: Mapping[str, Array]) -> Array:
     return np.concatenate([x[name] for name in names if name in x], axis=-1)
 
 
-def _near_singular(at: RunState, steps: _Steps) -> Array:
+def _near_singular(at: RunState, steps: StepsTogether) -> Array:
     """Return in which steps the constraint may lose rank, or changes so much that the step may be too long, (k,)."""
     segment, h = at.segment, steps.lengths[:, 0]
     x, y = steps.starts, steps.ends
@@ -238,19 +191,23 @@ def _near_singular(at: RunState, steps: _Steps) -> Array:
     here, later = chain_strength(x["condition"]), chain_strength(y["condition"])
     first = here[0] if at.previous is None else chain_strength(np.array(at.previous.result.condition))
     before = np.where(steps.jumps, here, np.concatenate([[first], here[:-1]]))
-    found = changes_much(before, here, later)
-    sizes = np.ones(chain.joint_count)
-    if not all(joint.turns for joint in chain.all_joints):
-        sizes = SIZE_RATIO * coordinate_sizes(chain_at_rest(at.now.chain, at.now.state))[: chain.joint_count]
-        sizes[[joint.turns for joint in chain.all_joints]] = 1.0
+    much = changes_much(before, here, later)
     turning = np.maximum(*(_turning(z) for z in (x, y)))
-    moved = np.maximum((np.abs(y["q"] - x["q"]) / sizes).max(axis=1, initial=0.0), h * turning)
-    found |= may_lose(here + later, moved)
-    if goes_on:  # whether a configuration lies ahead
-        ahead = 2.0 * segment.settings.longest_step
-        by_joints = np.abs(ahead * x["qd"] + 0.5 * ahead**2 * x["qdd"]) / sizes
-        found |= may_lose(here, np.maximum(by_joints.max(axis=1, initial=0.0), ahead * turning))
-    return found
+    ahead = 2.0 * segment.settings.longest_step if goes_on else 0.0  # where a configuration may lie
+    by_joints = np.abs(y["q"] - x["q"]), np.abs(ahead * x["qd"] + 0.5 * ahead**2 * x["qdd"])
+
+    def found(length: float) -> Array:
+        sizes = np.array([1.0 if joint.turns else length for joint in chain.all_joints])
+        moved, further = ((moves / sizes).max(axis=1, initial=0.0) for moves in by_joints)
+        lost = much | may_lose(here + later, np.maximum(moved, h * turning))
+        return lost | may_lose(here, np.maximum(further, ahead * turning)) if goes_on else lost
+
+    shortest = max([SMALLEST_LENGTH, *(float(np.linalg.norm(grasp.frame.p)) for grasp in chain.grasps.values())])
+    singular = found(shortest)
+    if singular.any() and not all(joint.turns for joint in chain.all_joints):  # the unit of length may be longer
+        unit = coordinate_sizes(chain_at_rest(at.now.chain, at.now.state))[chain.joint_count + 3]
+        singular = found(max(shortest, SIZE_RATIO * float(unit)))
+    return singular
 
 
 def _turning(x: Mapping[str, Array]) -> Array:
@@ -259,7 +216,9 @@ def _turning(x: Mapping[str, Array]) -> Array:
     return np.max(rates, axis=0)
 
 
-def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) -> Stretch:
+def _accepted(
+    at: RunState, stepper: FusedStepper, steps: StepsTogether, refined: Mapping[int, Curve], count: int
+) -> Stretch:
     """Return the first steps as a part of the run."""
     segment, saved, memory = at.segment, at.checkpoint, at.now.memory
     jumps = steps.jumps[:count]
@@ -270,8 +229,8 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
     for name, array in steps.after_jumps.items():
         x[name][jumped] = array[step[jumped], 0]
     x["gaps"][jumped] = 0.0
-    margins, times = steps.margins[step, 1:], steps.times[step]
-    margins[jumped], times[jumped] = margins[jumped, :1], times[jumped, :1]
+    margins, times = steps.margins[1:, step], steps.times[step]
+    margins[:, jumped], times[jumped] = margins[:1, jumped], times[jumped, :1]
     t = times[:, -1]
     work = np.cumsum(np.concatenate([saved.sums.work[None], x["work"]]), axis=0)[1:]
     returned: Sequence[Any] = [memory] * len(t)
@@ -284,9 +243,13 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
     def instant(k: int) -> Instant:
         return stepper.instant(x, k, float(t[k]), returned[k])
 
-    of_grasps = margins[:, -1, : len(segment.environment.chain.arms)]
+    of_grasps = margins[-1, :, : len(segment.environment.chain.arms)]
     arrays, allowed = _with_forces(x, instant, segment), (of_grasps, of_grasps, of_grasps)
-    samples = Samples(t, arrays, allowed, x["gaps"], work, *lowest_of(times, margins))
+    lowest, when = lowest_of(times, margins.swapaxes(0, 1))
+    for k, curve in refined.items():
+        sample = k + int(jumps[: k + 1].sum())
+        lowest[sample], when[sample] = lowest_of(*curve)
+    samples = Samples(t, arrays, allowed, x["gaps"], work, lowest, when)
     run = recorded(segment.environment, segment.stepper.accounts, samples, saved.sums, segment.settings.recording.names)
     followed, largest = _followed(saved.tracker, samples), _largest(at, steps)
 
@@ -295,9 +258,9 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
 
     def after(k: int) -> Checkpoint:
         if jumped[k]:
-            before: dict[str, Any] = {"previous": None, "tail_time": float(t[k]), "tail": margins[k, :0, 0]}
+            before: dict[str, Any] = {"previous": None, "tail_time": float(t[k]), "tail": margins[:0, k, 0]}
         else:
-            before = {"previous": origin(k - 1), "tail_time": float(times[k, -2]), "tail": margins[k, -2]}
+            before = {"previous": origin(k - 1), "tail_time": float(times[k, -2]), "tail": margins[-2, k]}
         of_step = step[k] - jumped[k]
         resolution = saved.resolution
         if of_step >= 0:
@@ -315,13 +278,13 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
 
     last = len(t) - 1
     earlier = at.now if last == 0 else instant(last - 1)
-    end = RunState(segment, after(last), instant(last), earlier, gaps_of(x, last), times[last], margins[last])
-    return Stretch(run, end, after, count == len(steps.times))
+    end = RunState(segment, after(last), instant(last), earlier, gaps_of(x, last), times[last], margins[:, last])
+    return Stretch(run, end, after, count, count == len(steps.times))
 
 
 def _followed(before: ViolationTracker, samples: Samples) -> Callable[[int], ViolationTracker]:
     """Return the function that gives the tracker after a sample; violations neither begin nor end."""
-    beyond = np.isfinite(before.since)
+    beyond = before.beyond
     lowest = np.minimum.accumulate(np.concatenate([before.lowest[None], samples.lowest]))
     depth = np.minimum.accumulate(np.concatenate([before.depth[None], np.where(beyond, samples.lowest, np.inf)]))
     deeper = np.concatenate([beyond[None] & False, depth[1:] < depth[:-1]])

@@ -181,7 +181,7 @@ def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precisio
     """Refine, in a joint search, all bracketed minima that may be negative or lower than any margin before."""
     times, margins = curves.table()
     m = margins[:, watched]
-    _, rows, signals = minima(m[None], np.minimum(lowest[watched], m.min(axis=0))[None])
+    rows, signals = minima(m, np.minimum(lowest[watched], m.min(axis=0)))
     found = [(times[k : k + 3].tolist(), int(watched[i])) for k, i in zip(rows, signals, strict=True)]
 
     def margins_at(times_of: Mapping[int, float]) -> list[float]:
@@ -203,43 +203,41 @@ def may_cross(outer: Array, inner: Array, next_inner: Array) -> Array:
     return (drop > 0.0) & (outer >= 0.0) & (outer < DROPS * np.maximum(drop, next_inner - inner))
 
 
-def minima(m: Array, least: Array) -> tuple[Array, Array, Array]:
+def minima(m: Array, least: Array) -> tuple[Array, ...]:
     """Return the bracketed minima that may be negative or lower than any margin before.
 
     Args:
-        m: (steps, evaluations, signals) margins at successive times.
-        least: (steps, signals) the lowest margins of the run up to the end of each step.
+        m: (evaluations, ..., signals) margins at successive times, for one step or several.
+        least: (..., signals) the lowest margins of the run up to the end of each step.
 
     Returns:
-        For each minimum the number of the step, that of the evaluation before the lowest one, and the signal.
+        For each minimum the number of the evaluation before the lowest one, then its places in `least`.
     """
-    before, at, after = m[:, :-2], m[:, 1:-1], m[:, 2:]
-    drops = np.maximum(before, after) - at
-    step, row, signal = np.nonzero((at <= before) & (at <= after) & (drops > FLAT))
-    lowest, drop = at[step, row, signal], drops[step, row, signal]
+    change = np.diff(m, axis=0)
+    fall, rise = change[:-1], change[1:]
+    bent = (fall <= 0.0) & (rise >= 0.0) & ((fall < -FLAT) | (rise > FLAT))
+    row, *where = np.unravel_index(np.flatnonzero(bent), bent.shape)
+    lowest, drop = m[row + 1, *where], np.maximum(-fall[row, *where], rise[row, *where])
     sizes = np.maximum(1.0, np.abs(lowest))
     possible = lowest - DROPS * drop
-    deep = (possible < least[step, signal] - FLAT * sizes) | ((lowest >= 0.0) & (possible < 0.0))
+    deep = (possible < least[*where] - FLAT * sizes) | ((lowest >= 0.0) & (possible < 0.0))
     found = (drop > FLAT * sizes) & deep
-    return step[found], row[found], signal[found]
+    return row[found], *(places[found] for places in where)
 
 
-def in_doubt(margins: Array, beyond: Array, lowest: Array) -> Array:
-    """Return in which of several successive steps a margin is or may be negative, or has a minimum to refine, (k,).
+def changes(m: Array, beyond: Array) -> Array:
+    """Return whether violations begin or end among margins (evaluations, ..., signals), (...,).
 
     Args:
-        margins: (k, points, signals) margins at the last evaluation before each step, at its start, and inside it up to
-            its end; minus infinity where there is no evaluation before it.
+        m: margins at successive times, for one step or several.
         beyond: (signals,) whether a recorded violation goes on, in which a margin stays negative.
-        lowest: (signals,) the lowest margins of the run so far.
     """
-    here = margins[:, 1:]
-    least = here.min(axis=1)
-    found = np.where(beyond, ~(here.max(axis=1) < 0.0), least < 0.0).any(axis=1)
-    found |= may_cross(here[:, 0], here[:, 1], here[:, 2]).any(axis=1)
-    found |= may_cross(here[:, -1], here[:, -2], here[:, -3]).any(axis=1)
-    found[minima(margins, np.minimum.accumulate(np.concatenate([lowest[None], least]))[1:])[0]] = True
-    return found
+    return ~np.where(beyond, m.max(axis=0) < 0.0, m.min(axis=0) >= 0.0).all(axis=-1)
+
+
+def in_doubt(m: Array, beyond: Array) -> Array:
+    """Return whether violations begin or end in steps, or may do so between evaluations; as `changes`."""
+    return changes(m, beyond) | (may_cross(m[0], m[1], m[2]) | may_cross(m[-1], m[-2], m[-3])).any(axis=-1)
 
 
 def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> float | None:

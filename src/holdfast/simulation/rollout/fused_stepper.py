@@ -16,14 +16,14 @@ from holdfast.simulation.increment import no_turns
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, failure, gaps_of, instant_of, late, refuse, state_rows
-from holdfast.simulation.rollout.successive_steps import Driven, SuccessiveSteps
+from holdfast.simulation.rollout.successive_steps import Again, Driven, SuccessiveSteps
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Gaps, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-MOST_TOGETHER = 64  # steps
+MOST_TOGETHER = 128  # steps
 
 
 class Taken(NamedTuple):
@@ -33,6 +33,7 @@ class Taken(NamedTuple):
         ends: results at the points of the steps, (k, points, ...) by name.
         starts: evaluations after the jumps at which steps begin, (k, 1, ...) by name.
         taken: number of steps that were taken; results of the others mean nothing.
+        again: returns results at further points, see `SuccessiveSteps.again`; None if torques there are not known.
         memories: memory that the controller returned at the start, if there was a jump, and at the end of each step;
             None if it is part of the results.
     """
@@ -40,6 +41,7 @@ class Taken(NamedTuple):
     ends: Systems
     starts: Systems
     taken: int
+    again: Again | None
     memories: tuple[Sequence[Any], Sequence[Any]] | None
 
 
@@ -115,12 +117,11 @@ class FusedStepper:
         taker = self._takers.get(points)
         if taker is None:
             taker = self._takers[points] = SuccessiveSteps(self.kernel, MOST_TOGETHER, points)
-        ends, starts = taker.ends, taker.starts
-        asked = None if remember is None else lambda k: remember(k, ends)
+        asked = None if remember is None else lambda k: remember(k, taker.ends)
         driven = self._driven(now, times)
         done = taker.take(start, times[:, 0], times[:, 1:] - times[:, :1], jumps, self._given, asked, driven)
-        found = [{name: x[:count] for name, x in arrays.items()} for arrays in (ends, starts)]
-        return Taken(found[0], found[1], done, None if driven is None else driven.memories)
+        ends, starts = ({name: x[:count] for name, x in arrays.items()} for arrays in (taker.ends, taker.starts))
+        return Taken(ends, starts, done, *((taker.again, None) if driven is None else (None, driven.memories)))
 
     def _driven(self, now: Instant, times: Array) -> Driven | None:
         """Return what sets the torques of steps at these times; None if a law computes them."""

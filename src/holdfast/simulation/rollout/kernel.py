@@ -111,18 +111,20 @@ class Table:
         other._enter(given)
         return other
 
-    def successive(self, places: Mapping[str, tuple[Array, int]], count: int) -> Array:
-        """Return the tables of several successive runs, (count, arrays, 2).
+    def places(self, arrays: Mapping[str, tuple[Array, int]]) -> Array:
+        """Return where arrays of several runs lie, as `successive` takes it, (4, arrays).
 
         Args:
-            places: by name, an array whose first axis is the run, and the stride of its systems in numbers of 8 bytes.
-            count: number of runs.
+            arrays: by name, an array whose first axis is the run, and the stride of its systems in numbers of 8 bytes.
         """
+        rows = [(self._layout[name][0], x.ctypes.data, x.strides[0], stride) for name, (x, stride) in arrays.items()]
+        return np.array(rows).T
+
+    def successive(self, places: Array, count: int) -> Array:
+        """Return the tables of the first of several successive runs, (count, arrays, 2); see `places`."""
         found = np.tile(self.rows, (count, 1, 1))
-        for name, (x, stride) in places.items():
-            row, _, _ = self._layout[name]
-            found[:, row, 0] = x.ctypes.data + x.strides[0] * np.arange(count)
-            found[:, row, 1] = stride
+        row, address, apart, stride = places
+        found[:, row, 0], found[:, row, 1] = address + np.arange(count)[:, None] * apart, stride
         return found
 
     def _enter(self, given: Mapping[str, Array]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +16,8 @@ ANEW = ("count", "work", "code", "worst_margin", "worst_time")  # carried arrays
 # function of the number of a step, called before it is taken, that returns the law's memory from then on; None for no
 # change
 Remember = Callable[[int], Array | None]
+
+Again = Callable[[Sequence[int], Sequence[float]], Systems]  # `SuccessiveSteps.again`
 
 
 class Driven(Protocol):
@@ -49,6 +51,8 @@ class SuccessiveSteps:
         self.kernel = kernel
         self._ends, self._starts = CarriedArrays(kernel, steps, points), CarriedArrays(kernel, steps, 1)
         self.ends, self.starts = self._ends.arrays, self._starts.arrays
+        self._taken: tuple[Array, Mapping[str, Array], Array] | None = None
+        self._again: dict[int, CarriedArrays] = {}
 
     def take(
         self,
@@ -74,27 +78,51 @@ class SuccessiveSteps:
         ends, starts, anew, count = self._ends, self._starts, self._ends.anew, len(begin)
         blank = ends.of_system(start)
         ends.block[:count, :, :anew] = starts.block[:count, :, :anew] = blank[:anew]
-        ends.prepare({**inputs, "held": np.array(0.0)}, begin, step)
+        inputs = {**inputs, "held": np.array(0.0)}
+        ends.prepare(inputs, begin[:, None], step)
         if jumps.any():
-            starts.prepare({**inputs, "held": np.array(1.0)}, begin, np.zeros((count, 1)))
-        before = blank
+            starts.prepare({**inputs, "held": np.array(1.0)}, begin[:, None], np.zeros((count, 1)))
+        self._taken = blank, inputs, jumps
+        points, jumped, before = ends.block[:, :, anew:], starts.block[:, 0, anew:], blank[anew:]
         for k, jumping in enumerate(jumps.tolist()):
             memory = None if remember is None else remember(k)
             if jumping:
-                starts.block[k, 0, anew:] = before[anew:]
+                jumped[k] = before
                 starts.set_memory(k, memory)
                 if driven is not None and not driven.start(k, starts):
                     return k
                 starts.run(k)
-                before = starts.block[k, 0]
-            ends.block[k, :, anew:] = before[anew:]
+                before = jumped[k]
+            points[k] = before
             if not jumping:
                 ends.set_memory(k, memory)
             if driven is not None and not driven.step(k, ends):
                 return k
             ends.run(k)
-            before = ends.block[k, -1]
+            before = points[k, -1]
         return count
+
+    def again(self, steps: Sequence[int], lengths: Sequence[float]) -> Systems:
+        """Return the results at further points of the steps that were taken last, (points, ...) by name.
+
+        They are overwritten by the next call.
+
+        Args:
+            steps: number of the step of each point.
+            lengths: its time since that step's start [s].
+        """
+        assert self._taken is not None
+        blank, inputs, jumps = self._taken
+        count, anew = len(steps), self._ends.anew
+        memory = self._again.get(count)
+        if memory is None:
+            memory = self._again[count] = CarriedArrays(self.kernel, 1, count)
+        for row, k in zip(memory.block[0], steps, strict=True):
+            before = self._starts.block[k, 0] if jumps[k] else self._ends.block[k - 1, -1] if k else blank
+            row[:anew], row[anew:] = blank[:anew], before[anew:]
+        memory.prepare(inputs, self._ends.begin[None, steps, 0], np.array([lengths]))
+        memory.run(0)
+        return {name: x[0] for name, x in memory.arrays.items()}
 
 
 class CarriedArrays:
@@ -105,6 +133,7 @@ class CarriedArrays:
         torques: (runs, systems, stages, n) torques of steps whose torques are given.
         anew: how many of them, the first ones, belong to `ANEW`.
         arrays: views of the block, (runs, systems, ...) by name.
+        begin: (runs, systems) times at which the steps begin [s].
     """
 
     def __init__(self, kernel: StepKernel, runs: int, systems: int) -> None:
@@ -118,13 +147,14 @@ class CarriedArrays:
             start = sum(x[0, 0].size for x in self.arrays.values())
             part = self.block[..., start : start + sizes[name]]
             self.arrays[name] = part.reshape(runs, systems, *kernel.carried[name])
-        self._begin, self._step = np.zeros((runs, 1)), np.zeros((runs, systems))
-        self._places = {f"last.{name}": (x, size) for name, x in self.arrays.items()}
-        self._places |= {"begin": (self._begin, 0), "step": (self._step, 1)}
+        self.begin, self._step = np.zeros((2, runs, systems))
+        places = {f"last.{name}": (x, size) for name, x in self.arrays.items()}
+        places |= {"begin": (self.begin, 1), "step": (self._step, 1)}
         stages, n = kernel.structure.options.stages, kernel.chain.joint_count
         self.torques = np.zeros((runs, systems, stages, n))
         if stages:
-            self._places["control.tau"] = self.torques, stages * n
+            places["control.tau"] = self.torques, stages * n
+        self._places = kernel.table({}).places(places)
         self._take, self._first, self._apart = kernel.step_code.repeatedly(systems), 0, 0
         self._kept: tuple[Any, ...] = ()
 
@@ -138,17 +168,21 @@ class CarriedArrays:
             self.arrays["memory"][run] = memory
 
     def prepare(self, inputs: Mapping[str, Array], begin: Array, step: Array) -> None:
-        """Set the inputs, (k,) times and (k, systems) lengths [s] of the steps of the first k runs."""
+        """Set the inputs, and for the steps of the first k runs (k, systems) times and lengths [s].
+
+        The very same inputs are set once, for the number of runs of that call.
+        """
         count = len(begin)
-        self._begin[:count, 0], self._step[:count] = begin, step
-        table = self._kernel.table(inputs)
-        tables = table.successive(self._places, count)
-        self._first, self._apart = tables.ctypes.data, tables.strides[0]
-        self._kept = table, tables  # machine code reads them and the inputs
+        self.begin[:count], self._step[:count] = begin, step
+        if not self._kept or self._kept[0] is not inputs:
+            table = self._kernel.table(inputs)
+            tables = table.successive(self._places, count)
+            self._first, self._apart = tables.ctypes.data, tables.strides[0]
+            self._kept = inputs, table, tables  # machine code reads them
 
     def set_step(self, begin: float, step: float) -> None:
         """Set the time and the length of the step of the only system [s]."""
-        self._begin[0, 0], self._step[0, 0] = begin, step
+        self.begin[0, 0], self._step[0, 0] = begin, step
 
     def run(self, k: int) -> None:
         """Take the step of a run."""
