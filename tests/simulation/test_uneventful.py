@@ -113,7 +113,7 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
     "an arm lets go": (of_pandas("softfinger", RUBBER, events=[hf.Release(0.04, "left")]), STEPS // 8),
     "recorded violations": (beyond_limits, STEPS // 2),
     "a moving base": (of_pandas(base_motion={"left": swaying}), STEPS // 4),
-    "flat linkage": (four_bar, 50),
+    "flat linkage": (four_bar, 190),
     "platform": (platform, STEPS // 4),
     "function": (by_function(), STEPS // 2),
     "function, soft fingers": (by_function("softfinger", RUBBER), STEPS // 2),

@@ -1,9 +1,9 @@
 """Fixed steps in which nothing happens, taken one after another by machine code, and checked and recorded together.
 
-A step may need more than its result: a margin becomes negative or has a minimum inside it, the constraint may lose
-rank, the velocities change too much for the step, or it fails. Such a step is taken by `run_step.stepped`, which looks
-closer. Here only these are recognised, for many steps at once, with the same bounds. What is returned is the same, bit
-for bit, however many steps are taken together.
+A step may need more than its result: a margin becomes negative or has a minimum inside it, the constraint loses rank,
+the velocities change too much for the step, or it fails. Such a step is taken by `run_step.stepped`. Here only these
+are recognised, for many steps at once, with the same bounds and searches. What is returned is the same, bit for bit,
+however many steps are taken together.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.near_singular import chain_strength
 from holdfast.questions.arrays import state_of
+from holdfast.simulation.adaptive_parts import agreement, disagreement
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
@@ -29,8 +30,14 @@ from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.rollout.rows import TWISTS, gaps_of, velocities_in
 from holdfast.simulation.run_step import LARGEST_RATE, RunState
 from holdfast.simulation.sample import Samples, arrays_of, lowest_of, recorded
-from holdfast.simulation.segment import Segment
-from holdfast.simulation.singular_configuration import changes_much, may_lose
+from holdfast.simulation.segment import Segment, suited
+from holdfast.simulation.singular_configuration import (
+    SHORTENED_WITHIN,
+    changes_much,
+    configurations_passed,
+    may_lose,
+    time_left,
+)
 from holdfast.simulation.stability import cell
 from holdfast.simulation.stepper import SubdividingStepper
 from holdfast.simulation.trajectory import Trajectory
@@ -148,8 +155,9 @@ def _taken(at: RunState, stepper: FusedStepper, ends: Array, jumps: Array) -> _S
     held: list[HeldTorques | None] = []
     remember = None if at.checkpoint.held is None else _sampling(at, begins, jumps, held)
     points, after_jumps, taken, memories = stepper.take(now, times, jumps, remember)
+    start = stepper.start_of(now)
     starts = {}
-    for name, x in arrays_of(now).items():
+    for name, x in {**start, **arrays_of(now)}.items():
         starts[name] = np.concatenate([x, points[name][:-1, -1]])
         starts[name][jumps] = after_jumps[name][jumps, 0]
     margins = segment.signals.of_arrays(points)
@@ -191,8 +199,41 @@ def _eventful(at: RunState, steps: _Steps) -> Array:
     found[steps.failed :] = True
     if isinstance(at.segment.stepper, SubdividingStepper):
         found |= (steps.points["gaps"][..., 0] > at.segment.stepper.limit).any(axis=1)
-    found |= (cell(steps.starts["q"]) != cell(ends["q"])).any(axis=-1)
-    return found | _near_limits(at, steps) | _unresolved(at, steps) | _near_singular(at, steps)
+    found |= _near_limits(at, steps) | _unresolved(at, steps)
+    singular, long = _near_singular(at, steps)
+    cells = (cell(steps.starts["q"]) != cell(ends["q"])).any(axis=-1)
+    for k in np.flatnonzero(singular | cells).tolist():  # a closer look at each
+        if found[:k].any():
+            break
+        found[k] |= (cells[k] and _becomes_stiff(at, steps, k)) or (singular[k] and _loses_rank(at, steps, k))
+    long[np.logical_or.accumulate(found)] = False  # nobody asks
+    return found | _too_long(at, steps, long)
+
+
+def _becomes_stiff(at: RunState, steps: _Steps, k: int) -> bool:
+    """Return whether steps of this kind are too long for the springs and dampers after a step."""
+    _, news = suited(at.segment, float(steps.times[k, -1]), state_of(steps.ends, k))
+    return bool(news)
+
+
+def _loses_rank(at: RunState, steps: _Steps, k: int) -> bool:
+    """Return whether a step passes a singular configuration, or is near one ahead."""
+    segment, stepper = at.segment, _stepper(at.segment)
+    assert stepper is not None
+    now, memory = at.now, at.now.memory
+    if steps.jumps[k]:
+        now = stepper.instant(
+            {name: x[:, 0] for name, x in steps.after_jumps.items()}, k, float(steps.times[k, 0]), memory
+        )
+    elif k > 0:
+        now = stepper.instant(steps.ends, k - 1, float(steps.times[k, 0]), memory)
+    later = stepper.instant(steps.ends, k, float(steps.times[k, -1]), memory)
+    if segment.settings.policy.on_singular == "continue":
+        step = segment.settings.longest_step
+        left = time_left(segment, now, step)
+        if left is not None and left <= SHORTENED_WITHIN * step:
+            return True
+    return next(configurations_passed(segment, now, later), None) is not None
 
 
 def _near_limits(at: RunState, steps: _Steps) -> Array:
@@ -228,28 +269,44 @@ def _accelerations(x: Mapping[str, Array]) -> Array:
     return np.concatenate([x[name] for name in names if name in x], axis=-1)
 
 
-def _near_singular(at: RunState, steps: _Steps) -> Array:
-    """Return in which steps the constraint may lose rank, or changes so much that the step may be too long, (k,)."""
+def _near_singular(at: RunState, steps: _Steps) -> tuple[Array, Array]:
+    """Return in which steps the constraint may lose rank, and changes so much that the step may be too long, (k,)."""
     segment, h = at.segment, steps.lengths[:, 0]
     x, y = steps.starts, steps.ends
     chain, goes_on = segment.environment.chain, segment.settings.policy.on_singular == "continue"
     if segment.generic_rank <= chain.contact_freedom_count:
-        return np.zeros(len(h), dtype=bool)
+        return np.zeros(len(h), dtype=bool), np.zeros(len(h), dtype=bool)
     here, later = chain_strength(x["condition"]), chain_strength(y["condition"])
     first = here[0] if at.previous is None else chain_strength(np.array(at.previous.result.condition))
     before = np.where(steps.jumps, here, np.concatenate([[first], here[:-1]]))
-    found = changes_much(before, here, later)
     sizes = np.ones(chain.joint_count)
     if not all(joint.turns for joint in chain.all_joints):
         sizes = SIZE_RATIO * coordinate_sizes(chain_at_rest(at.now.chain, at.now.state))[: chain.joint_count]
         sizes[[joint.turns for joint in chain.all_joints]] = 1.0
     turning = np.maximum(*(_turning(z) for z in (x, y)))
     moved = np.maximum((np.abs(y["q"] - x["q"]) / sizes).max(axis=1, initial=0.0), h * turning)
-    found |= may_lose(here + later, moved)
+    found = np.asarray(may_lose(here + later, moved))
     if goes_on:  # whether a configuration lies ahead
         ahead = 2.0 * segment.settings.longest_step
         by_joints = np.abs(ahead * x["qd"] + 0.5 * ahead**2 * x["qdd"]) / sizes
         found |= may_lose(here, np.maximum(by_joints.max(axis=1, initial=0.0), ahead * turning))
+    return found, changes_much(before, here, later)
+
+
+def _too_long(at: RunState, steps: _Steps, doubtful: Array) -> Array:
+    """Return which of the doubtful steps do not agree with their halves, (k,); see `adaptive_parts`."""
+    found, stepper, k = doubtful.copy(), _stepper(at.segment), np.flatnonzero(doubtful)
+    if stepper is None or isinstance(stepper, PythonLawStepper) or not len(k):
+        return found
+    start = {name: x[k] for name, x in steps.starts.items()}
+    first, second = stepper.in_halves(start, steps.times[k][:, [0, -1]])
+    whole, fine, before = (velocities_in(x) for x in ({n: x[k] for n, x in steps.ends.items()}, second, start))
+    agree = disagreement(whole, fine, before) <= agreement(stepper.scheme)
+    for half in (first, second):
+        agree &= half["code"] == 0.0
+        if isinstance(at.segment.stepper, SubdividingStepper):
+            agree &= half["gaps"][:, 0] <= at.segment.stepper.limit
+    found[k] = ~agree
     return found
 
 
@@ -285,8 +342,7 @@ def _accepted(at: RunState, stepper: FusedStepper, steps: _Steps, count: int) ->
         return stepper.instant(x, k, float(t[k]), returned[k])
 
     of_grasps = margins[:, -1, : len(segment.environment.chain.arms)]
-    arrays, allowed = _with_forces(x, instant, segment), (of_grasps, of_grasps, of_grasps)
-    samples = Samples(t, arrays, allowed, x["gaps"], work, *lowest_of(times, margins))
+    samples = Samples(t, x, (of_grasps, of_grasps, of_grasps), x["gaps"], work, *lowest_of(times, margins))
     run = recorded(segment.environment, segment.stepper.accounts, samples, saved.sums, segment.settings.recording.names)
     followed, largest = _followed(saved.tracker, samples), _largest(at, steps)
 
@@ -333,12 +389,3 @@ def _followed(before: ViolationTracker, samples: Samples) -> Callable[[int], Vio
         return replace(before, lowest=lowest[k + 1], depth=depth[k + 1], depth_time=when[k + 1])
 
     return after
-
-
-def _with_forces(x: Mapping[str, Array], instant: Callable[[int], Instant], segment: Segment) -> Mapping[str, Array]:
-    """Return the arrays at the ends of steps; forces that are not unique are the smallest ones."""
-    if (x["rank"] == segment.environment.chain.constraint_row_count).all():
-        return x
-    found = [arrays_of(instant(k)) for k in range(len(x["rank"]))]
-    forces = ("grasp_wrench", "base_wrench", "trunk_base_wrench")
-    return {**x, **{name: np.concatenate([one[name] for one in found]) for name in forces if name in found[0]}}
