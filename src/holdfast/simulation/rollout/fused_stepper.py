@@ -87,12 +87,12 @@ class FusedStepper:
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
         rows = rows_held_near(self.environment, t, state, self.generic_rank)
-        systems, (kept,) = self._at([t], [state], memory, rows, held=False, keep=False)
+        systems, (kept,) = self._at([t], [state], memory, rows, project=True)
         return self.instant(systems, 0, t, kept), gaps_of(systems, 0)
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state without projection."""
-        systems, (kept,) = self._at([t], [state], memory, None, held=True)
+        systems, (kept,) = self._at([t], [state], memory, None)
         return self.instant(systems, 0, t, kept)
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
@@ -194,9 +194,10 @@ class FusedStepper:
         """Return the replies to requests; see `Stepper`."""
         times, states, held = [one.t for one in requests], [one.state for one in requests], now.result.held
         first, memory = requests[0], now.memory
-        rows = held if isinstance(first, ProjectionRequest | StageRequest) else None
-        systems, kept = self._at(times, states, memory, rows, held=not isinstance(first, ProjectionRequest))
-        if isinstance(first, ProjectionRequest):
+        projecting = isinstance(first, ProjectionRequest)
+        rows = held if projecting or isinstance(first, StageRequest) else None
+        systems, kept = self._at(times, states, memory, rows, project=projecting, evaluate=not projecting)
+        if projecting:
             return [(state_of(systems, row), gaps_of(systems, row)) for row in range(len(times))]
         return [
             slope_at(systems["slope"][row], one)
@@ -206,7 +207,14 @@ class FusedStepper:
         ]
 
     def _at(
-        self, times: list[float], states: list[State], memory: Any, rows: Array | None, held: bool, keep: bool = True
+        self,
+        times: list[float],
+        states: list[State],
+        memory: Any,
+        rows: Array | None,
+        *,
+        project: bool = False,
+        evaluate: bool = True,
     ) -> tuple[Systems, list[Any]]:
         """Return the systems at the given states, and the memories from there; an error is raised if one fails.
 
@@ -215,18 +223,23 @@ class FusedStepper:
             states: states of the systems.
             memory: memory passed to the law.
             rows: rows of the constraint to satisfy; None to choose them at the given states.
-            held: evaluate the states without projection; otherwise they are projected.
-            keep: project only; without it, projected states are evaluated with rows that are chosen there.
+            project: project the states onto the grasps.
+            evaluate: evaluate them: those that are projected with rows that are chosen there.
         """
         systems = self.kernel.systems(state_rows(states), memory)
         hold_rows(systems, rows)
-        inputs, keep = self._inputs(np.array(times), np.array(0.0), held), keep and rows is not None
-        inputs["keep_rows"] = np.array(float(keep))
+        inputs = self._inputs_at(times, rows, project, evaluate)
         self.kernel.run(systems, inputs, {})
         refuse(systems)
-        if not keep:  # of stages only the slope is used
+        if evaluate and not inputs["keep_rows"]:  # of stages only the slope is used
             self.kernel.choose_forces(systems, inputs, {})
         return systems, [memory] * len(times)
+
+    def _inputs_at(self, times: list[float], rows: Array | None, project: bool, evaluate: bool) -> dict[str, Array]:
+        """Return the inputs for `_at`."""
+        keep = rows is not None and not (project and evaluate)
+        inputs = self._inputs(np.array(times), np.array(0.0), not project)
+        return inputs | {"keep_rows": np.array(float(keep))}
 
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""

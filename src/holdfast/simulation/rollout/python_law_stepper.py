@@ -80,26 +80,29 @@ class PythonLawStepper(FusedStepper):
         return [self._advance(systems, row, end, memory) for row, end in enumerate(ends)]
 
     def _at(
-        self, times: list[float], states: list[State], memory: Any, rows: Array | None, held: bool, keep: bool = True
+        self,
+        times: list[float],
+        states: list[State],
+        memory: Any,
+        rows: Array | None,
+        *,
+        project: bool = False,
+        evaluate: bool = True,
     ) -> tuple[Systems, list[Any]]:
-        systems, torques = (
-            self.kernel.systems(state_rows(states)),
-            np.zeros((len(times), len(self.scheme.c), self.environment.chain.joint_count)),
-        )
+        systems, inputs = self.kernel.systems(state_rows(states)), self._inputs_at(times, rows, project, evaluate)
         hold_rows(systems, rows)
-        inputs, keep = self._inputs(np.array(times), np.array(0.0), held), keep and rows is not None
-        inputs["keep_rows"] = np.array(float(keep))
-        if not held:
+        torques = np.zeros((len(times), len(self.scheme.c), self.environment.chain.joint_count))
+        if project:
             closing = {name: x.copy() for name, x in systems.items()}
             self._drive(closing, inputs, torques)
-            if keep:
+            if not evaluate:
                 return closing, [memory] * len(times)
             states = [state_of(closing, row) for row in range(len(times))]
         answers = [self._ask(memory, t, state) for t, state in zip(times, states, strict=True)]
         for row, (tau, _) in enumerate(answers):
             torques[row] = tau
         self._drive(systems, inputs, torques)
-        if not keep:  # as in a law's steps
+        if not inputs["keep_rows"]:
             self.kernel.choose_forces(systems, inputs, {})
         return systems, [kept for _, kept in answers]
 
