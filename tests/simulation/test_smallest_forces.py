@@ -14,6 +14,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.rollout.compiled_steppers import StagewiseStepper
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
+from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper, Tolerance
 from holdfast.spatial import scalar
@@ -38,7 +39,7 @@ def by(controller: Any, **options: Any) -> Callable[[hf.ClosedChain, hf.State], 
     return lambda chain, state: hf.simulate(chain, state, controller, STEPS * STEP, STEP, **options)
 
 
-OTHERS = {"stages": by(free), "adaptive": by(FREE, scheme="dop853", rtol=1e-9), "rollout": by_rollout}
+OTHERS = {"Python": by(free), "adaptive": by(FREE, scheme="dop853", rtol=1e-9), "rollout": by_rollout}
 
 
 def swaying(t: Any) -> tuple[Any, Any, Any]:
@@ -74,7 +75,7 @@ def test_whole_steps(name):
 @pytest.mark.parametrize("name", mostly_long(MECHANISMS, ["springs", "floating"]))
 @pytest.mark.parametrize("kind", OTHERS)
 def test_other_steps(name, kind):
-    """Of steps stage by stage with a controller in Python, of adaptive steps, and of a rollout's system as a run."""
+    """Of steps with a controller in Python, of adaptive steps, and of a rollout's system as a run."""
     chain, state = MECHANISMS[name]()
     require_smallest(OTHERS[kind](chain, state), Environment(chain))
 
@@ -89,13 +90,14 @@ def test_moving_bases():
 
 @pytest.mark.parametrize("name", mostly_long(MECHANISMS, ["threads by hand", "on a trunk", "floating"]))
 def test_steppers_agree(name):
-    """Rows of the constraint and steps of collocation, by the reference and by machine code of both kinds."""
+    """Rows of the constraint and steps of collocation, by the reference and by machine code of every kind."""
     chain, state = MECHANISMS[name]()
     world, rank = Environment(chain), hf.forward_dynamics(chain, state, np.zeros(chain.joint_count)).rank
     steppers = [
         ReferenceStepper(world, free, rank),
         StagewiseStepper(world, free, rank, RK4, Tolerance()),
         FusedStepper.of(world, FREE, RK4, rank),
+        PythonLawStepper.of_controller(world, free, RK4, rank),
     ]
     first, *rows = [stepper.constraint([0.0, 0.0], [state, state]) for stepper in steppers]
     assert first.shape == (
