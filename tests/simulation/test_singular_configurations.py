@@ -13,7 +13,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.runge_kutta import IMEX, RK4
 from holdfast.simulation.singular_configuration import ConstraintFactors, rank_drop
-from holdfast.simulation.stepper import in_parts
+from holdfast.simulation.stepper import ReferenceStepper, in_parts
 from tests.control.two_pandas import two_pandas
 from tests.longer import mostly_long
 from tests.simulation.test_overconstrained import FREE, free
@@ -163,7 +163,7 @@ def test_collocation_is_of_order_twelve_and_closed():
     environment = Environment(chain)
     exact = hf.simulate(chain, state, free, 0.4, 1e-2, scheme="dop853", rtol=1e-13)
     generic = hf.forward_dynamics(chain, state, np.zeros(2)).rank
-    stepper = CollocationStepper(environment, free, generic)
+    stepper = CollocationStepper(ReferenceStepper(environment, free, generic))
     now, _ = stepper.start(0.0, state, None)
     errors = []
     for end in (0.4, 0.2):

@@ -124,7 +124,7 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
     "minima of margins": (tracking, STEPS),
     "minima, sampled": (partial(tracking, sample_time=2 * STEP), STEPS),
     "a moving base": (of_pandas(base_motion={"left": swaying}), STEPS // 4),
-    "flat linkage": (four_bar, 50),
+    "flat linkage": (four_bar, 190),
     "platform": (platform, STEPS // 4),
     "function": (by_function(), STEPS // 2),
     "function, soft fingers": (by_function("softfinger", RUBBER), STEPS // 2),

@@ -4,7 +4,15 @@ import mpmath
 import numpy as np
 import pytest
 
-from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution, gauss_solve, ldl, ldl_solve
+from holdfast.spatial.linalg import (
+    back_substitution,
+    cholesky,
+    forward_substitution,
+    gauss_solve,
+    in_range,
+    ldl,
+    ldl_solve,
+)
 from tests.spatial.dual import duals, slopes_of
 
 sizes = pytest.mark.parametrize("n", [1, 2, 3, 6, 12])
@@ -171,3 +179,26 @@ def test_many_digits_by_elimination():
         solution, nullity = gauss_solve(A, A @ x)
         assert nullity == 0
         assert max(abs(solution - x)) < mpmath.mpf(10) ** -40
+
+
+@pytest.mark.parametrize(("m", "n", "rank"), [(1, 1, 1), (7, 4, 4), (4, 7, 4), (8, 9, 5), (5, 5, 0), (15, 10, 8)])
+def test_part_in_range(m, n, rank):
+    """As numpy's pseudo-inverse has it, however long the columns and however nearly some lie in one plane."""
+    random = np.random.default_rng(m + n)
+    A = random.normal(size=(m, rank)) @ random.normal(size=(rank, n))
+    A[:, -1] = 0.0 if rank < n else A[:, -1]
+    A[:, : n // 2] *= 1e-5
+    b, sizes = random.normal(size=m), np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    expected = (A / sizes) @ (np.linalg.pinv(A / sizes, rcond=1e-10) @ b)
+    assert np.abs(in_range(A, b, rank) - expected).max() < 1e-13
+
+
+@pytest.mark.parametrize("apart", [1e-3, 1e-6])
+def test_part_in_a_range_that_is_nearly_lost(apart):
+    """Columns that differ by little span a plane as exactly as they are given; a trace of a third one is left out."""
+    random = np.random.default_rng(0)
+    basis, _ = np.linalg.qr(random.normal(size=(9, 3)))
+    a, c, e = basis.T
+    b = random.normal(size=9)
+    found = in_range(np.array([a, a + apart * c, a - apart * c + 1e-14 * e]).T, b, 2)
+    assert np.abs(found - (a @ b) * a - (c @ b) * c).max() < 1e-15 / apart + 1e-13 / apart

@@ -8,16 +8,16 @@ the motion does not determine them; the smallest possible forces are chosen.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import jacobian
-from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.stacked import block_diagonal
 from holdfast.model.closed_chain import TRUNK
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, sqrt, where
 from holdfast.spatial.spatial_vector import twist_shift
 
 NULL_SINGULAR_VALUE = 1e-9  # singular values below this fraction of the largest count as zero
@@ -65,23 +65,24 @@ def coordinate_sizes(motion: ChainMotion) -> Array:
     reach = [r for arm in motion.arms.values() for r in arm.at.reach] + [c.offset for c in motion.contacts]
     if motion.trunk is not None:
         reach += [body.reach for body in motion.trunk.bodies]
-    length = max((float(np.linalg.norm(r)) for r in reach), default=0.0)
-    length = length if length > SMALLEST_LENGTH else 1.0
+    length = sqrt(reduce(maximum, [r @ r for r in reach], 0.0))
+    length = where(length > SMALLEST_LENGTH, length, 1.0)
     joints = [1.0 if joint.turns else length for joint in motion.chain.all_joints]
     free_bodies = 2 if motion.chain.floats else 1
-    return np.array([*joints, *free_bodies * [1.0, 1.0, 1.0, length, length, length]])
+    return array([*joints, *free_bodies * [1.0, 1.0, 1.0, length, length, length]])
 
 
-def length_scale(offsets: list[Array]) -> float:
+def length_scale(offsets: list[Array]) -> Scalar:
     """Return L, the rms distance of the contact points from their centroid [m].
 
     L is 1 m for a single contact and for contacts that all lie at one point.
     """
     if len(offsets) < 2:
         return 1.0
-    points = np.array(offsets)
-    L = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    return L if L > SMALLEST_LENGTH else 1.0
+    points = array(offsets)
+    apart = points - points.mean(axis=0)
+    L = sqrt((apart * apart).sum(axis=1).mean())
+    return where(L > SMALLEST_LENGTH, L, 1.0)
 
 
 def constraint_rows(motion: ChainMotion) -> ConstraintRows:
@@ -91,19 +92,25 @@ def constraint_rows(motion: ChainMotion) -> ConstraintRows:
     joint_rows, object_rows = [np.zeros((0, chain.joint_count))], [np.zeros((0, 6))]
     base_rows, slices, start = [np.zeros((0, free))], [], 0
     for name, c in zip(chain.grasps, motion.contacts, strict=True):
-        arm = motion.arms[name]
-        rows, base = np.zeros((len(c.K), chain.joint_count)), np.zeros((len(c.K), 0))
-        rows[:, chain.joints[name]] = c.K @ jacobian(arm.arm, arm.at)
+        arm, K = motion.arms[name], c.K
+        columns = {other: np.zeros((len(K), part.stop - part.start)) for other, part in chain.joints.items()}
+        columns[name], base = K @ jacobian(arm.arm, arm.at), np.zeros((len(K), 0))
         if trunk is not None:
-            by_trunk, by_base = trunk.jacobian(name, arm.base_to_tip)
-            rows[:, chain.joints[TRUNK]], base = c.K @ by_trunk, c.K @ by_base
-        joint_rows.append(rows)
-        object_rows.append(-c.K @ twist_shift(c.offset))
+            columns[TRUNK], base = (K @ x for x in trunk.jacobian(name, arm.base_to_tip))
+        joint_rows.append(np.hstack(list(columns.values())))
+        object_rows.append(-K @ twist_shift(c.offset))
         base_rows.append(base)
-        slices.append(slice(start, start + len(rows)))
-        start += len(rows)
+        slices.append(slice(start, start + len(K)))
+        start += len(K)
     whole = [np.concatenate(rows) for rows in (joint_rows, object_rows, base_rows)]
     return ConstraintRows(whole[0], whole[1], whole[2], slices)
+
+
+def dimensionless_rows(motion: ChainMotion) -> Array:
+    """Return K [J, -A] with lengths in units of the reach of the arms, (rows, n + 6); see `coordinate_sizes`."""
+    sizes = coordinate_sizes(motion)
+    lengths = [sizes[-1] if row < 3 else 1.0 for c in motion.contacts for row in c.rows]
+    return array(lengths)[:, None] * constraint_rows(motion).matrix * sizes
 
 
 class WrenchDirections(NamedTuple):
@@ -185,13 +192,3 @@ def pattern(motion: ChainMotion, wrenches: Array, length: float) -> str:
         x, y, z = axis / np.linalg.norm(axis)
         parts.append(f"{kind} ({x:+.2f}, {y:+.2f}, {z:+.2f}) at '{name}' ({c.grasp.kind})")
     return " against ".join(parts) + " (world axes)"
-
-
-def with_smallest_forces(motion: ChainMotion, found: Solution) -> Solution:
-    """Return the solution with the grasp forces of least norm, sum |moment/L|^2 + |force|^2."""
-    length = length_scale([c.offset for c in motion.contacts])
-    N = free_wrenches(motion, length, None if found.rank is None else int(found.rank))
-    metric = np.tile(np.r_[np.full(3, 1 / length), np.ones(3)], len(motion.contacts))
-    f = np.concatenate(found.wrenches)
-    smallest = f - N @ ((N * metric[:, None]).T @ (metric * f))
-    return replace(found, wrenches=list(smallest.reshape(-1, 6)), base_wrenches=None)  # they belong to other forces

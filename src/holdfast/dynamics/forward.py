@@ -8,7 +8,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics import constraint, rank
+from holdfast.dynamics import rank
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.general import FreeDynamics
@@ -18,6 +18,7 @@ from holdfast.dynamics.closed.tip_response import LEAST_INERTIA, Route
 from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.methods import Method, method_named
 from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.dynamics.smallest_forces import with_smallest_forces
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -118,7 +119,7 @@ def forward_dynamics(
     except MethodNotApplicable as cause:
         raise MethodNotApplicable(f"{chosen.name}: {cause}") from cause
     if status is Status.INDETERMINATE_FORCES and held is None:  # given rows to hold determine the forces
-        found = constraint.with_smallest_forces(motion, replace(found, rank=regular.rank))
+        found = with_smallest_forces(motion, replace(found, rank=regular.rank))
     return _assemble(motion, found, regular, status, chosen.name)
 
 

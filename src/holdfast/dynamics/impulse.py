@@ -19,10 +19,10 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_m
 from holdfast.dynamics.closed.chain_solution import base_wrench
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.consistency import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual, require_closed
-from holdfast.dynamics.constraint import with_smallest_forces
 from holdfast.dynamics.projection import constraint_impulses, quickened
 from holdfast.dynamics.rank import rank_and_held_near
 from holdfast.dynamics.result import Status
+from holdfast.dynamics.smallest_forces import with_smallest_forces
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError
 from holdfast.model import checks

@@ -20,7 +20,9 @@ import numpy as np
 from holdfast.errors import HoldfastError, StateError
 from holdfast.simulation.adaptive import first_proposal, next_step
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.stepper import NO_GAPS, Advance, PartsStepper, Stepper, in_parts, together
+from holdfast.spatial.scalar import Array
 
 RTOL_OF_PARTS = 1e-11
 MOST_ADAPTIVE_PARTS, MOST_HALVED = 256, 1024
@@ -41,9 +43,9 @@ def agreeing_parts(stepper: Stepper, now: Instant, later: Instant) -> int | None
         later: the chain at the end of the whole step.
     """
     scheme, parts, coarse = stepper.scheme, 1, later
-    same = _same(stepper)
+    same = agreement(scheme)
     while coarse is not None and (fine := in_parts(stepper, now, later.t, 2 * parts).instant) is not None:
-        off = _difference(coarse, fine) / max(_difference(fine, now), 1e-300)
+        off = float(disagreement(coarse.velocities, fine.velocities, now.velocities))
         if off <= same:
             return 1 if parts == 1 else 2 * parts
         if 2 * parts == MOST_EQUAL_PARTS:
@@ -55,12 +57,20 @@ def agreeing_parts(stepper: Stepper, now: Instant, later: Instant) -> int | None
     return None
 
 
-def _same(stepper: Stepper) -> float:
-    return AGREEMENT_IMPLICIT if stepper.scheme.implicit else AGREEMENT
+def agreement(scheme: Tableau) -> float:
+    """Return the largest `disagreement` between a step and its halves with which they give the same result."""
+    return AGREEMENT_IMPLICIT if scheme.implicit else AGREEMENT
 
 
-def _difference(a: Instant, b: Instant) -> float:
-    return float(np.abs(a.velocities - b.velocities).max())
+def disagreement(coarse: Array, fine: Array, start: Array) -> Array:
+    """Return the difference between two results of a step relative to the change of the velocities.
+
+    Args:
+        coarse: (..., n + 6) velocities at the step's end.
+        fine: the same, from smaller parts.
+        start: velocities at the step's start.
+    """
+    return np.abs(coarse - fine).max(axis=-1) / np.maximum(np.abs(fine - start).max(axis=-1), 1e-300)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +126,10 @@ class HalvedPartsStepper(PartsStepper):
         for _ in range(MOST_HALVED):
             until = end if part >= (end - at.t) * (1 - 1e-9) else at.t + part
             (whole,), halves = self.whole.advance(at, [until]), in_parts(self.whole, at, until, 2)
-            off = math.inf
+            off, same = math.inf, agreement(self.whole.scheme)
             if whole.instant is not None and halves.instant is not None:
-                off = _difference(whole.instant, halves.instant) / max(_difference(halves.instant, at), 1e-300)
-            if not off <= _same(self.whole):
+                off = float(disagreement(*(x.velocities for x in (whole.instant, halves.instant, at))))
+            if not off <= same:
                 part *= 0.5
                 continue
             assert halves.instant is not None
@@ -127,7 +137,7 @@ class HalvedPartsStepper(PartsStepper):
             parts.append(halves)
             if until == end:
                 return together(parts)
-            if off <= 0.5 ** (self.whole.scheme.order + 1) * _same(self.whole):
+            if off <= 0.5 ** (self.whole.scheme.order + 1) * same:
                 part *= 2.0
         return Advance(end, None, NO_GAPS, np.zeros(4), failure=_too_fast(now, MOST_HALVED))
 

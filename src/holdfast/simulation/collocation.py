@@ -9,8 +9,9 @@ that lies in the middle of the step (or at its ends).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Generator, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +19,8 @@ from holdfast.errors import StateError
 from holdfast.simulation.increment import body_parts, displaced, no_turns, turns_between, work_of
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.step import EndRequest, ProjectionRequest, StageRequest, StepGenerator, StepResult
-from holdfast.simulation.stepper import ReferenceStepper
+from holdfast.simulation.step import EndRequest, EvaluationRequest, ProjectionRequest, StageRequest, StepResult
+from holdfast.simulation.stepper import Advance, PartsStepper, attempted
 
 STAGES = 6
 MOST_ITERATIONS = 60
@@ -38,8 +39,8 @@ def gauss() -> Tableau:
     return Tableau("gauss", 2 * STAGES, c, a, b, np.zeros((0, STAGES)))
 
 
-def collocation_step(now: Instant, until: float) -> StepGenerator:
-    """Return the chain one step later, projected onto the grasps; a generator of requests like `take_step`.
+def collocation_step(now: Instant, until: float) -> Generator[Sequence[EvaluationRequest], list[Any], StepResult]:
+    """Return the chain one step later, projected onto the grasps; a generator of requests, several at a time.
 
     Args:
         now: the chain at the step's start.
@@ -58,13 +59,12 @@ def collocation_step(now: Instant, until: float) -> StepGenerator:
     before = moving = np.inf
     for _ in range(MOST_ITERATIONS):
         increments = h * scheme.a @ slopes
-        later = []
-        for t, y in zip(times, increments, strict=True):
-            state = displaced(start, y)
-            if moving < NEARLY_CONVERGED:
-                state, _ = yield ProjectionRequest(t, state)
-            later.append((yield StageRequest(t, state, turns_between(start, state))))
-        found = np.array(later)
+        states = [displaced(start, y) for y in increments]
+        if moving < NEARLY_CONVERGED:
+            closed = yield [ProjectionRequest(t, state) for t, state in zip(times, states, strict=True)]
+            states = [state for state, _ in closed]
+        stages = [StageRequest(t, state, turns_between(start, state)) for t, state in zip(times, states, strict=True)]
+        found = np.array((yield stages))
         before, moving = moving, float(h * np.abs(found - slopes)[:, : body_parts(start)[-1].stop].max())
         slopes = found
         if not np.isfinite(moving) or moving <= CONVERGED or (moving < NEARLY_CONVERGED and moving >= 0.5 * before):
@@ -72,13 +72,23 @@ def collocation_step(now: Instant, until: float) -> StepGenerator:
     if not moving < NEARLY_CONVERGED:
         raise StateError("the stages of a step through a singular configuration do not settle; try a smaller step")
     y = h * scheme.b @ slopes
-    closed, gaps = yield ProjectionRequest(until, displaced(start, y))
-    return StepResult((yield EndRequest(until, closed)), gaps, work_of(y), [])
+    ((end, gaps),) = yield [ProjectionRequest(until, displaced(start, y))]
+    (later,) = yield [EndRequest(until, end)]
+    return StepResult(later, gaps, work_of(y), [])
 
 
-@dataclass(frozen=True, eq=False)
-class CollocationStepper(ReferenceStepper):
-    """Takes steps by collocation, computed on floats; see `Stepper`."""
+class CollocationStepper(PartsStepper):
+    """Takes steps by collocation, with the evaluations of another stepper; see `Stepper`."""
 
-    def _generator(self, now: Instant, end: float) -> StepGenerator:
-        return collocation_step(now, end)
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return the results of single steps; see `Stepper`."""
+        return [attempted(end, lambda end=end: self._step(now, end))[0] for end in ends]
+
+    def _step(self, now: Instant, end: float) -> StepResult:
+        generator, replies = collocation_step(now, end), None
+        while True:
+            try:
+                requests = next(generator) if replies is None else generator.send(replies)
+            except StopIteration as done:
+                return done.value
+            replies = self.whole.replies(now, requests)

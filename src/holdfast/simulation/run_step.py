@@ -20,6 +20,7 @@ from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_configuration import (
     ALMOST,
     CLOSED_PATH,
+    SHORTENED_WITHIN,
     SingularConfiguration,
     configuration_ahead,
     configurations_passed,
@@ -77,7 +78,7 @@ def stepped(at: RunState) -> RunState:
     proposal = at.checkpoint.proposal
     step = settings.longest_step if proposal is None else proposal.step
     left = time_left(segment, now, step) if goes_on else None
-    if left is not None and (proposal is not None or left <= 1.5 * step):  # no step should end close to it
+    if left is not None and (proposal is not None or left <= SHORTENED_WITHIN * step):  # no step should end close to it
         return _towards(at, left, step)
     later, configuration = _step_and_configuration(at, until)
     if configuration is None:

@@ -118,7 +118,7 @@ class Segment:
     @cached_property
     def collocation(self) -> CollocationStepper:
         """The stepper for steps through singular configurations."""
-        return CollocationStepper(self.environment, self.controller, self.generic_rank)
+        return CollocationStepper(self.stepper)
 
     @cached_property
     def varied_parts(self) -> Stepper:

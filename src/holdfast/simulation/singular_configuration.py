@@ -19,13 +19,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
-from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
+from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.near_singular import STRENGTH_LOST, chain_strength, lost_at
 from holdfast.dynamics.projection import largest_gaps, moved
 from holdfast.model.closed_chain import ClosedChain
@@ -53,6 +52,7 @@ NEARBY = 0.25  # a configuration counts as near a singular one if its strength i
 LARGEST_MOTION = 1.0  # rad, or fraction of the reach: a step that moves joints further is too long for any constraint
 MOST_IN_A_STEP = 8
 PAST = 1e-3  # after a configuration was found, this fraction of the rest of the step is left out of the next search
+SHORTENED_WITHIN = 1.5  # a fixed step that begins so many steps before a configuration, or fewer, is shortened
 ALMOST = 0.55  # a step crosses a configuration that is nearer than this fraction of a step
 HORIZONS = 2.0 ** np.arange(-20, 1)  # in units of the time in which a joint turns by one radian
 
@@ -207,13 +207,16 @@ def _ahead(now: Instant) -> Way:
 
 def _drop(segment: Segment, way: Way, begin: float, end: float) -> RankDrop | None:
     """Return the first point of a path at which the constraint loses rank; None if there is none."""
-    environment = segment.environment
+    known: dict[float, ConstraintFactors] = {}
 
-    @cache
     def factors(t: float) -> ConstraintFactors:
-        return constraint_factors(environment.chain_at(min(t, segment.settings.end)), way(t))
+        if t not in known:
+            times = [t] if known else list(dict.fromkeys([begin, t, end]))  # those are needed in any case
+            rows = segment.stepper.constraint([min(t, segment.settings.end) for t in times], [way(t) for t in times])
+            known.update(zip(times, constraint_factors(rows), strict=True))
+        return known[t]
 
-    rank = segment.generic_rank - environment.chain.contact_freedom_count
+    rank = segment.generic_rank - segment.environment.chain.contact_freedom_count
     try:
         return rank_drop(factors, begin, end, rank) if rank > 0 else None
     except np.linalg.LinAlgError:  # the motion has diverged
@@ -276,14 +279,10 @@ class RankDrop(NamedTuple):
     through: bool
 
 
-def constraint_factors(chain: ClosedChain, state: State) -> ConstraintFactors:
-    """Return the factors of the grasp constraint at a configuration. O((n + 6)^3)."""
-    motion = chain_at_rest(chain, state)
-    sizes, rows = coordinate_sizes(motion), constraint_rows(motion)
-    turning = [np.array(c.rows) < 3 for c in motion.contacts]
-    lengths = np.where(np.concatenate(turning), sizes[-1], 1.0)
-    U, s, Vt = np.linalg.svd(lengths[:, None] * rows.matrix * sizes, full_matrices=False)
-    return ConstraintFactors(U, s / s[0], Vt)
+def constraint_factors(rows: Array) -> list[ConstraintFactors]:
+    """Return the factors of the grasp constraint at several configurations, from `constraint.dimensionless_rows`."""
+    U, s, Vt = np.linalg.svd(rows, full_matrices=False)
+    return [ConstraintFactors(*one) for one in zip(U, s / s[:, :1], Vt, strict=True)]
 
 
 FactorsOnPath = Callable[[float], ConstraintFactors]

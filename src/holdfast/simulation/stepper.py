@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.control.controller import Controller
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
+from holdfast.dynamics.constraint import dimensionless_rows
 from holdfast.errors import ClosureError, HoldfastError, ModelError, SingularChainError, StateError
 from holdfast.simulation.accounts import accounts_of
 from holdfast.simulation.adaptive import Tolerance
@@ -30,7 +32,7 @@ from holdfast.simulation.step import (
     Gaps,
     ProjectionRequest,
     StageRequest,
-    StepGenerator,
+    StepResult,
     back_on_constraint,
     rows_held_near,
     run_step,
@@ -96,6 +98,23 @@ class Stepper(Protocol):
         """Return the result of one step from `now` to each of the end times; failures are part of the results."""
         ...
 
+    def replies(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
+        """Return the replies to requests of one kind, made by steps from `now`; see `step.take_step`.
+
+        Raises:
+            HoldfastError: the chain cannot be evaluated or projected there.
+        """
+        ...
+
+    def constraint(self, times: Sequence[float], states: Sequence[State]) -> Array:
+        """Return the rows of the constraint at several states, (k, rows, n + 6); see `constraint.dimensionless_rows`.
+
+        Args:
+            times: (k,) times, for the poses of moving bases [s].
+            states: positions; velocities are ignored.
+        """
+        ...
+
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""
         ...
@@ -133,26 +152,27 @@ class ReferenceStepper:
         """Return the results of single steps; see `Stepper`."""
         return [self._to(now, end) for end in ends]
 
+    def constraint(self, times: Sequence[float], states: Sequence[State]) -> Array:
+        """Return the rows of the constraint; see `Stepper`."""
+        at = [chain_at_rest(self.environment.chain_at(t), state) for t, state in zip(times, states, strict=True)]
+        return np.array([dimensionless_rows(motion) for motion in at])
+
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""
         return accounts_of(self.environment, t, arrays)
 
     def _to(self, now: Instant, end: float) -> Advance:
-        try:
-            step = run_step(self._generator(now, end), lambda request: self._handle(request, now))
-        except (SingularChainError, ClosureError, StateError) as cause:
-            return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
-        except ModelError:  # the model is valid: the state from which the inertia is computed has overflowed
-            failure = StateError("the step overflows float64; try a smaller time step")
-            return Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
-        error = self.tolerance.ratio(step.estimates, now.state, step.later.state)
-        return Advance(end, step.later, step.gaps, step.work, error)
+        generator = step_generator(now, end, self.scheme)
+        reached, step = attempted(end, lambda: run_step(generator, lambda request: self._reply(request, now)))
+        if step is None:
+            return reached
+        return replace(reached, error=self.tolerance.ratio(step.estimates, now.state, step.later.state))
 
-    def _generator(self, now: Instant, end: float) -> StepGenerator:
-        """Return the generator of the step."""
-        return step_generator(now, end, self.scheme)
+    def replies(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
+        """Return the replies to requests; see `Stepper`."""
+        return [self._reply(request, now) for request in requests]
 
-    def _handle(self, request: EvaluationRequest, now: Instant) -> Any:
+    def _reply(self, request: EvaluationRequest, now: Instant) -> Any:
         """Return the reply to a request of a step from `now`.
 
         The controller's memory is updated once per step, at its start.
@@ -170,6 +190,18 @@ class ReferenceStepper:
     ) -> Instant:
         of = self.environment, self.controller, t, state, memory
         return evaluate(*of, generic_rank=self.generic_rank, held=held, implicit=implicit)
+
+
+def attempted(end: float, take: Callable[[], StepResult]) -> tuple[Advance, StepResult | None]:
+    """Return the result of a step to a time [s] that a function takes; the second is None if it has failed."""
+    try:
+        step = take()
+    except (SingularChainError, ClosureError, StateError) as cause:
+        return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause), None
+    except ModelError:  # the model is valid: the state from which the inertia is computed has overflowed
+        failure = StateError("the step overflows float64; try a smaller time step")
+        return Advance(end, None, NO_GAPS, np.zeros(4), failure=failure), None
+    return Advance(end, step.later, step.gaps, step.work), step
 
 
 MOST_SUBSTEPS = 32
@@ -197,6 +229,14 @@ class PartsStepper:
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state without projection."""
         return self.whole.evaluate(t, state, memory)
+
+    def replies(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
+        """Return the replies to requests; see `Stepper`."""
+        return self.whole.replies(now, requests)
+
+    def constraint(self, times: Sequence[float], states: Sequence[State]) -> Array:
+        """Return the rows of the constraint; see `Stepper`."""
+        return self.whole.constraint(times, states)
 
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""

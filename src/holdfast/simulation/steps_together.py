@@ -104,7 +104,7 @@ def steps_together(at: RunState, stepper: FusedStepper, ends: Array, jumps: Arra
     remember = None if at.checkpoint.held is None else _sampling(at, begins, jumps, held)
     points, after_jumps, taken, again, memories = stepper.take(now, times, jumps, remember)
     starts = {}
-    for name, x in arrays_of(now).items():
+    for name, x in {**stepper.start_of(now), **arrays_of(now)}.items():
         starts[name] = np.concatenate([x, points[name][:-1, -1]])
         starts[name][jumps] = after_jumps[name][jumps, 0]
     margins = segment.signals.of_arrays(points).swapaxes(0, 1)

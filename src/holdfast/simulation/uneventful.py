@@ -1,9 +1,9 @@
 """Fixed steps in which nothing happens, taken one after another by machine code, and checked and recorded together.
 
-A step may need more than its result: a margin becomes negative inside it, the constraint may lose rank, the velocities
-change too much for the step, or it fails. Such a step is taken by `run_step.stepped`, which looks closer. Here only
-these are recognised, for many steps at once, with the same bounds. Minima of margins are refined as it does. What is
-returned is the same, bit for bit, however many steps are taken together.
+A step may need more than its result: a margin becomes negative inside it, the constraint loses rank, the velocities
+change too much for the step, or it fails. Such a step is taken by `run_step.stepped`. Here only these are recognised,
+for many steps at once, with the same bounds and searches. What is returned is the same, bit for bit, however many steps
+are taken together.
 """
 
 from __future__ import annotations
@@ -19,18 +19,27 @@ from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.constraint import SMALLEST_LENGTH, coordinate_sizes
 from holdfast.dynamics.near_singular import chain_strength
 from holdfast.questions.arrays import state_of
+from holdfast.simulation.adaptive_parts import agreement, disagreement
 from holdfast.simulation.bracket import search_lowest, together
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.resolution import leap, least_difference
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
+from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.rollout.rows import TWISTS, gaps_of, velocities_in
 from holdfast.simulation.run_step import LARGEST_RATE, RunState
-from holdfast.simulation.sample import Samples, arrays_of, lowest_of, recorded
-from holdfast.simulation.segment import Segment, suited
-from holdfast.simulation.singular_configuration import changes_much, may_lose
+from holdfast.simulation.sample import Samples, lowest_of, recorded
+from holdfast.simulation.segment import suited
+from holdfast.simulation.singular_configuration import (
+    SHORTENED_WITHIN,
+    changes_much,
+    configurations_passed,
+    may_lose,
+    time_left,
+)
 from holdfast.simulation.stability import cell
+from holdfast.simulation.stepper import SubdividingStepper
 from holdfast.simulation.steps_together import (
     StepsTogether,
     margins_at,
@@ -91,12 +100,41 @@ def _eventful(at: RunState, steps: StepsTogether) -> Array:
     found |= ~(np.abs(ends["qd"]).max(axis=-1, initial=0.0) < LARGEST_RATE)
     found |= (steps.after_jumps["code"][:, 0] != 0.0) & steps.jumps
     found[steps.failed :] = True
-    found |= _near_limits(at, steps) | _unresolved(at, steps) | _near_singular(at, steps)
-    elsewhere = (cell(steps.starts["q"]) != cell(ends["q"])).any(axis=-1)
-    for k in np.flatnonzero(elsewhere & ~np.logical_or.accumulate(found)).tolist():
-        state = state_of(steps.points, (k, -1))
-        found[k] = suited(segment, float(steps.times[k, -1]), state)[0] is not segment
-    return found
+    found |= _near_limits(at, steps) | _unresolved(at, steps)
+    singular, long = _near_singular(at, steps)
+    cells = (cell(steps.starts["q"]) != cell(ends["q"])).any(axis=-1)
+    for k in np.flatnonzero(singular | cells).tolist():  # a closer look at each
+        if found[:k].any():
+            break
+        found[k] |= (cells[k] and _becomes_stiff(at, steps, k)) or (singular[k] and _loses_rank(at, steps, k))
+    long[np.logical_or.accumulate(found)] = False  # nobody asks
+    return found | _too_long(at, steps, long)
+
+
+def _becomes_stiff(at: RunState, steps: StepsTogether, k: int) -> bool:
+    """Return whether steps of this kind are too long for the springs and dampers after a step."""
+    segment, news = suited(at.segment, float(steps.times[k, -1]), state_of(steps.ends, k))
+    return segment is not at.segment or bool(news)
+
+
+def _loses_rank(at: RunState, steps: StepsTogether, k: int) -> bool:
+    """Return whether a step passes a singular configuration, or is near one ahead."""
+    segment, stepper = at.segment, stepper_of(at.segment)
+    assert stepper is not None
+    now, memory = at.now, at.now.memory
+    if steps.jumps[k]:
+        now = stepper.instant(
+            {name: x[:, 0] for name, x in steps.after_jumps.items()}, k, float(steps.times[k, 0]), memory
+        )
+    elif k > 0:
+        now = stepper.instant(steps.ends, k - 1, float(steps.times[k, 0]), memory)
+    later = stepper.instant(steps.ends, k, float(steps.times[k, -1]), memory)
+    if segment.settings.policy.on_singular == "continue":
+        step = segment.settings.longest_step
+        left = time_left(segment, now, step)
+        if left is not None and left <= SHORTENED_WITHIN * step:
+            return True
+    return next(configurations_passed(segment, now, later), None) is not None
 
 
 def _near_limits(at: RunState, steps: StepsTogether) -> Array:
@@ -181,17 +219,16 @@ def _accelerations(x: Mapping[str, Array]) -> Array:
     return np.concatenate([x[name] for name in names if name in x], axis=-1)
 
 
-def _near_singular(at: RunState, steps: StepsTogether) -> Array:
-    """Return in which steps the constraint may lose rank, or changes so much that the step may be too long, (k,)."""
+def _near_singular(at: RunState, steps: StepsTogether) -> tuple[Array, Array]:
+    """Return in which steps the constraint may lose rank, and changes so much that the step may be too long, (k,)."""
     segment, h = at.segment, steps.lengths[:, 0]
     x, y = steps.starts, steps.ends
     chain, goes_on = segment.environment.chain, segment.settings.policy.on_singular == "continue"
     if segment.generic_rank <= chain.contact_freedom_count:
-        return np.zeros(len(h), dtype=bool)
+        return np.zeros(len(h), dtype=bool), np.zeros(len(h), dtype=bool)
     here, later = chain_strength(x["condition"]), chain_strength(y["condition"])
     first = here[0] if at.previous is None else chain_strength(np.array(at.previous.result.condition))
     before = np.where(steps.jumps, here, np.concatenate([[first], here[:-1]]))
-    much = changes_much(before, here, later)
     turning = np.maximum(*(_turning(z) for z in (x, y)))
     ahead = 2.0 * segment.settings.longest_step if goes_on else 0.0  # where a configuration may lie
     by_joints = np.abs(y["q"] - x["q"]), np.abs(ahead * x["qd"] + 0.5 * ahead**2 * x["qdd"])
@@ -199,7 +236,7 @@ def _near_singular(at: RunState, steps: StepsTogether) -> Array:
     def found(length: float) -> Array:
         sizes = np.array([1.0 if joint.turns else length for joint in chain.all_joints])
         moved, further = ((moves / sizes).max(axis=1, initial=0.0) for moves in by_joints)
-        lost = much | may_lose(here + later, np.maximum(moved, h * turning))
+        lost = np.asarray(may_lose(here + later, np.maximum(moved, h * turning)))
         return lost | may_lose(here, np.maximum(further, ahead * turning)) if goes_on else lost
 
     shortest = max([SMALLEST_LENGTH, *(float(np.linalg.norm(grasp.frame.p)) for grasp in chain.grasps.values())])
@@ -207,7 +244,24 @@ def _near_singular(at: RunState, steps: StepsTogether) -> Array:
     if singular.any() and not all(joint.turns for joint in chain.all_joints):  # the unit of length may be longer
         unit = coordinate_sizes(chain_at_rest(at.now.chain, at.now.state))[chain.joint_count + 3]
         singular = found(max(shortest, SIZE_RATIO * float(unit)))
-    return singular
+    return singular, changes_much(before, here, later)
+
+
+def _too_long(at: RunState, steps: StepsTogether, doubtful: Array) -> Array:
+    """Return which of the doubtful steps do not agree with their halves, (k,); see `adaptive_parts`."""
+    found, stepper, k = doubtful.copy(), stepper_of(at.segment), np.flatnonzero(doubtful)
+    if stepper is None or isinstance(stepper, PythonLawStepper) or not len(k):
+        return found
+    start = {name: x[k] for name, x in steps.starts.items()}
+    first, second = stepper.in_halves(start, steps.times[k][:, [0, -1]])
+    whole, fine, before = (velocities_in(x) for x in ({n: x[k] for n, x in steps.ends.items()}, second, start))
+    agree = disagreement(whole, fine, before) <= agreement(stepper.scheme)
+    for half in (first, second):
+        agree &= half["code"] == 0.0
+        if isinstance(at.segment.stepper, SubdividingStepper):
+            agree &= half["gaps"][:, 0] <= at.segment.stepper.limit
+    found[k] = ~agree
+    return found
 
 
 def _turning(x: Mapping[str, Array]) -> Array:
@@ -244,12 +298,11 @@ def _accepted(
         return stepper.instant(x, k, float(t[k]), returned[k])
 
     of_grasps = margins[-1, :, : len(segment.environment.chain.arms)]
-    arrays, allowed = _with_forces(x, instant, segment), (of_grasps, of_grasps, of_grasps)
     lowest, when = lowest_of(times, margins.swapaxes(0, 1))
     for k, curve in refined.items():
         sample = k + int(jumps[: k + 1].sum())
         lowest[sample], when[sample] = lowest_of(*curve)
-    samples = Samples(t, arrays, allowed, x["gaps"], work, lowest, when)
+    samples = Samples(t, x, (of_grasps, of_grasps, of_grasps), x["gaps"], work, lowest, when)
     run = recorded(segment.environment, segment.stepper.accounts, samples, saved.sums, segment.settings.recording.names)
     followed, largest = _followed(saved.tracker, samples), _largest(at, steps)
 
@@ -296,12 +349,3 @@ def _followed(before: ViolationTracker, samples: Samples) -> Callable[[int], Vio
         return replace(before, lowest=lowest[k + 1], depth=depth[k + 1], depth_time=when[k + 1])
 
     return after
-
-
-def _with_forces(x: Mapping[str, Array], instant: Callable[[int], Instant], segment: Segment) -> Mapping[str, Array]:
-    """Return the arrays at the ends of steps; forces that are not unique are the smallest ones."""
-    if (x["rank"] == segment.environment.chain.constraint_row_count).all():
-        return x
-    found = [arrays_of(instant(k)) for k in range(len(x["rank"]))]
-    forces = ("grasp_wrench", "base_wrench", "trunk_base_wrench")
-    return {**x, **{name: np.concatenate([one[name] for one in found]) for name in forces if name in found[0]}}

@@ -128,6 +128,39 @@ def least_solution(A: Array, b: Array) -> Array:
     return A.T @ (W @ ldl_solve(factors, array(inverse) * y))
 
 
+def in_range(A: Array, b: Array, rank: int) -> Array:
+    """Return the part of a vector in the range of a matrix of known rank, A A^+ b, whatever the lengths of columns.
+
+    Gram-Schmidt, with columns of unit length and the largest remaining one first.
+
+    Args:
+        A: (m, n).
+        b: (m,).
+        rank: its rank, at most min(m, n); the last n - rank columns, which remain of rounding alone, are left out.
+    """
+    columns, basis, found = [_unit(a) for a in A.T], [], 0.0 * b
+    for _ in range(rank):
+        sizes = [a @ a for a in columns]
+        u, size = columns[0], sizes[0]
+        for j in range(1, len(columns)):
+            more = sizes[j] > size
+            u, columns[j] = select(more, columns[j], u), select(more, u, columns[j])
+            size = where(more, sizes[j], size)
+        for before in basis:  # once more, because what has been subtracted may have been much larger
+            u = u - (u @ before) * before
+        u = _unit(u)
+        columns = [a - (a @ u) * u for a in columns[1:]]
+        basis.append(u)
+        found = found + (u @ b) * u
+    return found
+
+
+def _unit(a: Array) -> Array:
+    """Return a vector divided by its length; zero remains zero."""
+    size = a @ a
+    return a * where(size > 0.0, 1.0 / sqrt(where(size > 0.0, size, 1.0)), 0.0)
+
+
 def cholesky(S: Array) -> Array:
     """Return the lower triangular C with C C^T = S, S positive definite (not checked)."""
     n = len(S)

@@ -136,16 +136,16 @@ class TrunkMotion(NamedTuple):
             reach: (3,) from its base origin to its tip point, world axes [m].
         """
         mount, floats = self.mounts.get(name), self.floats
-        joints = np.zeros((6, len(self.bodies) - floats))
+        columns = [np.zeros(6)] * (len(self.bodies) - floats)
         if mount is None:
-            return joints, np.zeros((6, 6 if floats else 0))
+            return array(columns).reshape(-1, 6).T, np.zeros((6, 6 if floats else 0))
         reach = mount.offset + reach  # from the origin of the body, and later of the bodies before
         for k in reversed(range(mount.body + 1)):
             H = self.bodies[k].H
             if H is not None:
-                joints[:, k - floats] = shift_twist(reach, H)
+                columns[k - floats] = shift_twist(reach, H)
                 reach = self.bodies[k].reach + reach
-        return joints, twist_shift(reach) if floats else np.zeros((6, 0))
+        return array(columns).reshape(-1, 6).T, twist_shift(reach) if floats else np.zeros((6, 0))
 
     def under(self, name: str, betas: Sequence[Array]) -> Array | None:
         """Return beta at the base of an arm, (6,); None if it is not mounted on the trunk."""

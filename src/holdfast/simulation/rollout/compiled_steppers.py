@@ -24,15 +24,15 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.questions.arrays import state_of
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import MOVING_BASES, Environment, GivenInputs
-from holdfast.simulation.increment import body_parts, twists
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.margins import Signals
+from holdfast.simulation.rollout.between_steps import ACCOUNTS, CONSTRAINT, ROWS
 from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows, systems_at
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
-from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, late, refuse, state_rows
-from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
+from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, late, refuse, slope_at, state_rows
+from holdfast.simulation.runge_kutta import EULER, Tableau
 from holdfast.simulation.step import (
     EvaluationRequest,
     Gaps,
@@ -99,7 +99,7 @@ class StagewiseStepper:
         """Return where one step leads; see `Stepper`."""
         generators = [step_generator(now, end, self.scheme) for end in ends]
         try:
-            steps = run_steps_together(generators, partial(self._handle_all, now))
+            steps = run_steps_together(generators, partial(self.replies, now))
         except HoldfastError as cause:
             if len(ends) == 1:
                 return [Advance(ends[0], None, NO_GAPS, np.zeros(4), failure=cause)]
@@ -111,8 +111,8 @@ class StagewiseStepper:
             for end, step, error in zip(ends, steps, errors, strict=True)
         ]
 
-    def _handle_all(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
-        """Return the replies to requests of several steps from `now`, which are all of the same kind."""
+    def replies(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
+        """Return the replies to requests; see `Stepper`."""
         times, states, held = [one.t for one in requests], [one.state for one in requests], now.result.held
         if isinstance(requests[0], ProjectionRequest):
             return self._closed(times, states, held)
@@ -120,7 +120,7 @@ class StagewiseStepper:
         rows = held if isinstance(requests[0], StageRequest) else None
         found, stages = self._evaluated(times, states, now.memory, rows, implicit)
         return [
-            _slope(found["slope"][row], one) if isinstance(one, StageRequest) else _late(found, row, stages[row])
+            slope_at(found["slope"][row], one) if isinstance(one, StageRequest) else _late(found, row, stages[row])
             for row, one in enumerate(requests)
         ]
 
@@ -129,7 +129,14 @@ class StagewiseStepper:
         systems = systems_at(self.kernel, arrays)
         stages = [self._stage_inputs(time, state_of(systems, row)) for row, time in enumerate(t.tolist())]
         inputs, parameters = self._given(stages, held=True)
-        return self.kernel.accounts(systems, inputs, parameters)
+        return self.kernel.ask(ACCOUNTS, systems, inputs, parameters)
+
+    def constraint(self, times: Sequence[float], states: Sequence[State]) -> Array:
+        """Return the rows of the constraint; see `Stepper`."""
+        stages = [self._stage_inputs(t, state) for t, state in zip(times, states, strict=True)]
+        return self.kernel.ask(CONSTRAINT, self.kernel.systems(state_rows(states)), *self._given(stages, held=True))[
+            ROWS
+        ]
 
     def _closed(self, times: list[float], states: list[State], rows: Array | None) -> list[tuple[State, Gaps]]:
         """Return the states projected onto the grasps, and the gaps before and after."""
@@ -149,7 +156,10 @@ class StagewiseStepper:
         stages = [
             self._driven(self._stage_inputs(t, state), state, memory) for t, state in zip(times, states, strict=True)
         ]
-        return self._run(states, stages, memory, rows, held=True, implicit=implicit), stages
+        systems = self._run(states, stages, memory, rows, held=True, implicit=implicit)
+        if rows is None:  # of stages only the slope is used
+            self.kernel.choose_forces(systems, *self._given(stages, held=True))
+        return systems, stages
 
     def _stage_inputs(self, t: float, state: State) -> StageInputs:
         """Return the inputs of the machine code at a time and state, without torques.
@@ -269,17 +279,6 @@ def _late(found: Systems, row: int, at: StageInputs) -> Instant:
     """Return one system as an instant that is evaluated in full only when this is needed."""
     tau = found["drive"][row] if at.tau is None else at.tau
     return late(found, row, at.t, at.chain, tau, lambda: instant_of(found, row, at))
-
-
-def _slope(found: Array, at: StageRequest) -> Array:
-    """Return the slope at a stage, with the rates of the rotation vectors relative to the start of the step.
-
-    The machine code has treated the attitude at the stage as that of a step's start.
-    """
-    slope = found.copy()
-    for part, turn, twist in zip(body_parts(at.state), at.turns, twists(at.state), strict=True):
-        slope[part.start : part.start + 3] = rotation_vector_rate(turn, twist[:3])
-    return slope
 
 
 def bases_move(environment: Environment) -> bool:

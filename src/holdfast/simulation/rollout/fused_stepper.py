@@ -10,15 +10,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.control.controller import ControlLaw
-from holdfast.questions.arrays import state_of
+from holdfast.questions.arrays import FLOATING, STATE, state_of
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import no_turns
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.rollout.between_steps import ACCOUNTS, CONSTRAINT, ROWS
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.rows import StageInputs, failure, gaps_of, instant_of, late, refuse, state_rows
+from holdfast.simulation.rollout.rows import (
+    StageInputs,
+    failure,
+    gaps_of,
+    instant_of,
+    late,
+    refuse,
+    slope_at,
+    state_rows,
+)
 from holdfast.simulation.rollout.successive_steps import Again, Driven, SuccessiveSteps
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.step import Gaps, rows_held_near
+from holdfast.simulation.step import EvaluationRequest, Gaps, ProjectionRequest, StageRequest, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
@@ -78,19 +88,29 @@ class FusedStepper:
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
-        return self._at(t, state, memory, held=False)
+        rows = rows_held_near(self.environment, t, state, self.generic_rank)
+        systems, (kept,) = self._at([t], [state], memory, rows, project=True)
+        return self.instant(systems, 0, t, kept), gaps_of(systems, 0)
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state without projection."""
-        return self._at(t, state, memory, held=True)[0]
+        systems, (kept,) = self._at([t], [state], memory, None)
+        return self.instant(systems, 0, t, kept)
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return the results of single steps; see `Stepper`."""
-        systems = self.kernel.systems(state_rows([now.state] * len(ends)), now.memory)
-        systems["slope"][...] = now.rates(no_turns(now.state))
-        hold_rows(systems, now.result.held)
-        self._run(systems, now.t, np.array(ends) - now.t, held=False)
+        systems = self.start_of(now, len(ends))
+        steps = np.array(ends) - now.t
+        self.kernel.run(systems, self._inputs(np.array(now.t), steps, False), {})
+        self.kernel.choose_forces(systems, self._inputs(now.t + steps, np.array(0.0), True), {})
         return [self._advance(systems, row, end, now.memory) for row, end in enumerate(ends)]
+
+    def start_of(self, now: Instant, count: int = 1) -> Systems:
+        """Return a number of systems at the start of steps from an instant; forces and accelerations are not set."""
+        systems = self.kernel.systems(state_rows([now.state] * count), now.memory)
+        systems["slope"][...], systems["drive"][...] = now.rates(no_turns(now.state)), now.tau
+        hold_rows(systems, now.result.held)
+        return systems
 
     def take(
         self,
@@ -110,22 +130,43 @@ class FusedStepper:
             remember: function of the number of a step and of the results of the steps before it that returns the memory
                 of the law from then on, or None for no change; None if the memory does not change between steps.
         """
-        start = self.kernel.systems(state_rows([now.state]), now.memory)
-        start["slope"][...], start["drive"][...] = now.rates(no_turns(now.state)), now.tau
-        hold_rows(start, now.result.held)
         count, points = len(times), times.shape[1] - 1
         taker = self._takers.get(points)
         if taker is None:
             taker = self._takers[points] = SuccessiveSteps(self.kernel, MOST_TOGETHER, points)
         asked = None if remember is None else lambda k: remember(k, taker.ends)
         driven = self._driven(now, times)
-        done = taker.take(start, times[:, 0], times[:, 1:] - times[:, :1], jumps, self._given, asked, driven)
+        done = taker.take(
+            self.start_of(now), times[:, 0], times[:, 1:] - times[:, :1], jumps, self._given, asked, driven
+        )
         ends, starts = ({name: x[:count] for name, x in arrays.items()} for arrays in (taker.ends, taker.starts))
+        for part, at in ((ends, times[:, 1:]), *([(starts, times[:, 0])] if jumps.any() else [])):
+            of_systems = {name: x.reshape(-1, *x.shape[2:]) for name, x in part.items()}
+            self.kernel.choose_forces(of_systems, self._inputs(at.ravel(), np.array(0.0), True), {})
         return Taken(ends, starts, done, *((taker.again, None) if driven is None else (None, driven.memories)))
 
     def _driven(self, now: Instant, times: Array) -> Driven | None:
         """Return what sets the torques of steps at these times; None if a law computes them."""
         return None
+
+    def in_halves(self, starts: Mapping[str, Array], times: Array) -> list[Systems]:
+        """Return the results of both halves of steps that do not depend on each other.
+
+        Args:
+            starts: carried arrays at the start of each step, (k, ...) by name.
+            times: (k, 2) their starts and ends [s].
+        """
+        begin, end = times.T
+        middle, at, found = begin + 0.5 * (end - begin), starts, list[Systems]()
+        for a, b in ((begin, middle), (middle, end)):
+            state = {name: at[name] for name in (*STATE, *FLOATING) if name in at}
+            systems = self.kernel.systems(state, starts.get("memory"))  # which is updated once per step
+            systems["slope"][...] = at["slope"]
+            hold_rows(systems, at.get("held_rows"))
+            self.kernel.run(systems, self._inputs(a, b - a, False), {})
+            found.append(systems)
+            at = systems
+        return found
 
     @cached_property
     def _takers(self) -> dict[int, SuccessiveSteps]:
@@ -150,19 +191,65 @@ class FusedStepper:
         instant = self.instant(systems, row, end, memory)
         return Advance(end, instant, gaps_of(systems, row), systems["work"][row].copy())
 
-    def _at(self, t: float, state: State, memory: Any, held: bool) -> tuple[Instant, Gaps]:
-        systems = self.kernel.systems(state_rows([state]), memory)
-        hold_rows(systems, None if held else rows_held_near(self.environment, t, state, self.generic_rank))
-        self._run(systems, t, np.zeros(1), held)
+    def replies(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
+        """Return the replies to requests; see `Stepper`."""
+        times, states, held = [one.t for one in requests], [one.state for one in requests], now.result.held
+        first, memory = requests[0], now.memory
+        projecting = isinstance(first, ProjectionRequest)
+        rows = held if projecting or isinstance(first, StageRequest) else None
+        systems, kept = self._at(times, states, memory, rows, project=projecting, evaluate=not projecting)
+        if projecting:
+            return [(state_of(systems, row), gaps_of(systems, row)) for row in range(len(times))]
+        return [
+            slope_at(systems["slope"][row], one)
+            if isinstance(one, StageRequest)
+            else self.instant(systems, row, one.t, kept[row])
+            for row, one in enumerate(requests)
+        ]
+
+    def _at(
+        self,
+        times: list[float],
+        states: list[State],
+        memory: Any,
+        rows: Array | None,
+        *,
+        project: bool = False,
+        evaluate: bool = True,
+    ) -> tuple[Systems, list[Any]]:
+        """Return the systems at the given states, and the memories from there; an error is raised if one fails.
+
+        Args:
+            times: their times [s].
+            states: states of the systems.
+            memory: memory passed to the law.
+            rows: rows of the constraint to satisfy; None to choose them at the given states.
+            project: project the states onto the grasps.
+            evaluate: evaluate them: those that are projected with rows that are chosen there.
+        """
+        systems = self.kernel.systems(state_rows(states), memory)
+        hold_rows(systems, rows)
+        inputs = self._inputs_at(times, rows, project, evaluate)
+        self.kernel.run(systems, inputs, {})
         refuse(systems)
-        return self.instant(systems, 0, t, memory), gaps_of(systems, 0)
+        if evaluate and not inputs["keep_rows"]:  # of stages only the slope is used
+            self.kernel.choose_forces(systems, inputs, {})
+        return systems, [memory] * len(times)
+
+    def _inputs_at(self, times: list[float], rows: Array | None, project: bool, evaluate: bool) -> dict[str, Array]:
+        """Return the inputs for `_at`."""
+        keep = rows is not None and not (project and evaluate)
+        inputs = self._inputs(np.array(times), np.array(0.0), not project)
+        return inputs | {"keep_rows": np.array(float(keep))}
 
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""
-        return self.kernel.accounts(systems_at(self.kernel, arrays), self._inputs(t, np.array(0.0), True), {})
+        return self.kernel.ask(ACCOUNTS, systems_at(self.kernel, arrays), self._inputs(t, np.array(0.0), True), {})
 
-    def _run(self, systems: Systems, begin: float, steps: Array, held: bool) -> None:
-        self.kernel.run(systems, self._inputs(np.array(begin), steps, held), {})
+    def constraint(self, times: Sequence[float], states: Sequence[State]) -> Array:
+        """Return the rows of the constraint; see `Stepper`."""
+        inputs = self._inputs(np.array(times), np.array(0.0), True)
+        return self.kernel.ask(CONSTRAINT, self.kernel.systems(state_rows(states)), inputs, {})[ROWS]
 
     def _inputs(self, begin: Array, steps: Array, held: bool) -> dict[str, Array]:
         """Return the inputs of the machine code."""

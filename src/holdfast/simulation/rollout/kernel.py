@@ -24,16 +24,16 @@ from holdfast.control.compiled_law import PACKAGES
 from holdfast.control.controller import ControlLaw
 from holdfast.control.traced_law import law_key
 from holdfast.errors import StateError
-from holdfast.forces.force_split import constant_split
 from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.questions.arrays import BASE_MOTION, CONTACTS, link_parameters, shapes
-from holdfast.simulation.accounts import SPLIT, Forces, account_shapes, accounts
+from holdfast.simulation.accounts import Forces
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.joint_friction import joint_friction
 from holdfast.simulation.rollout import stage_torques, traced_step
+from holdfast.simulation.rollout.between_steps import SMALLEST_FORCES, SystemQuestion
 from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
@@ -128,11 +128,16 @@ class Table:
         return found
 
     def _enter(self, given: Mapping[str, Array]) -> None:
+        places, rows = [], []
         for name, x in given.items():
             if name in self._layout:
                 row, size, rank = self._layout[name]
-                self._kept.append(np.asarray(x, dtype=float, order="C"))
-                self.rows[row] = address_of(self._kept[-1]), size if self._kept[-1].ndim > rank else 0
+                kept = np.asarray(x, dtype=float, order="C")
+                self._kept.append(kept)
+                places.append(row)
+                rows.append((address_of(kept), size if kept.ndim > rank else 0))
+        if places:
+            self.rows[places] = rows
 
 
 class StepKernel:
@@ -145,6 +150,7 @@ class StepKernel:
         acting: wrenches that are part of the machine code, in addition to those of a call.
         structure: the structure of the chain for the compiler.
         model: chain, law and surroundings together, for tracing.
+        generic_rank: rank of the constraint away from singular configurations; -1 if it is unknown.
         adjoints: the adjoint kernels created so far.
         carried: shapes of the arrays that a system carries between two steps.
         externals: input and output arrays of the machine code.
@@ -166,6 +172,7 @@ class StepKernel:
     ) -> None:
         """Store what is to be compiled at the first step; `quick` shortens the compilation at the cost of run time."""
         self.chain, self.law, self.motions, self.acting = chain, law, dict(motions or {}), acting
+        self.generic_rank = generic_rank
         held = 0 <= generic_rank < chain.constraint_row_count
         self.structure = structure = Structure(chain, replace(options or Options(), held=held))
         externals = step_externals(structure, law)
@@ -174,6 +181,7 @@ class StepKernel:
         step, slopes = partial(take_step, model, tableau), partial(traced_step.evaluation, model)
         self.step_code = batch_kernel(self.computation(f"step/{tableau.name}", externals, step), quick)
         self._slopes = batch_kernel(self.computation("evaluation", externals, slopes), quick)
+        self._questions: dict[SystemQuestion, tuple[BatchKernel, Table, Mapping[str, External]]] = {}
         self.adjoints: dict[Any, Any] = {}  # values are `adjoint.AdjointKernel`, created on demand
         self.carried = carried_shapes(chain, law, structure.options)
         self.externals = externals
@@ -260,46 +268,62 @@ class StepKernel:
         """Return the table of the step's arrays, among them the given ones."""
         return self._own.with_arrays(given)
 
-    def accounts(self, systems: Systems, inputs: Mapping[str, Array], parameters: Mapping[str, Array]) -> Systems:
-        """Return what a run records besides the motion, (systems, ...) each; see `accounts.accounts`.
+    def ask(
+        self,
+        question: SystemQuestion,
+        systems: Systems,
+        inputs: Mapping[str, Array],
+        parameters: Mapping[str, Array],
+    ) -> Systems:
+        """Return the answers to a question about systems, (systems, ...) each.
 
         Args:
+            question: the question, which may overwrite carried arrays.
             systems: systems at their current states, with the forces there.
-            inputs: inputs by name as for `run`, among them the time "begin" of each system.
+            inputs: inputs by name as for `run`, among them the time "begin" of each system, and a "step" of zero.
             parameters: parameters that differ from those of the chain, likewise.
         """
-        code, own, outputs = self._accounting
+        if question not in self._questions:
+            self._questions[question] = self._made(question)
+        code, own, outputs = self._questions[question]
         count = len(systems["object_pose"])
         found = {name: np.zeros((count, *of_one.shape)) for name, of_one in outputs.items()}
         given = {**parameters, **inputs, **{f"last.{name}": x for name, x in systems.items()}, **found}
         table = own.with_arrays(given)
         code.run_batch(table.rows, count)
-        del table
+        del table  # its arrays must live until the machine code has read them
         return found
 
-    @cached_property
-    def _accounting(self) -> tuple[BatchKernel, Table, dict[str, External]]:
-        """The machine code of the accounts, the table of its arrays, and its outputs."""
-        split = constant_split(self.chain)
-        more = {} if split is None else {SPLIT: External(split.shape, "parameter")}
-        outputs = {
-            name: External(shape, "output") for name, shape in account_shapes(self.chain, split is not None).items()
-        }
-        needed = {n: e for n, e in self.externals.items() if not n.startswith(("control.", "added_"))}
-        arrays = {**needed, **more, **outputs}
+    def choose_forces(self, systems: Systems, inputs: Mapping[str, Array], parameters: Mapping[str, Array]) -> None:
+        """Replace forces that are not unique, in place, by the smallest ones with the same motion, and their margins.
 
-        def of_systems(given: Given) -> dict[str, Any]:
+        Arguments as in `ask`; the systems may be views of larger arrays.
+        """
+        if not self.structure.options.held:
+            return
+        given = {name: np.ascontiguousarray(x) for name, x in systems.items()}
+        self.ask(SMALLEST_FORCES, given, inputs, parameters)
+        for name in (*Forces._fields, "margin"):
+            if name in given and given[name] is not systems[name]:
+                systems[name][...] = given[name]
+
+    def _made(self, question: SystemQuestion) -> tuple[BatchKernel, Table, Mapping[str, External]]:
+        """Return the machine code of a question, which does not depend on the law, its table, and its outputs."""
+        more = question.parameters(self.chain)
+        outputs = {name: External(shape, "output") for name, shape in question.shapes(self.chain).items()}
+        needed = {n: e for n, e in self.externals.items() if not n.startswith(("control.", "added_"))}
+        arrays = {**needed, **{name: External(x.shape, "parameter") for name, x in more.items()}, **outputs}
+
+        def of_systems(given: Given) -> Mapping[str, Any]:
             system = traced_step.TracedSystem(self.model, given)
-            state, last = framed(system.state), system.last
-            chain, inputs = system.surroundings(system.time(0.0), state)
-            forces = Forces(last("grasp_wrench"), last("base_wrench"), given.get("last.trunk_base_wrench"))
-            return accounts(chain, state, inputs, forces, given.get(SPLIT))
+            state = framed(system.state)
+            surroundings = system.surroundings(system.time(0.0), state)
+            return question.compute(system, surroundings[0], state, surroundings[1], self.generic_rank)
 
         moving = self._surroundings
-        name = "" if moving is None else f"accounts/{list(arrays.items())}/{moving}"
+        name = "" if moving is None else f"{question.name}/{self.generic_rank}/{list(arrays.items())}/{moving}"
         made = Computation(name, self.structure, arrays, partial(traced, arrays, of_systems), packages=PACKAGES)
-        own = self.parameters | self.defaults | ({} if split is None else {SPLIT: split})
-        return batch_kernel(made, quick=True), Table(arrays, own), outputs
+        return batch_kernel(made, quick=True), Table(arrays, {**self.parameters, **self.defaults, **more}), outputs
 
     @cached_property
     def _law_key(self) -> str:

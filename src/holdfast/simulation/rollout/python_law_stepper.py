@@ -20,15 +20,13 @@ from holdfast.errors import HoldfastError, StateError
 from holdfast.model import checks
 from holdfast.questions.arrays import state_of
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.increment import no_turns
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.fused_stepper import FusedStepper, hold_rows
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.rows import gaps_of, refuse, state_rows
+from holdfast.simulation.rollout.rows import refuse, state_rows
 from holdfast.simulation.rollout.stage_torques import ASKED, GIVEN_TORQUES, asked_states, stage_torques
 from holdfast.simulation.rollout.successive_steps import CarriedArrays, Driven
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.step import Gaps, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -69,34 +67,49 @@ class PythonLawStepper(FusedStepper):
 
     def _advanced(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         begin, last = now.t, ends[-1]
-        systems = self.kernel.systems(state_rows([now.state] * len(ends)))
-        systems["slope"][...] = now.rates(no_turns(now.state))
-        hold_rows(systems, now.result.held)
+        systems = self.start_of(now, len(ends))
         try:
             start = {name: x[:1] for name, x in systems.items()}
             torques, memory = self._asking.torques(start, begin, last, now.tau, partial(self._ask, now.memory))
         except HoldfastError as cause:
             return [Advance(end, None, NO_GAPS, np.zeros(4), failure=cause) for end in ends]
         lengths = np.array(ends) - begin
-        self._drive(systems, begin, lengths, held=False, torques=_at_points(torques, now.tau, lengths, self.scheme))
+        given = {f"control.{GIVEN_TORQUES}": _at_points(torques, now.tau, lengths, self.scheme)}
+        self.kernel.run(systems, self._inputs(np.array(begin), lengths, False) | given, {})
+        self.kernel.choose_forces(systems, self._inputs(begin + lengths, np.array(0.0), True), {})
         return [self._advance(systems, row, end, memory) for row, end in enumerate(ends)]
 
-    def _at(self, t: float, state: State, memory: Any, held: bool) -> tuple[Instant, Gaps]:
-        systems = self.kernel.systems(state_rows([state]))
-        torques = np.zeros((1, len(self.scheme.c), len(state.q)))
-        if not held:
-            hold_rows(systems, rows_held_near(self.environment, t, state, self.generic_rank))
+    def _at(
+        self,
+        times: list[float],
+        states: list[State],
+        memory: Any,
+        rows: Array | None,
+        *,
+        project: bool = False,
+        evaluate: bool = True,
+    ) -> tuple[Systems, list[Any]]:
+        systems, inputs = self.kernel.systems(state_rows(states)), self._inputs_at(times, rows, project, evaluate)
+        hold_rows(systems, rows)
+        torques = np.zeros((len(times), len(self.scheme.c), self.environment.chain.joint_count))
+        if project:
             closing = {name: x.copy() for name, x in systems.items()}
-            self._drive(closing, t, np.zeros(1), held, torques)
-            refuse(closing)
-            state = state_of(closing, 0)
-        torques[...], memory = self._ask(memory, t, state)
-        self._drive(systems, t, np.zeros(1), held, torques)
-        refuse(systems)
-        return self.instant(systems, 0, t, memory), gaps_of(systems, 0)
+            self._drive(closing, inputs, torques)
+            if not evaluate:
+                return closing, [memory] * len(times)
+            states = [state_of(closing, row) for row in range(len(times))]
+        answers = [self._ask(memory, t, state) for t, state in zip(times, states, strict=True)]
+        for row, (tau, _) in enumerate(answers):
+            torques[row] = tau
+        self._drive(systems, inputs, torques)
+        if not inputs["keep_rows"]:
+            self.kernel.choose_forces(systems, inputs, {})
+        return systems, [kept for _, kept in answers]
 
-    def _drive(self, systems: Systems, begin: float, steps: Array, held: bool, torques: Array) -> None:
-        self.kernel.run(systems, self._inputs(np.array(begin), steps, held) | {f"control.{GIVEN_TORQUES}": torques}, {})
+    def _drive(self, systems: Systems, inputs: dict[str, Array], torques: Array) -> None:
+        """Run steps of length zero under given torques; an error is raised if one fails."""
+        self.kernel.run(systems, inputs | {f"control.{GIVEN_TORQUES}": torques}, {})
+        refuse(systems)
 
     def _driven(self, now: Instant, times: Array) -> Driven:
         return _CalledAhead(self._asking, self._ask, self.scheme, times, now.memory)

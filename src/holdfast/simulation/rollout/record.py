@@ -30,6 +30,7 @@ from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, stop_margins, whole_number
+from holdfast.simulation.rollout.between_steps import ACCOUNTS
 from holdfast.simulation.rollout.fused_stepper import systems_at
 from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems, status_summary
 from holdfast.simulation.rollout.user_functions import with_wrenches
@@ -273,17 +274,18 @@ def _recorded(
     """Return the run of one system whose arrays at the samples are given."""
     x = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     signals, sums = Signals(world.chain), Sums(np.zeros(4), 0.0, np.zeros(6))
-    if (x["rank"] < world.chain.constraint_row_count).any():  # forces that are not unique are chosen by the reference
+    if signals.grasps_limited and (x["rank"] < world.chain.constraint_row_count).any():  # whose margins are intervals
         return joined(
             [_sample(world, rollout, {name: array[k] for name, array in x.items()}) for k in range(len(rows))]
         )
+    inputs, parameters = kernel_arguments(rollout.kernel, last.call_inputs)
+    now = {**inputs, "begin": x["t"], "step": np.array(0.0), "held": np.array(1.0)}
+    rollout.kernel.choose_forces({name: x[name] for name in rollout.kernel.carried}, now, parameters)
     margins, t = signals.of_arrays(x), x["t"]
     of_grasps = margins[:, : len(world.chain.arms)]
-    inputs, parameters = kernel_arguments(rollout.kernel, last.call_inputs)
 
     def accounting(t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
-        now = {**inputs, "begin": t, "step": np.array(0.0), "held": np.array(1.0)}
-        return rollout.kernel.accounts(systems_at(rollout.kernel, arrays), now, parameters)
+        return rollout.kernel.ask(ACCOUNTS, systems_at(rollout.kernel, arrays), now, parameters)
 
     allowed, times = (of_grasps, of_grasps, of_grasps), np.repeat(t[:, None], margins.shape[1], axis=1)
     return recorded(

@@ -8,20 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion, pseudo_gravity
-from holdfast.dynamics.closed.chain_solution import chain_solution
-from holdfast.dynamics.constraint import with_smallest_forces
 from holdfast.dynamics.projection import WIDEST_GAP
 from holdfast.dynamics.result import ForwardResult, Status
-from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import ARRAYS, FLOATING, STATE, state_of
+from holdfast.simulation.increment import body_parts, twists
 from holdfast.simulation.instant import WORST_CONDITION, Instant, late_instant
-from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.traced_step import BROKEN, GRASP_OPEN, PASSES_SINGULAR
-from holdfast.simulation.step import Gaps
+from holdfast.simulation.runge_kutta import rotation_vector_rate
+from holdfast.simulation.step import Gaps, StageRequest
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -63,15 +60,14 @@ def late(systems: Systems, row: int, t: float, chain: ClosedChain, tau: Array, w
     """Return one system as an instant that is evaluated in full only when this is needed.
 
     Args:
-        systems: systems after a step, which may have length zero.
+        systems: systems after a step, which may have length zero, with forces by `StepKernel.choose_forces`.
         row: index of the system.
         t: its time [s].
         chain: the chain.
         tau: (n,) torques of the controller.
         whole: returns the fully evaluated instant.
     """
-    unique = systems["rank"][row] == chain.constraint_row_count
-    margins = systems["margin"][row] if unique and "margin" in systems else None
+    margins = systems["margin"][row] if "margin" in systems else None
     return late_instant(t, (systems["q"][row], systems["qd"][row], tau), margins, whole)
 
 
@@ -79,17 +75,13 @@ def instant_of(systems: Systems, row: int, at: StageInputs) -> Instant:
     """Return one system as an instant.
 
     Args:
-        systems: systems after a step, which may have length zero.
+        systems: as for `late`.
         row: index of the system.
         at: inputs of the system.
     """
     x = {name: array[row].copy() for name, array in systems.items()}
     tau, memory = (x["drive"], x.get("memory", at.memory)) if at.tau is None else (at.tau, at.memory)
     chain, state, rank = at.chain, state_of(systems, row), int(x["rank"])
-    unique = rank == chain.constraint_row_count
-    if not unique:  # machine code returns any solution for the forces, but the reference returns the smallest
-        net = tau - friction_torque(joint_friction(chain), state.qd)
-        x |= _smallest_forces(chain_motion(chain, state, net, at.inputs), x)
     found = ForwardResult(
         chain,
         x["qdd"],
@@ -99,7 +91,7 @@ def instant_of(systems: Systems, row: int, at: StageInputs) -> Instant:
         x["base_wrench"],
         rank,
         chain.velocity_count + chain.contact_freedom_count - rank,
-        Status.OK if unique else Status.INDETERMINATE_FORCES,
+        Status.OK if rank == chain.constraint_row_count else Status.INDETERMINATE_FORCES,
         float(x["condition"]),
         "sequential",
         x.get("held_rows"),
@@ -109,27 +101,20 @@ def instant_of(systems: Systems, row: int, at: StageInputs) -> Instant:
     return Instant(at.t, state, chain, at.inputs, tau, memory, found, x["slope"][-4:])
 
 
-def _smallest_forces(motion: ChainMotion, x: dict[str, Array]) -> dict[str, Array]:
-    """Return the smallest grasp wrenches that give the same motion, and the corresponding base wrenches."""
-    chain, trunk = motion.chain, None
-    if motion.trunk is not None:
-        trunk = TrunkAcceleration(x["qdd"][chain.joints[TRUNK]], x.get("floating_acceleration"))
-    whole = [x["grasp_wrench"][chain.names.index(name)] for name in chain.grasps]
-    found = Solution(
-        [x["qdd"][chain.joints[name]] for name in chain.grasps],
-        [arm.unknown(f) for arm, f in zip(motion.holding, whole, strict=True)],
-        x["object_acceleration"] - pseudo_gravity(chain),
-        rank=int(x["rank"]),
-        trunk=trunk,
-    )
-    whole = chain_solution(motion, with_smallest_forces(motion, found), "auto")
-    below = {} if whole.trunk_base_wrench is None else {"trunk_base_wrench": whole.trunk_base_wrench}
-    return {"grasp_wrench": whole.grasp_wrench, "base_wrench": whole.base_wrench} | below
-
-
 def gaps_of(systems: Systems, row: int) -> Gaps:
     """Return the gaps before and after projection."""
     return Gaps(*systems["gaps"][row].reshape(2, 2).T.copy())
+
+
+def slope_at(found: Array, at: StageRequest) -> Array:
+    """Return the slope at a stage, with the rates of the rotation vectors relative to the start of the step.
+
+    The machine code has treated the attitude at the stage as that of a step's start.
+    """
+    slope = found.copy()
+    for part, turn, twist in zip(body_parts(at.state), at.turns, twists(at.state), strict=True):
+        slope[part.start : part.start + 3] = rotation_vector_rate(turn, twist[:3])
+    return slope
 
 
 def failure(code: float) -> HoldfastError | None:
