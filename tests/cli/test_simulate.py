@@ -202,13 +202,13 @@ def interrupted_in_the_middle(scene, monkeypatch, cli):
     """Press Ctrl-C in the middle of a run, and return what stderr says."""
     real = command.run_simulation
 
-    def simulation(*arguments, on_sample, **options):
-        def add(sample):
-            on_sample(sample)
-            if sample.t > 0.011:
+    def simulation(*arguments, on_samples, **options):
+        def keep(samples, checkpoint):
+            on_samples(samples, checkpoint)
+            if samples.t[-1] > 0.011:
                 raise KeyboardInterrupt
 
-        return real(*arguments, on_sample=add, **options)
+        return real(*arguments, on_samples=keep, **options)
 
     with monkeypatch.context() as patched:
         patched.setattr(command, "run_simulation", simulation)

@@ -251,7 +251,7 @@ BAD_SCENES = {
     "negative duration": ("duration = 2.0", "duration = -2.0", "$.simulation.duration: expected > 0, got -2.0"),
     "zero step": ("step = 0.002", "step = 0", "$.simulation.step: expected > 0, got 0.0"),
     "step beyond duration": ("step = 0.002", "step = 20.0", "$.simulation.step: expected <= the duration 2 s, got 20"),
-    "too many steps": ("step = 0.002", "step = 2e-9", "$.simulation.step: expected at most 1000000 steps"),
+    "too many steps": ("step = 0.002", "step = 2e-9", "$.simulation.step: expected at most 10000000 steps"),
     "negative internal force": ("internal_force = 20.0", "internal_force = -20.0",
                                 "$.controller.internal_force: expected >= 0, got -20"),
     "path backwards": ("duration = 1.6", "duration = -1.6", "$.controller.path.duration: expected > 0, got -1.6"),

@@ -199,6 +199,8 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
             pace.taken(stretch.steps, stretch.whole)
             at, taken = stretch.end, taken + 1
             listeners.progress(at.now.t)
+            if stretch.interruption is not None:
+                raise stretch.interruption
             continue
         later = next_or_reason(at)
         if not isinstance(later, RunState):

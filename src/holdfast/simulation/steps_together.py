@@ -35,7 +35,7 @@ class StepsTogether(NamedTuple):
         again: as in `Taken`.
         held: the state of a sampled controller during each step.
         failed: number of the step before which the controller raised an error; k if it did not.
-        memories: as in `Taken`.
+        memories, interruption: as in `Taken`.
     """
 
     times: Array
@@ -48,6 +48,7 @@ class StepsTogether(NamedTuple):
     held: Sequence[HeldTorques | None]
     failed: int
     memories: tuple[Sequence[Any], Sequence[Any]] | None
+    interruption: BaseException | None
 
     @property
     def lengths(self) -> Array:
@@ -101,8 +102,10 @@ def steps_together(at: RunState, stepper: FusedStepper, ends: Array, jumps: Arra
     inside = begins[:, None] + parts * (ends - begins)[:, None]
     times = np.concatenate([begins[:, None], inside, ends[:, None]], axis=1)
     held: list[HeldTorques | None] = []
-    remember = None if at.checkpoint.held is None else _sampling(at, begins, jumps, held)
-    points, after_jumps, taken, again, memories = stepper.take(now, times, jumps, remember)
+    interrupted: list[BaseException] = []
+    remember = None if at.checkpoint.held is None else _sampling(at, begins, jumps, held, interrupted)
+    points, after_jumps, taken, again, memories, interruption = stepper.take(now, times, jumps, remember)
+    interruption = interrupted[0] if interrupted else interruption
     starts = {}
     for name, x in {**stepper.start_of(now), **arrays_of(now)}.items():
         starts[name] = np.concatenate([x, points[name][:-1, -1]])
@@ -115,7 +118,9 @@ def steps_together(at: RunState, stepper: FusedStepper, ends: Array, jumps: Arra
         here[jumps], before[jumps] = segment.signals.of_arrays(after_jumps)[jumps, 0], -np.inf
     margins = np.concatenate([before[None], here[None], margins])
     failed = taken if remember is None else len(held)
-    return StepsTogether(times, jumps, points, starts, after_jumps, margins, again, held, failed, memories)
+    return StepsTogether(
+        times, jumps, points, starts, after_jumps, margins, again, held, failed, memories, interruption
+    )
 
 
 def margins_at(at: RunState, steps: StepsTogether, near: Sequence[int], times: Sequence[float]) -> Array:
@@ -148,19 +153,26 @@ def needs_a_look(segment: Segment, x: Mapping[str, Array]) -> Array:
 
 
 def _sampling(
-    at: RunState, begins: Array, jumps: Array, held: list[HeldTorques | None]
+    at: RunState,
+    begins: Array,
+    jumps: Array,
+    held: list[HeldTorques | None],
+    interrupted: list[BaseException],
 ) -> Callable[[int, Systems], Array | None]:
     """Return the function that samples the controller before each step, and adds its state to `held` until it fails."""
     segment, last = at.segment, [at.checkpoint.held, at.now.memory]
 
     def remember(k: int, ends: Systems) -> Array | None:
-        if len(held) < k:
+        if len(held) < k or interrupted:
             return None  # it has failed
         before, acting = last
         state = at.now.state if k == 0 else state_of(ends, (k - 1, -1))
         try:
             last[:] = segment.sampled(float(begins[k]), state, before, acting)
         except Exception:  # raised again where the step is taken by itself
+            return None
+        except KeyboardInterrupt as cause:
+            interrupted.append(cause)
             return None
         held.append(last[0])
         return last[1] if jumps[k] else None

@@ -72,6 +72,8 @@ def uneventful_steps(at: RunState, most: int) -> Stretch | None:
     steps = steps_together(at, stepper, ends, jumps)
     count = int(np.argmax(found)) if (found := _eventful(at, steps)).any() else len(ends)
     refined, count = _refined(at, steps, count)
+    if not count and steps.interruption is not None:
+        raise steps.interruption
     return _accepted(at, stepper, steps, refined, count) if count else None
 
 
@@ -84,6 +86,7 @@ class Stretch(NamedTuple):
         checkpoint: returns the checkpoint after a sample, counted from 0.
         steps: number of its steps.
         whole: whether all steps that were tried belong to it.
+        interruption: what interrupted the controller ahead, such as Ctrl-C.
     """
 
     samples: Trajectory
@@ -91,6 +94,7 @@ class Stretch(NamedTuple):
     checkpoint: Callable[[int], Checkpoint]
     steps: int
     whole: bool
+    interruption: BaseException | None
 
 
 def _eventful(at: RunState, steps: StepsTogether) -> Array:
@@ -332,7 +336,7 @@ def _accepted(
     last = len(t) - 1
     earlier = at.now if last == 0 else instant(last - 1)
     end = RunState(segment, after(last), instant(last), earlier, gaps_of(x, last), times[last], margins[:, last])
-    return Stretch(run, end, after, count, count == len(steps.times))
+    return Stretch(run, end, after, count, count == len(steps.times), steps.interruption)
 
 
 def _followed(before: ViolationTracker, samples: Samples) -> Callable[[int], ViolationTracker]:

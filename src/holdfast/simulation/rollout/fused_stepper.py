@@ -46,13 +46,15 @@ class Taken(NamedTuple):
         again: returns results at further points, see `SuccessiveSteps.again`; None if torques there are not known.
         memories: memory that the controller returned at the start, if there was a jump, and at the end of each step;
             None if it is part of the results.
+        interruption: what interrupted the controller, such as Ctrl-C.
     """
 
     ends: Systems
     starts: Systems
     taken: int
     again: Again | None
-    memories: tuple[Sequence[Any], Sequence[Any]] | None
+    memories: tuple[Sequence[Any], Sequence[Any]] | None = None
+    interruption: BaseException | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +145,9 @@ class FusedStepper:
         for part, at in ((ends, times[:, 1:]), *([(starts, times[:, 0])] if jumps.any() else [])):
             of_systems = {name: x.reshape(-1, *x.shape[2:]) for name, x in part.items()}
             self.kernel.choose_forces(of_systems, self._inputs(at.ravel(), np.array(0.0), True), {})
-        return Taken(ends, starts, done, *((taker.again, None) if driven is None else (None, driven.memories)))
+        if driven is None:
+            return Taken(ends, starts, done, taker.again)
+        return Taken(ends, starts, done, None, driven.memories, driven.interruption)
 
     def _driven(self, now: Instant, times: Array) -> Driven | None:
         """Return what sets the torques of steps at these times; None if a law computes them."""

@@ -7,6 +7,7 @@ a closer look, for which it is called.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -31,6 +32,7 @@ from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
+LONGEST_AHEAD = 0.25  # s that a controller may take for steps together, so that progress is shown
 # functions of time [s] and state, or before these of the memory, that return the torques (n,) and the memory
 Ask = Callable[[float, State], tuple[Array, Any]]
 AskWithMemory = Callable[[Any, float, State], tuple[Array, Any]]
@@ -177,27 +179,36 @@ class _CalledAhead:
     def __init__(self, asking: StageByStage, ask: AskWithMemory, scheme: Tableau, times: Array, memory: Any) -> None:
         self._asking, self._ask, self._scheme, self._times, self._memory = asking, ask, scheme, times, memory
         self.memories: tuple[list[Any], list[Any]] = [], []
+        self.interruption: BaseException | None = None
+        self._begun = time.monotonic()
 
     def start(self, k: int, starts: CarriedArrays) -> bool:
         try:
             found, memory = self._ask(self._memory, float(self._times[k, 0]), state_of(starts.arrays, (k, 0)))
-        except Exception:  # raised again where the step is taken by itself
-            return False
+        except (Exception, KeyboardInterrupt) as cause:
+            return self._failed(cause)
         starts.torques[k] = found
         self._memory = memory
         self.memories[0].extend([None] * (k - len(self.memories[0])) + [memory])
         return True
 
     def step(self, k: int, ends: CarriedArrays) -> bool:
+        if k > 0 and time.monotonic() - self._begun > LONGEST_AHEAD:
+            return False
         begin, *_, end = self._times[k].tolist()
         first, ask = ends.arrays["drive"][k, -1].copy(), partial(self._ask, self._memory)
         try:
             found, self._memory = self._asking.torques(ends.block[k, -1], begin, end, first, ask)
-        except Exception:  # as above
-            return False
+        except (Exception, KeyboardInterrupt) as cause:
+            return self._failed(cause)
         ends.torques[k] = _at_points(found, first, self._times[k, 1:] - begin, self._scheme)
         self.memories[1].append(self._memory)
         return True
+
+    def _failed(self, cause: BaseException) -> bool:
+        """Keep an interruption, which ends the run after the steps before; an error is raised again by the step."""
+        self.interruption = None if isinstance(cause, Exception) else cause
+        return False
 
 
 def _at_points(torques: Array, first: Array, lengths: Array, scheme: Tableau) -> Array:

@@ -25,9 +25,11 @@ class Driven(Protocol):
 
     Attributes:
         memories: memory that the controller returned at the start, if there was a jump, and at the end of each step.
+        interruption: what interrupted the controller, such as Ctrl-C.
     """
 
     memories: tuple[list[Any], list[Any]]
+    interruption: BaseException | None
 
     def start(self, k: int, starts: CarriedArrays) -> bool:
         """Set those at the start of step k, whose carried arrays are known, and return whether there are any."""
