@@ -235,7 +235,7 @@ def test_resume_refused(scene, cli, monkeypatch):
     said = cli("simulate", scene, "--out", "left", "--resume", code=2)
     assert said.out == ""
     assert "these differ: the scene's text; try the original ones, or --overwrite" in said.err
-    assert load_result("left").samples == 7
+    assert load_result("left").samples == 9
 
 
 @pytest.mark.slow
