@@ -210,13 +210,32 @@ def _compiled(text: str, notes: Notes, quick: bool) -> bytes:
     """Return the notes and the object file of a module."""
     head = json.dumps(notes).encode()
     with lock:
-        machine = _target_machine(_QUICK_LEVEL if quick else _LEVEL if len(text) < _LONG else _LEVEL_OF_LONG)
-        try:
-            module = binding.parse_assembly(text)
-            module.verify()
-        except RuntimeError as error:
-            raise CompileError(f"LLVM refuses the program: {error}") from error
+        machine, module = _parsed(text, quick)
         return len(head).to_bytes(8, "little") + head + machine.emit_object(module)
+
+
+def assembly(text: str, quick: bool = False) -> str:
+    """Return a module's machine code as assembly, in which comments mark what goes to the stack and comes from it.
+
+    Args:
+        text: the module in LLVM's language.
+        quick: as for `Code`.
+    """
+    with lock:
+        machine, module = _parsed(text, quick)
+        machine.set_asm_verbosity(True)
+        return machine.emit_assembly(module)
+
+
+def _parsed(text: str, quick: bool) -> tuple[Any, Any]:
+    """Return the target machine for a module, and the module."""
+    machine = _target_machine(_QUICK_LEVEL if quick else _LEVEL if len(text) < _LONG else _LEVEL_OF_LONG)
+    try:
+        module = binding.parse_assembly(text)
+        module.verify()
+    except RuntimeError as error:
+        raise CompileError(f"LLVM refuses the program: {error}") from error
+    return machine, module
 
 
 def _target_machine(level: int = _LEVEL) -> Any:

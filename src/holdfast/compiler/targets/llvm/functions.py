@@ -224,7 +224,7 @@ class Module:
         return self._labels
 
     def _call(self, call: Call, lines: list[str], label: str) -> str:
-        made = self._function(call)
+        made = self.written(call)
         if not made.split.writes:
             return label
         runs = self.layout.places(call, made.split)
@@ -260,7 +260,7 @@ class Module:
         ]
         return f"after{n}"
 
-    def _function(self, call: Call) -> ProgramInLlvm:
+    def written(self, call: Call) -> ProgramInLlvm:
         """Return the function of a stage's phase for this layout; it is written at the first call only."""
         layout, stage = self.layout, self.layout.schedule.groups[call.group].stage
         inputs, outputs = layout.accesses(call)
