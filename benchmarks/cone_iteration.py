@@ -152,7 +152,7 @@ def iteration(given: Mapping[str, Array]) -> dict[str, Array]:
 
         def right(block: Block, d: list[Array]) -> Array:
             rows = zip(block.G, block.W, block.rz, d, strict=True)
-            known = sum((g.T @ w.over(w.over(kept * r) - v) for g, w, r, v in rows), start=kept * block.rx)
+            known: Any = sum((g.T @ w.over(w.over(kept * r) - v) for g, w, r, v in rows), start=kept * block.rx)
             return forward_substitution(block.C, -known)
 
         half = each(right, blocks, d)
