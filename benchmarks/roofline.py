@@ -130,11 +130,12 @@ def _roofs(panel: Any, rows: Sequence[Any]) -> None:
         panel.plot([], [], marker, color=colour, linestyle=line if wide else "", label=label, markersize=5)
     panel.set_xlabel("operations for every byte read or written")
     panel.set_ylabel("operations in a nanosecond")
-    for axis, ticks in ((panel.xaxis, (0.1, 0.2, 0.3, 0.5, 1.0)), (panel.yaxis, (1, 2, 5, 10, 20, 50, 100, 200))):
-        limits = axis.get_view_interval()
+    limits = panel.get_xlim(), panel.get_ylim()
+    for axis, ticks in ((panel.xaxis, (0.1, 0.15, 0.2, 0.3, 0.5, 1.0)), (panel.yaxis, (1, 2, 5, 10, 20, 50, 100, 200))):
         axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
-        axis.set_view_interval(*limits, ignore=True)
-        axis.minorticks_off()
+    panel.minorticks_off()
+    panel.set_xlim(limits[0])
+    panel.set_ylim(limits[1])
 
 
 def _pressure(panel: Any, rows: Sequence[Any]) -> None:

@@ -50,7 +50,7 @@ def test_constants_by_bits():
 @pytest.mark.skipif("codemodel" not in cpu._NEAR, reason="constants lie beside the code under Linux on x86-64 only")
 @pytest.mark.skipif("x86-64-v3" not in levels(True), reason="this processor does not run code for x86-64-v3")
 def test_constants_are_operands():
-    """An instruction names a constant; none loads its address first, except where a module names what lies elsewhere."""
+    """Instructions name constants; addresses are loaded first only if a module names what lies elsewhere."""
     text = modules(trace(lambda x: (x * 0.1 + 0.7, 0.3 - x), [(4,)]))[1]
     with cpu.made_for(cpu.level("x86-64-v3")):
         near = cpu.assembly(text)
