@@ -8,7 +8,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the library, which Python is to compile once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo style test test-slow test-portable acceptance fuzz million lint stubs counts capabilities bench drift pictures robots docs clean
+.PHONY: demo style test test-slow test-portable acceptance fuzz million lint stubs counts capabilities bench registers drift pictures robots docs clean
 
 demo: $(VENV)/.demo
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -72,8 +72,13 @@ bench: $(VENV)/.bench
 	mkdir -p results
 	$(BIN)/python -m benchmarks.bench --json > results/bench.json
 	$(BIN)/python benchmarks/bench_page.py results/bench.json
+	$(BIN)/python benchmarks/registers.py --write docs/benchmarks.md
 	$(BIN)/python benchmarks/simulation_cost.py --write docs/limitations.md
 	$(BIN)/python benchmarks/simulate_speed.py
+
+# Use of registers and memory by the machine code, counted and timed, into docs/benchmarks.md (some two minutes).
+registers: $(VENV)/.dev
+	$(BIN)/python benchmarks/registers.py --write docs/benchmarks.md
 
 # Closure error against time, beside Pinocchio and MuJoCo, into docs/drift.md (minutes).
 drift: $(VENV)/.bench

@@ -21,6 +21,7 @@ from benchmarks.bench.tables import MISSING, Document, Table, number
 
 README_SIZES = ("2 x 7", "4 x 7", "16 x 7", "64 x 7", "2 x 24", "2 x 96")
 BEGIN, END = "<!-- bench:begin -->", "<!-- bench:end -->"
+REGISTERS = "<!-- registers:begin -->", "<!-- registers:end -->"  # between them `registers.py` writes
 
 RULES = """\
 Arms hold one 3 kg box rigidly, with their hands on a circle. Arms with seven joints are Franka Pandas with drive
@@ -68,7 +69,7 @@ def page(document: Document) -> str:
         if table.rows:
             parts += [f"## {table.title}", "", table.markdown()]
             parts += [f"![{table.title}](images/{name})\n" for name in pictures.get(table.title, [])]
-    return "\n".join(parts)
+    return "\n".join([*parts, "## Registers and memory", "", *REGISTERS, ""])
 
 
 def readme(document: Document) -> str:
@@ -100,17 +101,18 @@ def readme(document: Document) -> str:
     return "\n".join(lines)
 
 
-def with_table(text: str, table: str) -> str:
+def with_table(text: str, table: str, marks: tuple[str, str] = (BEGIN, END)) -> str:
     """Return a text with the table between its markers.
 
     Raises:
         ValueError: the markers are missing or in the wrong order.
     """
-    before, opened, rest = text.partition(BEGIN)
-    _, closed, after = rest.partition(END)
+    begin, end = marks
+    before, opened, rest = text.partition(begin)
+    _, closed, after = rest.partition(end)
     if not opened or not closed:
-        raise ValueError(f"expected {BEGIN} and after it {END}")
-    return f"{before}{BEGIN}\n{table}{END}{after}"
+        raise ValueError(f"expected {begin} and after it {end}")
+    return f"{before}{begin}\n{table}{end}{after}"
 
 
 def _machine(document: Document) -> str:

@@ -47,6 +47,18 @@ def test_constants_by_bits():
     assert "0x3FB999999999999A" in text
 
 
+@pytest.mark.skipif("codemodel" not in cpu._NEAR, reason="constants lie beside the code under Linux on x86-64 only")
+@pytest.mark.skipif("x86-64-v3" not in levels(True), reason="this processor does not run code for x86-64-v3")
+def test_constants_are_operands():
+    """Instructions name constants; addresses are loaded first only if a module names what lies elsewhere."""
+    text = modules(trace(lambda x: (x * 0.1 + 0.7, 0.3 - x), [(4,)]))[1]
+    with cpu.made_for(cpu.level("x86-64-v3")):
+        near = cpu.assembly(text)
+        far = cpu.assembly(f"{text}\ndeclare void @elsewhere()")
+    assert ".LCPI" in near and not re.search(r"\$\.LCPI", near)
+    assert re.search(r"movabsq\s+\$\.LCPI", far)
+
+
 def test_refused_text():
     """LLVM's own complaint comes through as ours."""
     with pytest.raises(CompileError, match="LLVM refuses"):

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from typing import NamedTuple
 
 Shape = tuple[int, ...]
@@ -61,6 +62,27 @@ class Program:
     def counts(self) -> Counter[str]:
         """The number of instructions of each kind, without inputs and constants."""
         return Counter(i.kind for i in self.instructions if i.kind not in ("input", "constant"))
+
+    @cached_property
+    def live_numbers(self) -> list[int]:
+        """How many numbers each instruction and later ones still need, inputs excepted: inputs from their first use on.
+
+        Constants do not count, since they are operands in memory.
+        """
+        first, count = self.input_size, len(self.instructions)
+        begin, end = [-1] * count, [0] * count
+        for k, (_, args, _) in enumerate(self.instructions[first:]):
+            for a in args:
+                end[a] = k
+                if begin[a] < 0:
+                    begin[a] = k
+            begin[first + k] = k
+        change = [0] * (count - first + 1)
+        for place, k in enumerate(end):
+            if k and self.instructions[place].kind != "constant":
+                change[begin[place]] += 1
+                change[k] -= 1
+        return list(accumulate(change[:-1]))
 
     @property
     def operation_count(self) -> int:

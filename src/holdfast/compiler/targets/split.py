@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from holdfast.compiler.cut import Pieces, by_length
+from holdfast.compiler.order import ordered
 from holdfast.compiler.program import Program
 
 # Longer functions are split, because compile time and register spills grow faster than the length of a function.
@@ -95,6 +96,7 @@ def split(program: Program, lanes: int, inputs: Sequence[Access], outputs: Seque
         outputs: how each output array is accessed.
     """
     pieces = by_length(program, LONGEST_PART)
+    pieces = pieces._replace(programs=tuple([ordered(part) for part in pieces.programs]))
     sizes = [math.prod(shape) for shape in program.input_shapes]
     of_array = [k for k, size in enumerate(sizes) for _ in range(size)]
     used = {of_array[a] for p in pieces.programs for i in p.instructions for a in i.args if a < len(of_array)}

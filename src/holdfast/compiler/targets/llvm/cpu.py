@@ -12,10 +12,12 @@ import functools
 import gc
 import json
 import os
+import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import llvmlite
@@ -31,6 +33,14 @@ _other: ContextVar[Processor | None] = ContextVar("other", default=None)  # see 
 # which gains at most one percent but takes a quarter of LLVM's time. It is used for modules longer than _LONG.
 _LEVEL, _LEVEL_OF_LONG, _LONG = 2, 1, 2**21  # _LONG in characters
 _QUICK_LEVEL = 0  # takes a third of LLVM's time; the code takes 1.5 times as long, with the same bits
+
+# Code and constants of a module lie in one block of memory (`use_lmm`), so that instructions can name constants as
+# operands. By default a constant's address of 64 bits is loaded first, and the constant is kept in a register and
+# spilled. Modules that name what lies elsewhere, or call fma because there is no such instruction, need such addresses.
+# Measured under Linux on x86-64, and used there only.
+_NEAR: dict[str, Any] = (
+    {"codemodel": "small", "reloc": "pic"} if re.match("x86_64.*linux", binding.get_process_triple()) else {}
+)
 
 # The features that each level of x86-64 adds to the one before (System V psABI, 3.1.1), by LLVM's names.
 _V2 = ("cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3")
@@ -152,7 +162,8 @@ class Code:
         size = int.from_bytes(stored[:8], "little")
         self.notes: Notes = json.loads(stored[8 : 8 + size])
         with lock:
-            self._engine: Any = binding.create_mcjit_compiler(binding.parse_assembly(""), _target_machine())
+            empty = binding.parse_assembly("")
+            self._engine: Any = binding.create_mcjit_compiler(empty, _target_machine(), use_lmm=bool(_NEAR) or None)
             self._engine.add_object_file(binding.ObjectFileRef.from_data(stored[8 + size :]))
             self._engine.finalize_object()
             self.addresses = {name: self._engine.get_function_address(name) for name in functions}
@@ -210,23 +221,44 @@ def _compiled(text: str, notes: Notes, quick: bool) -> bytes:
     """Return the notes and the object file of a module."""
     head = json.dumps(notes).encode()
     with lock:
-        machine = _target_machine(_QUICK_LEVEL if quick else _LEVEL if len(text) < _LONG else _LEVEL_OF_LONG)
-        try:
-            module = binding.parse_assembly(text)
-            module.verify()
-        except RuntimeError as error:
-            raise CompileError(f"LLVM refuses the program: {error}") from error
+        machine, module = _parsed(text, quick)
         return len(head).to_bytes(8, "little") + head + machine.emit_object(module)
 
 
-def _target_machine(level: int = _LEVEL) -> Any:
+def assembly(text: str, quick: bool = False) -> str:
+    """Return a module's machine code as assembly, in which comments mark what goes to the stack and comes from it.
+
+    Args:
+        text: the module in LLVM's language.
+        quick: as for `Code`.
+    """
+    with lock:
+        machine, module = _parsed(text, quick)
+        machine.set_asm_verbosity(True)
+        return machine.emit_assembly(module)
+
+
+def _parsed(text: str, quick: bool) -> tuple[Any, Any]:
+    """Return the target machine for a module, and the module."""
+    level = _QUICK_LEVEL if quick else _LEVEL if len(text) < _LONG else _LEVEL_OF_LONG
+    try:
+        module = binding.parse_assembly(text)
+        module.verify()
+    except RuntimeError as error:
+        raise CompileError(f"LLVM refuses the program: {error}") from error
+    named = [*module.functions, *module.global_variables]
+    alone = has_fma() and all(x.name.startswith("llvm.") or not x.is_declaration for x in named)
+    return _target_machine(level, _NEAR if alone else {}), module
+
+
+def _target_machine(level: int = _LEVEL, addresses: Mapping[str, Any] = MappingProxyType({})) -> Any:
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     if not has_fma():
         declare("fma", _fma_of_the_c_library())
     made_for = target()
     return binding.Target.from_default_triple().create_target_machine(
-        cpu=made_for.cpu, features=made_for.feature_text, opt=level, jit=True
+        cpu=made_for.cpu, features=made_for.feature_text, opt=level, jit=True, **addresses
     )
 
 
@@ -245,4 +277,4 @@ def _fingerprint(quick: bool) -> tuple[str, ...]:
     versions = (llvmlite.__version__, str(binding.llvm_version_info))
     levels = str(_QUICK_LEVEL) if quick else f"{_LEVEL} {_LEVEL_OF_LONG} {_LONG}"
     made_for = target()
-    return (*versions, binding.get_process_triple(), made_for.cpu, made_for.feature_text, levels)
+    return (*versions, binding.get_process_triple(), *_NEAR, made_for.cpu, made_for.feature_text, levels)

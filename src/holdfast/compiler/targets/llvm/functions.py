@@ -13,14 +13,16 @@ from pathlib import Path
 from string import Template
 from typing import NamedTuple
 
+from holdfast.compiler.order import is_crowded
 from holdfast.compiler.program import Program
 from holdfast.compiler.schedule import Call
 from holdfast.compiler.targets.layout import ArrayAddress, Layout
 from holdfast.compiler.targets.split import Access, NumberPlace, SplitPart, SplitProgram, signs_to_keep, split
 
 # A number in memory that has not been used for so many operations is loaded again. LLVM would keep it in a register, or
-# rather write it to the stack, a second time, because more numbers are in use than there are registers.
-_FAR = 64
+# rather write it to the stack, a second time, because more numbers are in use than there are registers. Where fewer are
+# in use, there is less to gain, and compiling more loads takes longer.
+_FAR, _FAR_IF_FEW_LIVE = 24, 64
 
 # In programs of more than _FEW parts, what earlier parts have written is read through pointers of its own, to which
 # nothing is written. LLVM need not order such loads and stores then, for which it takes time that grows with the square
@@ -132,11 +134,13 @@ def _body(part: SplitPart, lanes: int, before: str) -> tuple[list[str], set[str]
     names: dict[int, str] = {}
     now = first_operation = program.input_size
     stored: dict[int, NumberPlace] = {}  # results and values for later parts that this part has computed
-    used: dict[int, int] = {}  # when each number that is in memory was last used
+    addresses: dict[int, str] = {}  # of numbers in memory, by place
+    used: dict[int, int] = {}  # when each of them was last used
     pointers: set[str] = set()
+    far = _FAR if is_crowded(program) else _FAR_IF_FEW_LIVE
 
     def read(place: int) -> str:
-        if place in names and now - used.get(place, now) <= _FAR:
+        if place in names and now - used.get(place, now) <= far:
             if place in used:
                 used[place] = now
             return names[place]
@@ -146,15 +150,16 @@ def _body(part: SplitPart, lanes: int, before: str) -> tuple[list[str], set[str]
             return names[place]
         own = f"{place}.{now}" if place in names else f"{place}"
         pointer, number, access = sources[place] if kind == "input" else stored[place]
-        if kind == "input" and not pointer.startswith("in"):
-            pointer += before
-        pointers.add(pointer)
-        lines.append(f"  %i{own} = getelementptr double, ptr %{pointer}, i64 {number * access.step}")
+        if place not in addresses:
+            pointer += before if kind == "input" and not pointer.startswith("in") else ""
+            pointers.add(pointer)
+            addresses[place] = f"%i{place}"
+            lines.append(f"  %i{place} = getelementptr double, ptr %{pointer}, i64 {number * access.step}")
         if access.splat and lanes > 1:
-            lines.append(f"  %s{own} = load double, ptr %i{own}, align 8")
+            lines.append(f"  %s{own} = load double, ptr {addresses[place]}, align 8")
             lines.extend(splat(f"%v{own}", f"%s{own}", lanes))
         else:
-            lines.append(f"  %v{own} = load {T}, ptr %i{own}, align {8 * lanes}")
+            lines.append(f"  %v{own} = load {T}, ptr {addresses[place]}, align {8 * lanes}")
         names[place], used[place] = f"%v{own}", now
         return names[place]
 
@@ -164,7 +169,9 @@ def _body(part: SplitPart, lanes: int, before: str) -> tuple[list[str], set[str]
             pointers.add(pointer)
             lines.append(f"  %{at} = getelementptr double, ptr %{pointer}, i64 {number * access.step}")
             lines.append(f"  store {T} {result}, ptr %{at}, align {8 * lanes}")
-            stored[place], used[place] = target, now
+            used[place] = now
+            if place >= first_operation:
+                stored[place], addresses[place] = target, f"%{at}"
 
     for place in sorted(p for p in wanted if p < first_operation):
         store(place)
@@ -224,7 +231,7 @@ class Module:
         return self._labels
 
     def _call(self, call: Call, lines: list[str], label: str) -> str:
-        made = self._function(call)
+        made = self.written(call)
         if not made.split.writes:
             return label
         runs = self.layout.places(call, made.split)
@@ -260,7 +267,7 @@ class Module:
         ]
         return f"after{n}"
 
-    def _function(self, call: Call) -> ProgramInLlvm:
+    def written(self, call: Call) -> ProgramInLlvm:
         """Return the function of a stage's phase for this layout; it is written at the first call only."""
         layout, stage = self.layout, self.layout.schedule.groups[call.group].stage
         inputs, outputs = layout.accesses(call)
