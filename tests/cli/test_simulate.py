@@ -244,3 +244,19 @@ def test_resume_of_nothing(scene, cli):
     said = cli("simulate", scene, "--out", "none", "--resume", "--no-plots").err
     assert "none: nothing to resume yet; the run starts from the beginning" in said
     assert load_result("none").complete
+
+
+def test_record_of_a_scene(scene, cli):
+    """A scene may say what is recorded; then there is no summary, the figures that the arrays allow, and no page."""
+    scene.write_text(scene.read_text().replace("[simulation]", '[simulation]\nrecord = ["q", "tau"]\nevery = 5'))
+    assert "with t, q, tau, which is too little for a summary" in cli("simulate", scene, "--out", "few").out
+    assert sorted(path.name for path in Path("few").iterdir() if path.suffix != ".npz") == [
+        "joint_torques.png",
+        "meta.json",
+        "scene.toml",
+    ]
+    found = load_result("few")
+    assert found.complete and found.samples == 3 and found.trajectory.every == 5
+    assert "'grasp_wrench' was not recorded" in cli("summary", "few", code=2).err
+    scene.write_text(scene.read_text().replace('"tau"', '"torque"'))
+    assert "$.simulation.record: no array 'torque'" in cli("simulate", scene, "--out", "none", code=2).err

@@ -140,7 +140,8 @@ def _run(scenario: Scenario, writer: ResultWriter) -> Trajectory | None:
 def _print(run: Trajectory, summary: Summary | None) -> None:
     """Print the summary, or what was recorded if that is too little for one."""
     if summary is None:
-        stdout().print(f"{text_of(run)}: {', '.join(run.recorded)}; too little for a summary", soft_wrap=True)
+        names = ", ".join(name for name in run.recorded if getattr(run, name).size)
+        stdout().print(f"{text_of(run)}, with {names}, which is too little for a summary", soft_wrap=True)
     else:
         stdout().print(summary_table(summary))
 
