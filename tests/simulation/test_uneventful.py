@@ -111,6 +111,14 @@ def platform(**more: Any) -> hf.simulation.Trajectory:
     return hf.simulate(chain, state, springs(chain, state, 0.0), STEPS * STEP, STEP, **more)
 
 
+def pendulum(**more: Any) -> hf.simulation.Trajectory:
+    """Simulate a chain without joints: a rod on an anchor."""
+    rod = hf.HeldObject(1.5, np.diag([0.02, 0.02, 0.001]), com=[0, 0, -0.4])
+    chain = hf.ClosedChain({"pin": hf.Anchor()}, rod, {"pin": hf.Grasp("hinge")})
+    none = hf.ControlLaw(lambda t, now, memory, given: (np.zeros(0), memory))
+    return hf.simulate(chain, hf.State([], [], hf.Pose.from_rpy(0.5, 0, 0)), none, STEPS * STEP, STEP, **more)
+
+
 RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and how many samples at least are together
     "rigid": (of_pandas(), STEPS // 2),
     "soft fingers": (of_pandas("softfinger", RUBBER), STEPS // 2),
@@ -126,6 +134,7 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
     "a moving base": (of_pandas(base_motion={"left": swaying}), STEPS // 4),
     "flat linkage": (four_bar, 190),
     "platform": (platform, STEPS // 4),
+    "pendulum": (pendulum, STEPS // 2),
     "function": (by_function(), STEPS // 2),
     "function, soft fingers": (by_function("softfinger", RUBBER), STEPS // 2),
     "function, midpoint, breakpoints": (by_function(scheme="midpoint", breakpoints=[0.02, 0.0305]), STEPS // 4),

@@ -15,7 +15,7 @@ from holdfast.dynamics import momentum, project_velocity
 from holdfast.errors import StateError
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.rollout.compiled_steppers import FusedStepper, StagewiseStepper, stepper_for
+from holdfast.simulation.rollout.compiled_steppers import FusedStepper, PythonLawStepper, stepper_for
 from holdfast.simulation.runge_kutta import MIDPOINT
 from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.simulation.trajectory import array_names
@@ -61,7 +61,7 @@ def test_steppers(fused):
     environment = Environment(chain, inputs=Inputs(object_wrench=np.arange(6.0)))
     controller = law if fused else asked
     stepper = stepper_for(environment, controller, rank, MIDPOINT, Tolerance(), 1000)
-    assert isinstance(stepper, FusedStepper if fused else StagewiseStepper)
+    assert type(stepper) is (FusedStepper if fused else PythonLawStepper)
     found, expected = (
         one.advance(one.start(0.0, p.state, None)[0], [0.004, 0.01])
         for one in (stepper, ReferenceStepper(environment, asked, rank, MIDPOINT))

@@ -143,7 +143,7 @@ class FusedStepper:
         )
         ends, starts = ({name: x[:count] for name, x in arrays.items()} for arrays in (taker.ends, taker.starts))
         for part, at in ((ends, times[:, 1:]), *([(starts, times[:, 0])] if jumps.any() else [])):
-            of_systems = {name: x.reshape(-1, *x.shape[2:]) for name, x in part.items()}
+            of_systems = {name: x.reshape(at.size, *x.shape[2:]) for name, x in part.items()}
             self.kernel.choose_forces(of_systems, self._inputs(at.ravel(), np.array(0.0), True), {})
         if driven is None:
             return Taken(ends, starts, done, taker.again)
