@@ -71,7 +71,8 @@ capabilities: $(VENV)/.dev
 bench: $(VENV)/.bench
 	mkdir -p results
 	$(BIN)/python -m benchmarks.bench --json > results/bench.json
-	$(BIN)/python benchmarks/bench_page.py results/bench.json
+	HOLDFAST_CPU=x86-64-v3 $(BIN)/python -m benchmarks.bench --json > results/bench_avx2.json
+	$(BIN)/python benchmarks/bench_page.py results/bench.json --avx2 results/bench_avx2.json
 	$(BIN)/python benchmarks/registers.py --write docs/benchmarks.md
 	$(BIN)/python benchmarks/simulation_cost.py --write docs/limitations.md
 	$(BIN)/python benchmarks/simulate_speed.py

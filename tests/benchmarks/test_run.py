@@ -192,6 +192,8 @@ def test_page_has_everything():
         assert peer.get("version", "Not compared") in text
     assert document["machine"]["processor"] in text
     assert "images/bench_arms.png" in text
+    both = page.page(document, document)
+    assert both.startswith(text[: text.index("## Registers")]) and "### Acceptance checks, AVX2" in both
 
 
 @pytest.mark.slow
