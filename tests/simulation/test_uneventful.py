@@ -23,6 +23,7 @@ from holdfast.simulation.trajectory import array_names
 from holdfast.simulation.uneventful import uneventful_steps
 from holdfast.simulation.zero_order_hold import AskedOnce
 from holdfast.spatial import scalar
+from tests.longer import mostly_slow
 from tests.simulation.problems import PROBLEMS
 
 STEP, STEPS = 1e-3, 80
@@ -224,7 +225,7 @@ def test_a_function_is_called_at_the_stages(options):
         np.testing.assert_allclose(mine[finite], theirs[finite], rtol=1e-4, err_msg=name)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", mostly_slow(range(4), [0]))
 def test_instants_under_a_function(seed):
     """Effort limits are passed when they are under the same law, traced, to a billionth of a second."""
     chain, state = facing_pandas()
