@@ -65,6 +65,7 @@ def require_smallest(run: hf.simulation.Trajectory, world: Environment) -> None:
 
 
 TELLING = ["threads by hand", "on a trunk", "floating"]
+OTHERS = sorted(MECHANISMS.keys() - set(TELLING))
 
 
 @pytest.mark.parametrize("name", mostly_slow(MECHANISMS, ["N-four-bar", "Bricard", "threads by hand"]))
