@@ -34,7 +34,7 @@ def test_the_page_has_what_is_measured(monkeypatch, tmp_path):
 
 
 def test_what_the_page_says_of_it():
-    """A step takes some ten times as long as one of a rollout, under a function a few times that; a cone program tens of ms."""
+    """A step takes some ten times a rollout's, under a function a few times that; a cone program tens of ms."""
     cost = rows(PAGE.read_text(encoding="utf-8"))
     law, alone = cost["`simulate`, a `ControlLaw`"], cost["rollout of 1 system, the same `ControlLaw`"]
     assert 5.0 * alone < law < 20.0 * alone
