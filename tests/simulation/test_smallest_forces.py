@@ -65,7 +65,7 @@ def require_smallest(run: hf.simulation.Trajectory, world: Environment) -> None:
 
 
 TELLING = ["threads by hand", "on a trunk", "floating"]
-OTHERS = sorted(MECHANISMS.keys() - set(TELLING))
+FURTHER = sorted(MECHANISMS.keys() - set(TELLING))
 
 
 @pytest.mark.parametrize("name", mostly_slow(MECHANISMS, ["N-four-bar", "Bricard", "threads by hand"]))
@@ -92,9 +92,7 @@ def test_moving_bases():
     require_smallest(by(FREE, base_motion=moving)(chain, still), Environment(chain, moving))
 
 
-@pytest.mark.parametrize(
-    "name", mostly_slow(TELLING, TELLING[:1]) + mostly_long(sorted(MECHANISMS.keys() - TELLING), [])
-)
+@pytest.mark.parametrize("name", [*mostly_slow(TELLING, TELLING[:1]), *mostly_long(FURTHER, [])])
 def test_steppers_agree(name):
     """Rows of the constraint and steps of collocation, by the reference and by machine code of every kind."""
     chain, state = MECHANISMS[name]()
