@@ -44,7 +44,7 @@ def test_observed_order():
 
 def test_steps_are_bounded(monkeypatch):
     """An adaptive run that would take steps without end is stopped, and says what to try."""
-    monkeypatch.setattr("holdfast.simulation.run.MOST_STEPS", 3)
+    monkeypatch.setattr("holdfast.simulation.run.MOST_UNPLANNED", 3)
     p = problem(arms=1, joints=4, grasps="ball")
     run = simulate(p.chain, p.state, limp, 1.0, 1.0, scheme="dop853", rtol=1e-12)
     assert run.stopped == f"stopped after t = {run.t[-1]:.6g} s: more than 3 steps; try a larger rtol"

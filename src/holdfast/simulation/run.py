@@ -24,7 +24,7 @@ from holdfast.simulation.sample import sample
 from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with, suited
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
-from holdfast.simulation.stops import MOST_STEPS, just_after
+from holdfast.simulation.stops import just_after
 from holdfast.simulation.trajectory import Trajectory, part_of
 from holdfast.simulation.uneventful import uneventful_steps
 from holdfast.simulation.zero_order_hold import initial_hold, require_same
@@ -34,6 +34,7 @@ from holdfast.state import State
 
 # Strength of a direction: below it a singular configuration counts as the cause, above it as a possible one.
 NEARLY_SINGULAR = 0.01
+MOST_UNPLANNED = 1_000_000  # steps of an adaptive scheme beyond those at planned times; by itself it might never end
 FEWEST_TOGETHER = 8  # steps that are tried together at least
 
 
@@ -187,7 +188,7 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
     """
     settings, record = at.segment.settings, RunRecord(at.segment.settings.recording, resumed, listeners)
     first = reported = len(at.checkpoint.occurrences) if resumed else 0
-    longest = MOST_STEPS + len(settings.stops.times)  # an adaptive scheme by itself might never end
+    longest = MOST_UNPLANNED + len(settings.stops.times)
     if not resumed:
         record.add(_sample(at, at.checkpoint.occurrences), lambda _: at.checkpoint)
         reported = len(at.checkpoint.occurrences)
@@ -206,7 +207,7 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
         if not isinstance(later, RunState):
             break
         if taken > longest:
-            later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
+            later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_UNPLANNED} steps; try a larger rtol"
             break
         saved = later.checkpoint
         if later.now.t > at.now.t:

@@ -13,11 +13,10 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.stops import ALIKE
-from holdfast.simulation.trajectory import LOWEST, TRUNK_FIELDS, Trajectory, array_names, joined, part_of
+from holdfast.simulation.trajectory import BASE_FIELDS, LOWEST, TRUNK_FIELDS, Trajectory, array_names, joined, part_of
 from holdfast.spatial.scalar import Array
 
 EVERYTHING, STATES = "everything", "states"
-BASE_FIELDS = ("base_pose", "base_twist", "base_acceleration")
 STATE_NAMES = ("t", "q", "qd", "qdd", "object_pose", "object_twist", "object_acceleration", *BASE_FIELDS)
 MOST_SAMPLES = 1_000_000  # of a run that is only in memory
 MOST_KEPT = 2**28  # bytes of samples that memory holds beside a folder

@@ -47,7 +47,7 @@ class StepsTogether(NamedTuple):
     again: Again | None
     held: Sequence[HeldTorques | None]
     failed: int
-    memories: tuple[Sequence[Any], Sequence[Any]] | None
+    memories: tuple[Mapping[int, Any], Mapping[int, Any]] | None
     interruption: BaseException | None
 
     @property

@@ -30,8 +30,9 @@ LOWEST = {
     "lowest_margin": ("lowest_margin_time",),
     "lowest_joint_margin": ("lowest_joint_margin_time", "lowest_joint"),
 }
-# results of 0.1 have no such arrays
-TRUNK_FIELDS = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wrench")
+# of a floating base, and of any trunk; results of 0.1 have no such arrays
+BASE_FIELDS = ("base_pose", "base_twist", "base_acceleration")
+TRUNK_FIELDS = (*BASE_FIELDS, "trunk_base_wrench")
 
 
 class ArrayNotRecorded(StateError):

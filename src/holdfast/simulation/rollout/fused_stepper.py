@@ -44,8 +44,7 @@ class Taken(NamedTuple):
         starts: evaluations after the jumps at which steps begin, (k, 1, ...) by name.
         taken: number of steps that were taken; results of the others mean nothing.
         again: returns results at further points, see `SuccessiveSteps.again`; None if torques there are not known.
-        memories: memory that the controller returned at the start, if there was a jump, and at the end of each step;
-            None if it is part of the results.
+        memories: as in `Driven`; None if they are part of the results.
         interruption: what interrupted the controller, such as Ctrl-C.
     """
 
@@ -53,7 +52,7 @@ class Taken(NamedTuple):
     starts: Systems
     taken: int
     again: Again | None
-    memories: tuple[Sequence[Any], Sequence[Any]] | None = None
+    memories: tuple[Mapping[int, Any], Mapping[int, Any]] | None = None
     interruption: BaseException | None = None
 
 
@@ -101,11 +100,16 @@ class FusedStepper:
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return the results of single steps; see `Stepper`."""
-        systems = self.start_of(now, len(ends))
-        steps = np.array(ends) - now.t
-        self.kernel.run(systems, self._inputs(np.array(now.t), steps, False), {})
-        self.kernel.choose_forces(systems, self._inputs(now.t + steps, np.array(0.0), True), {})
-        return [self._advance(systems, row, end, now.memory) for row, end in enumerate(ends)]
+        return self._advanced(self.start_of(now, len(ends)), now.t, ends, {}, now.memory)
+
+    def _advanced(
+        self, systems: Systems, begin: float, ends: Sequence[float], given: Mapping[str, Array], memory: Any
+    ) -> list[Advance]:
+        """Take steps of several systems in place, and return their results; `given` are inputs of the law."""
+        steps = np.array(ends) - begin
+        self.kernel.run(systems, {**self._inputs(np.array(begin), steps, False), **given}, {})
+        self.kernel.choose_forces(systems, self._inputs(begin + steps, np.array(0.0), True), {})
+        return [self._advance(systems, row, end, memory) for row, end in enumerate(ends)]
 
     def start_of(self, now: Instant, count: int = 1) -> Systems:
         """Return a number of systems at the start of steps from an instant; forces and accelerations are not set."""
@@ -233,18 +237,20 @@ class FusedStepper:
         """
         systems = self.kernel.systems(state_rows(states), memory)
         hold_rows(systems, rows)
-        inputs = self._inputs_at(times, rows, project, evaluate)
-        self.kernel.run(systems, inputs, {})
-        refuse(systems)
-        if evaluate and not inputs["keep_rows"]:  # of stages only the slope is used
-            self.kernel.choose_forces(systems, inputs, {})
-        return systems, [memory] * len(times)
-
-    def _inputs_at(self, times: list[float], rows: Array | None, project: bool, evaluate: bool) -> dict[str, Array]:
-        """Return the inputs for `_at`."""
         keep = rows is not None and not (project and evaluate)
-        inputs = self._inputs(np.array(times), np.array(0.0), not project)
-        return inputs | {"keep_rows": np.array(float(keep))}
+        inputs = self._inputs(np.array(times), np.array(0.0), not project) | {"keep_rows": np.array(float(keep))}
+        given, kept = self._asked(systems, inputs, memory, project, evaluate)
+        self.kernel.run(systems, inputs | given, {})
+        refuse(systems)
+        if evaluate and not keep:  # of stages only the slope is used
+            self.kernel.choose_forces(systems, inputs, {})
+        return systems, kept
+
+    def _asked(
+        self, systems: Systems, inputs: dict[str, Array], memory: Any, project: bool, evaluate: bool
+    ) -> tuple[dict[str, Array], list[Any]]:
+        """Return further inputs of the law for `_at`, and the memories from there; machine code has both."""
+        return {}, [memory] * len(inputs["begin"])
 
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""

@@ -22,9 +22,9 @@ from holdfast.model import checks
 from holdfast.questions.arrays import state_of
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.rollout.fused_stepper import FusedStepper, hold_rows
+from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.rows import refuse, state_rows
+from holdfast.simulation.rollout.rows import refuse
 from holdfast.simulation.rollout.stage_torques import ASKED, GIVEN_TORQUES, asked_states, stage_torques
 from holdfast.simulation.rollout.successive_steps import CarriedArrays, Driven
 from holdfast.simulation.runge_kutta import Tableau
@@ -33,6 +33,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 LONGEST_AHEAD = 0.25  # s that a controller may take for steps together, so that progress is shown
+OF_LAW = f"control.{GIVEN_TORQUES}"  # name of the torques in machine code
 # functions of time [s] and state, or before these of the memory, that return the torques (n,) and the memory
 Ask = Callable[[float, State], tuple[Array, Any]]
 AskWithMemory = Callable[[Any, float, State], tuple[Array, Any]]
@@ -61,57 +62,36 @@ class PythonLawStepper(FusedStepper):
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return the results of single steps; see `Stepper`."""
-        return [self._advanced(now, [end])[0] for end in ends]
+        return [self.screened(now, [end])[0] for end in ends]
 
     def screened(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return the same, but the controller is called for the last step only; see the head of this file."""
-        return self._advanced(now, ends)
-
-    def _advanced(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
-        begin, last = now.t, ends[-1]
         systems = self.start_of(now, len(ends))
         try:
-            start = {name: x[:1] for name, x in systems.items()}
-            torques, memory = self._asking.torques(start, begin, last, now.tau, partial(self._ask, now.memory))
+            start = self._asking.numbers_of({name: x[:1] for name, x in systems.items()})
+            torques, memory = self._asking.torques(start, now.t, ends[-1], now.tau, partial(self._ask, now.memory))
         except HoldfastError as cause:
             return [Advance(end, None, NO_GAPS, np.zeros(4), failure=cause) for end in ends]
-        lengths = np.array(ends) - begin
-        given = {f"control.{GIVEN_TORQUES}": _at_points(torques, now.tau, lengths, self.scheme)}
-        self.kernel.run(systems, self._inputs(np.array(begin), lengths, False) | given, {})
-        self.kernel.choose_forces(systems, self._inputs(begin + lengths, np.array(0.0), True), {})
-        return [self._advance(systems, row, end, memory) for row, end in enumerate(ends)]
+        given = {OF_LAW: _at_points(torques, now.tau, np.array(ends) - now.t, self.scheme)}
+        return self._advanced(systems, now.t, ends, given, memory)
 
-    def _at(
-        self,
-        times: list[float],
-        states: list[State],
-        memory: Any,
-        rows: Array | None,
-        *,
-        project: bool = False,
-        evaluate: bool = True,
-    ) -> tuple[Systems, list[Any]]:
-        systems, inputs = self.kernel.systems(state_rows(states)), self._inputs_at(times, rows, project, evaluate)
-        hold_rows(systems, rows)
+    def _asked(
+        self, systems: Systems, inputs: dict[str, Array], memory: Any, project: bool, evaluate: bool
+    ) -> tuple[dict[str, Array], list[Any]]:
+        times, at = inputs["begin"].tolist(), systems
         torques = np.zeros((len(times), len(self.scheme.c), self.environment.chain.joint_count))
+        given = {OF_LAW: torques}
+        if not evaluate:
+            return given, [memory] * len(times)
         if project:
-            closing = {name: x.copy() for name, x in systems.items()}
-            self._drive(closing, inputs, torques)
-            if not evaluate:
-                return closing, [memory] * len(times)
-            states = [state_of(closing, row) for row in range(len(times))]
-        answers = [self._ask(memory, t, state) for t, state in zip(times, states, strict=True)]
-        for row, (tau, _) in enumerate(answers):
-            torques[row] = tau
-        self._drive(systems, inputs, torques)
-        if not inputs["keep_rows"]:
-            self.kernel.choose_forces(systems, inputs, {})
-        return systems, [kept for _, kept in answers]
-
-    def _drive(self, systems: Systems, inputs: dict[str, Array], torques: Array) -> None:
-        """Run steps of length zero under given torques; an error is raised if one fails."""
-        self.kernel.run(systems, inputs | {f"control.{GIVEN_TORQUES}": torques}, {})
-        refuse(systems)
+            at = {name: x.copy() for name, x in systems.items()}
+            self.kernel.run(at, inputs | given, {})
+            refuse(at)
+        kept = []
+        for row, t in enumerate(times):
+            torques[row], later = self._ask(memory, t, state_of(at, row))
+            kept.append(later)
+        return given, kept
 
     def _driven(self, now: Instant, times: Array) -> Driven:
         return _CalledAhead(self._asking, self._ask, self.scheme, times, now.memory)
@@ -134,23 +114,20 @@ class StageByStage:
     """Asks a controller for the torques at the stages of a step, one after another."""
 
     def __init__(self, kernel: StepKernel, scheme: Tableau, given: dict[str, Array]) -> None:
-        self._arrays, self._nodes = CarriedArrays(kernel, 1, 1), [*scheme.c[1:].tolist(), 1.0]
+        self._arrays, self._nodes = CarriedArrays(kernel, 1, 1), scheme.c[1:].tolist()
         self._arrays.prepare({**given, "held": np.array(0.0)}, np.zeros(1), np.zeros((1, 1)))
         self._states = asked_states(kernel.chain, self._arrays.arrays[ASKED])
         self._numbers, self._torques = self._arrays.arrays[ASKED][0, 0], self._arrays.torques[0, 0]
 
-    def torques(
-        self,
-        start: Systems | Array,
-        begin: float,
-        end: float,
-        first: Array,
-        ask: Ask,
-    ) -> tuple[Array, Any]:
+    def numbers_of(self, system: Systems) -> Array:
+        """Return the numbers of one system, (size,)."""
+        return self._arrays.of_system(system)
+
+    def torques(self, start: Array, begin: float, end: float, first: Array, ask: Ask) -> tuple[Array, Any]:
         """Return the torques (stages, n) at the later stages and at the step's end, and the memory from there.
 
         Args:
-            start: the system at the step's start, by name or as the numbers of `CarriedArrays`.
+            start: (size,) the numbers of the system at the step's start.
             begin: the step's start [s].
             end: its end [s].
             first: (n,) the torques at its start.
@@ -159,16 +136,15 @@ class StageByStage:
         Raises:
             StateError: a stage is not finite, or what `ask` raises.
         """
-        numbers = start if isinstance(start, np.ndarray) else self._arrays.of_system(start)
         length, memory = end - begin, None
         self._arrays.set_step(begin, length)
         self._torques[...] = first
-        for i, node in enumerate(self._nodes):
-            self._arrays.block[0, 0] = numbers
+        times = [*(begin + node * length for node in self._nodes), end]
+        for i, t in enumerate(times):
+            self._arrays.block[0, 0] = start
             self._arrays.run(0)
             if not np.isfinite(self._numbers[i]).all():
                 raise StateError("the step overflows float64; try a smaller time step")
-            t = end if node == 1.0 and i == len(self._nodes) - 1 else begin + node * length
             self._torques[i:], memory = ask(t, state_of(self._states, (0, 0, i)))
         return self._torques.copy(), memory
 
@@ -178,18 +154,16 @@ class _CalledAhead:
 
     def __init__(self, asking: StageByStage, ask: AskWithMemory, scheme: Tableau, times: Array, memory: Any) -> None:
         self._asking, self._ask, self._scheme, self._times, self._memory = asking, ask, scheme, times, memory
-        self.memories: tuple[list[Any], list[Any]] = [], []
+        self.memories: tuple[dict[int, Any], dict[int, Any]] = {}, {}
         self.interruption: BaseException | None = None
         self._begun = time.monotonic()
 
     def start(self, k: int, starts: CarriedArrays) -> bool:
         try:
-            found, memory = self._ask(self._memory, float(self._times[k, 0]), state_of(starts.arrays, (k, 0)))
+            found, self._memory = self._ask(self._memory, float(self._times[k, 0]), state_of(starts.arrays, (k, 0)))
         except (Exception, KeyboardInterrupt) as cause:
             return self._failed(cause)
-        starts.torques[k] = found
-        self._memory = memory
-        self.memories[0].extend([None] * (k - len(self.memories[0])) + [memory])
+        starts.torques[k], self.memories[0][k] = found, self._memory
         return True
 
     def step(self, k: int, ends: CarriedArrays) -> bool:
@@ -202,7 +176,7 @@ class _CalledAhead:
         except (Exception, KeyboardInterrupt) as cause:
             return self._failed(cause)
         ends.torques[k] = _at_points(found, first, self._times[k, 1:] - begin, self._scheme)
-        self.memories[1].append(self._memory)
+        self.memories[1][k] = self._memory
         return True
 
     def _failed(self, cause: BaseException) -> bool:

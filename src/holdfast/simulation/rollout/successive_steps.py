@@ -24,11 +24,12 @@ class Driven(Protocol):
     """Sets the torques of steps whose torques are given; see `stage_torques`.
 
     Attributes:
-        memories: memory that the controller returned at the start, if there was a jump, and at the end of each step.
+        memories: memory that the controller returned at the start, if there was a jump, and at the end of each step, by
+            number of the step.
         interruption: what interrupted the controller, such as Ctrl-C.
     """
 
-    memories: tuple[list[Any], list[Any]]
+    memories: tuple[dict[int, Any], dict[int, Any]]
     interruption: BaseException | None
 
     def start(self, k: int, starts: CarriedArrays) -> bool:
