@@ -7,6 +7,8 @@ another BLAS kernel: it is explained by rounding if it is within 100 times of wh
 
 With `--blas Prescott` the working tree computes by another BLAS kernel: against HEAD this shows what rounding does.
 
+A run that takes longer than `--longest` seconds of processor time is named and not compared.
+
 python benchmarks/against.py COMMIT [--scenes 500] [--seed 0] [--jobs 2] [--only SEED ...] [--keep FOLDER]
 """
 
@@ -64,17 +66,33 @@ def recorded(seed: int, nudge: int = 0) -> Record:
     return found
 
 
-def record(folder: Path, sources: Path, nudge: int, seeds: list[int]) -> None:
-    """Record runs into files of a folder, those that are not there yet."""
+class TooLong(BaseException):
+    """A run took longer than it may; no `except Exception` of the library stops it."""
+
+
+def _end(*_: object) -> None:
+    raise TooLong
+
+
+def record(folder: Path, sources: Path, nudge: int, longest: int, seeds: list[int]) -> None:
+    """Record runs into files of a folder, those that are not there yet; of one that takes too long, an empty record."""
     import holdfast as hf
 
     if not Path(hf.__file__).is_relative_to(sources):
         raise SystemExit(f"expected the sources of {sources}, got {hf.__file__}")
+    signal.signal(signal.SIGPROF, _end)
     for k, seed in enumerate(seeds, start=1):
         path = _file(folder, seed)
         if not path.exists():
             part = path.with_suffix(".part")
-            part.write_bytes(pickle.dumps(recorded(seed, nudge)))
+            signal.setitimer(signal.ITIMER_PROF, longest)
+            try:
+                run = recorded(seed, nudge)
+            except TooLong:
+                run = {}
+            finally:
+                signal.setitimer(signal.ITIMER_PROF, 0)
+            part.write_bytes(pickle.dumps(run))
             part.replace(path)
         if k % 10 == 0 or k == len(seeds):
             print(f"{folder.name}: {k} of {len(seeds)} runs", file=sys.stderr, flush=True)
@@ -107,6 +125,7 @@ class Job(NamedTuple):
         folder: where.
         sources: of the version that makes them.
         nudge: as for `random_run`.
+        longest: processor time that a run may take [s].
         seeds: of the runs.
         blas: kernel of OpenBLAS; "" for that of the processor.
     """
@@ -114,6 +133,7 @@ class Job(NamedTuple):
     folder: Path
     sources: Path
     nudge: int
+    longest: int
     seeds: list[int]
     blas: str = ""
 
@@ -123,7 +143,7 @@ class Job(NamedTuple):
         cache.mkdir(mode=0o700, parents=True, exist_ok=True)
         env = os.environ | ONE_THREAD | {"PYTHONPATH": str(self.sources), "HOLDFAST_CACHE": str(cache)}
         env |= {"OPENBLAS_CORETYPE": self.blas} if self.blas else {}
-        given = [self.folder, self.sources, self.nudge, *self.seeds]
+        given = [self.folder, self.sources, self.nudge, self.longest, *self.seeds]
         return subprocess.Popen([sys.executable, __file__, "--record", *map(str, given)], env=env)
 
 
@@ -164,9 +184,9 @@ def ends(run: Record) -> Iterator[str]:
 
 
 def compared(seed: int, *folders: Path) -> Difference | None:
-    """Return the difference of a run between two folders, None if one of them does not have it."""
-    paths = [_file(folder, seed) for folder in folders]
-    return differences(*(_loaded(path) for path in paths)) if all(path.exists() for path in paths) else None
+    """Return the difference of a run between two folders, None if one of them does not have it or it took too long."""
+    runs = [_loaded(path) for folder in folders if (path := _file(folder, seed)).exists()]
+    return differences(*runs) if len(runs) == len(folders) and all(runs) else None
 
 
 def _loaded(path: Path) -> Record:
@@ -184,10 +204,11 @@ def report(old: Path, new: Path, seeds: list[int]) -> int:
     happened: dict[str, Counter[str]] = defaultdict(Counter)
     failed: list[str] = []
     seconds = np.zeros(2)
-    for seed in seeds:
+    late = [seed for seed in seeds if (path := _file(old, seed)).exists() and not _loaded(path)]
+    for seed in (seed for seed in seeds if seed not in late):
         found = compared(seed, old, new)
         if found is None:
-            failed.append(f"seed {seed}: its process ended before it was recorded")
+            failed.append(f"seed {seed}: the working tree took too long, or its process ended before it was recorded")
             continue
         rounding = [one for k in NUDGES if (one := compared(seed, old, nudged(old, k))) is not None]
         explained, runs = found.explained(rounding), [_loaded(_file(folder, seed)) for folder in (old, new)]
@@ -205,6 +226,8 @@ def report(old: Path, new: Path, seeds: list[int]) -> int:
     print(_row("all", [one for found in rows.values() for one in found], sum(happened.values(), Counter())))
     print("same: all within bars; ill: what is not is explained by rounding, and left out of the columns before")
     print(f"processor time: {seconds[0]:.0f} s by the commit, {seconds[1]:.0f} s by the working tree")
+    if late:
+        print(f"not compared, for the commit did not finish them in time: {', '.join(map(str, late))}")
     for line in failed:
         print(line)
     return len(failed)
@@ -221,8 +244,8 @@ def _row(family: str, found: list[tuple[Difference, set[Any]]], happened: Counte
 def main() -> None:
     """Compare the working tree with a commit."""
     if sys.argv[1:2] == ["--record"]:
-        folder, sources, nudge, *seeds = sys.argv[2:]
-        record(Path(folder), Path(sources), int(nudge), [int(seed) for seed in seeds])
+        folder, sources, nudge, longest, *seeds = sys.argv[2:]
+        record(Path(folder), Path(sources), int(nudge), int(longest), [int(seed) for seed in seeds])
         return
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("commit", help="the earlier commit")
@@ -231,6 +254,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2, help="number of processes")
     parser.add_argument("--only", type=int, nargs="+", help="seeds of the runs, instead of --scenes and --seed")
     parser.add_argument("--keep", type=Path, help="folder for the commit's runs, which are not made again next time")
+    parser.add_argument("--longest", type=int, default=600, help="processor time that a run may take [s]")
     parser.add_argument("--blas", default="", help="OPENBLAS_CORETYPE of the working tree's runs")
     chosen = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that the worktree is removed
@@ -243,9 +267,11 @@ def main() -> None:
         shutil.copytree(ROOT / "src", tree)  # so that the tree can be edited meanwhile
         versions = (old, checkout / "src", ""), (new, tree, chosen.blas)
         parts = [seeds[k :: max(1, chosen.jobs // 2)] for k in range(max(1, chosen.jobs // 2))]
-        finish([Job(to, of, 0, part, blas) for part in parts for to, of, blas in versions], chosen.jobs)
+        finish([Job(to, of, 0, chosen.longest, part, blas) for part in parts for to, of, blas in versions], chosen.jobs)
         doubtful = [seed for seed in seeds if (found := compared(seed, old, new)) and found.failures]
-        again = [Job(nudged(old, k), checkout / "src", k, doubtful, OTHER_BLAS * (k % 2)) for k in NUDGES]
+        again = [
+            Job(nudged(old, k), checkout / "src", k, chosen.longest, doubtful, OTHER_BLAS * (k % 2)) for k in NUDGES
+        ]
         finish(again if doubtful else [], chosen.jobs)
         failures = report(old, new, seeds)
     sys.exit(1 if failures else 0)
