@@ -8,6 +8,7 @@ python benchmarks/simulation_cost.py [--write docs/limitations.md]
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,11 +35,15 @@ def costs() -> Iterator[tuple[str, float]]:
     def springs(t: Any, now: Any, memory: Any) -> tuple[Any, Any]:
         return hold + 200.0 * (state.q - now.q) - 0.5 * now.qd, memory
 
+    def push(t: float) -> hf.Inputs:
+        return hf.Inputs(object_wrench=[0.0, 0.0, 0.0, 2.0 * math.sin(20.0 * t), 0.0, 0.0])
+
     law = hf.ControlLaw(lambda t, now, memory, given: springs(t, now, memory))
     gripped, _ = facing_pandas("softfinger", hf.Friction(mu=0.8, torsion_radius=0.02))
     for what, chain, controller, options in (
         ("`simulate`, a Python function called at every stage", rigid, springs, {}),
         ("`simulate`, a Python function called once per step (`sample_time`)", rigid, springs, {"sample_time": STEP}),
+        ("`simulate`, a `ControlLaw`, a wrench that is a Python function of time", rigid, law, {"inputs": push}),
         ("`simulate`, a `ControlLaw`", rigid, law, {}),
         ("`simulate`, a `ControlLaw`, soft fingers with friction", gripped, law, {}),
     ):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,6 +20,7 @@ from holdfast.simulation import run as run_module
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER
 from holdfast.simulation.run import FEWEST_TOGETHER, Pace
+from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.simulation.trajectory import array_names
 from holdfast.simulation.uneventful import uneventful_steps
 from holdfast.simulation.zero_order_hold import AskedOnce
@@ -83,6 +85,19 @@ def integrating(chain: hf.ClosedChain, state: hf.State) -> Callable[[float, hf.S
     return controller
 
 
+def wind(t: float) -> hf.Inputs:
+    """Return a push on the object that comes and goes."""
+    return hf.Inputs(object_wrench=[0.0, 0.0, 0.1, 0.0, 4.0 * math.sin(60.0 * t), 0.0])
+
+
+def drag(t: float, now: hf.State) -> hf.Inputs:
+    """Return what a fluid takes from the object and from every link, more and more."""
+    turning, moving = now.object_twist[:3], now.object_twist[3:]
+    return hf.Inputs(
+        [*(-0.1 * turning), *(-20.0 * (1.0 + t) * moving)], np.tile([0.0, 0.0, 0.02, 0.0, -0.3, 0.0], (14, 1))
+    )
+
+
 def beyond_limits(function: bool = False, **more: Any) -> hf.simulation.Trajectory:
     """Simulate arms whose drives are asked for more than their limits most of the time, which is recorded."""
     chain, state = facing_pandas("softfinger", RUBBER)
@@ -143,6 +158,13 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
     "function, an arm lets go": (by_function("softfinger", RUBBER, events=[hf.Release(0.04, "left")]), STEPS // 8),
     "function, recorded violations": (partial(beyond_limits, True), STEPS // 4),
     "function, little drift": (by_function(largest_drift=1e-9), 0),
+    "wrench of time": (of_pandas("softfinger", RUBBER, inputs=wind), STEPS // 2),
+    "wrench of state": (by_function(inputs=drag, scheme="midpoint"), STEPS // 2),
+    "wrench, sampled, delayed": (of_pandas(sample_time=2 * STEP, delay=0.5 * STEP, inputs=drag), STEPS // 2),
+    "wrench, breakpoints, a moving base": (
+        of_pandas(base_motion={"left": swaying}, inputs=wind, breakpoints=[0.02, 0.0305]),
+        STEPS // 4,
+    ),
 }
 
 
@@ -223,6 +245,39 @@ def test_a_function_is_called_at_the_stages(options):
         mine, theirs = getattr(run, name), getattr(traced, name)
         finite = np.isfinite(theirs)
         np.testing.assert_allclose(mine[finite], theirs[finite], rtol=1e-4, err_msg=name)
+
+
+@pytest.mark.parametrize("name", ["wrench of time", "wrench of state", "wrench, sampled, delayed"])
+def test_wrenches_by_functions(name):
+    """The motion, its forces and its balances are those that the reference finds; the function is called at stages."""
+    run, _ = RUNS[name]
+    mine, theirs = run(), run(make_stepper=ReferenceStepper)
+    assert mine.stopped is None and np.abs(mine.work[:, 3]).max() > 1e-7
+    for array in ("t", "q", "qd", "tau", "grasp_wrench", "base_wrench", "work", "margin", "momentum"):
+        a, b = getattr(mine, array), getattr(theirs, array)
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-11 * max(1.0, np.abs(b).max()), err_msg=array)
+
+
+def test_constant_wrenches_on_links():
+    """Are machine code as well, and do what the reference says."""
+    chain, state = facing_pandas()
+    acting = hf.Inputs(link_wrenches=np.linspace(-0.5, 0.5, 84).reshape(14, 6))
+    given = chain, state, springs(chain, state), STEPS * STEP, STEP
+    mine, theirs = (hf.simulate(*given, inputs=acting, make_stepper=make) for make in (None, ReferenceStepper))
+    calm = hf.simulate(*given)
+    for array in ("q", "qd", "grasp_wrench", "work"):
+        a, b, without = (getattr(one, array) for one in (mine, theirs, calm))
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-11 * max(1.0, np.abs(b).max()), err_msg=array)
+        assert np.abs(without - b).max() > 1e-6
+
+
+def test_bases_do_not_begin_to_move():
+    """A function of time that moves a base later than at its start is refused, with the way to say it."""
+    chain, state = facing_pandas()
+    late = lambda t: hf.Inputs(base_twists=np.zeros((2, 6))) if t > 0.01 else hf.Inputs()  # noqa: E731
+    run = hf.simulate(chain, state, springs(chain, state), STEPS * STEP, STEP, inputs=late)
+    assert run.t[-1] == pytest.approx(0.01) and run.stopped is not None
+    assert "none at t = 0: base_twists: expected none" in run.stopped and "try base_motion=" in run.stopped
 
 
 @pytest.mark.parametrize("seed", mostly_slow(range(4), [0]))

@@ -34,7 +34,7 @@ class Options:
         held: whether steps hold as many rows of the constraint as its generic rank (see `held_rows`).
         implicit: whether additional joint armatures and torques are inputs, for the stages of implicit steps.
         resolution: whether steps notice that they may not follow the motion (`simulation.resolution`).
-        stages: number of stages of a step whose torques are given (`rollout.stage_torques`); 0 if a law computes them.
+        stages: number of stages of a step with given values (`rollout.stage_values`); 0 if a law computes torques.
     """
 
     route: Route = "auto"

@@ -117,7 +117,7 @@ def steps_together(at: RunState, stepper: FusedStepper, ends: Array, jumps: Arra
     if jumps.any():
         here[jumps], before[jumps] = segment.signals.of_arrays(after_jumps)[jumps, 0], -np.inf
     margins = np.concatenate([before[None], here[None], margins])
-    failed = taken if remember is None else len(held)
+    failed = taken if remember is None else min(taken, len(held))
     return StepsTogether(
         times, jumps, points, starts, after_jumps, margins, again, held, failed, memories, interruption
     )

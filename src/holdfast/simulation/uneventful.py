@@ -295,7 +295,7 @@ def _accepted(
     passed = x.get("before", returned)
     if steps.memories is not None:
         returned = [steps.memories[0 if jump else 1][k] for k, jump in zip(step.tolist(), jumped.tolist(), strict=True)]
-        passed = [memory, *returned[:-1]]
+        passed = [memory, *returned[:-1]] if saved.held is None else returned  # a hold returns what it is given
 
     @cache
     def instant(k: int) -> Instant:

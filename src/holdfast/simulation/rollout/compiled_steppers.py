@@ -1,9 +1,9 @@
 """The steppers of `simulate` that use machine code, and the choice of the stepper for a run.
 
 If the controller and the base motions can be compiled, a whole step is one call of machine code (`FusedStepper`), and
-steps to several end times cost about as much as one. If only the controller cannot, it is one call for each of its
-answers (`PythonLawStepper`). Otherwise, dynamics, projection and a traced law are machine code, while the environment
-or the controller is evaluated in Python at every stage (`StagewiseStepper`, for any scheme).
+steps to several end times cost about as much as one. If the controller cannot, or wrenches are a function, it is one
+call for each of their answers (`PythonLawStepper`). Otherwise, dynamics, projection and a traced law are machine code,
+while the environment or the controller is evaluated in Python at every stage (`StagewiseStepper`, for any scheme).
 """
 
 from __future__ import annotations
@@ -288,7 +288,11 @@ def bases_move(environment: Environment) -> bool:
 
 def unsteady(given: GivenInputs) -> bool:
     """Return whether the inputs contain base motions, or depend on time or state."""
-    return not isinstance(given, Inputs) or any(getattr(given, name) is not None for name in MOVING_BASES)
+    return not isinstance(given, Inputs) or _move_bases(given)
+
+
+def _move_bases(given: Inputs) -> bool:
+    return any(getattr(given, name) is not None for name in MOVING_BASES)
 
 
 def stepper_for(
@@ -302,7 +306,7 @@ def stepper_for(
     """Return the most suitable stepper for a run; the results of all steppers agree up to rounding.
 
     A `ControlLaw`, and a controller or base motion whose attribute `traceable` is True, become part of the machine
-    code. All other functions are evaluated in Python, stage by stage, and so are all steps of adaptive schemes.
+    code. All other functions are called in Python, once a stage. Steps of adaptive schemes are taken stage by stage.
 
     Args:
         environment: the chain, its base motions and external inputs.
@@ -319,18 +323,19 @@ def stepper_for(
     few = steps * (COST_OF_VERIFICATION if len(Signals(environment.chain).limited) else 1) < STEPS_WORTH_COMPILING
     acting = _acting_at_first(environment)
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
-    if (few and not scheme.adaptive) or on_links:
+    if few and not scheme.adaptive:
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
     law, values = law_of(controller, environment.chain), getattr(controller, "values", {})
-    motions = environment.base_motion.values()
-    traceable = not unsteady(environment.inputs) and all(getattr(motion, "traceable", False) for motion in motions)
-    if law is None or scheme.adaptive or not traceable:
-        if _moves_trunk_base(environment, acting):  # stagewise steps do not support this
-            return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
-        if law is None and traceable and not (scheme.adaptive or scheme.implicit):
-            return PythonLawStepper.of_controller(environment, controller, scheme, generic_rank)
-        return StagewiseStepper(environment, controller, generic_rank, scheme, tolerance, law)
-    return FusedStepper.of(environment, law, scheme, generic_rank, values)
+    motions, constant = environment.base_motion.values(), isinstance(environment.inputs, Inputs)
+    traceable = not _move_bases(acting) and all(getattr(motion, "traceable", False) for motion in motions)
+    if traceable and not scheme.adaptive:
+        if law is not None and constant:
+            return FusedStepper.of(environment, law, scheme, generic_rank, values)
+        if not scheme.implicit:
+            return PythonLawStepper.of_controller(environment, controller, scheme, generic_rank, law)
+    if on_links or _moves_trunk_base(environment, acting):  # stagewise steps do not support this
+        return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
+    return StagewiseStepper(environment, controller, generic_rank, scheme, tolerance, law)
 
 
 def _acting_at_first(environment: Environment) -> Inputs:

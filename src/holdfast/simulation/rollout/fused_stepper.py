@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.compiled.structure import Options
+from holdfast.compiler.program import Shape
 from holdfast.control.controller import ControlLaw
 from holdfast.questions.arrays import FLOATING, STATE, state_of
 from holdfast.simulation.environment import Environment
@@ -26,6 +28,7 @@ from holdfast.simulation.rollout.rows import (
     slope_at,
     state_rows,
 )
+from holdfast.simulation.rollout.stage_values import acting_on, wrench_arrays
 from holdfast.simulation.rollout.successive_steps import Again, Driven, SuccessiveSteps
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EvaluationRequest, Gaps, ProjectionRequest, StageRequest, rows_held_near
@@ -84,7 +87,8 @@ class FusedStepper:
         values: Mapping[str, Array] | None = None,
     ) -> FusedStepper:
         """Return the stepper for a law with the given values of its parameters."""
-        kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=environment.base_motion, quick=True)
+        motions, options = environment.base_motion, options_for(environment)
+        kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=motions, options=options, quick=True)
         return cls(environment, kernel, scheme, generic_rank, by_name(values or {}))
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
@@ -268,23 +272,38 @@ class FusedStepper:
     @cached_property
     def _given(self) -> dict[str, Array]:
         """The inputs that all steps share."""
-        wrench = self._acting.object_wrench
-        assert wrench is not None
-        return {"object_wrench": wrench, "search": np.array(0.0), **self.values}  # `simulate` searches itself
+        return {
+            **wrench_arrays(self._taken, self._acting),
+            "search": np.array(0.0),
+            **self.values,
+        }  # `simulate` searches itself
+
+    @cached_property
+    def _taken(self) -> Mapping[str, Shape]:
+        """The shapes of the external wrenches that the machine code takes."""
+        return acting_on(self.environment.chain, self.kernel.structure.options)
 
     def _whole(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         chain, inputs = self.environment.chain, self._acting
-        if self.environment.base_motion:
+        if self.environment.base_motion or callable(self.environment.inputs):
             chain, moving = self.environment.at(t, state_of(systems, row))
             inputs = moving.shaped(chain)
         return instant_of(systems, row, StageInputs(t, chain, inputs, None, memory))
 
     @cached_property
     def _acting(self) -> Inputs:
-        """The constant inputs of the chain, without base motions."""
+        """The constant inputs of the chain, without base motions; none if they are a function."""
         acting = self.environment.inputs
-        assert isinstance(acting, Inputs)
-        return acting.shaped(self.environment.chain)
+        return (acting if isinstance(acting, Inputs) else Inputs()).shaped(self.environment.chain)
+
+
+def options_for(environment: Environment) -> Options:
+    """Return the options of machine code for an environment whose bases move by `base_motion` alone."""
+    acting = environment.inputs
+    constant = isinstance(acting, Inputs)
+    return Options(
+        link_wrenches=not constant or any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
+    )
 
 
 def by_name(values: Mapping[str, Array]) -> dict[str, Array]:

@@ -32,7 +32,7 @@ from holdfast.simulation.accounts import Forces
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.joint_friction import joint_friction
-from holdfast.simulation.rollout import stage_torques, traced_step
+from holdfast.simulation.rollout import stage_values, traced_step
 from holdfast.simulation.rollout.between_steps import SMALLEST_FORCES, SystemQuestion
 from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
@@ -61,7 +61,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dic
     found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
     found |= {"worst_margin": grasps, "worst_time": grasps}
     found |= {"resolution": (4,)} if options.resolution else {}
-    found |= {stage_torques.ASKED: stage_torques.asked_shape(chain, options.stages)} if options.stages else {}
+    found |= {stage_values.ASKED: stage_values.asked_shape(chain, options.stages)} if options.stages else {}
     if options.held:  # for velocity and, if they differ, for position; see `dynamics.closed.held_rows`
         found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
     return {name: shape for name, shape in found.items() if math.prod(shape) or name in CARRIED_OF_JOINTS}
@@ -177,7 +177,7 @@ class StepKernel:
         self.structure = structure = Structure(chain, replace(options or Options(), held=held))
         externals = step_externals(structure, law)
         self.model = model = traced_step.StepModel(structure, law, self.motions, acting)
-        take_step = stage_torques.step if structure.options.stages else traced_step.step
+        take_step = stage_values.step if structure.options.stages else traced_step.step
         step, slopes = partial(take_step, model, tableau), partial(traced_step.evaluation, model)
         self.step_code = batch_kernel(self.computation(f"step/{tableau.name}", externals, step), quick)
         self._slopes = batch_kernel(self.computation("evaluation", externals, slopes), quick)

@@ -9,6 +9,7 @@ import numpy as np
 
 from holdfast.compiler.kernel import aligned
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
+from holdfast.simulation.rollout.stage_values import VALUES
 from holdfast.spatial.scalar import Array
 
 ANEW = ("count", "work", "code", "worst_margin", "worst_time")  # carried arrays with which every step begins anew
@@ -21,15 +22,17 @@ Again = Callable[[Sequence[int], Sequence[float]], Systems]  # `SuccessiveSteps.
 
 
 class Driven(Protocol):
-    """Sets the torques of steps whose torques are given; see `stage_torques`.
+    """Sets the values of steps whose values at the stages are given; see `stage_values`.
 
     Attributes:
+        memory: the memory that the controller will be given.
         memories: memory that the controller returned at the start, if there was a jump, and at the end of each step, by
-            number of the step.
+            number of the step; None if it is part of the results.
         interruption: what interrupted the controller, such as Ctrl-C.
     """
 
-    memories: tuple[dict[int, Any], dict[int, Any]]
+    memory: Any
+    memories: tuple[dict[int, Any], dict[int, Any]] | None
     interruption: BaseException | None
 
     def start(self, k: int, starts: CarriedArrays) -> bool:
@@ -76,7 +79,7 @@ class SuccessiveSteps:
             jumps: (k,) whether torques or inputs jump there, so that the start is evaluated anew.
             inputs: inputs by name, as for `StepKernel.run`.
             remember: called before each step; None if the memory does not change between steps.
-            driven: sets the torques, if they are given; a step for which it has none is the first that is not taken.
+            driven: sets the values, if they are given; a step for which it has none is the first that is not taken.
         """
         ends, starts, anew, count = self._ends, self._starts, self._ends.anew, len(begin)
         blank = ends.of_system(start)
@@ -89,6 +92,8 @@ class SuccessiveSteps:
         points, jumped, before = ends.block[:, :, anew:], starts.block[:, 0, anew:], blank[anew:]
         for k, jumping in enumerate(jumps.tolist()):
             memory = None if remember is None else remember(k)
+            if driven is not None and memory is not None:
+                driven.memory = memory
             if jumping:
                 jumped[k] = before
                 starts.set_memory(k, memory)
@@ -133,7 +138,7 @@ class CarriedArrays:
 
     Attributes:
         block: (runs, systems, size) all numbers.
-        torques: (runs, systems, stages, n) torques of steps whose torques are given.
+        values: (runs, systems, stages, ...) values of steps whose values at the stages are given.
         anew: how many of them, the first ones, belong to `ANEW`.
         arrays: views of the block, (runs, systems, ...) by name.
         begin: (runs, systems) times at which the steps begin [s].
@@ -153,10 +158,10 @@ class CarriedArrays:
         self.begin, self._step = np.zeros((2, runs, systems))
         places = {f"last.{name}": (x, size) for name, x in self.arrays.items()}
         places |= {"begin": (self.begin, 1), "step": (self._step, 1)}
-        stages, n = kernel.structure.options.stages, kernel.chain.joint_count
-        self.torques = np.zeros((runs, systems, stages, n))
-        if stages:
-            places["control.tau"] = self.torques, stages * n
+        shape = kernel.law.parameters[VALUES] if kernel.structure.options.stages else (0,)
+        self.values = np.zeros((runs, systems, *shape))
+        if kernel.structure.options.stages:
+            places[f"control.{VALUES}"] = self.values, self.values[0, 0].size
         self._places = kernel.table({}).places(places)
         self._take, self._first, self._apart = kernel.step_code.repeatedly(systems), 0, 0
         self._kept: tuple[Any, ...] = ()
