@@ -40,13 +40,14 @@ def costs() -> Iterator[tuple[str, float]]:
 
     law = hf.ControlLaw(lambda t, now, memory, given: springs(t, now, memory))
     gripped, _ = facing_pandas("softfinger", hf.Friction(mu=0.8, torsion_radius=0.02))
-    for what, chain, controller, options in (
+    runs: tuple[tuple[str, hf.ClosedChain, Any, dict[str, Any]], ...] = (
         ("`simulate`, a Python function called at every stage", rigid, springs, {}),
         ("`simulate`, a Python function called once per step (`sample_time`)", rigid, springs, {"sample_time": STEP}),
         ("`simulate`, a `ControlLaw`, a wrench that is a Python function of time", rigid, law, {"inputs": push}),
         ("`simulate`, a `ControlLaw`", rigid, law, {}),
         ("`simulate`, a `ControlLaw`, soft fingers with friction", gripped, law, {}),
-    ):
+    )
+    for what, chain, controller, options in runs:
         run = lambda c=chain, f=controller, o=options: hf.simulate(c, state, f, STEPS * STEP, STEP, **o)  # noqa: E731
         yield what, 1e6 * least_time(run, 1, ROUNDS) / STEPS
     rollout = hf.compile_rollout(rigid, law)

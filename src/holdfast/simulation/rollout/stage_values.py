@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.parameters import WRENCHES
 from holdfast.compiled.structure import Options
 from holdfast.compiler.program import Shape
 from holdfast.control.controller import ControlLaw
@@ -24,8 +25,6 @@ from holdfast.state import Inputs, State
 
 VALUES = "values"  # parameter of the law: torques, if no law computes them, then wrenches, if they are not constant
 ASKED = "asked"  # array of the states at which the functions are to be called, (stages, size)
-Split = dict[str, Array]  # parts of arrays by name
-WRENCHES = ("object_wrench", "link_wrench", "trunk_link_wrench")
 
 
 class GivenTorques:
@@ -55,11 +54,11 @@ def with_stage_values(
 
 def acting_on(chain: ClosedChain, options: Options) -> dict[str, Shape]:
     """Return the shapes of the external wrenches that machine code takes, by name."""
-    rows = [ARRAYS[name] for name in (WRENCHES if options.link_wrenches else WRENCHES[:1])]
+    rows = [ARRAYS[name] for name in ("object_wrench", *(WRENCHES if options.link_wrenches else ()))]
     return {row.name: row.shape(chain) for row in rows if row.exists(chain)}
 
 
-def wrench_arrays(taken: Mapping[str, Shape], acting: Inputs) -> Split:
+def wrench_arrays(taken: Mapping[str, Shape], acting: Inputs) -> dict[str, Array]:
     """Return external wrenches by name, those in `taken`; zero where none is given."""
     given = {name: getattr(acting, ARRAYS[name].field) for name in taken}
     return {name: np.zeros(taken[name]) if x is None else x for name, x in given.items()}
@@ -70,13 +69,13 @@ def asked_shape(chain: ClosedChain, stages: int) -> tuple[int, int]:
     return stages, sum(int(np.prod(shapes(chain)[name])) for name in state_fields(chain))
 
 
-def asked_states(chain: ClosedChain, asked: Array) -> Split:
+def asked_states(chain: ClosedChain, asked: Array) -> dict[str, Array]:
     """Return views of the states (..., size) at which the functions are called, by name."""
     known = shapes(chain)
     return _split({name: known[name] for name in state_fields(chain)}, asked)
 
 
-def _split(parts: Mapping[str, Shape], flat: Array) -> Split:
+def _split(parts: Mapping[str, Shape], flat: Array) -> dict[str, Array]:
     """Return views of the arrays that follow each other along the last axis, by name."""
     found, begin = {}, 0
     for name, shape in parts.items():
