@@ -19,6 +19,7 @@ from holdfast.dynamics.diagnose import Diagnosis
 from holdfast.dynamics.diagnose import diagnose as diagnosis_of
 from holdfast.errors import SceneError, StateError
 from holdfast.io.case_file import Case
+from holdfast.io.force_case import ForceCase
 
 BEGINS_JSON = re.compile(rb"\s*(\{|\[\s*[{\]])")  # TOML never begins like this, because a table's name follows `[`
 
@@ -71,11 +72,13 @@ def diagnose(
     return 0 if any(isinstance(outcome, Diagnosis) for _, outcome in found) else EXIT_REFUSED
 
 
-def _diagnosis(case: Case) -> Diagnosis | str:
+def _diagnosis(case: Case | ForceCase) -> Diagnosis | str:
     """Return the diagnosis, or why the state is inconsistent with the chain."""
     with np.errstate(all="ignore"):
         try:
-            motion = chain_motion(case.chain, case.state, case.tau, case.inputs.shaped(case.chain))
+            motion = chain_motion(
+                case.chain, case.state, np.zeros(case.chain.joint_count), case.inputs.shaped(case.chain)
+            )
             consistency.require_closed(motion, case.state)
         except StateError as cause:
             return f"inconsistent: {cause}"

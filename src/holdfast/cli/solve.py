@@ -13,6 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 from holdfast.cli.console import print_document, read_input, stdout, with_progress
+from holdfast.cli.force_answers import METHOD as FORCE_METHOD
+from holdfast.cli.force_answers import ForceAnswer, force_answer
 from holdfast.cli.options import CaseFile, Format, Name, OptionalName, Switch
 from holdfast.cli.streams import EXIT_REFUSED
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
@@ -24,11 +26,14 @@ from holdfast.errors import MethodNotApplicable, ModelError, SceneError, Singula
 from holdfast.io.case_data import CaseExpected
 from holdfast.io.case_file import Case, parse_cases
 from holdfast.io.files import one_line
+from holdfast.io.force_case import ForceCase
 from holdfast.io.typed import refusal
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
+
+OF_FORCES = f"a question about forces is answered by '{FORCE_METHOD}'; try no --method, or all"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +74,44 @@ class Answer:
             "error_vs_expected": self.error,
         }
 
+    @property
+    def answered(self) -> bool:
+        """Whether there is a result."""
+        return self.result is not None
+
+    @property
+    def line(self) -> tuple[str, str, str, str]:
+        """Status, rank, mobility and error for a table."""
+        if self.result is None:
+            return f"refused: {_kind(self)}", "", "", ""
+        r = self.result
+        status = "ok" if r.status is Status.OK else "ok, f not unique"
+        error = "" if self.error is None else f"{self.error:.1e}"
+        return status, f"{r.rank} of {r.chain.constraint_row_count}", str(r.mobility), error
+
+    def print_numbers(self, console: Console) -> None:
+        """Print joint accelerations, grasp forces and the object's acceleration of the answer."""
+        r = self.result
+        if r is None:
+            return
+        joints = Table("arm", "joint", "acceleration", "unit", title="joint accelerations, base to tip")
+        for name, arm in r.chain.arms.items():
+            for k, (joint, qdd) in enumerate(zip(arm.joints, r[name].qdd, strict=True)):
+                unit = "rad/s^2" if joint.turns else "m/s^2"
+                joints.add_row(name if k == 0 else "", joint.name or f"{joint.kind} {k + 1}", f"{qdd:+.6g}", unit)
+        console.print(joints)
+
+        title = "what each arm exerts on the object, about the contact point, world axes"
+        forces = Table("arm", "grasp", "force x, y, z [N]", "moment x, y, z [N m]", title=title)
+        for name, grasp in r.chain.grasps.items():
+            moment, force = r[name].grasp_wrench[:3], r[name].grasp_wrench[3:]
+            forces.add_row(name, grasp.kind, _triple(force), _triple(moment))
+        console.print(forces)
+        if r.status is not Status.OK:
+            console.print(r.status.value, soft_wrap=True)
+        angular, linear = r.object_acceleration[:3], r.object_acceleration[3:]
+        console.print(f"object: angular acceleration {_triple(angular)} rad/s^2, of C {_triple(linear)} m/s^2")
+
 
 def _of_trunk(r: ForwardResult) -> dict[str, list[float]] | None:
     """Return the trunk's part of a result, or None without a trunk."""
@@ -80,8 +123,12 @@ def _of_trunk(r: ForwardResult) -> dict[str, list[float]] | None:
     return {"qdd": qdd, "base_wrench": r.trunk_base_wrench.tolist()}
 
 
-def answers(case: Case, methods: list[str]) -> list[Answer]:
-    """Return the answer of every method to a case."""
+def answers(case: Case | ForceCase, methods: list[str]) -> Sequence[Answer | ForceAnswer]:
+    """Return the answer of every method to a case; a question about forces has a single one."""
+    if isinstance(case, ForceCase):
+        if "sequential" not in methods:  # the default
+            return [ForceAnswer(case, methods[0], reason=f"not_applicable: {OF_FORCES}")]
+        return [force_answer(case)]
     with np.errstate(all="ignore"):  # numbers beyond float64's range are refused below, not warned of
         motion = chain_motion(case.chain, case.state, case.tau, case.inputs.shaped(case.chain))
         try:
@@ -153,7 +200,7 @@ def _about_C(wrenches: Array, motion: ChainMotion) -> Array:
     return np.sum([shift_wrench(c.offset, f) for c, f in zip(motion.contacts, held.values(), strict=True)], axis=0)
 
 
-def chosen_cases(file: Path, name: str | None) -> list[Case]:
+def chosen_cases(file: Path, name: str | None) -> list[Case | ForceCase]:
     """Return all cases of a file, or the named one.
 
     Raises:
@@ -164,7 +211,7 @@ def chosen_cases(file: Path, name: str | None) -> list[Case]:
     return named_cases(*read_input(file), name)
 
 
-def named_cases(text: bytes, source: str, name: str | None) -> list[Case]:
+def named_cases(text: bytes, source: str, name: str | None) -> list[Case | ForceCase]:
     """Return all cases of a text, or the named one.
 
     Raises:
@@ -185,14 +232,14 @@ def print_json(items: Sequence[dict[str, object]]) -> None:
     print("[" + ",\n ".join(lines) + "]")
 
 
-def print_answers(answers: list[Answer]) -> None:
+def print_answers(answers: Sequence[Answer | ForceAnswer]) -> None:
     """Print a line per answer, the reasons of refusals, and the numbers if there is a single answer."""
     console = stdout()
     table = Table("case", "method", "status", "rank", "mobility", "error")
     for answer in answers:
-        table.add_row(answer.case.name, answer.method, *_line(answer))
+        table.add_row(answer.case.name, answer.method, *answer.line)
     console.print(table)
-    refused = [answer for answer in answers if answer.reason is not None]
+    refused = [answer for answer in answers if not answer.answered]
     if len({answer.case.name for answer in answers}) == 1:
         for answer in refused:
             console.print(f"{answer.method}: refused: {answer.reason}", soft_wrap=True)
@@ -201,45 +248,11 @@ def print_answers(answers: list[Answer]) -> None:
         listed = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         console.print(f"refused: {listed}; --case NAME or --format json states the reason")
     if len(answers) == 1:
-        print_numbers(console, answers[0])
+        answers[0].print_numbers(console)
 
 
-def _kind(answer: Answer) -> str:
+def _kind(answer: Answer | ForceAnswer) -> str:
     return (answer.reason or "").partition(":")[0]
-
-
-def _line(answer: Answer) -> tuple[str, str, str, str]:
-    """Return status, rank, mobility and error of an answer."""
-    if answer.result is None:
-        return f"refused: {_kind(answer)}", "", "", ""
-    r = answer.result
-    status = "ok" if r.status is Status.OK else "ok, f not unique"
-    error = "" if answer.error is None else f"{answer.error:.1e}"
-    return status, f"{r.rank} of {r.chain.constraint_row_count}", str(r.mobility), error
-
-
-def print_numbers(console: Console, answer: Answer) -> None:
-    """Print joint accelerations, grasp forces and the object's acceleration of one answer."""
-    r = answer.result
-    if r is None:
-        return
-    joints = Table("arm", "joint", "acceleration", "unit", title="joint accelerations, base to tip")
-    for name, arm in r.chain.arms.items():
-        for k, (joint, qdd) in enumerate(zip(arm.joints, r[name].qdd, strict=True)):
-            unit = "rad/s^2" if joint.turns else "m/s^2"
-            joints.add_row(name if k == 0 else "", joint.name or f"{joint.kind} {k + 1}", f"{qdd:+.6g}", unit)
-    console.print(joints)
-
-    title = "what each arm exerts on the object, about the contact point, world axes"
-    forces = Table("arm", "grasp", "force x, y, z [N]", "moment x, y, z [N m]", title=title)
-    for name, grasp in r.chain.grasps.items():
-        moment, force = r[name].grasp_wrench[:3], r[name].grasp_wrench[3:]
-        forces.add_row(name, grasp.kind, _triple(force), _triple(moment))
-    console.print(forces)
-    if r.status is not Status.OK:
-        console.print(r.status.value, soft_wrap=True)
-    angular, linear = r.object_acceleration[:3], r.object_acceleration[3:]
-    console.print(f"object: angular acceleration {_triple(angular)} rad/s^2, of C {_triple(linear)} m/s^2")
 
 
 def _triple(vector) -> str:
@@ -269,14 +282,14 @@ def solve(
         SceneError: the file is invalid, or the case or the method is unknown.
     """
     methods = _chosen_methods(method)
-    found: list[Answer] = []
+    found: list[Answer | ForceAnswer] = []
     for problem in with_progress(chosen_cases(file, case), "solving"):
         found += answers(problem, methods)
     if json or format == "json":
         print_json([answer.as_json() for answer in found])
     else:
         print_answers(found)
-    return 0 if any(answer.result is not None for answer in found) else EXIT_REFUSED
+    return 0 if any(answer.answered for answer in found) else EXIT_REFUSED
 
 
 def _chosen_methods(name: str) -> list[str]:

@@ -47,6 +47,7 @@ class CaseJoint(_CaseStruct):
     p0: CaseVector3
     armature: float = 0.0
     damping: float = 0.0
+    effort: float | None = None
 
 
 class CaseFloating(_CaseStruct):
@@ -73,11 +74,10 @@ class CaseGrasp(_CaseStruct):
     W: list[float] | None = None
 
 
-class CaseArm(_CaseStruct):
-    """An arm with its positions, rates and torques, base to tip.
+class CaseMechanism(_CaseStruct):
+    """An arm with its positions and rates, base to tip.
 
-    `parent` is the trunk's link that it stands on, `base` a pose in that link's frame then; null: in the world. An arm
-    without a grasp is free.
+    `parent` is the trunk's link that it stands on, `base` a pose in that link's frame then; null: in the world.
     """
 
     base: CaseBase
@@ -86,22 +86,33 @@ class CaseArm(_CaseStruct):
     tip: CaseVector3
     q: list[float]
     qd: list[float]
+    parent: int | None = None
+    name: str | None = None
+
+
+class CaseArm(CaseMechanism, kw_only=True):
+    """An arm with its torques; without a grasp it is free."""
+
     tau: list[float]
     grasp: CaseGrasp | None = None
-    parent: int | None = None
 
 
-class CaseTrunk(_CaseStruct):
+class CaseTrunkMechanism(_CaseStruct):
     """A trunk: like an arm on a base, or beginning with a floating joint, whose body `pose` and `twist` are of."""
 
     joints: list[Any]
     links: list[CaseLink]
     q: list[float]
     qd: list[float]
-    tau: list[float]
     base: CaseBase | None = None
     pose: CasePose | None = None
     twist: CaseTwist | None = None
+
+
+class CaseTrunk(CaseTrunkMechanism, kw_only=True):
+    """A trunk with its torques."""
+
+    tau: list[float]
 
 
 class CaseObject(CasePose, kw_only=True):

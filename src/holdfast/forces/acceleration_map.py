@@ -1,0 +1,333 @@
+"""All accelerations, grasp wrenches and torques that fit a chain's state: v = v0 + N x, tau = T v + t.
+
+The unknowns v are the accelerations of a floating base and of all joints, that of the object, and the transmitted
+components lambda of the grasp wrenches, f_i = K_i^T lambda_i. They satisfy
+
+    K_i (J_i qdd + Jdot_i qd) = K_i (A_i alpha + a_i - g_i)                   at every grasp
+    sum A_i^T K_i^T lambda_i = M(C) (alpha - [0; g]) + b(C) - w               for the object
+    (M qdd + C + J^T K^T lambda)_base = 0                                     for a floating base, which has no drive
+    S alpha = s                                                               for what is asked of the object
+
+Dense, hence O(n^3), for every chain: trunks, floating bases, redundant joints, singular postures. The wrenches of
+bushings and springs and the torques of dampers and joint springs are known, and part of C, b and w.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.mass_matrix import mass_matrix
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
+from holdfast.dynamics.closed.stacked import block_diagonal
+from holdfast.dynamics.constraint import constraint_rows, free_wrenches, length_scale
+from holdfast.dynamics.inverse import torques
+from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
+from holdfast.dynamics.trunk.whole_chain import whole_chain
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.state import Inputs, State
+
+LEAST_FORCE = 1.0  # N: the scale of forces is not smaller
+ACCELERATION = 10.0  # rad/s^2 or m/s^2: the scale of accelerations
+INDEPENDENT = 1e-10  # singular values of the scaled equations below this, relative to the largest, count as zero
+LOST = 1e-8  # largest accepted residual of the scaled equations, relative to their right sides
+
+
+class AccelerationMap(NamedTuple):
+    """The affine set v = v0 + N x of all motions and wrenches, and the drives' torques tau = T v + t.
+
+    Attributes:
+        motion: the chain's motion, without torques.
+        v0: (m,) one solution, the smallest in the units of `scales`.
+        N: (m, k) basis of the others.
+        T: (n, m) torques per unknown.
+        t: (n,) torques at v = 0.
+        length: L, the rms distance of the contacts from their centroid [m].
+        force: F0, the size of the force that the object needs, at least 1 N.
+    """
+
+    motion: ChainMotion
+    v0: Array
+    N: Array
+    T: Array
+    t: Array
+    length: float
+    force: float
+
+    @property
+    def base(self) -> slice:
+        """Place of a floating base's acceleration in v, empty without one."""
+        return slice(0, 6 if self.motion.chain.floats else 0)
+
+    @property
+    def qdd(self) -> slice:
+        """Place of the joints' accelerations."""
+        first = self.base.stop
+        return slice(first, first + self.motion.chain.joint_count)
+
+    @property
+    def alpha(self) -> slice:
+        """Place of the object's true acceleration."""
+        return slice(self.qdd.stop, self.qdd.stop + 6)
+
+    @property
+    def wrenches(self) -> list[slice]:
+        """Places of lambda of each grasp, in the order of `chain.grasps`."""
+        ends = self.alpha.stop + np.cumsum([0, *(len(c.rows) for c in self.motion.contacts)])
+        return [slice(int(a), int(b)) for a, b in zip(ends, ends[1:], strict=False)]
+
+    def grasp_wrenches(self, v: Array) -> Array:
+        """Return the wrench of each arm on the object about its contact, world axes, (arms, 6).
+
+        That of a bushing is the one that it exerts.
+        """
+        chain = self.motion.chain
+        f = np.zeros((len(chain.arms), 6))
+        for name, c, part in zip(chain.grasps, self.motion.contacts, self.wrenches, strict=True):
+            known = self.motion.arms[name].known
+            f[chain.names.index(name)] = c.K.T @ v[part] if known is None else known
+        return f
+
+
+class Asked(NamedTuple):
+    """What is asked of the object: rows (r, 6) on its true acceleration, and their values (r,)."""
+
+    rows: Array
+    values: Array
+
+    @property
+    def smallest(self) -> Array:
+        """The smallest acceleration that has these values, (6,)."""
+        return np.linalg.pinv(self.rows) @ self.values if len(self.rows) else np.zeros(6)
+
+
+class Equations(NamedTuple):
+    """The equations E v = e in scaled unknowns and rows, and the unscaled map to torques.
+
+    Attributes:
+        E: (rows, m) matrix for v / scales.
+        e: (rows,) right side.
+        scales: (m,) size of each unknown.
+        object_rows: the rows of the object's balance, whose scale is `row_scale`.
+        row_scale: (6,) factor of these rows.
+        task_rows: the rows of what is asked.
+        T: (n, m).
+        t: (n,).
+    """
+
+    E: Array
+    e: Array
+    scales: Array
+    object_rows: slice
+    row_scale: Array
+    task_rows: slice
+    T: Array
+    t: Array
+
+
+def motion_without_torques(chain: ClosedChain, state: State, inputs: Inputs) -> ChainMotion:
+    """Return the chain's motion for shaped inputs, of which the torques are asked."""
+    return chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
+
+
+def needed_wrench(motion: ChainMotion, alpha: Array) -> Array:
+    """Return M(C) (alpha - [0; g]) + b(C) - w, (6,), what the grasps must exert on the object about C."""
+    body = motion.body
+    return body.inertia.apply(alpha - pseudo_gravity(motion.chain)) + body.bias - body.wrench
+
+
+def force_scale(motion: ChainMotion, alpha: Array) -> float:
+    """Return F0, the size of the needed wrench with moments divided by L, at least 1 N."""
+    length = length_scale([c.offset for c in motion.contacts])
+    return max(LEAST_FORCE, float(np.linalg.norm(needed_wrench(motion, alpha) / np.repeat([length, 1.0], 3))))
+
+
+def acceleration_map(
+    motion: ChainMotion, asked: Asked, *, free_unfelt: bool = False, force: float | None = None
+) -> AccelerationMap:
+    """Return all motions and wrenches with the asked acceleration. O(n^3).
+
+    Args:
+        motion: the chain's motion without torques.
+        asked: what is asked of the object.
+        free_unfelt: whether wrenches that no joint feels and that do not move the object may be chosen; otherwise they
+            are the smallest, as in forward dynamics.
+        force: F0 [N]; by default `force_scale` for the asked acceleration.
+
+    Raises:
+        StateError: the arms cannot give the object this acceleration.
+    """
+    force = force_scale(motion, asked.smallest) if force is None else force
+    equations = _equations(motion, asked, force, free_unfelt)
+    v0, N = _solved(equations, equations.e, motion)
+    length = float(length_scale([c.offset for c in motion.contacts]))
+    return AccelerationMap(motion, v0, N, equations.T, equations.t, length, force)
+
+
+def scaled_map(
+    motion: ChainMotion,
+    held: Asked,
+    more: Array,
+    *,
+    payload: bool = False,
+    free_unfelt: bool = False,
+    force: float | None = None,
+) -> tuple[AccelerationMap, Array]:
+    """Return the map for sigma = 0, and the change of v0 per unit of sigma, (m,).
+
+    The object's acceleration is `held` + sigma `more`; or, with `payload`, its inertia is multiplied by sigma at the
+    acceleration `held`, all of which is asked then.
+
+    Args:
+        motion: the chain's motion without torques.
+        held: what is asked at sigma = 0.
+        more: (r,) change of the asked values per sigma.
+        payload: whether sigma multiplies the object's inertia.
+        free_unfelt: as in `acceleration_map`.
+        force: F0 [N]; by default `force_scale` for sigma = 1.
+
+    Raises:
+        StateError: the arms cannot give the object these accelerations.
+    """
+    force = force_scale(motion, held._replace(values=held.values + more).smallest) if force is None else force
+    equations = _equations(motion, held, force, free_unfelt)
+    e, change = equations.e.copy(), np.zeros_like(equations.e)
+    change[equations.task_rows] = more
+    if payload:
+        body, rows = motion.body, equations.object_rows
+        weight = body.inertia.apply(held.smallest - pseudo_gravity(motion.chain)) + body.bias
+        equations.E[rows, motion.chain.velocity_count - 6 : motion.chain.velocity_count] = 0.0  # alpha is asked
+        e[rows], change[rows] = -equations.row_scale * body.wrench, equations.row_scale * weight
+    v0, N = _solved(equations, e, motion)
+    v1, _ = _solved(equations, change, motion)
+    length = float(length_scale([c.offset for c in motion.contacts]))
+    return AccelerationMap(motion, v0, N, equations.T, equations.t, length, force), v1
+
+
+def _equations(motion: ChainMotion, asked: Asked, force: float, free_unfelt: bool) -> Equations:
+    chain, rows = motion.chain, constraint_rows(motion)
+    length = float(length_scale([c.offset for c in motion.contacts]))
+    floating = 6 if chain.floats else 0
+    n, first = chain.joint_count, floating + chain.joint_count
+    count, size = len(rows.joints), first + 6 + len(rows.joints)
+    M, bias, base = _masses(motion)
+    of_arms = np.hstack([rows.base, rows.joints])
+
+    to_torques = np.zeros((first, size))
+    to_torques[:, :first], to_torques[:, first + 6 :] = M, of_arms.T
+    per_moment = np.repeat([1.0 / length, 1.0], 3) / force
+    per_row = np.array([1.0 / scale for c in motion.contacts for scale in c.grasp.of_kind.row_scales(length)])
+
+    grasped = np.hstack([of_arms, rows.object, np.zeros((count, count))])
+    balance = np.zeros((6, size))
+    body = motion.body
+    balance[:, first : first + 6] = -body.inertia.dense()
+    balance[:, first + 6 :] = -rows.object.T
+    task = np.zeros((len(asked.rows), size))
+    task[:, first : first + 6] = asked.rows
+    parts = [
+        (grasped / per_row[:, None] / ACCELERATION, _tip_terms(motion) / per_row / ACCELERATION),
+        (per_moment[:, None] * balance, per_moment * needed_wrench(motion, np.zeros(6))),
+        (per_moment[:floating, None] * to_torques[:floating], -per_moment[:floating] * base),
+        (task, asked.values),
+    ]
+    if not free_unfelt and count:
+        parts.append(_least_unfelt(motion, length, size))
+    ends = np.cumsum([0, *(len(e) for _, e in parts)])
+    angular = [ACCELERATION / length] * 3 + [ACCELERATION] * 3
+    joints = [ACCELERATION / length if joint.turns else ACCELERATION for joint in chain.all_joints]
+    scales = np.array([*angular[:floating], *joints, *angular, *(force / per_row)])
+    return Equations(
+        np.vstack([E for E, _ in parts]) * scales,
+        np.concatenate([e for _, e in parts]),
+        scales,
+        slice(int(ends[1]), int(ends[2])),
+        per_moment,
+        slice(int(ends[3]), int(ends[4])),
+        to_torques[floating:],
+        bias,
+    )
+
+
+def _masses(motion: ChainMotion) -> tuple[Array, Array, Array]:
+    """Return the mass matrix for [base; joints], the torques without accelerations, and the base's wrench then."""
+    chain = motion.chain
+    still, none = np.zeros(chain.joint_count), np.zeros((len(chain.arms), 6))
+    if motion.trunk is None:
+        M = block_diagonal([mass_matrix(arm.arm, arm.at)[0] for arm in motion.arms.values()])
+        return M, torques(motion, still, none), np.zeros(0)
+    found = trunk_torques(motion, still, none, np.zeros(6) if chain.floats else None)
+    return whole_chain(motion).M, found.tau, found.base[: 6 if chain.floats else 0]
+
+
+def _tip_terms(motion: ChainMotion) -> Array:
+    """Return K (a - g - Jdot qd) of all grasps, the right sides of the grasp equations."""
+    terms = [np.zeros(0)]
+    for name, c in zip(motion.chain.grasps, motion.contacts, strict=True):
+        free_fall = shift_twist(c.offset, -pseudo_gravity(motion.chain))
+        terms.append(c.K @ (free_fall + c.a - c.g - motion.arms[name].bias.tip_acceleration))
+    return np.concatenate(terms)
+
+
+def _least_unfelt(motion: ChainMotion, length: float, size: int) -> tuple[Array, Array]:
+    """Return rows that make the wrenches without effect zero, in the metric of the force split."""
+    unfelt = free_wrenches(motion, length)
+    metric = np.tile(np.repeat([length**-2, 1.0], 3), len(motion.contacts))
+    K = block_diagonal([c.K for c in motion.contacts])
+    rows = np.zeros((unfelt.shape[1], size))
+    rows[:, size - len(K) :] = (metric[:, None] * unfelt).T @ K.T
+    return rows, np.zeros(len(rows))
+
+
+def _solved(equations: Equations, e: Array, motion: ChainMotion) -> tuple[Array, Array]:
+    """Return one solution of the equations and a basis of the others.
+
+    Raises:
+        StateError: there is none.
+    """
+    sizes = np.linalg.norm(equations.E, axis=1)
+    sizes[sizes == 0.0] = 1.0
+    E, right = equations.E / sizes[:, None], e / sizes
+    U, s, Vt = np.linalg.svd(E)
+    rank = int((s > INDEPENDENT * s.max(initial=0.0)).sum())
+    y = Vt[:rank].T @ ((U[:, :rank].T @ right) / s[:rank])
+    y = y + Vt[:rank].T @ ((U[:, :rank].T @ (right - E @ y)) / s[:rank])
+    left = np.abs(E @ y - right)
+    if not left.max(initial=0.0) <= LOST * max(1.0, float(np.abs(right).max(initial=0.0))):
+        raise _impossible(equations, motion)
+    return equations.scales * y, equations.scales[:, None] * Vt[rank:].T
+
+
+def _impossible(equations: Equations, motion: ChainMotion) -> StateError:
+    """Return the error for an acceleration that the arms cannot give, naming arms and directions that are lost."""
+    chain, rows = motion.chain, constraint_rows(motion)
+    stuck = [
+        f"arm '{name}' in {lost} of {len(c.rows)} directions"
+        for name, c, part in zip(chain.grasps, motion.contacts, rows.slices, strict=True)
+        if (lost := len(c.rows) - _rank(np.hstack([rows.joints, rows.base])[part]))
+    ]
+    task = equations.task_rows
+    others = np.delete(equations.E, np.r_[task], axis=0)
+    _, s, Vt = np.linalg.svd(others)
+    free = Vt[int((s > INDEPENDENT * s.max(initial=0.0)).sum()) :]
+    reached = equations.E[task] @ free.T
+    U, s, _ = np.linalg.svd(reached)
+    lost = U[:, int((s > LOST * s.max(initial=0.0)).sum()) :] if s.size else U
+    alpha = slice(chain.velocity_count - 6, chain.velocity_count)
+    directions = [d / np.linalg.norm(d) for d in lost.T @ (equations.E[task, alpha] / equations.scales[alpha])]
+    listed = ", ".join(f"[omega_dot; v_dot] = {checks.place(d)}" for d in directions) or "none of those asked alone"
+    return StateError(
+        "acceleration: expected one that the arms can give the object in this state; they cannot change it along"
+        f" {listed}{': ' if stuck else ''}{', '.join(stuck)}{' cannot move' if stuck else ''}. Try task=, which leaves"
+        " directions free, another posture, or holdfast.diagnose"
+    )
+
+
+def _rank(rows: Array) -> int:
+    s = np.linalg.svd(rows, compute_uv=False)
+    return int((s > LOST * s.max(initial=0.0)).sum())

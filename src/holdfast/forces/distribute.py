@@ -1,0 +1,308 @@
+"""Which torques? The distribution of forces under limits, and reports on what the limits allow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.errors import StateError
+from holdfast.forces.acceleration_map import (
+    AccelerationMap,
+    Asked,
+    acceleration_map,
+    motion_without_torques,
+    scaled_map,
+)
+from holdfast.forces.certificate import Certificate, certificate, kept
+from holdfast.forces.cone_solver import Verdict
+from holdfast.forces.limit_rows import Limit, limit_rows
+from holdfast.forces.limits import Distribution, ForceCost, ForceLimits
+from holdfast.forces.margins import grasp_margins
+from holdfast.forces.programmes import Costs, Form, Solved, answer, at_value, costs
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
+
+KEPT = 1e-7  # violations below this, relative to F0, are rounding
+DEARER = 10.0  # factor of a price at which a violation that is not necessary was cheaper
+MOST_RISES = 4
+FORMS = ("elastic", "effort", "margin")
+
+
+class Question(NamedTuple):
+    """A question about the forces of a chain, ready to be asked as a programme.
+
+    Attributes:
+        state: the state.
+        found: the map of all motions and forces.
+        limits: the limits.
+        costs: the cost.
+        v1: (m,) change of the map's v0 per unit of sigma; None without a share that grows.
+    """
+
+    state: State
+    found: AccelerationMap
+    limits: list[Limit]
+    costs: Costs
+    v1: Array | None = None
+
+    def asked(self, form: Form, price: float = 0.0) -> Solved:
+        """Return the solution of a form."""
+        return answer(form, self.found, self.limits, self.costs, price=price, v1=self.v1)
+
+    def whole(self) -> Question:
+        """Return the question at sigma = 1, without a share that grows."""
+        if self.v1 is None:
+            return self
+        return self._replace(found=self.found._replace(v0=self.found.v0 + self.v1), v1=None)
+
+    def cheapest(self, form: Form, extra: float) -> Solved:
+        """Return the solution of least cost that reaches a number of a form."""
+        return at_value(form, extra, self.found, self.limits, self.costs, v1=self.v1)
+
+
+def distribute(
+    chain: ClosedChain,
+    state: State,
+    acceleration: ArrayLike | None = None,
+    *,
+    task: ArrayLike | None = None,
+    cost: ForceCost | None = None,
+    limits: ForceLimits | None = None,
+    inputs: Inputs | None = None,
+    form: Literal["elastic", "effort", "margin"] = "elastic",
+) -> Distribution:
+    """Return the torques of least cost that accelerate the object as asked, within all limits.
+
+    minimise cost(tau, lambda, qdd) + price v + v^2 / 2 subject to the equations of motion of the whole chain, and
+    every limit gives way by v >= 0 times its weight. At a high price v is 0 wherever the limits can be kept. The torques
+    exist for every acceleration that the arms can give, are unique, and depend continuously on the state. Redundant
+    joints and a trunk move as the cost prefers. `forward_dynamics` with the torques returns the accelerations and the
+    wrenches. Forces that no joint feels are the smallest, as there; `margin_range` bounds the others. The torques do not
+    include joint friction. A convex programme, some 12 steps of O(n^3).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities, which must satisfy the grasps.
+        acceleration: (6,) true acceleration [omega_dot; v_dot] of C, world axes, or (r,) the values of the task's rows;
+            None for zero.
+        task: (r, 6) rows on the object's acceleration; what they leave out is free. None asks for all six.
+        cost: what makes a distribution good.
+        limits: the limits, in addition to the conditions of the grasps.
+        inputs: external wrenches and base motion.
+        form: "elastic"; "effort", where limits do not give way; or "margin", the torques of least cost for the largest
+            margin. If no torques keep the limits, the last two return those that pass the limits least.
+
+    Raises:
+        StateError: a shape is wrong, or the arms cannot give the object this acceleration.
+        ModelError: a limit names no joint or grasp of the chain.
+
+    Reference:
+        S. Boyd, B. Wegbreit, Fast computation of optimal contact forces, IEEE Transactions on Robotics, 2007.
+    """
+    if form not in FORMS:
+        raise StateError(f"form: expected one of {', '.join(FORMS)}, got {checks.short(form)}")
+    question = _question(chain, state, acceleration, task, cost, limits, inputs)
+    if form == "elastic":
+        return _elastic(question, (cost or ForceCost()).price)
+    return distribution(question, form)
+
+
+def least_peak(
+    chain: ClosedChain,
+    state: State,
+    acceleration: ArrayLike | None = None,
+    *,
+    task: ArrayLike | None = None,
+    cost: ForceCost | None = None,
+    limits: ForceLimits | None = None,
+    inputs: Inputs | None = None,
+) -> Distribution:
+    """Return the least r for which |tau_j| <= r effort_j gives the acceleration, and the torques of least cost then.
+
+    Above 1, the drives are too weak by this factor. Arguments as in `distribute`; `value` is r.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        acceleration: what is asked of the object.
+        task: rows on the object's acceleration.
+        cost: what makes a distribution good.
+        limits: the limits; those on torques are r times the share `effort`.
+        inputs: external wrenches and base motion.
+
+    Raises:
+        StateError: as in `distribute`.
+    """
+    return distribution(_question(chain, state, acceleration, task, cost, limits, inputs), "peak")
+
+
+def lift_margin(
+    chain: ClosedChain,
+    state: State,
+    acceleration: ArrayLike | None = None,
+    *,
+    payload: bool = False,
+    cost: ForceCost | None = None,
+    limits: ForceLimits | None = None,
+    inputs: Inputs | None = None,
+) -> Distribution:
+    """Return the largest share sigma of an acceleration, or multiple of the payload, that the limits allow.
+
+    The object's acceleration is sigma times the given one; with `payload` it is the given one, and mass and inertia of
+    the object are multiplied by sigma. `value` is sigma: infinite if no limit binds, and minus infinity if no sigma is
+    possible; `why` then says which limits conflict at sigma = 0. The torques are those of least cost for sigma.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        acceleration: (6,) true acceleration of C, world axes; None for zero, with `payload` only.
+        payload: whether sigma multiplies the object's inertia instead of the acceleration.
+        cost: what makes a distribution good.
+        limits: the limits.
+        inputs: external wrenches and base motion.
+
+    Raises:
+        StateError: as in `distribute`, or there is nothing to scale.
+    """
+    if acceleration is None and not payload:
+        raise StateError("acceleration: expected one to scale, got None; try payload=True for the largest payload")
+    motion, limits, cost = _motion(chain, state, inputs), limits or ForceLimits(), cost or ForceCost()
+    wanted = _asked(acceleration, None)
+    held = wanted if payload else wanted._replace(values=np.zeros(6))
+    found, v1 = scaled_map(motion, held, np.zeros(6) if payload else wanted.values, payload=payload)
+    question = Question(state, found, limit_rows(found, state, limits), costs(found, cost), v1)
+    return distribution(question, "scale")
+
+
+def explain(found: Distribution) -> str:
+    """Return in words what a distribution met: the limits that cost most, or those that conflict and by how much.
+
+    Args:
+        found: the result of `distribute`, `least_peak` or `lift_margin`.
+    """
+    checks.instance(found, Distribution, "found")
+    return found.why
+
+
+def _motion(chain: ClosedChain, state: State, inputs: Inputs | None):
+    require_fit(chain, state)
+    return motion_without_torques(chain, state, shaped_inputs(chain, inputs))
+
+
+def _asked(acceleration: ArrayLike | None, task: ArrayLike | None) -> Asked:
+    """Return what is asked, checked."""
+    rows = np.eye(6) if task is None else checks.real_array(task, "task", "rows of six numbers", StateError)
+    if rows.ndim != 2 or rows.shape[1] != 6 or not np.isfinite(rows).all():
+        raise StateError(f"task: expected shape (r, 6) of finite numbers, got {checks.short(task)}")
+    given = np.zeros(len(rows)) if acceleration is None else acceleration
+    return Asked(rows, checks.numbers(given, (len(rows),), "acceleration", StateError))
+
+
+def _question(
+    chain: ClosedChain,
+    state: State,
+    acceleration: Any,
+    task: Any,
+    cost: ForceCost | None,
+    limits: ForceLimits | None,
+    inputs: Inputs | None,
+) -> Question:
+    motion = _motion(chain, state, inputs)
+    found = acceleration_map(motion, _asked(acceleration, task))
+    return Question(state, found, limit_rows(found, state, limits or ForceLimits()), costs(found, cost or ForceCost()))
+
+
+def _elastic(question: Question, price: float) -> Distribution:
+    """Return the elastic distribution; if it passes limits that could be kept, at a price that keeps them."""
+    done = question.asked("elastic", price)
+    if done.extra <= KEPT:
+        return _described(question, done, 0.0, None)
+    least = question.asked("violation")
+    if least.extra > KEPT:
+        return _described(question, done, done.extra, proof(question, least))
+    for _ in range(MOST_RISES):
+        price *= DEARER
+        done = question.asked("elastic", price)
+        if done.extra <= KEPT:
+            break
+    return _described(question, done, max(done.extra, 0.0), None)
+
+
+def distribution(question: Question, form: Form) -> Distribution:
+    """Return the answer to a form whose limits do not give way, and the certificate where they conflict."""
+    done = question.asked(form)
+    if done.verdict is Verdict.INFEASIBLE:
+        still = question._replace(v1=None)
+        least = still.asked("violation")
+        reached = still.cheapest("violation", least.extra)
+        value = {"effort": reached.value, "peak": np.inf}.get(form, -np.inf)
+        return _described(still, reached, least.extra, proof(still, least), value)
+    if form == "effort":
+        return _described(question, done, 0.0, None)
+    if done.verdict is Verdict.UNBOUNDED:
+        still = question._replace(v1=None)
+        value = -np.inf if form == "peak" else np.inf
+        return _described(still, still.asked("effort"), 0.0, None, value, "unbounded")
+    unit = question.found.force if form == "margin" else 1.0
+    reached = question.cheapest(form, done.extra)
+    if reached.verdict is not Verdict.OPTIMAL:
+        reached = done
+    parts = [unit * part for part in done.parts]  # what counts is the value, not the cost
+    return _described(question, reached._replace(parts=parts), 0.0, None, unit * done.extra)
+
+
+def proof(question: Question, least: Solved) -> Certificate:
+    """Return the certificate of a least violation, the answer to the form "violation"."""
+    words = [limit.words for limit in question.limits]
+    force = question.found.force
+    return certificate(words, least.parts, least.extra * force, least.dual_residual * force)
+
+
+def _described(
+    question: Question,
+    done: Solved,
+    violation: float,
+    proof: Certificate | None,
+    value: float | None = None,
+    status: str | None = None,
+) -> Distribution:
+    """Return a distribution with its margin, its prices, and words."""
+    found = question.found
+    chain, v = found.motion.chain, done.v
+    wrenches = found.grasp_wrenches(v)
+    margins = grasp_margins(chain, question.state, wrenches)
+    prices = _prices(question.limits, done.parts, found.force)
+    known = "infeasible" if proof is not None else done.verdict.value
+    why = proof.words if proof is not None else kept(prices, {limit.name: limit.unit for limit in question.limits})
+    if status == "unbounded":
+        why = "no limit bounds the value"
+    if known == "undecided":
+        why = f"rounding hides whether the limits can be kept (residual {done.residual:.1g})"
+    return Distribution(
+        found.T @ v + found.t,
+        v[found.qdd],
+        v[found.alpha],
+        wrenches,
+        v[found.base] if chain.floats else None,
+        violation * found.force,
+        float(margins.min(initial=np.inf)),
+        prices,
+        status or known,
+        done.value if value is None else value,
+        why,
+        proof,
+        done.residual,
+    )
+
+
+def _prices(limits: Sequence[Limit], parts: Sequence[Array], force: float) -> dict[str, float]:
+    """Return the sum of the multipliers of both sides of every limit, per its own unit."""
+    prices: dict[str, float] = {}
+    for limit, part in zip(limits, parts, strict=True):
+        prices[limit.name] = prices.get(limit.name, 0.0) + float(part[0]) / (limit.weight * force)
+    return prices

@@ -1,0 +1,179 @@
+"""Limits as cones in the unknowns of the acceleration map: s = h - G v in K, each with the weight by which it gives way.
+
+A drive's torque gives way by L per newton, a sliding joint's force by 1; a condition of a grasp by 1; an acceleration by
+1 rad/s^2 or m/s^2 per newton.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.errors import ModelError, StateError
+from holdfast.forces.acceleration_map import AccelerationMap
+from holdfast.forces.limits import ForceLimits
+from holdfast.forces.margins import conditions
+from holdfast.model import checks
+from holdfast.model.wrench_condition import NORMAL
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+NOUNS = {  # of `Condition.broken`
+    "slips": "friction",
+    "lifts off": "pressing",
+    "tips over its edge": "edge",
+    "gives way to the force": "force rating",
+    "gives way to the moment": "moment rating",
+}
+
+
+class Limit(NamedTuple):
+    """One limit, s = h - G v in the half line or a second-order cone.
+
+    Attributes:
+        of: the joint or arm.
+        what: "effort", "friction", ...
+        side: "upper", "lower", or nothing.
+        weight: by how much s_0 grows when the limit gives way by 1 N.
+        G: (r, m) matrix.
+        h: (r,) right side.
+        bound: size of an effort limit that a peak multiplies; 0 for other limits.
+        by_margin: whether it is a condition of a grasp, to which a margin adds up.
+    """
+
+    of: str
+    what: str
+    side: str
+    weight: float
+    G: Array
+    h: Array
+    bound: float = 0.0
+    by_margin: bool = False
+
+    @property
+    def name(self) -> str:
+        """Its name, such as "left/joint3 effort", which both sides share."""
+        return f"{self.of} {self.what}"
+
+    @property
+    def words(self) -> str:
+        """Its name in a sentence."""
+        return f"{self.of} at its {self.side} {self.what} limit" if self.side else f"{self.what} of {self.of}"
+
+    @property
+    def unit(self) -> str:
+        """The unit of the limit, in which prices are given."""
+        return {"effort": "N m or N", "acceleration": "unit of acceleration"}.get(self.what, "N")
+
+
+def limit_rows(found: AccelerationMap, state: State, limits: ForceLimits) -> list[Limit]:
+    """Return all limits at a state: those on torques first, then those on grasps and on accelerations.
+
+    Args:
+        found: the map.
+        state: positions and rates, for the limits of a sampled controller.
+        limits: the limits.
+
+    Raises:
+        ModelError, StateError: a name is unknown, or a shape is wrong.
+    """
+    return [*_of_efforts(found, limits), *_of_grasps(found, limits), *_of_accelerations(found, state, limits)]
+
+
+def _of_efforts(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
+    if limits.effort is None:
+        return
+    chain = found.motion.chain
+    for name, joint, row, at_rest in zip(chain.joint_names(), chain.all_joints, found.T, found.t, strict=True):
+        bound = limits.effort * joint.effort_limit if math.isfinite(joint.effort_limit) else math.inf
+        if math.isfinite(bound):
+            weight = found.length if joint.turns else 1.0
+            yield Limit(name, "effort", "upper", weight, row[None], np.array([bound - at_rest]), bound)
+            yield Limit(name, "effort", "lower", weight, -row[None], np.array([bound + at_rest]), bound)
+
+
+def _of_grasps(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
+    motion, size = found.motion, len(found.v0)
+    chain = motion.chain
+    demanded, least, most = (limits.of_grasps(name, chain) for name in ("least_margin", "least_normal", "most_normal"))
+    for name, c, part in zip(chain.grasps, motion.contacts, found.wrenches, strict=True):
+        known = motion.arms[name].known  # of a bushing
+        to_contact, fixed = np.zeros((6, size)), np.zeros(6)
+        if known is None:
+            to_contact[:, part] = _rotated(c.frame.T, c.K.T)
+        else:
+            fixed = _rotated(c.frame.T, known[:, None])[:, 0]
+        for k in conditions(c.grasp):
+            if not math.isfinite(k.constant):
+                continue
+            loads = k.loading if np.any(k.loading) else np.zeros((0, 6))
+            rows = np.vstack([k.pressing, loads])
+            h = rows @ fixed
+            h[0] += k.constant - demanded.get(name, 0.0)
+            yield Limit(name, NOUNS[k.broken], "", 1.0, -rows @ to_contact, h, by_margin=True)
+        for what, sign, bounds in (("least normal force", 1.0, least), ("most normal force", -1.0, most)):
+            if name in bounds:
+                h = np.array([sign * (NORMAL @ fixed - bounds[name])])
+                yield Limit(name, what, "", 1.0, -sign * (NORMAL @ to_contact)[None], h, by_margin=True)
+        if limits.last_wrench is not None and known is None:
+            last = checks.numbers(limits.last_wrench, (len(chain.arms), 6), "limits: last_wrench", StateError)
+            per_unit = 1.0 / np.array(c.grasp.of_kind.row_scales(found.length))
+            G = np.zeros((1 + len(per_unit), size))
+            G[1:, part] = -np.diag(per_unit)
+            h = np.r_[limits.wrench_change, -per_unit * (c.K @ last[chain.names.index(name)])]
+            yield Limit(name, "wrench change", "", 1.0, G, h)
+
+
+def _rotated(R: Array, columns: Array) -> Array:
+    """Return [moment; force] columns (6, k) in other axes."""
+    return np.vstack([R @ columns[:3], R @ columns[3:]])
+
+
+def _of_accelerations(found: AccelerationMap, state: State, limits: ForceLimits) -> Iterator[Limit]:
+    chain = found.motion.chain
+    names = chain.joint_names()
+    ranges = dict(limits.acceleration)
+    for name in ranges:
+        if name not in names:
+            raise ModelError(f"limits: acceleration: no joint '{name}'.{checks.did_you_mean(str(name), names)}")
+    for j, (name, joint) in enumerate(zip(names, chain.all_joints, strict=True)):
+        low, high = ranges.get(name, (-math.inf, math.inf))
+        if limits.sample_time is not None:
+            lowest, highest = joint.position_limits
+            q, qd, T, brake = float(state.q[j]), float(state.qd[j]), limits.sample_time, limits.braking
+            high = min(high, highest_acceleration(highest - q, qd, joint.rate_limit, T, brake))
+            low = max(low, -highest_acceleration(q - lowest, -qd, joint.rate_limit, T, brake))
+        G = np.zeros((1, len(found.v0)))
+        G[0, found.qdd.start + j] = 1.0
+        if math.isfinite(high):
+            yield Limit(name, "acceleration", "upper", 1.0, G, np.array([high]))
+        if math.isfinite(low):
+            yield Limit(name, "acceleration", "lower", 1.0, -G, np.array([-low]))
+
+
+def highest_acceleration(way: float, qd: float, rate: float, T: float, braking: float) -> float:
+    """Return the highest acceleration x, constant for a period T, after which a joint keeps its limits.
+
+    qd + x T <= rate, q + qd T + x T^2 / 2 <= q_max, and from there it can still stop before q_max with the given
+    deceleration, (qd + x T)^2 <= 2 a (q_max - q - qd T - x T^2 / 2) if it moves towards it.
+
+    Args:
+        way: q_max - q [rad or m].
+        qd: its rate.
+        rate: largest rate.
+        T: period [s].
+        braking: a, the deceleration at which it can stop.
+
+    Reference:
+        A. Del Prete, Joint position and velocity bounds in discrete-time acceleration/torque control of robot arms,
+        IEEE Robotics and Automation Letters, 2018.
+    """
+    bounds = [(rate - qd) / T]
+    if math.isfinite(way):
+        root = (braking * T) ** 2 + 8.0 * braking * way - 4.0 * braking * qd * T
+        stopping = (-(2.0 * qd + braking * T) + math.sqrt(max(root, 0.0))) / (2.0 * T)
+        bounds += [2.0 * (way - qd * T) / T**2, max(-qd / T, stopping)]
+    return min(bounds)

@@ -1,0 +1,189 @@
+"""What a distribution of forces is asked: limits and costs; and its answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from holdfast.errors import ModelError, StateError
+from holdfast.forces.certificate import Certificate
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import called
+from holdfast.spatial.frozen import NOT_GIVEN, Frozen, OptionalArrayField, frozen
+from holdfast.spatial.scalar import Array
+
+PerGrasp = float | Mapping[str, float] | None
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class ForceLimits(Frozen):
+    """The limits of a distribution of forces, in addition to the grasps' own conditions (`grasp_margins`).
+
+    A value per grasp is one number for all, or a mapping from names of arms.
+
+    Attributes:
+        effort: share of every joint's effort limit that may be used; None for no limit on torques.
+        least_margin: margin that every grasp must keep [N].
+        least_normal: smallest force along each contact's normal, into the object [N].
+        most_normal: largest force along it [N].
+        acceleration: by "arm/joint", lowest and highest joint acceleration [rad/s^2 or m/s^2].
+        sample_time: period of the controller [s]. The accelerations of joints with position or rate limits are then
+            such that the limits hold at the next sample and the joint can still stop in time.
+        braking: deceleration at which the joints can stop then [rad/s^2 or m/s^2].
+        last_wrench: (arms, 6) last wrenches of the arms on the object, world axes about the contacts [N m, N].
+        wrench_change: largest change of each grasp's wrench from the last one, with moments divided by the distance of
+            the contacts from their centroid [N].
+    """
+
+    effort: float | None = 1.0
+    least_margin: PerGrasp = None
+    least_normal: PerGrasp = None
+    most_normal: PerGrasp = None
+    acceleration: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    sample_time: float | None = None
+    braking: float = 10.0
+    last_wrench: OptionalArrayField = NOT_GIVEN
+    wrench_change: float = math.inf
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        if self.effort is not None:
+            put(self, "effort", checks.number(self.effort, "limits: effort", at_least=0.0))
+        for name in ("least_margin", "least_normal", "most_normal"):
+            put(self, name, _per_grasp(getattr(self, name), f"limits: {name}"))
+        checks.instance(self.acceleration, Mapping, "limits: acceleration")
+        put(self, "acceleration", frozen({key: _range(key, x) for key, x in self.acceleration.items()}))
+        if self.sample_time is not None:
+            put(self, "sample_time", checks.number(self.sample_time, "limits: sample_time", above=0.0))
+        put(self, "braking", checks.number(self.braking, "limits: braking", above=0.0))
+        put(self, "wrench_change", checks.limit(self.wrench_change, "limits: wrench_change"))
+        if self.last_wrench is not None:
+            put(self, "last_wrench", checks.numbers(self.last_wrench, None, "limits: last_wrench", StateError))
+        if (self.last_wrench is None) != math.isinf(self.wrench_change):
+            raise ModelError("limits: expected last_wrench and wrench_change together, got one of them")
+
+    def of_grasps(self, name: str, chain: ClosedChain) -> dict[str, float]:
+        """Return a limit by name of the arm, for the grasps that have it.
+
+        Raises:
+            ModelError: an arm holds nothing, or does not exist.
+        """
+        given = getattr(self, name)
+        if given is None:
+            return {}
+        if not isinstance(given, Mapping):
+            return dict.fromkeys(chain.grasps, given)
+        for arm in given:
+            if arm not in chain.grasps:
+                raise ModelError(f"limits: {name}: no grasp '{arm}'.{checks.did_you_mean(str(arm), chain.grasps)}")
+        return dict(given)
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class ForceCost(Frozen):
+    """The cost of a distribution of forces.
+
+    1/2 sum w_j tau_j^2 + 1/2 wrench^2 sum |(lambda - wish) / F0|^2 + 1/2 acceleration^2 sum ((qdd_j - wished) / 10)^2
+
+    with F0, the size of the force that the object needs, and moments divided by the distance of the contacts from their
+    centroid. It is strictly convex, so that the torques are unique and change continuously with the state.
+
+    Attributes:
+        effort: (n,) w_j [1/(N m)^2 or 1/N^2]; by default the inverse squares of the effort limits, 1 without one.
+        wrench: weight of the grasp wrenches, > 0.
+        acceleration: weight of the joints' accelerations, in units of 10 rad/s^2 or m/s^2, > 0.
+        wish: (arms, 6) wished wrench of each arm on the object about its contact, contact axes [N m, N]; 0 by default.
+        joint_acceleration: (n,) wished accelerations of the joints, as far as the object leaves them free; 0 by default.
+        price: cost of passing the limits by F0 (`distribute`).
+    """
+
+    effort: OptionalArrayField = NOT_GIVEN
+    wrench: float = 0.01
+    acceleration: float = 0.01
+    wish: OptionalArrayField = NOT_GIVEN
+    joint_acceleration: OptionalArrayField = NOT_GIVEN
+    price: float = 1e3
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        for name in ("wrench", "acceleration", "price"):
+            put(self, name, checks.number(getattr(self, name), f"cost: {name}", above=0.0))
+        for name in ("effort", "wish", "joint_acceleration"):
+            if (given := getattr(self, name)) is not None:
+                put(self, name, checks.numbers(given, None, f"cost: {name}", StateError))
+
+    def effort_weights(self, chain: ClosedChain) -> Array:
+        """Return w_j, (n,).
+
+        Raises:
+            StateError: a shape is wrong, or a weight is negative.
+        """
+        if self.effort is None:
+            limits = np.array([joint.effort_limit for joint in chain.all_joints])
+            return np.where(np.isfinite(limits), limits, 1.0) ** -2.0
+        weights = checks.numbers(self.effort, (chain.joint_count,), "cost: effort", StateError)
+        if not (weights >= 0.0).all():
+            raise StateError(f"cost: effort: expected weights >= 0, got {checks.short(weights)}")
+        return weights
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class Distribution(Frozen):
+    """Torques, wrenches and accelerations that fit together, with what the limits cost.
+
+    Attributes:
+        tau: (n,) torques of the drives [N m or N].
+        qdd: (n,) accelerations of the joints [rad/s^2 or m/s^2].
+        object_acceleration: (6,) [omega_dot; v_dot of C], the true acceleration, world axes.
+        grasp_wrench: (arms, 6) wrench of each arm on the object about its contact, world axes [N m, N].
+        base_acceleration: (6,) acceleration of a floating base, world axes; None without one.
+        violation: by how much the limits are passed [N], 0 if they are kept; torques by this times the distance of the
+            contacts from their centroid, accelerations by 1 rad/s^2 or m/s^2 per newton.
+        margin: least margin of the grasps, infinite without one [N].
+        prices: by name of a limit, such as "left/joint3 effort" or "left friction", the decrease of the value when that
+            limit is raised by one newton, newton metre, or unit of acceleration; 0 for limits that do not matter.
+        status: "optimal", "infeasible" if no torques keep the limits, "unbounded" if no limit bounds the value, or
+            "undecided" if rounding hides the answer.
+        value: the cost; or what a report asks for: the largest margin [N], least peak, or largest share.
+        why: the reason in words.
+        certificate: the proof that no torques keep the limits; None unless the status is "infeasible".
+        residual: largest relative residual of the optimality conditions.
+    """
+
+    tau: Array
+    qdd: Array
+    object_acceleration: Array
+    grasp_wrench: Array
+    base_acceleration: Array | None
+    violation: float
+    margin: float
+    prices: Mapping[str, float]
+    status: str
+    value: float
+    why: str
+    certificate: Certificate | None
+    residual: float
+
+    def __repr__(self) -> str:
+        """Return the status, the margin and the reason."""
+        return f"<Distribution: {self.status}, margin {self.margin:.4g} N; {self.why}>"
+
+
+def _per_grasp(value: PerGrasp, what: str) -> PerGrasp:
+    if isinstance(value, Mapping):
+        return frozen({name: checks.number(x, f"{what}: '{name}'") for name, x in value.items()})
+    return None if value is None else checks.number(value, what)
+
+
+def _range(name: str, value: object) -> tuple[float, float]:
+    low, high = checks.numbers(value, (2,), f"limits: acceleration of {checks.short(name)}").tolist()
+    if not low <= high:
+        raise ModelError(f"limits: acceleration of '{name}': expected lower <= upper, got {low:g} and {high:g}")
+    return low, high

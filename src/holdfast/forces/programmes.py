@@ -1,0 +1,226 @@
+"""Questions about the forces of a chain as cone programmes in x, v = v0 + N x, in units of F0.
+
+    effort     min cost                                     within the limits
+    elastic    min cost + price v + v^2 / 2, v >= 0         every limit gives way by its weight times v
+    violation  min v                                        likewise, v of any sign: -v is the common margin
+    margin     max t                                        conditions of grasps >= t
+    peak       min r                                        |tau_j| <= r effort_j
+    scale      max sigma                                    v = v0 + v1 sigma + N x
+
+The last four have no cost, so their values are exact; the torques that go with a value are those of least cost that
+reach it up to `RELAXED`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from holdfast.errors import StateError
+from holdfast.forces.acceleration_map import ACCELERATION, AccelerationMap
+from holdfast.forces.cone_solver import ConeAnswer, ConeProgramme, Cones, Verdict, solve
+from holdfast.forces.limit_rows import Limit
+from holdfast.forces.limits import ForceCost
+from holdfast.model import checks
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate
+
+Form = Literal["effort", "elastic", "violation", "margin", "peak", "scale"]
+
+RELAXED = 1e-6  # of a value that the torques of least cost may miss
+UNSEEN = 1e-12  # singular values of the limits' rows below this, relative to the largest, count as zero
+
+
+class Solved(NamedTuple):
+    """The answer to a programme.
+
+    Attributes:
+        form: what was asked.
+        verdict: how the search ended.
+        v: (m,) unknowns of the map.
+        extra: v [F0], t [F0], r or sigma; 0 for an effort.
+        value: cost; or that number for a form without a cost.
+        parts: multipliers of every limit, (r,) each, in units of F0 times its weight.
+        dual_residual: largest entry of G'z.
+        residual: relative residual of the answer.
+    """
+
+    form: Form
+    verdict: Verdict
+    v: Array
+    extra: float
+    value: float
+    parts: list[Array]
+    dual_residual: float
+    residual: float
+
+
+class Costs(NamedTuple):
+    """The cost 1/2 |Q v + r|^2."""
+
+    Q: Array
+    r: Array
+
+
+def costs(found: AccelerationMap, cost: ForceCost) -> Costs:
+    """Return the rows of a cost.
+
+    Args:
+        found: the map.
+        cost: the cost.
+
+    Raises:
+        StateError: a shape is wrong.
+    """
+    motion, size = found.motion, len(found.v0)
+    chain = motion.chain
+    root = np.sqrt(cost.effort_weights(chain))
+    rows, rest = [root[:, None] * found.T], [root * found.t]
+    wish = np.zeros((len(chain.arms), 6)) if cost.wish is None else cost.wish
+    wish = checks.numbers(wish, (len(chain.arms), 6), "cost: wish", StateError)
+    for name, c, part in zip(chain.grasps, motion.contacts, found.wrenches, strict=True):
+        weight = cost.wrench / found.force / np.array(c.grasp.of_kind.row_scales(found.length))
+        of_one = np.zeros((len(weight), size))
+        of_one[:, part] = np.diag(weight)
+        rows.append(of_one)
+        rest.append(-weight * (c.K @ rotate(c.frame, wish[chain.names.index(name)])))
+    wished = np.zeros(chain.joint_count) if cost.joint_acceleration is None else cost.joint_acceleration
+    wished = checks.numbers(wished, (chain.joint_count,), "cost: joint_acceleration", StateError)
+    moving = np.eye(found.qdd.stop, size)  # a floating base, too
+    rows.append(cost.acceleration / ACCELERATION * moving)
+    rest.append(-cost.acceleration / ACCELERATION * np.r_[np.zeros(found.base.stop), wished])
+    return Costs(np.vstack(rows), np.concatenate(rest))
+
+
+def answer(
+    form: Form,
+    found: AccelerationMap,
+    limits: Sequence[Limit],
+    of: Costs,
+    *,
+    price: float = 0.0,
+    v1: Array | None = None,
+) -> Solved:
+    """Return the solution of a programme.
+
+    Args:
+        form: what is asked.
+        found: the map.
+        limits: the limits.
+        of: the cost, of which forms without one make no use.
+        price: price of the violation, for "elastic".
+        v1: (m,) change of v0 per unit of sigma, for "scale".
+    """
+    further = np.zeros((len(found.v0), 0)) if v1 is None else v1[:, None]
+    base = np.hstack([found.N, further])
+    extra = int(form not in ("effort", "scale"))
+    columns = np.hstack([base, np.zeros((len(base), extra))])
+    G, h, cones, places = _stacked(limits, found, columns, form)
+    k = columns.shape[1]
+    P, c, constant = np.zeros((k, k)), np.zeros(k), 0.0
+    if form in ("effort", "elastic"):
+        A, b = of.Q @ columns, of.r + of.Q @ found.v0
+        P, c, constant = A.T @ A, A.T @ b, 0.5 * float(b @ b)
+    if form == "elastic":
+        P[-1, -1], c[-1] = 1.0, price
+    elif form in ("violation", "peak"):
+        c[-1] = 1.0
+    elif form in ("margin", "scale"):
+        c[-1] = -1.0
+    if form in ("effort", "elastic"):
+        done = solve(ConeProgramme(P, c, G, h, cones))
+    else:
+        done = _without_cost(c, G, h, cones)
+    x = done.x if done.verdict is not Verdict.UNBOUNDED else np.zeros(k)
+    parts = [done.z[rows] for rows in places]
+    last = float(x[-1]) if k and form != "effort" else 0.0
+    value = done.value + constant if form in ("effort", "elastic") else last
+    return Solved(
+        form,
+        done.verdict,
+        found.v0 + columns @ x,
+        last,
+        value,
+        parts,
+        float(np.abs(G.T @ done.z).max(initial=0.0)),
+        done.residual,
+    )
+
+
+def at_value(
+    form: Form,
+    extra: float,
+    found: AccelerationMap,
+    limits: Sequence[Limit],
+    of: Costs,
+    *,
+    v1: Array | None = None,
+) -> Solved:
+    """Return the solution of least cost that reaches the number `extra` of a form without a cost, up to `RELAXED`."""
+    slack = RELAXED * max(1.0, abs(extra))
+    given = extra + (slack if form in ("violation", "peak") else -slack)
+    shifted = found if v1 is None else found._replace(v0=found.v0 + given * v1)
+    moved = [_given_way(limit, form, given, found.force) for limit in limits]
+    return answer("effort", shifted, moved, of)
+
+
+def _given_way(limit: Limit, form: Form, extra: float, force: float) -> Limit:
+    """Return a limit at a given number of a form."""
+    h = limit.h.copy()
+    h[0] += extra * _slope(limit, form, force) - _without(limit, form)
+    return limit._replace(h=h)
+
+
+def _slope(limit: Limit, form: Form, force: float) -> float:
+    """Return by how much s_0 grows per unit of the form's number."""
+    if form in ("violation", "elastic"):
+        return limit.weight * force
+    if form == "margin":
+        return -force if limit.by_margin else 0.0
+    return limit.bound if form == "peak" else 0.0
+
+
+def _without(limit: Limit, form: Form) -> float:
+    """Return the part of s_0 that the form's number replaces."""
+    return limit.bound if form == "peak" else 0.0
+
+
+def _stacked(
+    limits: Sequence[Limit], found: AccelerationMap, columns: Array, form: Form
+) -> tuple[Array, Array, Cones, list[slice]]:
+    """Return G, h and K of all limits in units of F0 times their weights, and the rows of each limit."""
+    lines, cones = ([limit for limit in limits if (len(limit.h) == 1) == single] for single in (True, False))
+    size = max((len(limit.h) for limit in cones), default=1)
+    priced = int(form == "elastic")  # v >= 0
+    total = priced + len(lines) + size * len(cones)
+    starts = {id(limit): priced + i for i, limit in enumerate(lines)}
+    starts |= {id(limit): priced + len(lines) + size * i for i, limit in enumerate(cones)}
+    places = [slice(starts[id(limit)], starts[id(limit)] + len(limit.h)) for limit in limits]
+    G, h = np.zeros((total, len(found.v0))), np.zeros(total)
+    slopes = np.zeros(total)
+    for limit, rows in zip(limits, places, strict=True):
+        unit = 1.0 / (limit.weight * found.force)
+        G[rows], h[rows] = unit * limit.G, unit * limit.h
+        h[rows.start] -= unit * _without(limit, form)
+        slopes[rows.start] = unit * _slope(limit, form, found.force)
+    right, G = h - G @ found.v0, G @ columns
+    if form not in ("effort", "scale"):
+        G[:, -1] = -slopes
+    if priced:
+        G[0, -1] = -1.0
+    return G, right, Cones(priced + len(lines), len(cones), size), places
+
+
+def _without_cost(c: Array, G: Array, h: Array, cones: Cones) -> ConeAnswer:
+    """Return the solution for a linear cost; of directions without effect on any limit nothing is chosen."""
+    sizes = np.linalg.norm(G, axis=0)
+    unit = np.where(sizes > 0.0, 1.0 / np.where(sizes > 0.0, sizes, 1.0), 1.0)
+    _, s, Vt = np.linalg.svd(G * unit, full_matrices=False)
+    seen = unit[:, None] * Vt[s > UNSEEN * s.max(initial=0.0)].T
+    left = c * unit - Vt[s > UNSEEN * s.max(initial=0.0)].T @ (Vt[s > UNSEEN * s.max(initial=0.0)] @ (c * unit))
+    if np.abs(left).max(initial=0.0) > UNSEEN**0.5:  # the value itself meets no limit
+        return ConeAnswer(Verdict.UNBOUNDED, np.zeros(len(c)), h, np.zeros(len(h)), -np.inf, 0.0, 0)
+    done = solve(ConeProgramme(np.zeros((seen.shape[1],) * 2), seen.T @ c, G @ seen, h, cones))
+    return done._replace(x=seen @ done.x)
