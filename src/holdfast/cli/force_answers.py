@@ -119,7 +119,7 @@ class ForceAnswer:
 
     @property
     def error(self) -> float | None:
-        """The largest of max|x - e| / max(1, max|e|) over what is expected, 1 for another verdict; None without that."""
+        """The largest of max|x - e| / max(1, max|e|) over what is expected; 1 for another verdict."""
         expected, found = self.case.expected, self.found
         if expected is None or self.solved is None:
             return None

@@ -14,6 +14,7 @@ bushings and springs and the torques of dampers and joint springs are known, and
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -79,7 +80,7 @@ class AccelerationMap(NamedTuple):
     def wrenches(self) -> list[slice]:
         """Places of lambda of each grasp, in the order of `chain.grasps`."""
         ends = self.alpha.stop + np.cumsum([0, *(len(c.rows) for c in self.motion.contacts)])
-        return [slice(int(a), int(b)) for a, b in zip(ends, ends[1:], strict=False)]
+        return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     def grasp_wrenches(self, v: Array) -> Array:
         """Return the wrench of each arm on the object about its contact, world axes, (arms, 6).
@@ -213,7 +214,7 @@ def _equations(motion: ChainMotion, asked: Asked, force: float, free_unfelt: boo
     chain, rows = motion.chain, constraint_rows(motion)
     length = float(length_scale([c.offset for c in motion.contacts]))
     floating = 6 if chain.floats else 0
-    n, first = chain.joint_count, floating + chain.joint_count
+    first = floating + chain.joint_count
     count, size = len(rows.joints), first + 6 + len(rows.joints)
     M, bias, base = _masses(motion)
     of_arms = np.hstack([rows.base, rows.joints])

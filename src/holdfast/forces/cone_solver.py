@@ -3,11 +3,12 @@
     minimise 1/2 x'P x + c'x  subject to  h - G x = s,  s in K = R+^rows x Q x ... x Q,   Q: s_0 >= |s_1|
 
 The homogeneous embedding in (x, s, z, tau, kappa) with P x + G'z + c tau = 0, G x + s = h tau and
-x'P x / tau + c'x + h'z = -kappa has no interior to look for: tau > 0 in the limit gives the solution, kappa > 0 a z in K
-with G'z = 0 and h'z < 0, which proves that there is none, or a direction in which the value falls for ever. Steps are
-Mehrotra's, predictor and corrector, in Nesterov and Todd's scaling W with W z = W^-1 s.
+x'P x / tau + c'x + h'z = -kappa always has a solution: one with tau > 0 solves the programme; one with kappa > 0
+contains a z in K with G'z = 0 and h'z < 0, which proves that there is none, or a direction in which the value falls for
+ever. Steps are Mehrotra's, predictor and corrector, in Nesterov and Todd's scaling W with W z = W^-1 s.
 
-W^-2 s = z is known and never computed: right sides hold W^-2 (r - s), whose part W^-2 s would lose all digits as s -> 0.
+W^-2 s = z is known and never computed: right sides contain W^-2 (r - s), whose part W^-2 s would lose all digits as s
+tends to zero.
 
 Reference:
     E. Andersen, Y. Ye, On a homogeneous algorithm for the monotone complementarity problem, 1999; Y. Nesterov, M. Todd,
@@ -142,6 +143,14 @@ class _Point(NamedTuple):
     tau: float
     kappa: float
 
+    def times(self, c: float) -> _Point:
+        return _Point(c * self.x, c * self.s, c * self.z, c * self.tau, c * self.kappa)
+
+    def moved(self, step: float, d: _Point) -> _Point:
+        """Return the point after a step along d."""
+        s, z = self.s + step * d.s, self.z + step * d.z
+        return _Point(self.x + step * d.x, s, z, self.tau + step * d.tau, self.kappa + step * d.kappa)
+
 
 class _Scaling:
     """W of Nesterov and Todd for s and z inside K, with W z = W^-1 s = lam."""
@@ -199,7 +208,7 @@ def solve(programme: ConeProgramme) -> ConeAnswer:
     units = ConeProgramme(cost * P, cost * c, G, h, cones)
     at = _start(units)
     best, least, waited, steps = at, (Verdict.UNDECIDED, np.inf), 0, 0
-    for steps in range(MOST_STEPS):
+    while steps < MOST_STEPS:
         found = _residual(units, at)
         if found[1] < least[1]:
             waited = 0 if found[1] < 0.5 * least[1] else waited + 1
@@ -212,7 +221,7 @@ def solve(programme: ConeProgramme) -> ConeAnswer:
         following = _stepped(units, at)
         if following is None:
             break
-        at = following
+        at, steps = following, steps + 1
     verdict = least[0] if least[1] <= REACHED else Verdict.UNDECIDED
     x, s, z = _normalised(units, best, verdict)
     x, z = x * per_x, z if verdict is Verdict.INFEASIBLE else z / cost
@@ -301,10 +310,9 @@ def _stepped(programme: ConeProgramme, at: _Point) -> _Point | None:
     of_kappa = kappa * tau + d.tau * d.kappa - sigma * mu
     d = direction(1.0 - sigma, cones.quotient(W.lam, crossed), of_kappa)
     step = min(1.0, FRACTION * _longest(cones, at, d))
-    found = _Point(*(old + step * new for old, new in zip(at, d, strict=True)))
-    size = max(found.tau, found.kappa)
-    scaled = _Point(*(one / size for one in found))
-    finite = np.isfinite(size) and all(np.isfinite(one).all() for one in scaled)
+    found = at.moved(step, d)
+    scaled = found.times(1.0 / max(found.tau, found.kappa))
+    finite = all(np.isfinite(one).all() for one in scaled)
     return scaled if finite and step > 0.0 and cones.depth(scaled.s) > 0.0 < cones.depth(scaled.z) else None
 
 

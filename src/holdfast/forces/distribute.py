@@ -79,11 +79,11 @@ def distribute(
     """Return the torques of least cost that accelerate the object as asked, within all limits.
 
     minimise cost(tau, lambda, qdd) + price v + v^2 / 2 subject to the equations of motion of the whole chain, and
-    every limit gives way by v >= 0 times its weight. At a high price v is 0 wherever the limits can be kept. The torques
-    exist for every acceleration that the arms can give, are unique, and depend continuously on the state. Redundant
-    joints and a trunk move as the cost prefers. `forward_dynamics` with the torques returns the accelerations and the
-    wrenches. Forces that no joint feels are the smallest, as there; `margin_range` bounds the others. The torques do not
-    include joint friction. A convex programme, some 12 steps of O(n^3).
+    every limit gives way by v >= 0 times its weight. v is 0 wherever the limits can be kept. The torques exist for
+    every acceleration that the arms can give, are unique, and depend continuously on the state. Redundant joints and a
+    trunk move as the cost prefers. `forward_dynamics` with the torques returns the accelerations and the wrenches.
+    Forces that no joint feels are the smallest, as there; `margin_range` bounds the others. The torques do not include
+    joint friction. A convex programme, some 12 steps of O(n^3).
 
     Args:
         chain: the chain.

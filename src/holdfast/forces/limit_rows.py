@@ -1,7 +1,7 @@
-"""Limits as cones in the unknowns of the acceleration map: s = h - G v in K, each with the weight by which it gives way.
+"""Limits as cones in the unknowns v of the acceleration map: s = h - G v in K, with the weight by which each gives way.
 
-A drive's torque gives way by L per newton, a sliding joint's force by 1; a condition of a grasp by 1; an acceleration by
-1 rad/s^2 or m/s^2 per newton.
+Per newton of violation, a torque gives way by L, a sliding joint's force and a condition of a grasp by 1 N, and an
+acceleration by 1 rad/s^2 or m/s^2.
 """
 
 from __future__ import annotations

@@ -77,11 +77,11 @@ class ForceLimits(Frozen):
         if given is None:
             return {}
         if not isinstance(given, Mapping):
-            return dict.fromkeys(chain.grasps, given)
+            return dict.fromkeys(chain.grasps, float(given))
         for arm in given:
             if arm not in chain.grasps:
                 raise ModelError(f"limits: {name}: no grasp '{arm}'.{checks.did_you_mean(str(arm), chain.grasps)}")
-        return dict(given)
+        return {name: float(x) for name, x in given.items()}
 
 
 @called
@@ -99,7 +99,7 @@ class ForceCost(Frozen):
         wrench: weight of the grasp wrenches, > 0.
         acceleration: weight of the joints' accelerations, in units of 10 rad/s^2 or m/s^2, > 0.
         wish: (arms, 6) wished wrench of each arm on the object about its contact, contact axes [N m, N]; 0 by default.
-        joint_acceleration: (n,) wished accelerations of the joints, as far as the object leaves them free; 0 by default.
+        joint_acceleration: (n,) wished accelerations of the joints, for what the object leaves free; 0 by default.
         price: cost of passing the limits by F0 (`distribute`).
     """
 

@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from holdfast.errors import StateError
-from holdfast.forces.acceleration_map import ACCELERATION, AccelerationMap
+from holdfast.forces.acceleration_map import ACCELERATION, LOST, AccelerationMap
 from holdfast.forces.cone_solver import ConeAnswer, ConeProgramme, Cones, Verdict, solve
 from holdfast.forces.limit_rows import Limit
 from holdfast.forces.limits import ForceCost
@@ -29,6 +29,7 @@ from holdfast.spatial.spatial_vector import rotate
 
 Form = Literal["effort", "elastic", "violation", "margin", "peak", "scale"]
 
+COSTLY = ("effort", "elastic")
 RELAXED = 1e-6  # of a value that the torques of least cost may miss
 UNSEEN = 1e-12  # singular values of the limits' rows below this, relative to the largest, count as zero
 
@@ -120,7 +121,7 @@ def answer(
     G, h, cones, places = _stacked(limits, found, columns, form)
     k = columns.shape[1]
     P, c, constant = np.zeros((k, k)), np.zeros(k), 0.0
-    if form in ("effort", "elastic"):
+    if form in COSTLY:
         A, b = of.Q @ columns, of.r + of.Q @ found.v0
         P, c, constant = A.T @ A, A.T @ b, 0.5 * float(b @ b)
     if form == "elastic":
@@ -129,14 +130,11 @@ def answer(
         c[-1] = 1.0
     elif form in ("margin", "scale"):
         c[-1] = -1.0
-    if form in ("effort", "elastic"):
-        done = solve(ConeProgramme(P, c, G, h, cones))
-    else:
-        done = _without_cost(c, G, h, cones)
+    done = solve(ConeProgramme(P, c, G, h, cones)) if form in COSTLY else _without_cost(c, G, h, cones)
     x = done.x if done.verdict is not Verdict.UNBOUNDED else np.zeros(k)
     parts = [done.z[rows] for rows in places]
     last = float(x[-1]) if k and form != "effort" else 0.0
-    value = done.value + constant if form in ("effort", "elastic") else last
+    value = done.value + constant if form in COSTLY else last
     return Solved(
         form,
         done.verdict,
@@ -144,7 +142,7 @@ def answer(
         last,
         value,
         parts,
-        float(np.abs(G.T @ done.z).max(initial=0.0)),
+        float(np.abs(G[:, : found.N.shape[1]].T @ done.z).max(initial=0.0)),
         done.residual,
     )
 
@@ -216,11 +214,12 @@ def _stacked(
 def _without_cost(c: Array, G: Array, h: Array, cones: Cones) -> ConeAnswer:
     """Return the solution for a linear cost; of directions without effect on any limit nothing is chosen."""
     sizes = np.linalg.norm(G, axis=0)
-    unit = np.where(sizes > 0.0, 1.0 / np.where(sizes > 0.0, sizes, 1.0), 1.0)
+    unit = 1.0 / np.where(sizes > 0.0, sizes, 1.0)
     _, s, Vt = np.linalg.svd(G * unit, full_matrices=False)
-    seen = unit[:, None] * Vt[s > UNSEEN * s.max(initial=0.0)].T
-    left = c * unit - Vt[s > UNSEEN * s.max(initial=0.0)].T @ (Vt[s > UNSEEN * s.max(initial=0.0)] @ (c * unit))
-    if np.abs(left).max(initial=0.0) > UNSEEN**0.5:  # the value itself meets no limit
+    basis = Vt[s > UNSEEN * s.max(initial=0.0)].T
+    seen = unit[:, None] * basis
+    left = c * unit - basis @ (basis.T @ (c * unit))
+    if np.abs(left).max(initial=0.0) > LOST * np.abs(c * unit).max():  # the value itself meets no limit
         return ConeAnswer(Verdict.UNBOUNDED, np.zeros(len(c)), h, np.zeros(len(h)), -np.inf, 0.0, 0)
     done = solve(ConeProgramme(np.zeros((seen.shape[1],) * 2), seen.T @ c, G @ seen, h, cones))
     return done._replace(x=seen @ done.x)

@@ -11,18 +11,18 @@ Vector6 = Annotated[list[float], msgspec.Meta(min_length=6, max_length=6)]
 CaseMatrix3 = Annotated[list[CaseVector3], msgspec.Meta(min_length=3, max_length=3)]
 
 
-class _CaseStruct(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+class CaseStruct(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """Base of the file's structures."""
 
 
-class CasePose(_CaseStruct):
+class CasePose(CaseStruct):
     """A pose in the world."""
 
     R: CaseMatrix3
     p: CaseVector3
 
 
-class CaseTwist(_CaseStruct):
+class CaseTwist(CaseStruct):
     """A velocity, world axes."""
 
     omega: CaseVector3
@@ -38,7 +38,7 @@ class CaseBase(CasePose, kw_only=True):
     v_dot: CaseVector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
 
 
-class CaseJoint(_CaseStruct):
+class CaseJoint(CaseStruct):
     """A joint; its link's frame at q = 0 is (R0, p0) in the parent frame."""
 
     type: Literal["revolute", "prismatic"]
@@ -50,13 +50,13 @@ class CaseJoint(_CaseStruct):
     effort: float | None = None
 
 
-class CaseFloating(_CaseStruct):
+class CaseFloating(CaseStruct):
     """The joint of a trunk that begins with a free body."""
 
     type: Literal["floating"]
 
 
-class CaseLink(_CaseStruct):
+class CaseLink(CaseStruct):
     """A link; inertia about the mass centre, link axes; an external wrench about its frame's origin, world axes."""
 
     mass: float
@@ -65,7 +65,7 @@ class CaseLink(_CaseStruct):
     wrench: Vector6 | None = None
 
 
-class CaseGrasp(_CaseStruct):
+class CaseGrasp(CaseStruct):
     """A grasp; point and free axes in object axes, W the relative rates."""
 
     type: Literal["rigid", "hinge", "softfinger", "ball"]
@@ -74,7 +74,7 @@ class CaseGrasp(_CaseStruct):
     W: list[float] | None = None
 
 
-class CaseMechanism(_CaseStruct):
+class CaseMechanism(CaseStruct):
     """An arm with its positions and rates, base to tip.
 
     `parent` is the trunk's link that it stands on, `base` a pose in that link's frame then; null: in the world.
@@ -97,7 +97,7 @@ class CaseArm(CaseMechanism, kw_only=True):
     grasp: CaseGrasp | None = None
 
 
-class CaseTrunkMechanism(_CaseStruct):
+class CaseTrunkMechanism(CaseStruct):
     """A trunk: like an arm on a base, or beginning with a floating joint, whose body `pose` and `twist` are of."""
 
     joints: list[Any]
@@ -126,7 +126,7 @@ class CaseObject(CasePose, kw_only=True):
     wrench: Vector6 | None = None
 
 
-class ExpectedTrunk(_CaseStruct):
+class ExpectedTrunk(CaseStruct):
     """The trunk's answer: its joints, and how a floating base accelerates or the wrench that a fixed one takes."""
 
     qdd: list[float]
@@ -134,7 +134,7 @@ class ExpectedTrunk(_CaseStruct):
     base_wrench: Vector6 | None = None
 
 
-class CaseExpected(_CaseStruct):
+class CaseExpected(CaseStruct):
     """The answer: per arm, and alpha(C)."""
 
     qdd: list[list[float]]
@@ -145,7 +145,7 @@ class CaseExpected(_CaseStruct):
     trunk: ExpectedTrunk | None = None
 
 
-class CaseData(_CaseStruct):
+class CaseData(CaseStruct):
     """One problem."""
 
     name: str
@@ -160,7 +160,7 @@ class CaseData(_CaseStruct):
     see: Any = None
 
 
-class CaseFileData(_CaseStruct):
+class CaseFileData(CaseStruct):
     """A file of many problems."""
 
     cases: list[Any]

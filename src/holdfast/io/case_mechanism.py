@@ -44,15 +44,29 @@ class MechanismData(Protocol):
     """What the data of every case have in common."""
 
     @property
-    def gravity(self) -> list[float]: ...
+    def gravity(self) -> list[float]:
+        """Acceleration of a falling body."""
+        ...
+
     @property
-    def object(self) -> case_data.CaseObject: ...
+    def object(self) -> case_data.CaseObject:
+        """The held object."""
+        ...
+
     @property
-    def arms(self) -> Sequence[Any]: ...
+    def arms(self) -> Sequence[Any]:
+        """The arms."""
+        ...
+
     @property
-    def trunk(self) -> case_data.CaseTrunkMechanism | None: ...
+    def trunk(self) -> case_data.CaseTrunkMechanism | None:
+        """The trunk."""
+        ...
+
     @property
-    def tags(self) -> Any: ...
+    def tags(self) -> Any:
+        """Notes."""
+        ...
 
 
 def mechanism(data: MechanismData, at: Location, grasp_of: Callable[[Any, Location], Grasp]) -> Mechanism:

@@ -104,11 +104,11 @@ def build_force_case(data: force_case_data.ForceCaseData, source: str = "case", 
             wanted, more = Asked(rows, hold), wanted.values - hold
         cost = ForceCost(wrench=asked.eps_force, acceleration=asked.eps_acceleration, wish=_wish(data, where / "wish"))
         grasps = {name: arm.grasp for name, arm in zip(chain.arms, data.arms, strict=True) if arm.grasp is not None}
-        bounds = {
-            key: {name: getattr(g, key) for name, g in grasps.items() if getattr(g, key) is not None}
-            for key in ("least_normal", "most_normal")
-        }
-        limits = ForceLimits(acceleration=_accelerations(data, chain, where / "acceleration_limits"), **bounds)
+        limits = ForceLimits(
+            least_normal={name: g.least_normal for name, g in grasps.items() if g.least_normal is not None},
+            most_normal={name: g.most_normal for name, g in grasps.items() if g.most_normal is not None},
+            acceleration=_accelerations(data, chain, where / "acceleration_limits"),
+        )
     _check_expected(data, chain, at / "expected")
     return ForceCase(
         data.name,

@@ -5,21 +5,23 @@ from __future__ import annotations
 import math
 from typing import Any, Literal
 
+import msgspec
+
 from holdfast.io.case_data import (
     CaseMatrix3,
     CaseMechanism,
     CaseObject,
+    CaseStruct,
     CaseTrunkMechanism,
     CaseVector3,
     Vector6,
-    _CaseStruct,
 )
 
 ForceForm = Literal["effort", "margin", "peak", "scale"]
 AccelerationRange = tuple[str, int, float, float]
 
 
-class ForceFriction(_CaseStruct):
+class ForceFriction(CaseStruct):
     """The friction of a one-sided contact."""
 
     mu: float
@@ -27,14 +29,14 @@ class ForceFriction(_CaseStruct):
     half_length: float | None = None
 
 
-class ForceWrenchLimits(_CaseStruct):
+class ForceWrenchLimits(CaseStruct):
     """The largest wrench that a grasp can hold."""
 
     force: float = math.inf
     moment: float = math.inf
 
 
-class ForceGrasp(_CaseStruct):
+class ForceGrasp(CaseStruct):
     """A grasp; the contact frame's columns x, y, z in object axes, z into the object."""
 
     type: Literal["rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "planar"]
@@ -54,7 +56,7 @@ class ForceArm(CaseMechanism, kw_only=True):
     grasp: ForceGrasp | None = None
 
 
-class ForceQuestion(_CaseStruct):
+class ForceQuestion(CaseStruct):
     """What is asked, by the object's acceleration or rows on it, and in which units forces count."""
 
     form: ForceForm
@@ -62,13 +64,13 @@ class ForceQuestion(_CaseStruct):
     force_scale: float
     task: list[Vector6] | None = None
     hold: Vector6 | None = None
-    wish: dict[str, Vector6] = {}
+    wish: dict[str, Vector6] = msgspec.field(default_factory=dict)
     eps_force: float = 0.01
     eps_acceleration: float = 0.01
-    acceleration_limits: list[AccelerationRange] = []
+    acceleration_limits: list[AccelerationRange] = msgspec.field(default_factory=list)
 
 
-class ForceExpected(_CaseStruct):
+class ForceExpected(CaseStruct):
     """The answer."""
 
     status: Literal["optimal", "infeasible", "weakly infeasible"]
@@ -89,7 +91,7 @@ class ForceExpected(_CaseStruct):
     residual_of_equalities: float | None = None
 
 
-class ForceCaseData(_CaseStruct):
+class ForceCaseData(CaseStruct):
     """One question about forces."""
 
     name: str
