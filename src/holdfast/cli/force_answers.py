@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -74,10 +75,11 @@ class ForceAnswer:
         console.print(table)
 
     @property
-    def found(self) -> dict[str, object]:
+    def found(self) -> dict[str, Any]:
         """The fields of `expected` in a case file; null where there is nothing to tell."""
         names = ("value", "tau", "qdd", "alpha_C", "f", "prices", "margin", "peak", "scale")
-        found: dict[str, object] = dict.fromkeys((*names, "least_violation", "certificate", "certificate_residual"))
+        names = (*names, "least_violation", "certificate", "certificate_residual")
+        found: dict[str, Any] = dict.fromkeys(map(str, names))
         if self.question is None or self.solved is None or self.violation is None:
             return found
         if self.violation.verdict is Verdict.OPTIMAL:

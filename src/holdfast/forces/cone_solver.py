@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar
 
 TOLERANCE = 1e-9  # relative residual of a solution or a proof
 REACHED = 1e-7  # the same where rounding prevents more
@@ -43,23 +43,23 @@ class Verdict(Enum):
 
 
 class Cones(NamedTuple):
-    """K: `rows` numbers >= 0, then `count` second-order cones of `size` numbers each.
+    """K: `rows` numbers >= 0, then `number` second-order cones of `size` numbers each.
 
     Smaller cones are filled up with zeros, which change nothing.
     """
 
     rows: int
-    count: int
+    number: int
     size: int
 
     @property
     def degree(self) -> int:
         """Number of complementarity conditions."""
-        return self.rows + self.count
+        return self.rows + self.number
 
     def parts(self, s: Array) -> tuple[Array, Array]:
-        """Return the orthant's part (rows,) and the cones' (count, size)."""
-        return s[: self.rows], s[self.rows :].reshape(self.count, self.size)
+        """Return the orthant's part (rows,) and the cones' (number, size)."""
+        return s[: self.rows], s[self.rows :].reshape(self.number, self.size)
 
     def joined(self, a: Array, b: Array) -> Array:
         """Return one vector from the parts."""
@@ -68,7 +68,7 @@ class Cones(NamedTuple):
     @property
     def unit(self) -> Array:
         """The unit of the Jordan algebra: 1 in the orthant, (1, 0) in each cone."""
-        e = np.zeros((self.count, self.size))
+        e = np.zeros((self.number, self.size))
         e[:, :1] = 1.0
         return self.joined(np.ones(self.rows), e)
 
@@ -140,10 +140,11 @@ class _Point(NamedTuple):
     x: Array
     s: Array
     z: Array
-    tau: float
-    kappa: float
+    tau: Scalar
+    kappa: Scalar
 
     def times(self, c: float) -> _Point:
+        """Return a multiple of the point."""
         return _Point(c * self.x, c * self.s, c * self.z, c * self.tau, c * self.kappa)
 
     def moved(self, step: float, d: _Point) -> _Point:
@@ -183,9 +184,9 @@ class _Scaling:
 
     def gram(self, G: Array) -> Array:
         """Return G'W^-2 G."""
-        rows, count, size = self.cones
+        rows, number, size = self.cones
         A = G[:rows] / self.root[:, None]
-        B = G[rows:].reshape(count, size, G.shape[1])
+        B = G[rows:].reshape(number, size, G.shape[1])
         flipped = self.w.copy()
         flipped[:, 1:] *= -1.0
         along = np.sqrt(2.0) * (flipped[:, None] @ B)[:, 0] / self.eta
@@ -257,8 +258,7 @@ def _residual(programme: ConeProgramme, at: _Point) -> tuple[Verdict, float]:
     dual = _size(Px + Gz + c * tau) / tau / max(1.0, large[0], large[2] / tau, large[3] / tau)
     values = 0.5 * (x @ Px) / tau**2 + (c @ x) / tau, -0.5 * (x @ Px) / tau**2 - (h @ z) / tau
     gap = abs(values[0] - values[1]) / max(1.0, min(abs(values[0]), abs(values[1])))
-    solved = (Verdict.OPTIMAL, float(max(primal, dual, gap)))
-    proofs = [solved]
+    proofs: list[tuple[Verdict, float]] = [(Verdict.OPTIMAL, float(max(primal, dual, gap)))]
     if tau < kappa:
         if h @ z < 0.0:
             proofs.append((Verdict.INFEASIBLE, max(_size(Gz), _size(Px)) / float(-h @ z)))
@@ -292,12 +292,15 @@ def _stepped(programme: ConeProgramme, at: _Point) -> _Point | None:
 
     xi, zeta = x / tau, z / tau
     slope = 2.0 * (P @ xi) + c
-    # the answer to the right sides -c and h, less (x, z) / tau: near the solution the difference has all its digits
-    x2, z2 = solved(-rx / tau, -rz / tau, 2.0 * zeta)
-    divisor = (rt - 2.0 * kappa) / tau + slope @ x2 + h @ z2
-    x2, z2 = x2 + xi, z2 + zeta
+    if tau < kappa:
+        x2, z2 = solved(-c, h, np.zeros_like(z))
+        divisor = -kappa / tau - xi @ P @ xi + slope @ x2 + h @ z2
+    else:  # the same less (x, z) / tau: near a solution the difference has all its digits
+        x2, z2 = solved(-rx / tau, -rz / tau, 2.0 * zeta)
+        divisor = (rt - 2.0 * kappa) / tau + slope @ x2 + h @ z2
+        x2, z2 = x2 + xi, z2 + zeta
 
-    def direction(part: float, more: Array, of_kappa: float) -> _Point:
+    def direction(part: float, more: Array, of_kappa: Scalar) -> _Point:
         u = W.times(more, True)
         x1, z1 = solved(-part * rx, -part * rz, z + u)
         dtau = (-part * rt + of_kappa / tau - slope @ x1 - h @ z1) / divisor

@@ -21,12 +21,13 @@ from holdfast.forces.cone_solver import Verdict
 from holdfast.forces.limit_rows import Limit, limit_rows
 from holdfast.forces.limits import Distribution, ForceCost, ForceLimits
 from holdfast.forces.margins import grasp_margins
-from holdfast.forces.programmes import Costs, Form, Solved, answer, at_value, costs
+from holdfast.forces.programmes import Costs, Form, Posed, Solved, answer, at_value, costs, posed
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
+ROUNDING = 1e-7  # multipliers below this, and below this part of the largest, are 0
 KEPT = 1e-7  # violations below this, relative to F0, are rounding
 DEARER = 10.0  # factor of a price at which a violation that is not necessary was cheaper
 MOST_RISES = 4
@@ -50,9 +51,13 @@ class Question(NamedTuple):
     costs: Costs
     v1: Array | None = None
 
+    def posed(self, form: Form, price: float = 0.0) -> Posed:
+        """Return the programme of a form."""
+        return posed(form, self.found, self.limits, self.costs, price=price, v1=self.v1)
+
     def asked(self, form: Form, price: float = 0.0) -> Solved:
         """Return the solution of a form."""
-        return answer(form, self.found, self.limits, self.costs, price=price, v1=self.v1)
+        return answer(self.posed(form, price))
 
     def whole(self) -> Question:
         """Return the question at sigma = 1, without a share that grows."""
@@ -302,7 +307,9 @@ def _described(
 
 def _prices(limits: Sequence[Limit], parts: Sequence[Array], force: float) -> dict[str, float]:
     """Return the sum of the multipliers of both sides of every limit, per its own unit."""
-    prices: dict[str, float] = {}
+    prices = {limit.name: 0.0 for limit in limits}
+    rounding = ROUNDING * max((float(part[0]) for part in parts), default=0.0)
     for limit, part in zip(limits, parts, strict=True):
-        prices[limit.name] = prices.get(limit.name, 0.0) + float(part[0]) / (limit.weight * force)
+        if part[0] > max(rounding, ROUNDING):
+            prices[limit.name] += float(part[0]) / (limit.weight * force)
     return prices

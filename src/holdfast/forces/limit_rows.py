@@ -40,6 +40,7 @@ class Limit(NamedTuple):
         weight: by how much s_0 grows when the limit gives way by 1 N.
         G: (r, m) matrix.
         h: (r,) right side.
+        unit: its unit, in which prices are given.
         bound: size of an effort limit that a peak multiplies; 0 for other limits.
         by_margin: whether it is a condition of a grasp, to which a margin adds up.
     """
@@ -50,6 +51,7 @@ class Limit(NamedTuple):
     weight: float
     G: Array
     h: Array
+    unit: str = "N"
     bound: float = 0.0
     by_margin: bool = False
 
@@ -62,11 +64,6 @@ class Limit(NamedTuple):
     def words(self) -> str:
         """Its name in a sentence."""
         return f"{self.of} at its {self.side} {self.what} limit" if self.side else f"{self.what} of {self.of}"
-
-    @property
-    def unit(self) -> str:
-        """The unit of the limit, in which prices are given."""
-        return {"effort": "N m or N", "acceleration": "unit of acceleration"}.get(self.what, "N")
 
 
 def limit_rows(found: AccelerationMap, state: State, limits: ForceLimits) -> list[Limit]:
@@ -90,9 +87,9 @@ def _of_efforts(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
     for name, joint, row, at_rest in zip(chain.joint_names(), chain.all_joints, found.T, found.t, strict=True):
         bound = limits.effort * joint.effort_limit if math.isfinite(joint.effort_limit) else math.inf
         if math.isfinite(bound):
-            weight = found.length if joint.turns else 1.0
-            yield Limit(name, "effort", "upper", weight, row[None], np.array([bound - at_rest]), bound)
-            yield Limit(name, "effort", "lower", weight, -row[None], np.array([bound + at_rest]), bound)
+            weight, unit = (found.length, "N m") if joint.turns else (1.0, "N")
+            yield Limit(name, "effort", "upper", weight, row[None], np.array([bound - at_rest]), unit, bound)
+            yield Limit(name, "effort", "lower", weight, -row[None], np.array([bound + at_rest]), unit, bound)
 
 
 def _of_grasps(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
@@ -148,10 +145,11 @@ def _of_accelerations(found: AccelerationMap, state: State, limits: ForceLimits)
             low = max(low, -highest_acceleration(q - lowest, -qd, joint.rate_limit, T, brake))
         G = np.zeros((1, len(found.v0)))
         G[0, found.qdd.start + j] = 1.0
+        unit = "rad/s^2" if joint.turns else "m/s^2"
         if math.isfinite(high):
-            yield Limit(name, "acceleration", "upper", 1.0, G, np.array([high]))
+            yield Limit(name, "acceleration", "upper", 1.0, G, np.array([high]), unit)
         if math.isfinite(low):
-            yield Limit(name, "acceleration", "lower", 1.0, -G, np.array([-low]))
+            yield Limit(name, "acceleration", "lower", 1.0, -G, np.array([-low]), unit)
 
 
 def highest_acceleration(way: float, qd: float, rate: float, T: float, braking: float) -> float:

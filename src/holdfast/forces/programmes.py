@@ -95,7 +95,27 @@ def costs(found: AccelerationMap, cost: ForceCost) -> Costs:
     return Costs(np.vstack(rows), np.concatenate(rest))
 
 
-def answer(
+class Posed(NamedTuple):
+    """A question as a cone programme.
+
+    Attributes:
+        form: what is asked.
+        programme: the programme.
+        start: (m,) v at x = 0.
+        columns: (m, k) change of v per unknown; that of the form's own number is 0 but for sigma.
+        places: the rows of every limit.
+        constant: what the cost has beyond that of the programme.
+    """
+
+    form: Form
+    programme: ConeProgramme
+    start: Array
+    columns: Array
+    places: list[slice]
+    constant: float
+
+
+def posed(
     form: Form,
     found: AccelerationMap,
     limits: Sequence[Limit],
@@ -103,8 +123,8 @@ def answer(
     *,
     price: float = 0.0,
     v1: Array | None = None,
-) -> Solved:
-    """Return the solution of a programme.
+) -> Posed:
+    """Return a question as a programme; the form's own number, if it has one, is the last unknown.
 
     Args:
         form: what is asked.
@@ -114,10 +134,8 @@ def answer(
         price: price of the violation, for "elastic".
         v1: (m,) change of v0 per unit of sigma, for "scale".
     """
-    further = np.zeros((len(found.v0), 0)) if v1 is None else v1[:, None]
-    base = np.hstack([found.N, further])
-    extra = int(form not in ("effort", "scale"))
-    columns = np.hstack([base, np.zeros((len(base), extra))])
+    own = [] if form == "effort" else [np.zeros(len(found.v0)) if v1 is None else v1]
+    columns = np.column_stack([found.N, *own])
     G, h, cones, places = _stacked(limits, found, columns, form)
     k = columns.shape[1]
     P, c, constant = np.zeros((k, k)), np.zeros(k), 0.0
@@ -125,24 +143,26 @@ def answer(
         A, b = of.Q @ columns, of.r + of.Q @ found.v0
         P, c, constant = A.T @ A, A.T @ b, 0.5 * float(b @ b)
     if form == "elastic":
-        P[-1, -1], c[-1] = 1.0, price
-    elif form in ("violation", "peak"):
-        c[-1] = 1.0
-    elif form in ("margin", "scale"):
-        c[-1] = -1.0
-    done = solve(ConeProgramme(P, c, G, h, cones)) if form in COSTLY else _without_cost(c, G, h, cones)
-    x = done.x if done.verdict is not Verdict.UNBOUNDED else np.zeros(k)
-    parts = [done.z[rows] for rows in places]
-    last = float(x[-1]) if k and form != "effort" else 0.0
-    value = done.value + constant if form in COSTLY else last
+        P[-1, -1] = 1.0
+    if form != "effort":
+        c[-1] = {"elastic": price, "violation": 1.0, "peak": 1.0}.get(form, -1.0)
+    return Posed(form, ConeProgramme(P, c, G, h, cones), found.v0, columns, places, constant)
+
+
+def answer(to: Posed) -> Solved:
+    """Return the solution of a programme."""
+    done = solve(to.programme) if to.form in COSTLY else _without_cost(to.programme)
+    x = np.zeros(len(done.x)) if done.verdict is Verdict.UNBOUNDED else done.x
+    extra = 0.0 if to.form == "effort" else float(x[-1])
+    left = to.programme.G.T @ done.z
     return Solved(
-        form,
+        to.form,
         done.verdict,
-        found.v0 + columns @ x,
-        last,
-        value,
-        parts,
-        float(np.abs(G[:, : found.N.shape[1]].T @ done.z).max(initial=0.0)),
+        to.start + to.columns @ x,
+        extra,
+        done.value + to.constant if to.form in COSTLY else extra,
+        [done.z[rows] for rows in to.places],
+        float(np.abs(left if to.form == "effort" else left[:-1]).max(initial=0.0)),
         done.residual,
     )
 
@@ -161,7 +181,7 @@ def at_value(
     given = extra + (slack if form in ("violation", "peak") else -slack)
     shifted = found if v1 is None else found._replace(v0=found.v0 + given * v1)
     moved = [_given_way(limit, form, given, found.force) for limit in limits]
-    return answer("effort", shifted, moved, of)
+    return answer(posed("effort", shifted, moved, of))
 
 
 def _given_way(limit: Limit, form: Form, extra: float, force: float) -> Limit:
@@ -211,8 +231,9 @@ def _stacked(
     return G, right, Cones(priced + len(lines), len(cones), size), places
 
 
-def _without_cost(c: Array, G: Array, h: Array, cones: Cones) -> ConeAnswer:
+def _without_cost(of: ConeProgramme) -> ConeAnswer:
     """Return the solution for a linear cost; of directions without effect on any limit nothing is chosen."""
+    _, c, G, h, cones = of
     sizes = np.linalg.norm(G, axis=0)
     unit = 1.0 / np.where(sizes > 0.0, sizes, 1.0)
     _, s, Vt = np.linalg.svd(G * unit, full_matrices=False)
