@@ -2,8 +2,8 @@
 
     python benchmarks/random_distributions.py --count 10000 [--first 0]
 
-Chains of 2 to 6 arms with all kinds of grasps, in the world, on trunks and on floating bases, half of them asked for what
-their limits do not allow. Clarabel (pip install clarabel) is compared if it is installed.
+Chains of 2 to 6 arms with all kinds of grasps, in the world, on trunks and on floating bases, half of them asked for
+what their limits do not allow. Clarabel (pip install clarabel) is compared if it is installed.
 """
 
 from __future__ import annotations

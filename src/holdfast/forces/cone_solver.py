@@ -24,8 +24,7 @@ import numpy as np
 
 from holdfast.spatial.scalar import Array, Scalar
 
-TOLERANCE = 1e-9  # relative residual of a solution or a proof
-REACHED = 1e-7  # the same where rounding prevents more
+REACHED = 1e-7  # largest relative residual of a solution or a proof
 GOAL = 1e-12  # steps go on to this residual while they help
 MOST_STEPS = 60
 WAITING = 4  # steps without progress before the best point counts
@@ -216,8 +215,7 @@ def solve(programme: ConeProgramme) -> ConeAnswer:
             best, least = at, found
         else:
             waited += 1
-        proved = least[0] in (Verdict.INFEASIBLE, Verdict.UNBOUNDED) and least[1] < TOLERANCE
-        if proved or least[1] < GOAL or (waited >= WAITING and least[1] < REACHED):
+        if least[1] < GOAL or (waited >= WAITING and least[1] < REACHED):
             break
         following = _stepped(units, at)
         if following is None:

@@ -111,7 +111,7 @@ def distribute(
     """
     if form not in FORMS:
         raise StateError(f"form: expected one of {', '.join(FORMS)}, got {checks.short(form)}")
-    question = _question(chain, state, acceleration, task, cost, limits, inputs)
+    question = force_question(chain, state, acceleration, task, cost, limits, inputs)
     if form == "elastic":
         return _elastic(question, (cost or ForceCost()).price)
     return distribution(question, form)
@@ -143,7 +143,7 @@ def least_peak(
     Raises:
         StateError: as in `distribute`.
     """
-    return distribution(_question(chain, state, acceleration, task, cost, limits, inputs), "peak")
+    return distribution(force_question(chain, state, acceleration, task, cost, limits, inputs), "peak")
 
 
 def lift_margin(
@@ -208,7 +208,7 @@ def _asked(acceleration: ArrayLike | None, task: ArrayLike | None) -> Asked:
     return Asked(rows, checks.numbers(given, (len(rows),), "acceleration", StateError))
 
 
-def _question(
+def force_question(
     chain: ClosedChain,
     state: State,
     acceleration: Any,
@@ -217,6 +217,7 @@ def _question(
     limits: ForceLimits | None,
     inputs: Inputs | None,
 ) -> Question:
+    """Return the question of `distribute`; arguments as there."""
     motion = _motion(chain, state, inputs)
     found = acceleration_map(motion, _asked(acceleration, task))
     return Question(state, found, limit_rows(found, state, limits or ForceLimits()), costs(found, cost or ForceCost()))
