@@ -75,7 +75,7 @@ def test_scales(size):
     plain = solve(ConeProgramme(P, c, G, h, cones))
     other = solve(ConeProgramme(P * unit[:, None] * unit, c * unit, G * unit, h, cones))
     assert other.value == pytest.approx(plain.value, rel=1e-9)
-    np.testing.assert_allclose(other.x * unit, plain.x, atol=1e-8)
+    np.testing.assert_allclose(other.x * unit, plain.x, atol=1e-5)  # values to 1e-10 are points to its square root
 
 
 def test_nothing_to_choose():
