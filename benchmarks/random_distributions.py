@@ -17,9 +17,9 @@ from scipy import sparse
 from tests.systems.limited import asked_of, limited_problem
 
 from holdfast.errors import HoldfastError
-from holdfast.forces.acceleration_map import Asked, acceleration_map, motion_without_torques, scaled_map
+from holdfast.forces.acceleration_map import ObjectTask, acceleration_map, motion_without_torques, scaled_map
 from holdfast.forces.cone_solver import Verdict
-from holdfast.forces.distribute import Question
+from holdfast.forces.distribute import ForceQuestion
 from holdfast.forces.limit_rows import limit_rows
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programmes import Form, Posed, costs
@@ -59,7 +59,7 @@ class Outcome(NamedTuple):
     other: str
 
 
-def question(seed: int, form: Form) -> Question:
+def question(seed: int, form: Form) -> ForceQuestion:
     """Return a random question.
 
     Raises:
@@ -70,10 +70,10 @@ def question(seed: int, form: Form) -> Question:
     motion = motion_without_torques(p.chain, p.state, p.inputs.shaped(p.chain))
     v1 = None
     if form == "scale":
-        found, v1 = scaled_map(motion, Asked(np.eye(6), np.zeros(6)), np.resize(values, 6))
+        found, v1 = scaled_map(motion, ObjectTask(np.eye(6), np.zeros(6)), np.resize(values, 6))
     else:
-        found = acceleration_map(motion, Asked(np.eye(6) if task is None else task, values))
-    return Question(p.state, found, limit_rows(found, p.state, ForceLimits()), costs(found, ForceCost()), v1)
+        found = acceleration_map(motion, ObjectTask(np.eye(6) if task is None else task, values))
+    return ForceQuestion(p.state, found, limit_rows(found, p.state, ForceLimits()), costs(found, ForceCost()), v1)
 
 
 def by_clarabel(of: Posed) -> tuple[str, float]:

@@ -9,7 +9,7 @@ import holdfast as hf
 from holdfast.dynamics import Status
 from holdfast.errors import HoldfastError, ModelError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, explain, least_peak, lift_margin
-from holdfast.forces.distribute import Question
+from holdfast.forces.distribute import ForceQuestion
 from holdfast.forces.limit_rows import highest_acceleration
 from holdfast.forces.margins import grasp_margins
 from tests.control.two_pandas import rubber_pandas, two_pandas
@@ -116,7 +116,7 @@ def test_certificate(acceleration):
     assert proof.residual <= 1e-8
 
 
-def asked(chain, state, acceleration, limits=None) -> Question:
+def asked(chain, state, acceleration, limits=None) -> ForceQuestion:
     """Return a question with the object's whole acceleration asked."""
     from holdfast.forces.distribute import force_question
 

@@ -13,13 +13,13 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.consistency import require_closed, require_rates
 from holdfast.errors import StateError
 from holdfast.forces.cone_solver import Verdict
-from holdfast.forces.distribute import Question, proof
+from holdfast.forces.distribute import ForceQuestion, proof
 from holdfast.forces.programmes import Solved
 from holdfast.io.force_case import ForceCase, listed_name
 from holdfast.spatial.scalar import Array
 
 METHOD = "embedding"  # the homogeneous embedding of `forces.cone_solver`
-NEGLIGIBLE = 1e-12  # multipliers of which all entries are below this are left out
+NO_MULTIPLIER = 1e-12  # multipliers of which all entries are below this are left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class ForceAnswer:
 
     case: ForceCase
     method: str
-    question: Question | None = None
+    question: ForceQuestion | None = None
     solved: Solved | None = None
     violation: Solved | None = None
     reason: str | None = None
@@ -117,7 +117,7 @@ class ForceAnswer:
     def _listed(self, parts: list[Array]) -> dict[str, list[float]]:
         assert self.question is not None
         named = zip(self.question.limits, parts, strict=True)
-        return {listed_name(limit): z.tolist() for limit, z in named if np.abs(z).max() > NEGLIGIBLE}
+        return {listed_name(limit): z.tolist() for limit, z in named if np.abs(z).max() > NO_MULTIPLIER}
 
     @property
     def error(self) -> float | None:

@@ -33,10 +33,10 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State
 
-LEAST_FORCE = 1.0  # N: the scale of forces is not smaller
-ACCELERATION = 10.0  # rad/s^2 or m/s^2: the scale of accelerations
+SMALLEST_FORCE_SCALE = 1.0  # N: the scale of forces is not smaller
+ACCELERATION_SCALE = 10.0  # rad/s^2 or m/s^2: the scale of accelerations
 INDEPENDENT = 1e-10  # singular values of the scaled equations below this, relative to the largest, count as zero
-LOST = 1e-8  # largest accepted residual of the scaled equations, relative to their right sides
+UNREACHED = 1e-8  # largest accepted residual of the scaled equations, relative to their right sides
 
 
 class AccelerationMap(NamedTuple):
@@ -95,7 +95,7 @@ class AccelerationMap(NamedTuple):
         return f
 
 
-class Asked(NamedTuple):
+class ObjectTask(NamedTuple):
     """What is asked of the object: rows (r, 6) on its true acceleration, and their values (r,)."""
 
     rows: Array
@@ -107,7 +107,7 @@ class Asked(NamedTuple):
         return np.linalg.pinv(self.rows) @ self.values if len(self.rows) else np.zeros(6)
 
 
-class Equations(NamedTuple):
+class ScaledEquations(NamedTuple):
     """The equations E v = e in scaled unknowns and rows, and the unscaled map to torques.
 
     Attributes:
@@ -145,11 +145,11 @@ def needed_wrench(motion: ChainMotion, alpha: Array) -> Array:
 def force_scale(motion: ChainMotion, alpha: Array) -> float:
     """Return F0, the size of the needed wrench with moments divided by L, at least 1 N."""
     length = length_scale([c.offset for c in motion.contacts])
-    return max(LEAST_FORCE, float(np.linalg.norm(needed_wrench(motion, alpha) / np.repeat([length, 1.0], 3))))
+    return max(SMALLEST_FORCE_SCALE, float(np.linalg.norm(needed_wrench(motion, alpha) / np.repeat([length, 1.0], 3))))
 
 
 def acceleration_map(
-    motion: ChainMotion, asked: Asked, *, free_unfelt: bool = False, force: float | None = None
+    motion: ChainMotion, asked: ObjectTask, *, free_unfelt: bool = False, force: float | None = None
 ) -> AccelerationMap:
     """Return all motions and wrenches with the asked acceleration. O(n^3).
 
@@ -172,7 +172,7 @@ def acceleration_map(
 
 def scaled_map(
     motion: ChainMotion,
-    held: Asked,
+    held: ObjectTask,
     more: Array,
     *,
     payload: bool = False,
@@ -210,7 +210,7 @@ def scaled_map(
     return AccelerationMap(motion, v0, N, equations.T, equations.t, length, force), v1
 
 
-def _equations(motion: ChainMotion, asked: Asked, force: float, free_unfelt: bool) -> Equations:
+def _equations(motion: ChainMotion, asked: ObjectTask, force: float, free_unfelt: bool) -> ScaledEquations:
     chain, rows = motion.chain, constraint_rows(motion)
     length = float(length_scale([c.offset for c in motion.contacts]))
     floating = 6 if chain.floats else 0
@@ -232,7 +232,7 @@ def _equations(motion: ChainMotion, asked: Asked, force: float, free_unfelt: boo
     task = np.zeros((len(asked.rows), size))
     task[:, first : first + 6] = asked.rows
     parts = [
-        (grasped / per_row[:, None] / ACCELERATION, _tip_terms(motion) / per_row / ACCELERATION),
+        (grasped / per_row[:, None] / ACCELERATION_SCALE, _tip_terms(motion) / per_row / ACCELERATION_SCALE),
         (per_moment[:, None] * balance, per_moment * needed_wrench(motion, np.zeros(6))),
         (per_moment[:floating, None] * to_torques[:floating], -per_moment[:floating] * base),
         (task, asked.values),
@@ -240,10 +240,10 @@ def _equations(motion: ChainMotion, asked: Asked, force: float, free_unfelt: boo
     if not free_unfelt and count:
         parts.append(_least_unfelt(motion, length, size))
     ends = np.cumsum([0, *(len(e) for _, e in parts)])
-    angular = [ACCELERATION / length] * 3 + [ACCELERATION] * 3
-    joints = [ACCELERATION / length if joint.turns else ACCELERATION for joint in chain.all_joints]
+    angular = [ACCELERATION_SCALE / length] * 3 + [ACCELERATION_SCALE] * 3
+    joints = [ACCELERATION_SCALE / length if joint.turns else ACCELERATION_SCALE for joint in chain.all_joints]
     scales = np.array([*angular[:floating], *joints, *angular, *(force / per_row)])
-    return Equations(
+    return ScaledEquations(
         np.vstack([E for E, _ in parts]) * scales,
         np.concatenate([e for _, e in parts]),
         scales,
@@ -285,7 +285,7 @@ def _least_unfelt(motion: ChainMotion, length: float, size: int) -> tuple[Array,
     return rows, np.zeros(len(rows))
 
 
-def _solved(equations: Equations, e: Array, motion: ChainMotion) -> tuple[Array, Array]:
+def _solved(equations: ScaledEquations, e: Array, motion: ChainMotion) -> tuple[Array, Array]:
     """Return one solution of the equations and a basis of the others.
 
     Raises:
@@ -299,12 +299,12 @@ def _solved(equations: Equations, e: Array, motion: ChainMotion) -> tuple[Array,
     y = Vt[:rank].T @ ((U[:, :rank].T @ right) / s[:rank])
     y = y + Vt[:rank].T @ ((U[:, :rank].T @ (right - E @ y)) / s[:rank])
     left = np.abs(E @ y - right)
-    if not left.max(initial=0.0) <= LOST * max(1.0, float(np.abs(right).max(initial=0.0))):
+    if not left.max(initial=0.0) <= UNREACHED * max(1.0, float(np.abs(right).max(initial=0.0))):
         raise _impossible(equations, motion)
     return equations.scales * y, equations.scales[:, None] * Vt[rank:].T
 
 
-def _impossible(equations: Equations, motion: ChainMotion) -> StateError:
+def _impossible(equations: ScaledEquations, motion: ChainMotion) -> StateError:
     """Return the error for an acceleration that the arms cannot give, naming arms and directions that are lost."""
     chain, rows = motion.chain, constraint_rows(motion)
     stuck = [
@@ -318,7 +318,7 @@ def _impossible(equations: Equations, motion: ChainMotion) -> StateError:
     free = Vt[int((s > INDEPENDENT * s.max(initial=0.0)).sum()) :]
     reached = equations.E[task] @ free.T
     U, s, _ = np.linalg.svd(reached)
-    lost = U[:, int((s > LOST * s.max(initial=0.0)).sum()) :] if s.size else U
+    lost = U[:, int((s > UNREACHED * s.max(initial=0.0)).sum()) :] if s.size else U
     alpha = slice(chain.velocity_count - 6, chain.velocity_count)
     directions = [d / np.linalg.norm(d) for d in lost.T @ (equations.E[task, alpha] / equations.scales[alpha])]
     listed = ", ".join(f"[omega_dot; v_dot] = {checks.place(d)}" for d in directions) or "none of those asked alone"
@@ -331,4 +331,4 @@ def _impossible(equations: Equations, motion: ChainMotion) -> StateError:
 
 def _rank(rows: Array) -> int:
     s = np.linalg.svd(rows, compute_uv=False)
-    return int((s > LOST * s.max(initial=0.0)).sum())
+    return int((s > UNREACHED * s.max(initial=0.0)).sum())

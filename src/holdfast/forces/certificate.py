@@ -14,8 +14,8 @@ import numpy as np
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
-WORTH_A_WORD = 0.05  # smaller shares are not mentioned
-MOST_LISTED = 4
+MENTIONED_SHARE = 0.05  # smaller shares are not mentioned
+MOST_PRICES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Certificate(Frozen):
     @property
     def words(self) -> str:
         """The limits that conflict, with their shares, in a sentence."""
-        listed = [f"{name} ({share:.0%})" for name, share in self.shares.items() if share >= WORTH_A_WORD]
+        listed = [f"{name} ({share:.0%})" for name, share in self.shares.items() if share >= MENTIONED_SHARE]
         if len(listed) == 1:
             return f"{listed[0]} is not enough: it lacks {self.lack:.3g} N"
         return f"{', '.join(listed[:-1])} and {listed[-1]} conflict: together they lack {self.lack:.3g} N"
@@ -59,5 +59,5 @@ def kept(prices: Mapping[str, float], units: Mapping[str, str]) -> str:
     costly = sorted(((price, name) for name, price in prices.items() if price > 0.0), reverse=True)
     if not costly:
         return "all limits are kept, and none of them costs anything"
-    listed = ", ".join(f"{name} ({price:.2g} per {units[name]})" for price, name in costly[:MOST_LISTED])
+    listed = ", ".join(f"{name} ({price:.2g} per {units[name]})" for price, name in costly[:MOST_PRICES])
     return f"all limits are kept; those that cost most: {listed}"

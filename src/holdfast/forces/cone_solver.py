@@ -24,12 +24,12 @@ import numpy as np
 
 from holdfast.spatial.scalar import Array, Scalar
 
-REACHED = 1e-7  # largest relative residual of a solution or a proof
+REACHED_RESIDUAL = 1e-7  # largest relative residual of a solution or a proof
 GOAL = 1e-12  # steps go on to this residual while they help
-MOST_STEPS = 60
+MOST_CONE_STEPS = 60
 WAITING = 4  # steps without progress before the best point counts
 PIVOT_ROUNDING = (0.0, 1e-15, 1e-13, 1e-11, 1e-9)  # relative enlargements of a diagonal whose pivots round to 0
-FRACTION = 0.99  # of the longest step
+STEP_SHARE = 0.99  # of the longest step
 
 
 class Verdict(Enum):
@@ -208,20 +208,20 @@ def solve(programme: ConeProgramme) -> ConeAnswer:
     units = ConeProgramme(cost * P, cost * c, G, h, cones)
     at = _start(units)
     best, least, waited, steps = at, (Verdict.UNDECIDED, np.inf), 0, 0
-    while steps < MOST_STEPS:
+    while steps < MOST_CONE_STEPS:
         found = _residual(units, at)
         if found[1] < least[1]:
             waited = 0 if found[1] < 0.5 * least[1] else waited + 1
             best, least = at, found
         else:
             waited += 1
-        if least[1] < GOAL or (waited >= WAITING and least[1] < REACHED):
+        if least[1] < GOAL or (waited >= WAITING and least[1] < REACHED_RESIDUAL):
             break
         following = _stepped(units, at)
         if following is None:
             break
         at, steps = following, steps + 1
-    verdict = least[0] if least[1] <= REACHED else Verdict.UNDECIDED
+    verdict = least[0] if least[1] <= REACHED_RESIDUAL else Verdict.UNDECIDED
     x, s, z = _normalised(units, best, verdict)
     x, z = x * per_x, z if verdict is Verdict.INFEASIBLE else z / cost
     if verdict is Verdict.UNBOUNDED:
@@ -310,7 +310,7 @@ def _stepped(programme: ConeProgramme, at: _Point) -> _Point | None:
     crossed = cones.product(W.times(d.s, True), W.times(d.z)) - sigma * mu * cones.unit
     of_kappa = kappa * tau + d.tau * d.kappa - sigma * mu
     d = direction(1.0 - sigma, cones.quotient(W.lam, crossed), of_kappa)
-    step = min(1.0, FRACTION * _longest(cones, at, d))
+    step = min(1.0, STEP_SHARE * _longest(cones, at, d))
     found = at.moved(step, d)
     scaled = found.times(1.0 / max(found.tau, found.kappa))
     finite = all(np.isfinite(one).all() for one in scaled)

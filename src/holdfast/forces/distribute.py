@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from holdfast.errors import StateError
 from holdfast.forces.acceleration_map import (
     AccelerationMap,
-    Asked,
+    ObjectTask,
     acceleration_map,
     motion_without_torques,
     scaled_map,
@@ -34,7 +34,7 @@ MOST_RISES = 4
 FORMS = ("elastic", "effort", "margin")
 
 
-class Question(NamedTuple):
+class ForceQuestion(NamedTuple):
     """A question about the forces of a chain, ready to be asked as a programme.
 
     Attributes:
@@ -59,7 +59,7 @@ class Question(NamedTuple):
         """Return the solution of a form."""
         return answer(self.posed(form, price))
 
-    def whole(self) -> Question:
+    def whole(self) -> ForceQuestion:
         """Return the question at sigma = 1, without a share that grows."""
         if self.v1 is None:
             return self
@@ -180,7 +180,7 @@ def lift_margin(
     wanted = _asked(acceleration, None)
     held = wanted if payload else wanted._replace(values=np.zeros(6))
     found, v1 = scaled_map(motion, held, np.zeros(6) if payload else wanted.values, payload=payload)
-    question = Question(state, found, limit_rows(found, state, limits), costs(found, cost), v1)
+    question = ForceQuestion(state, found, limit_rows(found, state, limits), costs(found, cost), v1)
     return distribution(question, "scale")
 
 
@@ -199,13 +199,13 @@ def _motion(chain: ClosedChain, state: State, inputs: Inputs | None):
     return motion_without_torques(chain, state, shaped_inputs(chain, inputs))
 
 
-def _asked(acceleration: ArrayLike | None, task: ArrayLike | None) -> Asked:
+def _asked(acceleration: ArrayLike | None, task: ArrayLike | None) -> ObjectTask:
     """Return what is asked, checked."""
     rows = np.eye(6) if task is None else checks.real_array(task, "task", "rows of six numbers", StateError)
     if rows.ndim != 2 or rows.shape[1] != 6 or not np.isfinite(rows).all():
         raise StateError(f"task: expected shape (r, 6) of finite numbers, got {checks.short(task)}")
     given = np.zeros(len(rows)) if acceleration is None else acceleration
-    return Asked(rows, checks.numbers(given, (len(rows),), "acceleration", StateError))
+    return ObjectTask(rows, checks.numbers(given, (len(rows),), "acceleration", StateError))
 
 
 def force_question(
@@ -216,14 +216,16 @@ def force_question(
     cost: ForceCost | None,
     limits: ForceLimits | None,
     inputs: Inputs | None,
-) -> Question:
+) -> ForceQuestion:
     """Return the question of `distribute`; arguments as there."""
     motion = _motion(chain, state, inputs)
     found = acceleration_map(motion, _asked(acceleration, task))
-    return Question(state, found, limit_rows(found, state, limits or ForceLimits()), costs(found, cost or ForceCost()))
+    return ForceQuestion(
+        state, found, limit_rows(found, state, limits or ForceLimits()), costs(found, cost or ForceCost())
+    )
 
 
-def _elastic(question: Question, price: float) -> Distribution:
+def _elastic(question: ForceQuestion, price: float) -> Distribution:
     """Return the elastic distribution; if it passes limits that could be kept, at a price that keeps them."""
     done = question.asked("elastic", price)
     if done.extra <= KEPT:
@@ -239,7 +241,7 @@ def _elastic(question: Question, price: float) -> Distribution:
     return _described(question, done, max(done.extra, 0.0), None)
 
 
-def distribution(question: Question, form: Form) -> Distribution:
+def distribution(question: ForceQuestion, form: Form) -> Distribution:
     """Return the answer to a form whose limits do not give way, and the certificate where they conflict."""
     done = question.asked(form)
     if done.verdict is Verdict.INFEASIBLE:
@@ -262,7 +264,7 @@ def distribution(question: Question, form: Form) -> Distribution:
     return _described(question, reached._replace(parts=parts), 0.0, None, unit * done.extra)
 
 
-def proof(question: Question, least: Solved) -> Certificate:
+def proof(question: ForceQuestion, least: Solved) -> Certificate:
     """Return the certificate of a least violation, the answer to the form "violation"."""
     words = [limit.words for limit in question.limits]
     force = question.found.force
@@ -270,7 +272,7 @@ def proof(question: Question, least: Solved) -> Certificate:
 
 
 def _described(
-    question: Question,
+    question: ForceQuestion,
     done: Solved,
     violation: float,
     proof: Certificate | None,

@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from holdfast.errors import StateError
-from holdfast.forces.acceleration_map import ACCELERATION, LOST, AccelerationMap
+from holdfast.forces.acceleration_map import ACCELERATION_SCALE, UNREACHED, AccelerationMap
 from holdfast.forces.cone_solver import ConeAnswer, ConeProgramme, Cones, Verdict, solve
 from holdfast.forces.limit_rows import Limit
 from holdfast.forces.limits import ForceCost
@@ -90,8 +90,8 @@ def costs(found: AccelerationMap, cost: ForceCost) -> Costs:
     wished = np.zeros(chain.joint_count) if cost.joint_acceleration is None else cost.joint_acceleration
     wished = checks.numbers(wished, (chain.joint_count,), "cost: joint_acceleration", StateError)
     moving = np.eye(found.qdd.stop, size)  # a floating base, too
-    rows.append(cost.acceleration / ACCELERATION * moving)
-    rest.append(-cost.acceleration / ACCELERATION * np.r_[np.zeros(found.base.stop), wished])
+    rows.append(cost.acceleration / ACCELERATION_SCALE * moving)
+    rest.append(-cost.acceleration / ACCELERATION_SCALE * np.r_[np.zeros(found.base.stop), wished])
     return Costs(np.vstack(rows), np.concatenate(rest))
 
 
@@ -240,7 +240,7 @@ def _without_cost(of: ConeProgramme) -> ConeAnswer:
     basis = Vt[s > UNSEEN * s.max(initial=0.0)].T
     seen = unit[:, None] * basis
     left = c * unit - basis @ (basis.T @ (c * unit))
-    if np.abs(left).max(initial=0.0) > LOST * np.abs(c * unit).max():  # the value itself meets no limit
+    if np.abs(left).max(initial=0.0) > UNREACHED * np.abs(c * unit).max():  # the value itself meets no limit
         return ConeAnswer(Verdict.UNBOUNDED, np.zeros(len(c)), h, np.zeros(len(h)), -np.inf, 0.0, 0)
     done = solve(ConeProgramme(np.zeros((seen.shape[1],) * 2), seen.T @ c, G @ seen, h, cones))
     return done._replace(x=seen @ done.x)

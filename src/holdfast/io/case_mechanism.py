@@ -24,7 +24,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 
-class Mechanism(NamedTuple):
+class CaseChain(NamedTuple):
     """A chain at a state.
 
     Attributes:
@@ -40,7 +40,7 @@ class Mechanism(NamedTuple):
     rates: Array | None
 
 
-class MechanismData(Protocol):
+class CaseChainData(Protocol):
     """What the data of every case have in common."""
 
     @property
@@ -69,7 +69,7 @@ class MechanismData(Protocol):
         ...
 
 
-def mechanism(data: MechanismData, at: Location, grasp_of: Callable[[Any, Location], Grasp]) -> Mechanism:
+def mechanism(data: CaseChainData, at: Location, grasp_of: Callable[[Any, Location], Grasp]) -> CaseChain:
     """Return the chain and the state of a case.
 
     The format gives no attitude to a tip: each tip frame is taken to agree with its contact frame at the case's state.
@@ -114,7 +114,7 @@ def mechanism(data: MechanismData, at: Location, grasp_of: Callable[[Any, Locati
     given = [arm.grasp.W for arm in data.arms if arm.grasp is not None]
     if any(given):  # a W left out is the one the velocities imply
         rates = np.concatenate([c.W if W is None else W for W, c in zip(given, motion.contacts, strict=True)])
-    return Mechanism(chain, state, inputs, rates)
+    return CaseChain(chain, state, inputs, rates)
 
 
 def _arm(data: case_data.CaseMechanism, at: Location, drives: dict[str, list[float]]) -> Arm:
@@ -202,7 +202,7 @@ def _mount(parent: int, trunk: Trunk | None, at: Location) -> int | str:
     return BASE if parent < first else parent - first
 
 
-def _inputs(data: MechanismData, at: Location) -> Inputs:
+def _inputs(data: CaseChainData, at: Location) -> Inputs:
     """Return base motion and external wrenches."""
     wrench = data.object.wrench
     if isinstance(data.tags, dict) and "object_wrench" in data.tags:
@@ -228,7 +228,7 @@ def _wrenches(given: list[list[float] | None]) -> Array:
     return np.array([[0.0] * 6 if one is None else one for one in given])
 
 
-def _drives(data: MechanismData, at: Location) -> list[dict[str, list[float]]]:
+def _drives(data: CaseChainData, at: Location) -> list[dict[str, list[float]]]:
     """Return per arm what the tags say of its drives: `armature` and `damping`, per arm and joint."""
     found: list[dict[str, list[float]]] = [{} for _ in data.arms]
     for key in ("armature", "damping"):

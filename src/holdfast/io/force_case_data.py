@@ -56,7 +56,7 @@ class ForceArm(CaseMechanism, kw_only=True):
     grasp: ForceGrasp | None = None
 
 
-class ForceQuestion(CaseStruct):
+class ForceQuestionData(CaseStruct):
     """What is asked, by the object's acceleration or rows on it, and in which units forces count."""
 
     form: ForceForm
@@ -98,7 +98,7 @@ class ForceCaseData(CaseStruct):
     gravity: CaseVector3
     object: CaseObject
     arms: list[ForceArm]
-    question: ForceQuestion
+    question: ForceQuestionData
     trunk: CaseTrunkMechanism | None = None
     expected: ForceExpected | None = None
     tags: Any = None

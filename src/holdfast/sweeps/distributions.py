@@ -144,7 +144,7 @@ class NearPose(Frozen):
             return _finite(name, _near(name, pose, size * (2.0 * u.reshape(-1, *shape[:-1], 6) - 1.0)))
 
 
-Distribution = Uniform | Normal | NearPose
+ParameterDistribution = Uniform | Normal | NearPose
 
 
 def _finite(name: str, draws: Array) -> Array:

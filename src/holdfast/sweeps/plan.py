@@ -28,7 +28,7 @@ from holdfast.simulation.rollout.user_functions import law_program
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.real_numbers import numbers
 from holdfast.state import State
-from holdfast.sweeps.distributions import Distribution, uniforms
+from holdfast.sweeps.distributions import ParameterDistribution, uniforms
 
 OUTPUTS = ("object_pose", "object_twist", "grasp_wrench", "worst_margin")
 MOST_RUNS = 10**12
@@ -86,7 +86,7 @@ class Plan(Frozen):
         found: dict[str, Any] = {name: getattr(self.state, at) for name, at in state_fields(self.rollout.chain).items()}
         for name, sample in self.samples.items():
             shape = shapes[name]
-            if isinstance(sample, Distribution):
+            if isinstance(sample, ParameterDistribution):
                 u = uniforms(self.seed, name, begin, end, sample.width(shape))
                 found[name] = sample.values(name, shape, u)
             else:
@@ -100,7 +100,9 @@ class Plan(Frozen):
     def drawn(self) -> tuple[str, ...]:
         """Return the names of the arrays that differ between runs."""
         shapes = sample_shapes(self.rollout)
-        return tuple(name for name, x in self.samples.items() if isinstance(x, Distribution) or varies(x, shapes[name]))
+        return tuple(
+            name for name, x in self.samples.items() if isinstance(x, ParameterDistribution) or varies(x, shapes[name])
+        )
 
     def description(self) -> dict[str, Any]:
         """Return the description of the plan in the manifest; plans with the same description give the same bytes."""
@@ -218,7 +220,7 @@ def parsed_samples(rollout: Rollout, given: Mapping[str, Any], count: int) -> di
     for name, x in given.items():
         if name not in shapes:
             raise StateError(f"parameters: no parameter '{name}'.{checks.did_you_mean(name, shapes)}")
-        if isinstance(x, Distribution) or (name == "object_inertia" and isinstance(x, str) and x == "scale"):
+        if isinstance(x, ParameterDistribution) or (name == "object_inertia" and isinstance(x, str) and x == "scale"):
             found[name] = x
             continue
         array, shape = numbers(x, None, name, StateError), shapes[name]
@@ -272,7 +274,7 @@ def find_generic_rank(plan: Plan) -> int:
 
 
 def _described(x: Any) -> Any:
-    if isinstance(x, Distribution):
+    if isinstance(x, ParameterDistribution):
         return {type(x).__name__: {name: np.asarray(value).tolist() for name, value in vars(x).items()}}
     if isinstance(x, np.ndarray) and x.size > 1000:
         return {"shape": list(x.shape), "sha256": hashlib.sha256(np.ascontiguousarray(x).tobytes()).hexdigest()}
