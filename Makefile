@@ -8,7 +8,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the library, which Python is to compile once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo style test test-slow test-portable acceptance fuzz million lint stubs counts capabilities bench registers drift pictures robots docs clean
+.PHONY: demo style test test-slow test-portable acceptance fuzz million lint stubs counts capabilities bench registers drift distributions pictures robots docs clean
 
 demo: $(VENV)/.demo
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -46,6 +46,11 @@ fuzz: $(VENV)/.dev
 RUNS ?= 1000000
 million: $(VENV)/.dev
 	$(BIN)/python benchmarks/sweep_million.py $(RUNS)
+
+# Random questions about forces, beside Clarabel (QUESTIONS=2000 for fewer).
+QUESTIONS ?= 10000
+distributions: $(VENV)/.dev
+	$(BIN)/python -m benchmarks.random_distributions --count $(QUESTIONS)
 
 style: $(VENV)/.dev
 	$(BIN)/ruff check .

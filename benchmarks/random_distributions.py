@@ -1,6 +1,6 @@
 """Random questions about forces: residuals, verdicts against the least violation, and costs beside Clarabel.
 
-    python benchmarks/random_distributions.py --count 10000 [--first 0]
+    python -m benchmarks.random_distributions --count 10000 [--first 0]
 
 Chains of 2 to 6 arms with all kinds of grasps, in the world, on trunks and on floating bases, half of them asked for
 what their limits do not allow. Clarabel (pip install clarabel) is compared if it is installed.
