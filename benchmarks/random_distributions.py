@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,10 +26,7 @@ from holdfast.forces.limit_rows import limit_rows
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programmes import Form, Posed, costs
 
-try:
-    import clarabel
-except ImportError:
-    clarabel = None
+clarabel: Any = import_module("clarabel") if find_spec("clarabel") else None
 
 FORMS: tuple[Form, ...] = ("effort", "elastic", "margin", "peak", "scale", "violation")
 PRICE = 1e3
@@ -78,7 +77,6 @@ def question(seed: int, form: Form) -> ForceQuestion:
 
 def by_clarabel(of: Posed) -> tuple[str, float]:
     """Return Clarabel's verdict and value."""
-    assert clarabel is not None
     P, c, G, h, cones = of.programme
     kinds: list[Any] = [clarabel.NonnegativeConeT(cones.rows)] if cones.rows else []
     kinds += [clarabel.SecondOrderConeT(cones.size)] * cones.number
