@@ -117,7 +117,7 @@ def outcomes(first: int, count: int) -> tuple[list[Outcome], Counter[str]]:
         try:
             found.append(outcome(seed, FORMS[seed % len(FORMS)]))
         except HoldfastError as cause:
-            refused[str(cause).partition(",")[0]] += 1
+            refused[str(cause).partition(";")[0]] += 1
     return found, refused
 
 

@@ -55,6 +55,14 @@ def _base(p: Problem) -> np.ndarray | None:
     return np.array(p.solved().base_acceleration) if p.chain.floats else None
 
 
+def _limited(chain: Any, state: Any, **limits: Any) -> Any:
+    return forces.distribute(chain, state, task=np.zeros((0, 6)), limits=forces.ForceLimits(**limits))
+
+
+def _weighed(chain: Any, state: Any, **cost: Any) -> Any:
+    return forces.distribute(chain, state, task=np.zeros((0, 6)), cost=forces.ForceCost(**cost))
+
+
 def _project(*given: Any, **more: Any) -> Any:
     return hf.project(*given, **more)[0]
 
@@ -91,6 +99,12 @@ of_chain(hf.linearise, FIXED, "linearise a step", tau=_tau, inputs=_inputs, step
 of_chain(forces.split, grasp_wrench=_wrench, length=0.5)
 of_chain(forces.largest_margin, **SOLVED, inputs=_inputs)
 of_chain(forces.margin_range, **SOLVED)
+SOME: dict[str, Any] = {"task": np.eye(6)[3:], "acceleration": np.ones(3), "inputs": _inputs}
+of_chain(forces.distribute, **SOME)
+of_chain(_limited, name="distribute within limits", effort=0.9, least_margin=0.0, braking=5.0)
+of_chain(_weighed, name="distribute at a cost", wrench=0.1, acceleration=1.0, price=1e3)
+of_chain(forces.least_peak, **SOME)
+of_chain(forces.lift_margin, FIXED, acceleration=np.zeros(6), payload=True)
 of_chain(forces.last_joint_wrenches, **SOLVED)
 of_chain(_after_release, name="momentum of a release", arm="arm1")
 

@@ -291,6 +291,7 @@ def _solved(equations: ScaledEquations, e: Array, motion: ChainMotion) -> tuple[
     Raises:
         StateError: there is none.
     """
+    checks.finite(np.append(equations.E.sum(axis=1), e), "equations of motion")
     sizes = np.linalg.norm(equations.E, axis=1)
     sizes[sizes == 0.0] = 1.0
     E, right = equations.E / sizes[:, None], e / sizes
@@ -320,7 +321,8 @@ def _impossible(equations: ScaledEquations, motion: ChainMotion) -> StateError:
     U, s, _ = np.linalg.svd(reached)
     lost = U[:, int((s > UNREACHED * s.max(initial=0.0)).sum()) :] if s.size else U
     alpha = slice(chain.velocity_count - 6, chain.velocity_count)
-    directions = [d / np.linalg.norm(d) for d in lost.T @ (equations.E[task, alpha] / equations.scales[alpha])]
+    rows_lost = lost.T @ (equations.E[task, alpha] / equations.scales[alpha])
+    directions = [d / np.linalg.norm(d) for d in rows_lost if d.any()]
     listed = ", ".join(f"[omega_dot; v_dot] = {checks.place(d)}" for d in directions) or "none of those asked alone"
     return StateError(
         "acceleration: expected one that the arms can give the object in this state; they cannot change it along"

@@ -70,6 +70,7 @@ class ForceQuestion(NamedTuple):
         return at_value(form, extra, self.found, self.limits, self.costs, v1=self.v1)
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def distribute(
     chain: ClosedChain,
     state: State,
@@ -109,7 +110,7 @@ def distribute(
     Reference:
         S. Boyd, B. Wegbreit, Fast computation of optimal contact forces, IEEE Transactions on Robotics, 2007.
     """
-    if form not in FORMS:
+    if not isinstance(form, str) or form not in FORMS:
         raise StateError(f"form: expected one of {', '.join(FORMS)}, got {checks.short(form)}")
     question = force_question(chain, state, acceleration, task, cost, limits, inputs)
     if form == "elastic":
@@ -117,6 +118,7 @@ def distribute(
     return distribution(question, form)
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def least_peak(
     chain: ClosedChain,
     state: State,
@@ -147,6 +149,7 @@ def least_peak(
     return distribution(force_question(chain, state, acceleration, task, cost, limits, inputs), "peak")
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def lift_margin(
     chain: ClosedChain,
     state: State,
@@ -161,8 +164,8 @@ def lift_margin(
 
     The object's acceleration is sigma times the given one; with `payload` it is the given one, and mass and inertia of
     the object are multiplied by sigma. `value` is sigma: infinite if no limit binds, and minus infinity if no sigma is
-    possible; `why` then says which limits conflict at sigma = 0. The torques are those of least cost for sigma. Two convex
-    programmes of O(n^3) per step.
+    possible; `why` then says which limits conflict at sigma = 0. The torques are those of least cost for sigma. Two
+    convex programmes of O(n^3) per step.
 
     Args:
         chain: the chain.
@@ -178,12 +181,11 @@ def lift_margin(
     """
     if acceleration is None and not payload:
         raise StateError("acceleration: expected one to scale, got None; try payload=True for the largest payload")
-    motion, limits, cost = _motion(chain, state, inputs), limits or ForceLimits(), cost or ForceCost()
-    wanted = _asked(acceleration, None)
+    checks.flag(payload, "payload", StateError)
+    motion, wanted = _motion(chain, state, inputs), _asked(acceleration, None)
     held = wanted if payload else wanted._replace(values=np.zeros(6))
     found, v1 = scaled_map(motion, held, np.zeros(6) if payload else wanted.values, payload=payload)
-    question = ForceQuestion(state, found, limit_rows(found, state, limits), costs(found, cost), v1)
-    return distribution(question, "scale")
+    return distribution(_with_limits(state, found, limits, cost)._replace(v1=v1), "scale")
 
 
 def explain(found: Distribution) -> str:
@@ -206,9 +208,9 @@ def _motion(chain: ClosedChain, state: State, inputs: Inputs | None):
 
 def _asked(acceleration: ArrayLike | None, task: ArrayLike | None) -> ObjectTask:
     """Return what is asked, checked."""
-    rows = np.eye(6) if task is None else checks.real_array(task, "task", "rows of six numbers", StateError)
-    if rows.ndim != 2 or rows.shape[1] != 6 or not np.isfinite(rows).all():
-        raise StateError(f"task: expected shape (r, 6) of finite numbers, got {checks.short(task)}")
+    rows = np.eye(6) if task is None else checks.numbers(task, None, "task", StateError)
+    if rows.ndim != 2 or rows.shape[1] != 6:
+        raise StateError(f"task: expected shape (r, 6), got shape {rows.shape}")
     given = np.zeros(len(rows)) if acceleration is None else acceleration
     return ObjectTask(rows, checks.numbers(given, (len(rows),), "acceleration", StateError))
 
@@ -225,9 +227,16 @@ def force_question(
     """Return the question of `distribute`; arguments as there."""
     motion = _motion(chain, state, inputs)
     found = acceleration_map(motion, _asked(acceleration, task))
-    return ForceQuestion(
-        state, found, limit_rows(found, state, limits or ForceLimits()), costs(found, cost or ForceCost())
-    )
+    return _with_limits(state, found, limits, cost)
+
+
+def _with_limits(
+    state: State, found: AccelerationMap, limits: ForceLimits | None, cost: ForceCost | None
+) -> ForceQuestion:
+    checks.instance(limits, (ForceLimits, type(None)), "limits")
+    checks.instance(cost, (ForceCost, type(None)), "cost")
+    rows = limit_rows(found, state, limits or ForceLimits())
+    return ForceQuestion(state, found, rows, costs(found, cost or ForceCost()))
 
 
 def _elastic(question: ForceQuestion, price: float) -> Distribution:
@@ -286,7 +295,7 @@ def _described(
 ) -> Distribution:
     """Return a distribution with its margin, its prices, and words."""
     found = question.found
-    chain, v = found.motion.chain, done.v
+    chain, v = found.motion.chain, checks.finite(done.v, "distribution of forces")
     wrenches = found.grasp_wrenches(v)
     margins = grasp_margins(chain, question.state, wrenches)
     prices = _prices(question.limits, done.parts, found.force)

@@ -146,6 +146,7 @@ def posed(
         P[-1, -1] = 1.0
     if form != "effort":
         c[-1] = {"elastic": price, "violation": 1.0, "peak": 1.0}.get(form, -1.0)
+    checks.finite(np.concatenate([P.ravel(), c, G.ravel(), h]), "limits and costs")
     return Posed(form, ConeProgramme(P, c, G, h, cones), found.v0, columns, places, constant)
 
 
