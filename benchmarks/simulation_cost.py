@@ -60,6 +60,8 @@ def costs() -> Iterator[tuple[str, float]]:
     wanted = hf.forward_dynamics(gripped, state, hold)
     best = lambda: hf.forces.largest_margin(gripped, state, wanted, effort_limits=True)  # noqa: E731
     yield "one `largest_margin` of the soft fingers, with effort limits", 1e6 * least_time(best, 1, ROUNDS)
+    cheapest = lambda: hf.forces.distribute(gripped, state)  # noqa: E731
+    yield "one `distribute` of the soft fingers", 1e6 * least_time(cheapest, 1, ROUNDS)
 
 
 def table() -> str:
