@@ -15,9 +15,13 @@ from holdfast.forces.margins import grasp_margins
 from tests.control.two_pandas import rubber_pandas, two_pandas
 from tests.longer import mostly_slow
 from tests.systems import planar_three_arms, two_collinear_stretched_6r
-from tests.systems.as_chain import as_chain
+from tests.systems.anchored import pinned
+from tests.systems.as_chain import Problem, as_chain
+from tests.systems.bricard import bricard
 from tests.systems.bushed import random_bushed
 from tests.systems.limited import asked_of, limited_problem
+from tests.systems.overconstrained import on_a_trunk, on_threads
+from tests.systems.problems import random_problem
 from tests.systems.random_trunks import random_trunk_system
 from tests.systems.sprung import with_springs
 
@@ -54,6 +58,25 @@ def test_known_forces_given_back(make, seed):
     p = make(seed)
     found = distribute(p.chain, p.state, np.zeros(0), task=np.zeros((0, 6)), inputs=p.inputs)
     assert_given_back(p, found, 1e-9)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [bricard, on_threads, lambda: on_a_trunk(floating=False), lambda: on_a_trunk(floating=True)],
+    ids=["bricard", "threads", "trunk", "floating"],
+)
+def test_overconstrained(make):
+    """Chains that move although their equations say they cannot, with forces that no joint feels."""
+    chain, state = make()
+    found = distribute(chain, state, np.zeros(0), task=np.zeros((0, 6)))
+    assert_given_back(Problem(chain, state, found.tau, hf.Inputs()), found)
+
+
+def test_anchors():
+    """The object pinned to the world turns about the pin."""
+    p = pinned(random_problem(3, joints=(6, 7), grasps=("rigid", "ball")), ("ball",))
+    found = distribute(p.chain, p.state, np.zeros(0), task=np.zeros((0, 6)), inputs=p.inputs)
+    assert_given_back(p, found)
 
 
 def sprung(seed):
@@ -364,6 +387,16 @@ def test_straight_arms():
     p = as_chain(two_collinear_stretched_6r(0))
     with pytest.raises(StateError, match="arm 'arm1' in 1 of 6 directions"):
         distribute(p.chain, p.state, np.ones(6), inputs=p.inputs)
+
+
+def test_nobody_holds_the_object():
+    """It falls, as far as nothing is asked of it; an acceleration is refused."""
+    chain, state = two_pandas()
+    alone = replace(chain, grasps={})
+    found = distribute(alone, state, np.zeros(0), task=np.zeros((0, 6)))
+    np.testing.assert_allclose(found.object_acceleration, -9.81 * UP, atol=1e-12)
+    with pytest.raises(StateError, match="no arm holds it"):
+        distribute(alone, state)
 
 
 def test_weightless_object():

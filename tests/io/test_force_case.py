@@ -118,6 +118,19 @@ def test_given_back(name):
     assert (back.status is Status.OK) == (name != "unfelt_loads")
 
 
+@pytest.mark.parametrize("name", [case["name"] for case in CASES if case["question"]["form"] == "effort"])
+def test_at_a_price(name):
+    """Limits that can be kept are, at the expected cost; otherwise v is no less than the least violation."""
+    case, expected = loaded(name), BY_NAME[name]["expected"]
+    found = case.question().asked("elastic", 1e6)
+    if expected["status"] == "optimal":
+        assert found.extra <= 1e-7
+        assert found.value == pytest.approx(expected["value"], rel=1e-6, abs=1e-6)
+    else:
+        least = expected["least_violation"] / case.force
+        assert least * (1 - 1e-7) <= found.extra <= 1.01 * least
+
+
 @pytest.mark.parametrize(("length", "mass"), [(1.0, 1e-3), (1.0, 1e3), (0.1, 1e-3), (10.0, 30.0)])
 @pytest.mark.parametrize("name", ["two_soft_tight", "three_soft_peak", "hinge_soft_overloaded"])
 def test_scales(name, length, mass, write):

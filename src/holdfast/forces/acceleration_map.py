@@ -319,14 +319,20 @@ def _impossible(equations: ScaledEquations, motion: ChainMotion) -> StateError:
     free = Vt[int((s > INDEPENDENT * s.max(initial=0.0)).sum()) :]
     reached = equations.E[task] @ free.T
     U, s, _ = np.linalg.svd(reached)
-    lost = U[:, int((s > UNREACHED * s.max(initial=0.0)).sum()) :] if s.size else U
+    lost = U[:, int((s > UNREACHED * np.abs(equations.E[task]).max(initial=0.0)).sum()) :]
     alpha = slice(chain.velocity_count - 6, chain.velocity_count)
     rows_lost = lost.T @ (equations.E[task, alpha] / equations.scales[alpha])
     directions = [d / np.linalg.norm(d) for d in rows_lost if d.any()]
-    listed = ", ".join(f"[omega_dot; v_dot] = {checks.place(d)}" for d in directions) or "none of those asked alone"
+    listed = ", ".join(f"[omega_dot; v_dot] = {checks.place(d)}" for d in directions)
+    if not chain.grasps:
+        why = "no arm holds it"
+    elif not directions:
+        why = "the velocities of this state demand others"
+    else:
+        immobile = f": {', '.join(stuck)} cannot move" if stuck else ""
+        why = f"they cannot change it along {listed}{immobile}"
     return StateError(
-        "acceleration: expected one that the arms can give the object in this state; they cannot change it along"
-        f" {listed}{': ' if stuck else ''}{', '.join(stuck)}{' cannot move' if stuck else ''}. Try task=, which leaves"
+        f"acceleration: expected one that the arms can give the object in this state; {why}. Try task=, which leaves"
         " directions free, another posture, or holdfast.diagnose"
     )
 
