@@ -421,6 +421,7 @@ WRONG = [
     ({"acceleration": [1.0, 2.0]}, StateError, r"acceleration: expected shape \(6,\)"),
     ({"task": [1.0, 2.0]}, StateError, r"task: expected shape \(r, 6\)"),
     ({"task": np.full((1, 6), np.nan)}, StateError, "task: "),
+    ({"form": "margin", "limits": ForceLimits(least_margin=1.0)}, StateError, "expected none with form='margin'"),
     ({"form": "best"}, StateError, "form: expected one of elastic, effort, margin"),
     ({"limits": ForceLimits(least_margin={"middle": 1.0})}, ModelError, "no grasp 'middle'"),
     ({"limits": ForceLimits(acceleration={"left/joint9": (0, 1)})}, ModelError, "no joint 'left/joint9'"),

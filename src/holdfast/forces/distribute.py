@@ -101,7 +101,7 @@ def distribute(
         limits: the limits, in addition to the conditions of the grasps.
         inputs: external wrenches and base motion.
         form: "elastic"; "effort", where limits do not give way; or "margin", the torques of least cost for the largest
-            margin. If no torques keep the limits, the last two return those that pass the limits least.
+            margin, in which bounds on normal forces count like conditions. If no torques keep the limits, the last two return those that pass the limits least.
 
     Raises:
         StateError: a shape is wrong, or the arms cannot give the object this acceleration.
@@ -112,6 +112,8 @@ def distribute(
     """
     if not isinstance(form, str) or form not in FORMS:
         raise StateError(f"form: expected one of {', '.join(FORMS)}, got {checks.short(form)}")
+    if form == "margin" and limits is not None and limits.least_margin is not None:
+        raise StateError("limits: least_margin: expected none with form='margin', which asks for the largest one")
     question = force_question(chain, state, acceleration, task, cost, limits, inputs)
     if form == "elastic":
         return _elastic(question, (cost or ForceCost()).price)
@@ -252,7 +254,8 @@ def _elastic(question: ForceQuestion, price: float) -> Distribution:
         done = question.asked("elastic", price)
         if done.extra <= KEPT:
             break
-    return _described(question, done, max(done.extra, 0.0), None)
+    inside = done.extra <= KEPT
+    return _described(question, done, 0.0 if inside else done.extra, None, status=None if inside else "undecided")
 
 
 def distribution(question: ForceQuestion, form: Form) -> Distribution:
@@ -299,11 +302,13 @@ def _described(
     wrenches = found.grasp_wrenches(v)
     margins = grasp_margins(chain, question.state, wrenches)
     prices = _prices(question.limits, done.parts, found.force)
-    known = "infeasible" if proof is not None else done.verdict.value
-    why = proof.words if proof is not None else kept(prices, {limit.name: limit.unit for limit in question.limits})
-    if status == "unbounded":
+    status = status or ("infeasible" if proof is not None else done.verdict.value)
+    why = kept(prices, {limit.name: limit.unit for limit in question.limits})
+    if proof is not None:
+        why = proof.words
+    elif status == "unbounded":
         why = "no limit bounds the value"
-    if known == "undecided":
+    elif status == "undecided":
         why = f"rounding hides whether the limits can be kept (residual {done.residual:.1g})"
     return Distribution(
         found.T @ v + found.t,
@@ -314,7 +319,7 @@ def _described(
         violation * found.force,
         float(margins.min(initial=np.inf)),
         prices,
-        status or known,
+        status,
         done.value if value is None else value,
         why,
         proof,

@@ -38,7 +38,6 @@ class Solved(NamedTuple):
     """The answer to a programme.
 
     Attributes:
-        form: what was asked.
         verdict: how the search ended.
         v: (m,) unknowns of the map.
         extra: v [F0], t [F0], r or sigma; 0 for an effort.
@@ -48,7 +47,6 @@ class Solved(NamedTuple):
         residual: relative residual of the answer.
     """
 
-    form: Form
     verdict: Verdict
     v: Array
     extra: float
@@ -157,7 +155,6 @@ def answer(to: Posed) -> Solved:
     extra = 0.0 if to.form == "effort" else float(x[-1])
     left = to.programme.G.T @ done.z
     return Solved(
-        to.form,
         done.verdict,
         to.start + to.columns @ x,
         extra,
