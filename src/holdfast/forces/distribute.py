@@ -101,7 +101,8 @@ def distribute(
         limits: the limits, in addition to the conditions of the grasps.
         inputs: external wrenches and base motion.
         form: "elastic"; "effort", where limits do not give way; or "margin", the torques of least cost for the largest
-            margin, in which bounds on normal forces count like conditions. If no torques keep the limits, the last two return those that pass the limits least.
+            margin, in which bounds on normal forces count like conditions. If no torques keep the limits, the last two
+            return those that pass the limits least.
 
     Raises:
         StateError: a shape is wrong, or the arms cannot give the object this acceleration.
