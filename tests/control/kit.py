@@ -5,7 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 import holdfast as hf
-from holdfast.control import InternalForce, ObjectImpedance, Posture, RestToRest, cooperative_law
+from holdfast.control import (
+    HybridForce,
+    InternalForce,
+    InternalImpedance,
+    LoadShare,
+    ObjectImpedance,
+    ObjectTracking,
+    Posture,
+    RampedForces,
+    RestToRest,
+    cooperative_law,
+    observed,
+)
 from tests.control.two_pandas import two_pandas
 
 CHAIN, STATE = two_pandas()
@@ -15,6 +27,7 @@ HERE = RestToRest(STATE.object_frame)
 SPRING, DAMPER = np.repeat([20.0, 400.0], 3), np.repeat([2.0, 60.0], 3)  # [N m/rad, N/m], [N m s/rad, N s/m]
 MASS = np.repeat([0.1, 5.0], 3)
 STIFF = ObjectImpedance(HERE, SPRING, DAMPER)
+MEASURED = 20.0 * np.random.default_rng(4).normal(size=(2, 6))
 PUSHED = np.array([0.3, -0.2, 0.1, 4.0, -3.0, 5.0])
 
 LAWS = {
@@ -26,6 +39,32 @@ LAWS = {
         {"external_wrench": PUSHED},
     ),
     "posture": (cooperative_law(CHAIN, STIFF, posture=Posture(STATE.q + 0.1, 4.0, clearance=0.2)), {}),
+    "given shares": (cooperative_law(CHAIN, STIFF, LoadShare({"left": 0.7, "right": 0.3}, 20.0)), {}),
+    "shares by reserve": (cooperative_law(CHAIN, STIFF, LoadShare(force=20.0)), {}),
+    "ramp": (cooperative_law(CHAIN, STIFF, RampedForces(InternalForce(5.0), LoadShare(force=20.0), 0.1, 0.5)), {}),
+    "internal impedance": (cooperative_law(CHAIN, STIFF, InternalImpedance(500.0, 20.0, InternalForce(20.0))), {}),
+    "hybrid": (
+        cooperative_law(CHAIN, STIFF, HybridForce(100.0, 1e-3, InternalForce(20.0), limit=30.0)),
+        {"measured_wrenches": MEASURED},
+    ),
+    "hybrid, simulated sensor": (
+        cooperative_law(CHAIN, STIFF, HybridForce(100.0, 1e-3, InternalForce(20.0), sensor=CHAIN)),
+        {},
+    ),
+    "observer": (observed(ObjectTracking(CHAIN, PATH, 20.0), CHAIN, gain=30.0, sample_time=1e-3), {}),
+    "observer feeds impedance": (
+        observed(
+            cooperative_law(CHAIN, ObjectImpedance(PATH, SPRING, DAMPER, MASS), InternalForce(20.0)),
+            CHAIN,
+            gain=30.0,
+            sample_time=1e-3,
+        ),
+        {},
+    ),
+    "observer at wrists": (
+        observed(ObjectTracking(CHAIN, PATH, 20.0), CHAIN, gain=30.0, sample_time=1e-3, measured=True),
+        {"measured_wrenches": MEASURED},
+    ),
 }
 
 

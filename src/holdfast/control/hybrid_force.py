@@ -19,7 +19,7 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.frozen import REQUIRED
+from holdfast.spatial.frozen import REQUIRED, making
 from holdfast.spatial.scalar import Array, array, concatenate, maximum, sqrt, where
 from holdfast.spatial.spatial_vector import rotate, unrotate
 from holdfast.state import Inputs
@@ -30,11 +30,11 @@ from holdfast.state import Inputs
 class HybridForce(GraspForces):
     """The integral of the internal force's error on top of wished forces, f_wish = f_d + I, for a sampled law.
 
-    At sample k, I_k = I_k-1 + K_i T (f_d - f)_internal with the measured wrenches f; the object's motion, which internal
-    forces do not change, is controlled beside it. In rigid chains internal forces follow the torques at once, and the
-    loop is the integral alone: an error shrinks by 1 - K_i T per sample, or as z^2 - z + K_i T = 0 if measurements are a
-    sample late. For the next sample, I is what was achieved: the internal part of the wrenches that act, less that of
-    f_d, so that it does not wind up where forces are limited.
+    At sample k, I_k = I_k-1 + K_i T (f_d - f)_internal with the measured wrenches f; internal forces do not change the
+    object's motion. In rigid chains they follow the torques at once, and the loop is the integral alone: an error
+    shrinks by 1 - K_i T per sample, or as z^2 - z + K_i T = 0 if measurements are a sample late. For the next sample,
+    I is what was achieved: the internal part of the wrenches that act, less that of f_d, so that it does not wind up
+    where forces are limited.
 
     The law has the parameter `measured_wrenches` (arms, 6), as in `ForwardResult`, from sensors at the wrists; or
     `sensor` stands for them: the forward dynamics of that chain at the measured state, under the last torques.
@@ -57,7 +57,7 @@ class HybridForce(GraspForces):
 
     gain: float = REQUIRED
     sample_time: float = REQUIRED
-    around: GraspForces = field(default_factory=InternalForce)
+    around: GraspForces = field(default_factory=making(InternalForce))
     limit: float = np.inf
     late: bool = False
     sensor: ClosedChain | None = None

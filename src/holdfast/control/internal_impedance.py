@@ -15,7 +15,7 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.frozen import REQUIRED, ArrayField
+from holdfast.spatial.frozen import REQUIRED, ArrayField, making
 from holdfast.spatial.scalar import Array, array
 
 
@@ -43,7 +43,7 @@ class InternalImpedance(GraspForces):
 
     stiffness: ArrayField = REQUIRED
     damping: ArrayField = REQUIRED
-    around: GraspForces = field(default_factory=InternalForce)
+    around: GraspForces = field(default_factory=making(InternalForce))
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "damping"):

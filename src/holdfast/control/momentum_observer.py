@@ -26,6 +26,7 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.linalg import ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, sqrt, where
 from holdfast.spatial.spatial_vector import shift_wrench
+from holdfast.spatial.vector import largest
 from holdfast.state import Inputs, State
 
 
@@ -55,11 +56,12 @@ def observed(
 ) -> ControlLaw:
     """Return the law with an observer of external wrenches in its memory, which `observation` reads.
 
-    For a push on the object alone, r_k+1 = r_k + K_o L (V_k+1 - V_k - T alpha(x_k, tau_k, r_k)), with alpha from forward
-    dynamics and the inertia L of the closed chain at C: it holds for every grasp and for redundant arms. With measured
-    grasp wrenches f, object and arms are apart, r_k+1 = r_k + K_o T (M a + b - u - r_k) with the differences a of
-    velocities and the known loads u: pushes on the arms are found, too. In both, an error shrinks by 1 - K_o T per
-    sample. If the law has a parameter `external_wrench`, it is given r.
+    Without measured grasp wrenches, all is taken for a push on the object,
+    r_k+1 = r_k + K_o L (V_k+1 - V_k - T alpha(x_k, tau_k, r_k)), with alpha from forward dynamics and the inertia L of
+    the closed chain at C, for every grasp and for redundant arms. With measured grasp wrenches f, object and arms are
+    apart, r_k+1 = r_k + K_o T (M a + b - u - r_k) with the differences a of velocities and the known loads u: pushes on
+    the arms are found, too. In both, an error shrinks by 1 - K_o T per sample. If the law has a parameter
+    `external_wrench`, it is given r.
 
     Args:
         law: a `ControlLaw` without sampling, or a controller of the library.
@@ -145,7 +147,8 @@ class ObservedTorques(Frozen):
     def sizes(self) -> tuple[int, int, int, int]:
         """The sizes of the memory's parts."""
         n, arms = self.chain.joint_count, len(self.chain.arms)
-        return len(self.law.memory), *((6 + n, 1 + arms, 6 + 2 * n + 1) if self.measured else (6, 1, 6 + 1))
+        r, flags, last = (6 + n, 1 + arms, 6 + 2 * n + 1) if self.measured else (6, 1, 6 + 1)
+        return len(self.law.memory), r, flags, last
 
     def memory(self) -> Array:
         """Return the initial memory."""
@@ -202,6 +205,6 @@ class ObservedTorques(Frozen):
         if self.measured:
             for part in self.chain.arm_joints:
                 own = r[6:][part]
-                sizes.append(np.max(np.abs(own)) if len(own) else 0.0)
+                sizes.append(largest(own) if len(own) else 0.0)
         needed = [where(flag > 0.5, self.release, 1.0) * self.threshold for flag in flags]
         return array([where(size > most, 1.0, 0.0) for size, most in zip(sizes, needed, strict=True)])
