@@ -10,7 +10,7 @@ import numpy as np
 from holdfast.control.commanded_torques import Command, commanded_torques
 from holdfast.control.controller import ControlLaw
 from holdfast.control.internal_force import InternalForce
-from holdfast.control.law_parts import GraspForces, LawInput, NullMotion, ObjectMotion
+from holdfast.control.law_parts import GraspForces, LawInput, NullMotion, CommandedMotion
 from holdfast.control.posture import Posture
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.errors import MethodNotApplicable
@@ -23,7 +23,7 @@ from holdfast.state import Inputs, State
 
 
 def cooperative_law(
-    chain: ClosedChain, motion: ObjectMotion, forces: GraspForces | None = None, posture: NullMotion | None = None
+    chain: ClosedChain, motion: CommandedMotion, forces: GraspForces | None = None, posture: NullMotion | None = None
 ) -> ControlLaw:
     """Return the law tau = M qdd + C + J^T f of an object motion, grasp forces and a null motion.
 
@@ -47,7 +47,7 @@ def cooperative_law(
     """
     forces, posture = InternalForce() if forces is None else forces, Posture() if posture is None else posture
     checks.instance(chain, ClosedChain, "cooperative law: chain")
-    parts = {"motion": (motion, ObjectMotion), "forces": (forces, GraspForces), "posture": (posture, NullMotion)}
+    parts = {"motion": (motion, CommandedMotion), "forces": (forces, GraspForces), "posture": (posture, NullMotion)}
     for name, (part, kind) in parts.items():
         checks.instance(part, kind, f"cooperative law: {name}")
     if not chain.grasps:
@@ -65,7 +65,7 @@ class CooperativeTorques(Frozen):
     """The torques of `cooperative_law`; the attributes are its arguments."""
 
     chain: ClosedChain
-    motion: ObjectMotion
+    motion: CommandedMotion
     forces: GraspForces
     posture: NullMotion
 

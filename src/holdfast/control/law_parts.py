@@ -47,7 +47,7 @@ class LawPart(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectMotion(LawPart):
+class CommandedMotion(LawPart):
     """A part that commands the object's acceleration."""
 
     def acceleration(self, x: LawInput) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.compiler.program import Shape
 from holdfast.control.gains import gain_matrix
-from holdfast.control.law_parts import LawInput, ObjectMotion
+from holdfast.control.law_parts import LawInput, CommandedMotion
 from holdfast.control.paths import ObjectPath, Target, path_function, pose_error
 from holdfast.dynamics.closed.sequential import rest_response
 from holdfast.model.closed_chain import ClosedChain
@@ -21,7 +21,7 @@ from holdfast.spatial.scalar import Array
 
 @called
 @dataclass(frozen=True, eq=False)
-class ObjectImpedance(ObjectMotion):
+class ObjectImpedance(CommandedMotion):
     """Mass, damper and spring between object and path, M_d (alpha - alpha_d) + D (V - V_d) = K e + w.
 
     e = [log(R_d R^T); p_d - p] is the pose error and w the external wrench on the object. Commanded is
