@@ -30,6 +30,7 @@ from holdfast.control import (
     Posture,
     RampedForces,
     RestToRest,
+    admittance_law,
     compile_law,
     cooperative_law,
     observed,
@@ -68,6 +69,19 @@ def costs() -> None:
         "RampedForces": (cooperative_law(chain, motion, RampedForces(push, LoadShare({"left": 1.0}))), {}),
         "InternalImpedance": (cooperative_law(chain, motion, InternalImpedance(500.0, 20.0, push)), {}),
         "HybridForce": (cooperative_law(chain, motion, HybridForce(100.0, T, push, limit=30.0)), f),
+        "admittance_law": (
+            admittance_law(
+                chain,
+                path,
+                stiffness=400.0,
+                damping=100.0,
+                inertia=5.0,
+                internal_damping=1000.0,
+                contact_stiffness=1e5,
+                sample_time=T,
+            ),
+            f,
+        ),
         "observed": (observed(tracking, chain, gain=50.0, sample_time=T), {}),
         "observed, wrist sensors": (observed(tracking, chain, gain=50.0, sample_time=T, measured=True), f),
     }
@@ -107,8 +121,8 @@ def carried() -> None:
         errors, margins = [], []
         for k in range(STEPS):
             push = np.r_[0.0, 0.0, 0.0, 12.0, 16.0, 0.0] * (1000 <= k < 1050)
-            given = {"measured_wrenches": measured} if law.parameters else {}
-            given["object_wrench"] = push
+            given: dict[str, Any] = {"object_wrench": push}
+            given |= {"measured_wrenches": measured} if law.parameters else {}
             record = rollout.run(systems, T, T, record=["grasp_wrench", "margin"], least_margin=0.0, **given)
             systems, measured = record.systems, record["grasp_wrench"][-1]
             margins.append(record["margin"][-1].min())
@@ -147,7 +161,7 @@ def off(plant: hf.ClosedChain, object_pose: Array, f: Array) -> float:
     """Return by how much the push of the hands against each other differs from the command [N]."""
     R = hf.Pose.from_wxyz_xyz(object_pose).R
     left, right = (f[i, 3:] @ (R @ grasp.frame.R[:, 2]) for i, grasp in enumerate(plant.grasps.values()))
-    return abs(0.5 * (left + right) - SQUEEZE)
+    return abs(float(0.5 * (left + right) - SQUEEZE))
 
 
 if __name__ == "__main__":

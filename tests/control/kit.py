@@ -15,6 +15,7 @@ from holdfast.control import (
     Posture,
     RampedForces,
     RestToRest,
+    admittance_law,
     cooperative_law,
     observed,
 )
@@ -50,6 +51,21 @@ LAWS = {
     "hybrid, simulated sensor": (
         cooperative_law(CHAIN, STIFF, HybridForce(100.0, 1e-3, InternalForce(20.0), sensor=CHAIN)),
         {},
+    ),
+    "admittance": (
+        admittance_law(
+            CHAIN,
+            PATH,
+            stiffness=SPRING,
+            damping=DAMPER,
+            inertia=MASS,
+            internal_damping=1000.0,
+            contact_stiffness=5e5,
+            sample_time=1e-3,
+            force=20.0,
+            posture=Posture(STATE.q + 0.2, 1.0, clearance=0.2),
+        ),
+        {"measured_wrenches": MEASURED},
     ),
     "observer": (observed(ObjectTracking(CHAIN, PATH, 20.0), CHAIN, gain=30.0, sample_time=1e-3), {}),
     "observer feeds impedance": (

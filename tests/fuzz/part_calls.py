@@ -245,6 +245,25 @@ def _cooperative(
 
 
 @call(
+    "admittance_law",
+    stiffness=100.0,
+    damping=np.ones(6),
+    inertia=np.eye(6),
+    internal_damping=500.0,
+    contact_stiffness=1e4,
+    sample_time=1e-3,
+    force=1.0,
+    measured=np.ones((2, 6)),
+    t=0.5,
+    state=Later(lambda: numbers_of(fixed().state)),
+)
+def _admittance(measured: Any, t: Any, state: Any, **given: Any) -> Any:
+    p = fixed()
+    law = control.admittance_law(p.chain, control.RestToRest(p.state.object_frame), **given)
+    return law.given({"measured_wrenches": measured})(t, state_of(state), None)[0]
+
+
+@call(
     "observed",
     gain=10.0,
     sample_time=1e-3,

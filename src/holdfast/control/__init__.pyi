@@ -1,5 +1,6 @@
 """Controllers: functions (t, state, memory) -> (torques, memory)."""
 
+from .admittance_law import admittance_law as admittance_law
 from .clipped import clipped as clipped
 from .compiled_law import compile_law as compile_law
 from .cooperative_law import cooperative_law as cooperative_law

@@ -100,6 +100,19 @@ def nearest_wrenches(motion: ChainMotion, net: Array, wished: Array) -> tuple[Ar
     return f, largest(needed - E @ lam), maximum(maximum(1.0, largest(needed)), largest(lam))
 
 
+def internal_part(motion: ChainMotion, wrenches: Array) -> Array:
+    """Return the part of grasp wrenches that does not move the object, (arms, 6)."""
+    return nearest_wrenches(motion, np.zeros(6), wrenches)[0]
+
+
+def sum_at_object(motion: ChainMotion, wrenches: Array) -> Array:
+    """Return the sum about C of given grasp wrenches (arms, 6), (6,); without bushings, which the motion contains."""
+    grasps = zip(motion.chain.grasps, motion.contacts, strict=True)
+    rigid = [(name, c) for name, c in grasps if not c.grasp.of_kind.compliant]
+    at_C = [shift_wrench(c.offset, wrenches[motion.chain.names.index(name)]) for name, c in rigid]
+    return sum(at_C, start=np.zeros(6))
+
+
 def missed_accelerations(motion: ChainMotion, qdd: Array, alpha: Array) -> list[Missed]:
     """Return the acceleration error of each arm's tip and the size for comparison, for all arms with a grasp."""
     free_fall, found = alpha - pseudo_gravity(motion.chain), []

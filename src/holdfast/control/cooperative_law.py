@@ -10,7 +10,7 @@ import numpy as np
 from holdfast.control.commanded_torques import Command, commanded_torques
 from holdfast.control.controller import ControlLaw
 from holdfast.control.internal_force import InternalForce
-from holdfast.control.law_parts import GraspForces, LawInput, NullMotion, CommandedMotion
+from holdfast.control.law_parts import CommandedMotion, GraspForces, LawInput, NullMotion
 from holdfast.control.posture import Posture
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.errors import MethodNotApplicable

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from holdfast.compiler.program import Shape
-from holdfast.control.balanced_torques import nearest_wrenches
+from holdfast.control.balanced_torques import internal_part
 from holdfast.control.gains import require_stable
 from holdfast.control.internal_force import InternalForce
 from holdfast.control.law_parts import GraspForces, LawInput
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.constraint import length_scale
@@ -119,8 +119,3 @@ class HybridForce(GraspForces):
         last = x.memory[6 * len(self.sensor.arms) : -1]
         motion = chain_motion(self.sensor, x.state, last, Inputs().shaped(self.sensor))
         return chain_solution(motion, sequential(motion), "auto").grasp_wrench
-
-
-def internal_part(motion: ChainMotion, wrenches: Array) -> Array:
-    """Return the part of grasp wrenches that does not move the object, (arms, 6)."""
-    return nearest_wrenches(motion, np.zeros(6), wrenches)[0]

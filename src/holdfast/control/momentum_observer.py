@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.control.balanced_torques import needed_wrench
+from holdfast.control.balanced_torques import needed_wrench, sum_at_object
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw, Torque
 from holdfast.control.digital_law import evaluated
 from holdfast.control.gains import require_stable
@@ -25,7 +25,6 @@ from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.linalg import ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, sqrt, where
-from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.vector import largest
 from holdfast.state import Inputs, State
 
@@ -189,12 +188,7 @@ class ObservedTorques(Frozen):
         before, rates, tau = np.split(last[:-1], [6, 6 + chain.joint_count])
         motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
         alpha, qdd = (state.object_twist - before) / self.sample_time, (state.qd - rates) / self.sample_time
-        carried = [
-            shift_wrench(c.offset, f[chain.names.index(name)])
-            for name, c in zip(chain.grasps, motion.contacts, strict=True)
-            if not c.grasp.of_kind.compliant  # a bushing's wrench follows from the state
-        ]
-        on_object = needed_wrench(motion, alpha) - sum(carried, start=np.zeros(6))
+        on_object = needed_wrench(motion, alpha) - sum_at_object(motion, f)
         return self.sample_time * (concatenate([on_object, torques(motion, qdd, f) - tau]) - r)
 
     def _flags(self, r: Array, flags: Array) -> Array:

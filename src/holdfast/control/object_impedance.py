@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.compiler.program import Shape
 from holdfast.control.gains import gain_matrix
-from holdfast.control.law_parts import LawInput, CommandedMotion
+from holdfast.control.law_parts import CommandedMotion, LawInput
 from holdfast.control.paths import ObjectPath, Target, path_function, pose_error
 from holdfast.dynamics.closed.sequential import rest_response
 from holdfast.model.closed_chain import ClosedChain

@@ -59,12 +59,16 @@ class Posture(NullMotion):
 
     def joint_acceleration(self, x: LawInput) -> Array:
         """Return the wished joint accelerations, (n,)."""
-        w, q = self.frequency, x.state.q
+        w = self.frequency
+        return w * w * self.displacement(x.motion.chain, x.state.q) - 2.0 * w * x.state.qd
+
+    def displacement(self, chain: ClosedChain, q: Array) -> Array:
+        """Return q_rest - q + r, (n,)."""
         pull = np.zeros(len(q)) if self.rest is None else self.rest - q
         if self.clearance:
-            limits = joint_limits(x.motion.chain)
+            limits = joint_limits(chain)
             pull = pull + array([self._away(at, *ends) for at, *ends in zip(q, limits.low, limits.high, strict=True)])
-        return w * w * pull - 2.0 * w * x.state.qd
+        return pull
 
     def _away(self, q: Scalar, low: float, high: float) -> Scalar:
         """Return the displacement r of one joint."""

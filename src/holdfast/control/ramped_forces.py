@@ -78,11 +78,13 @@ def unloaded(chain: ClosedChain, grasp_wrench: ArrayLike) -> dict[str, bool]:
         grasp_wrench: (arms, 6) wrenches as in `ForwardResult`.
 
     Raises:
-        StateError: a shape is wrong.
+        StateError: a shape is wrong, or squares of the wrenches overflow.
     """
     checks.instance(chain, ClosedChain, "unloaded: chain")
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "unloaded: grasp_wrench", StateError)
     length = length_scale([grasp.frame.p for grasp in chain.grasps.values()])
-    most = UNLOADED * max(1.0, float(np.linalg.norm(f[:, 3:].sum(axis=0))))
-    sizes = np.hypot(*np.linalg.norm([f[:, :3] / length, f[:, 3:]], axis=2))
-    return {name: bool(sizes[chain.names.index(name)] <= most) for name in chain.grasps}
+    with np.errstate(all="ignore"):  # what overflows is refused
+        load = np.linalg.norm(f[:, 3:].sum(axis=0))
+        sizes = np.hypot(*np.linalg.norm([f[:, :3] / length, f[:, 3:]], axis=2))
+    checks.finite(np.array([load, *sizes]), "unloaded")
+    return {name: bool(sizes[chain.names.index(name)] <= UNLOADED * max(1.0, load)) for name in chain.grasps}
