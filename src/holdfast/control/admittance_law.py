@@ -117,6 +117,7 @@ class AdmittanceRates(Frozen):
         """Return the rates for a chain whose grasps have changed."""
         return replace(self, chain=chain)
 
+    @np.errstate(all="ignore")  # what overflows is refused
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the joint rates (n,) and the memory."""
         chain, T, f = self.chain, self.sample_time, given["measured_wrenches"]
@@ -136,4 +137,5 @@ class AdmittanceRates(Frozen):
                 tip = shift_twist(c.offset, twist) - excess[i] / self.internal_damping
                 own = own + least_solution(rows, c.K @ tip - rows @ own)
             rates.append(own)
-        return concatenate(rates), concatenate([away, target.acceleration + (away - memory[:6]) / T])
+        kept = concatenate([away, target.acceleration + (away - memory[:6]) / T])
+        return checks.finite(concatenate(rates), "admittance law"), checks.finite(kept, "admittance law: memory")

@@ -73,15 +73,15 @@ class CooperativeTorques(Frozen):
         """Return the torques for a chain whose grasps have changed."""
         return replace(self, chain=chain)
 
+    @np.errstate(all="ignore")  # what overflows is refused
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory."""
         chain = self.chain
         known = Inputs(object_wrench=given.get("external_wrench", np.zeros(6)))
-        with np.errstate(all="ignore"):  # what overflows is refused
-            motion = chain_motion(chain, state, np.zeros(chain.joint_count), known.shaped(chain))
-            x = LawInput(t, state, motion, memory, given)
-            acceleration = self.motion.acceleration(x)
-            wished, joints = self.forces.wished(x, acceleration), self.posture.joint_acceleration(x)
-            tau, wrenches = commanded_torques(motion, Command(acceleration, wished, joints))
-            kept = self.forces.kept(x, acceleration, wrenches, tau)
-        return checks.finite(tau, "cooperative law"), kept
+        motion = chain_motion(chain, state, np.zeros(chain.joint_count), known.shaped(chain))
+        x = LawInput(t, state, motion, memory, given)
+        acceleration = self.motion.acceleration(x)
+        wished, joints = self.forces.wished(x, acceleration), self.posture.joint_acceleration(x)
+        tau, wrenches = commanded_torques(motion, Command(acceleration, wished, joints))
+        kept = self.forces.kept(x, acceleration, wrenches, tau)
+        return checks.finite(tau, "cooperative law"), checks.finite(kept, "cooperative law: memory")

@@ -161,6 +161,7 @@ class ObservedTorques(Frozen):
         """Return the torques for a chain whose grasps have changed."""
         return replace(self, chain=chain, law=self.law.for_chain(chain))
 
+    @np.errstate(all="ignore")  # what overflows is refused
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory."""
         own, r, flags, last = self.parts(memory)
@@ -174,7 +175,7 @@ class ObservedTorques(Frozen):
             motion = chain_motion(self.chain, state, tau, Inputs(object_wrench=r).shaped(self.chain))
             alpha = chain_solution(motion, sequential(motion), "auto").object_acceleration
             last = [state.object_twist + self.sample_time * alpha]
-        return tau, concatenate([kept, r, self._flags(r, flags), *last, [1.0]])
+        return tau, checks.finite(concatenate([kept, r, self._flags(r, flags), *last, [1.0]]), "observed: memory")
 
     def _by_object(self, state: State, r: Array, last: Array, given: Mapping[str, Array]) -> Array:
         """Return L (V - V_expected), (6,)."""
