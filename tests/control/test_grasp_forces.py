@@ -190,6 +190,14 @@ def test_a_simulated_sensor():
     assert gaps[1] < 0.01 < 0.2 < gaps[0]
 
 
+def test_a_simulated_sensor_after_a_release():
+    """When an arm lets go, its sensor has let go, too: the box stays where it is."""
+    law = cooperative_law(CHAIN, STIFF, HybridForce(100.0, 1e-3, LoadShare({"left": 1.0}), sensor=CHAIN))
+    run = hf.simulate(CHAIN, STATE, law, 0.03, 1e-3, events=[hf.Release(0.01, "right")])
+    assert run.stopped is None and np.abs(run.object_pose - STATE.object_pose).max() < 1e-8
+    assert run.grasp_wrench[-1, 0, 5] == pytest.approx(3.0 * 9.81, abs=1e-6)
+
+
 def test_gains_beyond_stability():
     """Refused with the limit: 2 for an integral, 1 if measurements are a sample late."""
     HybridForce(1999.0, 1e-3)

@@ -71,7 +71,7 @@ class CooperativeTorques(Frozen):
 
     def for_chain(self, chain: ClosedChain) -> CooperativeTorques:
         """Return the torques for a chain whose grasps have changed."""
-        return replace(self, chain=chain)
+        return replace(self, chain=chain, forces=self.forces.for_chain(chain))
 
     @np.errstate(all="ignore")  # what overflows is refused
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:

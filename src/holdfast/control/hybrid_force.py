@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -86,6 +86,13 @@ class HybridForce(GraspForces):
             raise ModelError(f"hybrid force: around: expected grasp forces without memory, got {got}")
         if self.sensor is not None and self.sensor.joint_names() != chain.joint_names():
             raise ModelError("hybrid force: sensor: expected a chain with the joints of the law's chain, got others")
+
+    def for_chain(self, chain: ClosedChain) -> HybridForce:
+        """Return the part whose sensor has the grasps that the chain has."""
+        if self.sensor is None:
+            return self
+        grasps = {name: self.sensor.grasps.get(name, grasp) for name, grasp in chain.grasps.items()}
+        return replace(self, sensor=replace(self.sensor, grasps=grasps))
 
     def memory(self, chain: ClosedChain) -> Array:
         """Return zeros for I in the object's axes, and with a sensor for the last torques and whether there are any."""

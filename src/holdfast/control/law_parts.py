@@ -59,6 +59,10 @@ class CommandedMotion(LawPart):
 class GraspForces(LawPart):
     """A part that wishes for grasp wrenches; those that move the object as commanded and are nearest to them act."""
 
+    def for_chain(self, chain: ClosedChain) -> GraspForces:
+        """Return the part for a chain whose grasps have changed."""
+        return self
+
     def wished(self, x: LawInput, acceleration: Array) -> Array:
         """Return wrenches of the arms on the object about the contacts, (arms, 6) world axes."""
         raise NotImplementedError

@@ -60,7 +60,9 @@ class RampedForces(GraspForces):
             part.require(chain)
             if len(part.memory(chain)):
                 name = type(part).__name__
-                raise ModelError(f"ramped forces: expected parts without memory, got {name}; try {name}(RampedForces)")
+                raise ModelError(
+                    f"ramped forces: expected parts without memory, got {name}; try {name}(around=RampedForces(...))"
+                )
 
     def wished(self, x: LawInput, acceleration: Array) -> Array:
         """Return the wrenches between those of the parts, (arms, 6)."""
