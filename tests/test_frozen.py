@@ -72,6 +72,13 @@ def examples() -> dict[str, Any]:
             path := hf.control.PoseSpline([state.object_pose, hf.Pose.translation(0, 0, 1)], [0.0, 1.0]),
             hf.simulation.CarriedBase(path.at, hf.Pose.identity()),
             hf.control.ObjectTracking(chain, hf.control.RestToRest(state.object_pose).at),
+            hf.control.ObjectImpedance(hf.control.RestToRest(state.object_pose), np.ones(6), 1.0, 2.0),
+            hf.control.Posture(state.q),
+            push := hf.control.InternalForce([1.0, 2.0]),
+            hf.control.InternalImpedance(np.ones(6), 1.0, push),
+            share := hf.control.LoadShare({"left": 1.0}),
+            hf.control.RampedForces(push, share),
+            hf.control.HybridForce(1.0, 1e-3, push, sensor=chain),
         ),
         *(
             hf.control.TorqueSchedule([0.0, 1.0], [np.ones((14, 2))] * 2),

@@ -198,6 +198,94 @@ def _tracking(t: Any, state: Any, **given: Any) -> Any:
     return law(t, state_of(state), None)
 
 
+FORCES = {
+    "InternalForce": {"force": np.array([1.0, 2.0])},
+    "LoadShare": {"shares": {"arm1": 0.25, "arm2": 0.75}, "force": 2.0},
+    "InternalImpedance": {"stiffness": 100.0, "damping": np.ones(6)},
+    "RampedForces": {"before": control.InternalForce(1.0), "after": control.LoadShare(), "begin": 0.1, "duration": 0.5},
+    "HybridForce": {"gain": 10.0, "sample_time": 1e-3, "limit": 5.0, "late": False},
+}
+
+
+def _under_forces(name: str) -> Any:
+    def run(t: Any, measured: Any, **given: Any) -> Any:
+        p = fixed()
+        motion = control.ObjectImpedance(control.RestToRest(p.state.object_frame), 100.0, 20.0)
+        law = control.cooperative_law(p.chain, motion, getattr(control, name)(**given))
+        values = {"measured_wrenches": measured} if law.parameters else {}
+        return law.given(values)(t, p.state, None)[0]
+
+    return run
+
+
+for _name, _given in FORCES.items():
+    call(_name, t=0.2, measured=np.ones((2, 6)), **_given)(_under_forces(_name))
+
+
+@call(
+    "cooperative_law",
+    stiffness=np.ones(6),
+    damping=20.0,
+    inertia=np.eye(6),
+    rest=np.zeros(10),
+    frequency=3.0,
+    clearance=0.1,
+    external_wrench=np.ones(6),
+    t=0.5,
+    state=Later(lambda: numbers_of(fixed().state)),
+)
+def _cooperative(
+    stiffness: Any, damping: Any, inertia: Any, external_wrench: Any, t: Any, state: Any, **posture: Any
+) -> Any:
+    p = fixed()
+    motion = control.ObjectImpedance(control.RestToRest(p.state.object_frame), stiffness, damping, inertia)
+    law = control.cooperative_law(p.chain, motion, posture=control.Posture(**posture))
+    given = {"external_wrench": external_wrench} if law.parameters else {}
+    return law.given(given)(t, state_of(state), None)[0]
+
+
+@call(
+    "admittance_law",
+    stiffness=100.0,
+    damping=np.ones(6),
+    inertia=np.eye(6),
+    internal_damping=500.0,
+    contact_stiffness=1e4,
+    sample_time=1e-3,
+    force=1.0,
+    measured=np.ones((2, 6)),
+    t=0.5,
+    state=Later(lambda: numbers_of(fixed().state)),
+)
+def _admittance(measured: Any, t: Any, state: Any, **given: Any) -> Any:
+    p = fixed()
+    law = control.admittance_law(p.chain, control.RestToRest(p.state.object_frame), **given)
+    return law.given({"measured_wrenches": measured})(t, state_of(state), None)[0]
+
+
+@call(
+    "observed",
+    gain=10.0,
+    sample_time=1e-3,
+    measured=True,
+    threshold=5.0,
+    release=0.5,
+    wrenches=np.ones((2, 6)),
+    state=Later(lambda: numbers_of(fixed().state)),
+)
+def _observed(wrenches: Any, state: Any, **given: Any) -> Any:
+    p = fixed()
+    law = control.observed(control.GravityCompensation(p.chain), p.chain, **given)
+    values = {"measured_wrenches": wrenches} if law.parameters else {}
+    tau, memory = law.given(values)(0.0, state_of(state), None)
+    return tau, control.observation(law, memory)
+
+
+@call("unloaded", chain=Later(lambda: fixed().chain), grasp_wrench=np.ones((2, 6)))
+def _unloaded(chain: Any, grasp_wrench: Any) -> Any:
+    return control.unloaded(chain, grasp_wrench)
+
+
 @call("GravityCompensation", internal_force=1.0, joint_damping=1.0, state=Later(lambda: numbers_of(fixed().state)))
 def _compensation(state: Any, **given: Any) -> Any:
     return control.GravityCompensation(fixed().chain, **given)(0.0, state_of(state), None)

@@ -36,16 +36,15 @@ class Balanced(NamedTuple):
     size: Scalar
 
 
-def balanced(motion: ChainMotion, qd: Array, alpha: Array, wished: Array) -> Balanced:
+def balanced(motion: ChainMotion, alpha: Array, wished: Array) -> Balanced:
     """Return tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), with the smallest qdd and the nearest f.
 
     Args:
         motion: the chain's motion, without torques.
-        qd: (n,) joint rates.
         alpha: (6,) true acceleration of C, world axes.
         wished: (arms, 6) wrenches about the contacts, world axes, to which f shall be as close as possible.
     """
-    qdd = joint_accelerations(motion, qd, alpha - pseudo_gravity(motion.chain))
+    qdd = joint_accelerations(motion, alpha - pseudo_gravity(motion.chain), np.zeros(motion.chain.joint_count))
     f, left, size = bearing_wrenches(motion, alpha, wished)
     return Balanced(torques(motion, qdd, f), missed_accelerations(motion, qdd, alpha), left, size)
 
@@ -53,19 +52,36 @@ def balanced(motion: ChainMotion, qd: Array, alpha: Array, wished: Array) -> Bal
 def bearing_wrenches(motion: ChainMotion, alpha: Array, wished: Array) -> tuple[Array, Scalar, Scalar]:
     """Return the transmissible wrenches nearest to the wished ones that move the object, the residual, and its scale.
 
-    min |lambda - K f_wished| in the metric of the force split, subject to
-    A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w. One step of iterative refinement restores the digits that are
-    lost in forming A A^T.
-
     Args:
         motion: the chain's motion.
         alpha: (6,) true acceleration of C, world axes.
         wished: (arms, 6) wished wrenches about the contacts, world axes.
     """
-    chain, body = motion.chain, motion.body
+    return nearest_wrenches(motion, needed_wrench(motion, alpha), wished)
+
+
+def needed_wrench(motion: ChainMotion, alpha: Array) -> Array:
+    """Return the wrench of all grasps on the object about C that moves it, M(C) (alpha - [0; g]) + b(C) - w, (6,)."""
+    body = motion.body
+    return body.inertia.apply(alpha - pseudo_gravity(motion.chain)) + body.bias - body.wrench
+
+
+def nearest_wrenches(motion: ChainMotion, net: Array, wished: Array) -> tuple[Array, Scalar, Scalar]:
+    """Return the transmissible wrenches nearest to the wished ones with a given sum at C, the residual, and its scale.
+
+    min |lambda - K f_wished| in the metric of the force split, subject to A^T K^T lambda = net; for net = 0, the
+    internal part of the wished wrenches. One step of iterative refinement restores the digits that are lost in forming
+    A A^T.
+
+    Args:
+        motion: the chain's motion.
+        net: (6,) their sum about C, world axes.
+        wished: (arms, 6) wished wrenches about the contacts, world axes.
+    """
+    chain = motion.chain
     length = length_scale([grasp.frame.p for grasp in chain.grasps.values()])
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
-    needed = unit * (body.inertia.apply(alpha - pseudo_gravity(chain)) + body.bias - body.wrench)
+    needed = unit * net
     rows, at_C, start = [], [], []
     root = np.array([x for c in motion.contacts for x in c.grasp.of_kind.row_scales(length)])
     for name, c in zip(chain.grasps, motion.contacts, strict=True):
@@ -82,6 +98,19 @@ def bearing_wrenches(motion: ChainMotion, alpha: Array, wished: Array) -> tuple[
     found = {name: K.T @ part for name, K, part in zip(chain.grasps, rows, parts, strict=True) if len(K)}
     f = array([found.get(name, np.zeros(6)) for name in chain.names])
     return f, largest(needed - E @ lam), maximum(maximum(1.0, largest(needed)), largest(lam))
+
+
+def internal_part(motion: ChainMotion, wrenches: Array) -> Array:
+    """Return the part of grasp wrenches that does not move the object, (arms, 6)."""
+    return nearest_wrenches(motion, np.zeros(6), wrenches)[0]
+
+
+def sum_at_object(motion: ChainMotion, wrenches: Array) -> Array:
+    """Return the sum about C of given grasp wrenches (arms, 6), (6,); without bushings, which the motion contains."""
+    grasps = zip(motion.chain.grasps, motion.contacts, strict=True)
+    rigid = [(name, c) for name, c in grasps if not c.grasp.of_kind.compliant]
+    at_C = [shift_wrench(c.offset, wrenches[motion.chain.names.index(name)]) for name, c in rigid]
+    return sum(at_C, start=np.zeros(6))
 
 
 def missed_accelerations(motion: ChainMotion, qdd: Array, alpha: Array) -> list[Missed]:

@@ -33,41 +33,51 @@ def computed_torque(
         joint_damping: damping of joint motions that do not move the grasps [1/s].
     """
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
-    alpha = acceleration - pseudo_gravity(chain)
+    return following_torques(motion, acceleration, wrenches, -joint_damping * state.qd)
+
+
+def following_torques(motion: ChainMotion, acceleration: Array, wrenches: Array, wished: Array) -> Array:
+    """Return the torques for the qdd nearest to wished ones that agrees with the object's acceleration, (n,).
+
+    Args:
+        motion: the chain's motion, without torques.
+        acceleration: (6,) true acceleration of C, world axes.
+        wrenches: (arms, 6) f of each arm on the object about its contact, world axes.
+        wished: (n,) wished joint accelerations.
+    """
+    alpha = acceleration - pseudo_gravity(motion.chain)
 
     def with_base(base: Array | None) -> TrunkTorques:
-        return trunk_torques(motion, joint_accelerations(motion, state.qd, alpha, joint_damping, base), wrenches, base)
+        return trunk_torques(motion, joint_accelerations(motion, alpha, wished, base), wrenches, base)
 
-    if not chain.floats:
-        return torques(motion, joint_accelerations(motion, state.qd, alpha, joint_damping), wrenches)
+    if not motion.chain.floats:
+        return torques(motion, joint_accelerations(motion, alpha, wished), wrenches)
     still = with_base(np.zeros(6))
     by_base = array([with_base(unit).base - still.base for unit in np.eye(6)]).T  # the wrench is linear
     return with_base(-least_solution(by_base, still.base)).tau
 
 
-def joint_accelerations(
-    motion: ChainMotion, qd: Array, acceleration: Array, joint_damping: float = 0.0, base: Array | None = None
-) -> Array:
-    """Return the smallest joint accelerations that agree with the object's, (n,); joints of a trunk are only damped.
+def joint_accelerations(motion: ChainMotion, acceleration: Array, wished: Array, base: Array | None = None) -> Array:
+    """Return the joint accelerations nearest to wished ones that agree with the object's, (n,).
 
     K (J qdd + Jdot qd) = K (A alpha(C) + a(C) - g) is solved arm by arm, in the least-squares sense if an arm cannot
-    follow; motions that do not move the tip are damped. Arms with bushings follow in all directions, K = 1.
+    follow. Joints of a trunk, and of arms without a grasp, accelerate as wished. Arms with bushings follow in all
+    directions, K = 1.
 
     Args:
         motion: the chain's motion.
-        qd: (n,) joint rates.
         acceleration: (6,) alpha(C) minus [0; g], world axes.
-        joint_damping: damping of joint motions that do not move the grasps [1/s].
+        wished: (n,) wished joint accelerations, of which the part counts that does not move the grasps.
         base: (6,) true acceleration of a floating base; None for zero.
     """
     chain, contacts = motion.chain, dict(zip(motion.chain.grasps, motion.contacts, strict=True))
     qdd, trunk, betas = [], motion.trunk, []
     if trunk is not None:
-        qdd.append(-joint_damping * qd[chain.joints[TRUNK]])
+        qdd.append(wished[chain.joints[TRUNK]])
         of_base = (np.zeros(6) if base is None else base) if trunk.floats else None
         betas = trunk.accelerations(TrunkAcceleration(qdd[0], of_base))
     for name, arm in motion.arms.items():
-        damped = -joint_damping * qd[chain.joints[name]]
+        own = wished[chain.joints[name]]
         if name in contacts:
             c = contacts[name]
             tip = shift_twist(c.offset, acceleration) + c.a - c.g - arm.bias.tip_acceleration
@@ -76,6 +86,6 @@ def joint_accelerations(
                 tip = tip - shift_twist(arm.base_to_tip, below)
             K = np.eye(6) if c.grasp.of_kind.compliant else c.K
             rows = K @ jacobian(arm.arm, arm.at)
-            damped = damped + least_solution(rows, K @ tip - rows @ damped)
-        qdd.append(damped)
+            own = own + least_solution(rows, K @ tip - rows @ own)
+        qdd.append(own)
     return concatenate(qdd)

@@ -64,7 +64,7 @@ class HoldingTorques(Frozen):
             return holding_torques(self.chain, state, acceleration, internal_force), memory
         motion = chain_motion(self.chain, state, np.zeros(self.chain.joint_count), Inputs().shaped(self.chain))
         wished = internal_force if np.ndim(internal_force) else pushes(motion, internal_force[()])
-        found = balanced(motion, state.qd, acceleration, wished)
+        found = balanced(motion, acceleration, wished)
         good = where(less(FEASIBLE * found.size, found.left), 0.0, 1.0)
         for gap, size in found.missed:
             good = where(less(FEASIBLE * size, gap), 0.0, good)

@@ -133,12 +133,12 @@ def holding_torques(
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
     idle, wished = joint_places(chain, passive), _wished(motion, internal_force)
     if not len(idle) and not chain.floats:
-        found = balanced(motion, state.qd, alpha, wished)
+        found = balanced(motion, alpha, wished)
         checks.finite(np.array([*found.tau, found.left, found.size]), "holding torques")
         _require_followed(motion, found.missed, alpha)
         _require_balance(chain, float(found.left), float(found.size), idle)
         return found.tau
-    qdd = joint_accelerations(motion, state.qd, alpha - pseudo_gravity(chain))
+    qdd = joint_accelerations(motion, alpha - pseudo_gravity(chain), np.zeros(chain.joint_count))
     _require_followed(motion, missed_accelerations(motion, qdd, alpha), alpha)
     none, base = np.zeros((len(chain.arms), 6)), None
     if chain.floats:

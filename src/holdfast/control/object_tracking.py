@@ -8,17 +8,17 @@ from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
-from holdfast.control.computed_torque import computed_torque
+from holdfast.control.balanced_torques import pushes
+from holdfast.control.commanded_torques import Command, commanded_torques
 from holdfast.control.controller import by_machine_code
-from holdfast.control.grasp_forces import commanded_wrenches
-from holdfast.control.paths import ObjectPath, Target, path_function
+from holdfast.control.paths import ObjectPath, Target, path_function, pose_error
+from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.scalar import Array, concatenate
-from holdfast.state import State, require_fit
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State, require_fit
 
 
 @called
@@ -69,10 +69,9 @@ class ObjectTracking(Frozen):
         found = by_machine_code(self, t, state, memory)
         if found is not None:
             return found
-        chain = self.chain
-        acceleration = self.commanded_acceleration(t, state)
-        wrenches = commanded_wrenches(chain, state, acceleration, self.internal_force)
-        tau = computed_torque(chain, state, acceleration, wrenches, self.joint_damping)
+        motion = chain_motion(self.chain, state, np.zeros(self.chain.joint_count), Inputs().shaped(self.chain))
+        wished, acceleration = pushes(motion, self.internal_force), self.commanded_acceleration(t, state)
+        tau, _ = commanded_torques(motion, Command(acceleration, wished, -self.joint_damping * state.qd))
         return checks.finite(tau, "object tracking"), memory
 
     @np.errstate(all="ignore")  # what overflows is refused
@@ -83,7 +82,6 @@ class ObjectTracking(Frozen):
             StateError: it overflows.
         """
         target = cast(Callable[[float], Target], self.path)(t)
-        frame = state.object_frame
-        error = concatenate([rotation.log(target.pose.R @ frame.R.T), target.pose.p - frame.p])
+        error = pose_error(target.pose, state.object_frame)
         found = target.acceleration + self.damping * (target.twist - state.object_twist) + self.stiffness * error
         return checks.finite(found, "object tracking: acceleration")

@@ -15,7 +15,7 @@ from holdfast.names import called
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import REQUIRED, ArrayField, Frozen, making
 from holdfast.spatial.pose import Pose, PoseField
-from holdfast.spatial.scalar import Array, Scalar, maximum, minimum
+from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, minimum
 
 
 class Target(NamedTuple):
@@ -51,6 +51,11 @@ def path_function(path: Any, what: str) -> Callable[[Any], Any]:
         got = type(path).__name__
         raise ModelError(f"{what}: expected a path such as RestToRest(...), or a function of time, got {got}")
     return found
+
+
+def pose_error(wanted: Pose, frame: Pose) -> Array:
+    """Return [log(R_d R^T); p_d - p], (6,) world axes [rad, m]."""
+    return concatenate([rotation.log(wanted.R @ frame.R.T), wanted.p - frame.p])
 
 
 @called
