@@ -22,6 +22,7 @@ from holdfast.dynamics.methods import method_named
 from holdfast.dynamics.object_level import OBJECT_MOBILITY
 from holdfast.dynamics.projection import PROJECT
 from holdfast.errors import MethodNotApplicable
+from holdfast.forces.elastic_distribution import DISTRIBUTE
 from holdfast.forces.margins import GRASP_MARGINS
 from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 # One question of each file that declares some; the import adds all of them to `QUESTIONS`.
 DECLARED = (
-    *(CLOSURE, FORWARD_DYNAMICS, GRASP_MARGINS, INVERSE_DYNAMICS, KINETIC),
+    *(CLOSURE, DISTRIBUTE, FORWARD_DYNAMICS, GRASP_MARGINS, INVERSE_DYNAMICS, KINETIC),
     *(MASS_MATRIX, OBJECT_MOBILITY, PROJECT, WRISTS),
 )
 

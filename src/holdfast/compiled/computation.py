@@ -60,7 +60,8 @@ def structure_of(question: Question, chain: ClosedChain, options: Options) -> St
     own = Options(
         "auto", options.link_inertia and "links" in needs, options.link_wrenches and "forces" in needs, base_motion=True
     )
-    return Structure(chain, own, "grasps" in needs or _by_bushings(question, chain), "links" in needs)
+    by_grasp = "grasps" in needs or _by_bushings(question, chain)
+    return Structure(chain, own, by_grasp, "links" in needs, "limits" in needs)
 
 
 def computation(question: Question, chain: ClosedChain, options: Options) -> Computation:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import secrets
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import digest_of, exact_fingerprint, fingerprint
+from holdfast.model.grasp import WrenchLimits
 from holdfast.model.grasp_kinds import GraspKind
 
 OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that exist only on request
@@ -92,12 +94,14 @@ class Structure:
             the grasps.
         by_links: whether arms with different link inertias have different types, because the computation depends on
             them.
+        by_limits: whether arms whose grasps have other limits have different types.
     """
 
     chain: ClosedChain
     options: Options
     by_grasp: bool = True
     by_links: bool = True
+    by_limits: bool = False
 
     @cached_property
     def types(self) -> dict[str, list[int]]:
@@ -124,6 +128,9 @@ class Structure:
     def _digest_of(self, name: str) -> str:
         grasp = self.chain.grasps.get(name) if self.by_grasp else None
         kind = _key_of(grasp.of_kind) if grasp else "none"
+        if grasp and self.by_limits:
+            limits = grasp.wrench_limits or WrenchLimits()
+            kind += repr((grasp.contact is None, math.isinf(limits.force), math.isinf(limits.moment)))
         folded = _folded(self.chain.arms[name], self.options.link_inertia or not self.by_links)
         return digest_of([kind.encode(), *folded])
 

@@ -40,10 +40,10 @@ from holdfast.spatial.scalar import (
 )
 
 ITERATIONS = 16
-PRICE = 1e3  # rho
 SOLVED = 1e-9  # residual at which the iterate is kept
+COUPLED = 1e-12  # residual of the coupling rows at which it is
 FRACTION = 0.99  # of the way to the boundary
-NULL = 1e-13  # a pivot of the coupling rows that counts as zero, relative to its row
+NULL = 1e-30  # a pivot of the coupling rows that counts as zero, relative to its row
 
 Ends = tuple[Array, Array, list[Array]]  # dx, and ds of bounds and of cones
 
@@ -218,12 +218,23 @@ class Border(NamedTuple):
         return dv, through - dv * self.column
 
 
-def solve(blocks: Sequence[Block], e: Array, iterations: int = ITERATIONS) -> Distributed:
-    """Return the solution of the elastic programme. O(blocks)."""
-    begin = _start(blocks, len(e))
+def solve(blocks: Sequence[Block], e: Array, price: Scalar, iterations: int = ITERATIONS) -> Distributed:
+    """Return the solution of the elastic programme. O(blocks).
+
+    Args:
+        blocks: the blocks.
+        e: (rows,) right-hand side of the coupling rows.
+        price: rho.
+        iterations: how many.
+    """
+    known = total(block.E @ block.E.T for block in blocks)
+    kept = array([where(pivot > 0.0, 1.0, 0.0) for pivot in ldl(known, np.diag(known)).pivots])
+    full = blocks, e
+    blocks, e = [block._replace(E=(block.E.T * kept).T) for block in blocks], kept * e
+    begin = _start(blocks, len(e), price)
     first = maximum(begin.v, greatest(each(_gradient, blocks, begin.points)))
-    last, _ = scan(lambda at, _: (_advanced(blocks, e, first, at), None), begin, [None] * iterations)
-    return Distributed([at.x for at in last.points], last.v, _residual(blocks, e, last))
+    last, _ = scan(lambda at, _: (_advanced(blocks, e, kept, price, first, at), None), begin, [None] * iterations)
+    return Distributed([at.x for at in last.points], last.v, _residual(*full, price, last))
 
 
 def total(values: Iterable[Any]) -> Any:
@@ -240,7 +251,7 @@ def greatest(values: Iterable[Any]) -> Scalar:
     return found[0]
 
 
-def _start(blocks: Sequence[Block], rows: int) -> Iterate:
+def _start(blocks: Sequence[Block], rows: int, price: Scalar) -> Iterate:
     """Return x = 0, the v that puts every limit one unit inside, and multipliers mu s^-1 that add up to rho."""
 
     def needed(block: Block) -> Scalar:
@@ -253,7 +264,7 @@ def _start(blocks: Sequence[Block], rows: int) -> Iterate:
 
     v = 1.0 + greatest(each(needed, blocks))
     found = each(slacks, blocks)
-    mu = PRICE * reciprocal(reciprocal(v) + total(weight for *_, weight in found))
+    mu = price * reciprocal(reciprocal(v) + total(weight for *_, weight in found))
 
     def point(block: Block, s: Array, of_cones: list[Array]) -> Point:
         return Point(0.0 * block.c, s, mu * reciprocal(s), tuple([(x, mu * cone_inverse(x)) for x in of_cones]))
@@ -267,12 +278,13 @@ def _gradient(block: Block, at: Point) -> Array:
     return abs(block.P @ at.x + block.c + block.pull(at.z, [z for _, z in at.of_cones]))
 
 
-def _advanced(blocks: Sequence[Block], e: Array, first: Scalar, at: Iterate) -> Iterate:
+def _advanced(blocks: Sequence[Block], e: Array, kept: Array, price: Scalar, first: Scalar, at: Iterate) -> Iterate:
     """Return the next iterate: a step of Mehrotra's predictor and corrector.
 
     Args:
         blocks: the blocks.
         e: (rows,) right-hand side of the coupling rows.
+        price: rho.
         first: size of the dual residual at the start, which every step reduces by the same factor.
         at: the iterate.
     """
@@ -282,7 +294,7 @@ def _advanced(blocks: Sequence[Block], e: Array, first: Scalar, at: Iterate) -> 
     degree = 1 + sum(2 * len(block.low) + len(block.cones) for block in blocks)
     gap = total(f.gap for f in of) + v * z
     product = reciprocal(v * z)
-    border = _border(of, 1.0 + z * z * product, len(e))
+    border = _border(of, 1.0 + z * z * product, kept)
 
     def direction(kept: Scalar, right: list[Array], of_v: Scalar) -> tuple[list[Ends], Scalar, Array]:
         """Return dx and ds of every block, dv, and the multipliers after the step."""
@@ -291,7 +303,7 @@ def _advanced(blocks: Sequence[Block], e: Array, first: Scalar, at: Iterate) -> 
         dv, after = border.solved(sums, kept * missing, of_v)
         return each(lambda block, f, y: _ends(block, f, y, dv, after), blocks, of, halves), dv, after
 
-    steps, dv, _ = direction(1.0, [-f.gradient for f in of], -(v + PRICE))
+    steps, dv, _ = direction(1.0, [-f.gradient for f in of], -(v + price))
     ratio = dv * product * z
     ahead = each(_predicted, points, of, steps)
     longest = reciprocal(greatest([1.0, -ratio, 1.0 + ratio, *(rates for *_, rates in ahead)]))
@@ -302,15 +314,16 @@ def _advanced(blocks: Sequence[Block], e: Array, first: Scalar, at: Iterate) -> 
     factor = 1.0 - ratio * (1.0 + ratio) - centre * product
     wanted = each(lambda *given: _wanted(*given, centre), blocks, points, of, ahead)
     right = [u.pull - kept * (f.gradient + f.pull) for u, f in zip(wanted, of, strict=True)]
-    own = v + PRICE - z - total(f.price for f in of)
+    own = v + price - z - total(f.price for f in of)
     steps, dv, after = direction(kept, right, -kept * own - z * factor - total(u.price for u in wanted))
     ratio = dv * product * z
     found = each(_corrected, points, of, wanted, steps)
     rates = greatest([FRACTION, -ratio, ratio + factor, *(rates for _, rates in found)])
     length = FRACTION * reciprocal(rates)
 
-    scaled = maximum(first * left * (1.0 / (1.0 + PRICE)), gap * reciprocal(1.0 + PRICE * v))
-    still = where(maximum(scaled, greatest([abs(missing)])) < SOLVED, 0.0, still)
+    scaled = maximum(first * left * reciprocal(1.0 + price), gap * reciprocal(1.0 + price * v))
+    open_ = maximum(scaled * (1.0 / SOLVED), greatest([abs(missing)]) * (1.0 / COUPLED))
+    still = where(open_ < 1.0, 0.0, still)
     moves = still * length > 0.0  # not where a number is not finite
     made = each(lambda own, step: own.moved(length, step, moves), points, [step for step, _ in found])
     changed = array([v + length * dv, z - length * z * (ratio + factor), left * (1.0 - length * kept)])
@@ -345,7 +358,7 @@ def _factors(block: Block, at: Point) -> Factors:
     )
 
 
-def _border(of: Sequence[Factors], stiffness: Scalar, rows: int) -> Border:
+def _border(of: Sequence[Factors], stiffness: Scalar, kept: Array) -> Border:
     """Return the equations that the factorised blocks leave.
 
     Args:
@@ -353,8 +366,9 @@ def _border(of: Sequence[Factors], stiffness: Scalar, rows: int) -> Border:
         stiffness: of v, without the blocks.
         rows: number of coupling rows.
     """
-    S = total(f.V.T @ f.V for f in of)
-    factors = ldl(S[:rows, :rows], np.diag(S)[:rows], NULL)
+    S, rows = total(f.V.T @ f.V for f in of), len(kept)
+    own = S[:rows, :rows] + np.diag(1.0 - kept)
+    factors = ldl(own, np.diag(own), NULL)
     column = ldl_solve(factors, S[rows, :rows])
     left = stiffness + total(f.stiffness for f in of) - S[rows, rows] + S[rows, :rows] @ column
     return Border(S, factors, column, reciprocal(left))
@@ -404,7 +418,7 @@ def _corrected(at: Point, f: Factors, wanted: Wanted, ends: Ends) -> tuple[Point
     return Point(dx, ds, -at.z * (ratio + wanted.factor), tuple(steps)), rates
 
 
-def _residual(blocks: Sequence[Block], e: Array, at: Iterate) -> Scalar:
+def _residual(blocks: Sequence[Block], e: Array, price: Scalar, at: Iterate) -> Scalar:
     """Return the largest residual of the optimality conditions; see `Distributed`."""
 
     def of_block(block: Block, own: Point) -> tuple[Scalar, Scalar, Scalar]:
@@ -415,7 +429,7 @@ def _residual(blocks: Sequence[Block], e: Array, at: Iterate) -> Scalar:
 
     found = each(of_block, blocks, at.points)
     gap = total(gap for *_, gap in found) + at.v * at.z
-    of_v = at.v + PRICE - at.z - total(price for _, price, _ in found)
-    dual = greatest([*(gradient for gradient, *_ in found), abs(of_v)]) * (1.0 / (1.0 + PRICE))
+    of_v = at.v + price - at.z - total(price for _, price, _ in found)
+    dual = greatest([*(gradient for gradient, *_ in found), abs(of_v)]) * reciprocal(1.0 + price)
     missing = total(block.E @ own.x for block, own in zip(blocks, at.points, strict=True)) - e
-    return greatest([dual, gap * reciprocal(1.0 + PRICE * at.v), abs(missing)])
+    return greatest([dual, gap * reciprocal(1.0 + price * at.v), abs(missing)])
