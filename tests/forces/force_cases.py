@@ -1,4 +1,4 @@
-"""Questions with answers in 50 digits: which torques and grasp wrenches, under limits (`tests/data/cases_forces.json`)."""
+"""Questions with answers in 50 digits: which torques and grasp wrenches, under limits."""
 
 from __future__ import annotations
 

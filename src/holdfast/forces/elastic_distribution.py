@@ -21,7 +21,8 @@ from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable
 from holdfast.forces.block_columns import NULL_UNIT, BlockColumn, block_column
-from holdfast.forces.elastic_programme import ITERATIONS, Block, Cone, solve
+from holdfast.forces.elastic_programme import ITERATIONS, solve
+from holdfast.forces.programme_block import Block, Cone
 from holdfast.model.grasp import WrenchLimits
 from holdfast.model.grasp_kinds import contact_axes
 from holdfast.model.wrench_condition import NORMAL, Condition, largest_force_and_moment
@@ -54,8 +55,8 @@ class ElasticDistribution(NamedTuple):
         qdd: (n,) joint accelerations [rad/s^2 or m/s^2].
         grasp_wrench: (arms, 6) as in `ForwardResult`.
         violation: v, by how much limits give way [N]; all but 0 where they can be kept.
-        missed: largest acceleration of a contact that its arm cannot follow, with turns multiplied by L [m/s^2]; all but
-            0 where the asked acceleration is possible.
+        missed: largest acceleration of a contact that its arm cannot follow, with turns multiplied by L [m/s^2]; all
+            but 0 where the asked acceleration is possible.
         residual: of the optimality conditions, relative.
     """
 
@@ -207,13 +208,13 @@ def block(
             h = concatenate([[h[0] + one.constant * reciprocal(common.force) - margin], h[1:]])
             cones.append(Cone(G, h))
     offsets = concatenate(offset)
-    bounds = [clip(concatenate(x), -UNLIMITED, UNLIMITED) - offsets for x in (low, high)]
+    low, high = (clip(concatenate(x), -UNLIMITED, UNLIMITED) - offsets for x in (low, high))
     E = (E.T * (to_force * reciprocal(common.force))).T
-    return Block(P, c + less, np.concatenate(R), *bounds, tuple(cones), E)
+    return Block(P, c + less, np.concatenate(R), low, high, tuple(cones), E)
 
 
 def _in_contact_axes(held: Contact, arm: ArmMotion) -> tuple[Array, Array]:
-    """Return the matrix from lambda to the wrench in axes of the contact frame, (6, rows), and the known wrench, (6,)."""
+    """Return the matrix from lambda to the wrench in axes of the contact frame (6, rows), and the known wrench (6,)."""
     if arm.known is not None:
         return np.zeros((6, 0)), unrotate(held.frame, arm.known)
     if held.grasp.of_kind.axes is contact_axes:

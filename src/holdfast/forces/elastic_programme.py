@@ -7,8 +7,8 @@ Blocks i are arms. They are coupled in the rows of E and in v only, so each is f
 many equations as E has rows, and one for v. Every limit gives way by v at the price rho, so there is always a solution;
 v = 0 where the limits can be kept, as long as rho exceeds the sum of their multipliers (exact penalty).
 
-Slacks are s = h - G x + v from the start, and steps keep that. In the right-hand sides, W^-2 s is z by the definition of
-the scaling W. It is used as known: computed, it would lose the digits that W^-2 magnifies.
+Slacks are s = h - G x + v from the start, and steps keep that. In the right-hand sides, W^-2 s is z by the definition
+of the scaling W. It is used as known: computed, it would lose the digits that W^-2 magnifies.
 
 References: Mehrotra, "On the implementation of a primal-dual interior point method", 1992; Nesterov and Todd,
 "Self-scaled barriers and interior-point methods for convex programming", 1997; Boyd and Wegbreit, "Fast computation of
@@ -17,14 +17,27 @@ optimal contact forces", 2007.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from functools import reduce
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.forces.second_order_cone import ConeScaling, cone_inverse, cone_scaling, step_rate
-from holdfast.spatial.linalg import MaskedLDL, back_substitution, cholesky, forward_substitution, ldl, ldl_solve
+from holdfast.forces.programme_block import (
+    Block,
+    Ends,
+    Factors,
+    Point,
+    corrected,
+    factorised,
+    gradient_sizes,
+    greatest,
+    predicted,
+    right_side,
+    step_ends,
+    total,
+)
+from holdfast.forces.second_order_cone import cone_inverse
+from holdfast.spatial.linalg import MaskedLDL, forward_substitution, ldl, ldl_solve
 from holdfast.spatial.scalar import (
     Array,
     Scalar,
@@ -41,71 +54,8 @@ from holdfast.spatial.scalar import (
 
 ITERATIONS = 16
 SOLVED = 1e-9  # residual at which the iterate is kept
-COUPLED = 1e-12  # residual of the coupling rows at which it is
 FRACTION = 0.99  # of the way to the boundary
 NULL = 1e-30  # a pivot of the coupling rows that counts as zero, relative to its row
-
-Ends = tuple[Array, Array, list[Array]]  # dx, and ds of bounds and of cones
-
-
-class Cone(NamedTuple):
-    """The limit h - G x + v [1, 0, ..] in the cone s_0 >= |s_1|.
-
-    Attributes:
-        G: (d, n).
-        h: (d,).
-    """
-
-    G: Array
-    h: Array
-
-
-class Block(NamedTuple):
-    """The unknowns of one arm: their cost, their limits and their part in the coupling rows.
-
-    Attributes:
-        P: (n, n) positive definite.
-        c: (n,).
-        R: (m, n) rows with bounds.
-        low, high: (m,) the bounds.
-        cones: the limits that are cones.
-        E: (rows, n).
-    """
-
-    P: Array
-    c: Array
-    R: Array
-    low: Array
-    high: Array
-    cones: tuple[Cone, ...]
-    E: Array
-
-    def pull(self, z: Array, of_cones: Iterable[Array]) -> Array:
-        """Return G' z, (n,), for multipliers of bounds and of cones."""
-        m = len(self.low)
-        return self.R.T @ (z[:m] - z[m:]) + total(cone.G.T @ z for cone, z in zip(self.cones, of_cones, strict=True))
-
-
-class Point(NamedTuple):
-    """The unknowns of a block with the slacks and multipliers of its limits, or a step of them.
-
-    Attributes:
-        x: (n,).
-        s, z: (2 m,) of the upper bounds, then of the lower ones.
-        of_cones: slack and multiplier of each cone.
-    """
-
-    x: Array
-    s: Array
-    z: Array
-    of_cones: tuple[tuple[Array, Array], ...]
-
-    def moved(self, length: Scalar, by: Point, moves: Scalar) -> Point:
-        """Return the point moved by a multiple of a step, or itself."""
-        go = lambda x, d: select(moves, x + length * d, x)  # noqa: E731
-        pairs = zip(self.of_cones, by.of_cones, strict=True)
-        cones = tuple([(go(s, ds), go(z, dz)) for (s, z), (ds, dz) in pairs])
-        return Point(go(self.x, by.x), go(self.s, by.s), go(self.z, by.z), cones)
 
 
 class Iterate(NamedTuple):
@@ -143,50 +93,20 @@ class Distributed(NamedTuple):
     residual: Scalar
 
 
-class Factors(NamedTuple):
-    """What both directions need of a block.
+class Coupling(NamedTuple):
+    """What the blocks have in common.
 
     Attributes:
-        product: (2 m,) 1 / (s z).
-        slack: (2 m,) 1 / s.
-        scalings: those of the cones.
-        squares: W^-2 of each cone.
-        gradient: (n,) P x + c.
-        pull: (n,) G' z.
-        C: (n, n) Cholesky factor of H = P + G' W^-2 G.
-        V: (n, rows + 1) C^-1 [E', H_v].
-        stiffness: of v, B' W^-2 B.
-        price: B' z.
-        gap: s' z.
+        e: (rows,) right-hand side of the coupling rows.
+        used: (rows,) 1 for those that are imposed, 0 for those that depend on others.
+        price: rho.
+        first: size of the dual residual at the start, all of which every step reduces by the same factor.
     """
 
-    product: Array
-    slack: Array
-    scalings: list[ConeScaling]
-    squares: list[Array]
-    gradient: Array
-    pull: Array
-    C: Array
-    V: Array
-    stiffness: Scalar
+    e: Array
+    used: Array
     price: Scalar
-    gap: Scalar
-
-
-class Wanted(NamedTuple):
-    """The right-hand side u of a corrector.
-
-    Attributes:
-        factor: (2 m,) u / z of bounds.
-        of_cones: u of each cone.
-        pull: (n,) G' u.
-        price: B' u.
-    """
-
-    factor: Array
-    of_cones: list[Array]
-    pull: Array
-    price: Scalar
+    first: Scalar
 
 
 class Border(NamedTuple):
@@ -228,27 +148,18 @@ def solve(blocks: Sequence[Block], e: Array, price: Scalar, iterations: int = IT
         iterations: how many.
     """
     known = total(block.E @ block.E.T for block in blocks)
-    kept = array([where(pivot > 0.0, 1.0, 0.0) for pivot in ldl(known, np.diag(known)).pivots])
-    full = blocks, e
-    blocks, e = [block._replace(E=(block.E.T * kept).T) for block in blocks], kept * e
-    begin = _start(blocks, len(e), price)
-    first = maximum(begin.v, greatest(each(_gradient, blocks, begin.points)))
-    last, _ = scan(lambda at, _: (_advanced(blocks, e, kept, price, first, at), None), begin, [None] * iterations)
-    return Distributed([at.x for at in last.points], last.v, _residual(*full, price, last))
-
-
-def total(values: Iterable[Any]) -> Any:
-    """Return the sum."""
-    return reduce(lambda a, b: a + b, values, 0.0)
-
-
-def greatest(values: Iterable[Any]) -> Scalar:
-    """Return the largest of all entries of arrays and of scalars, at least 0."""
-    found = [0.0, *(x for value in values for x in np.ravel(value))]
-    while len(found) > 1:  # in pairs, which need not wait for each other
-        odd = found[-1:] if len(found) % 2 else []
-        found = [maximum(a, b) for a, b in zip(found[::2], found[1::2], strict=False)] + odd
-    return found[0]
+    factors = ldl(known, np.diag(known))
+    used = array([where(pivot > 0.0, 1.0, 0.0) for pivot in factors.pivots])
+    chosen = [block._replace(E=(block.E.T * used).T) for block in blocks]
+    begin = _start(chosen, len(e), price)
+    first = maximum(begin.v, greatest(each(gradient_sizes, chosen, begin.points)))
+    coupling = Coupling(used * e, used, price, first)
+    last, _ = scan(lambda at, _: (_advanced(chosen, coupling, at), None), begin, [None] * iterations)
+    # what is left of the coupling rows is taken off with the smallest change
+    left = ldl_solve(factors, e - total(block.E @ at.x for block, at in zip(blocks, last.points, strict=True)))
+    points = each(lambda block, at: at._replace(x=at.x + block.E.T @ left), blocks, last.points)
+    last = last._replace(points=points)
+    return Distributed([at.x for at in points], last.v, _residual(blocks, e, price, last))
 
 
 def _start(blocks: Sequence[Block], rows: int, price: Scalar) -> Iterate:
@@ -273,149 +184,65 @@ def _start(blocks: Sequence[Block], rows: int, price: Scalar) -> Iterate:
     return Iterate(points, v, mu * reciprocal(v), np.zeros(rows), 1.0, 1.0)
 
 
-def _gradient(block: Block, at: Point) -> Array:
-    """Return |P x + c + G' z|, (n,)."""
-    return abs(block.P @ at.x + block.c + block.pull(at.z, [z for _, z in at.of_cones]))
-
-
-def _advanced(blocks: Sequence[Block], e: Array, kept: Array, price: Scalar, first: Scalar, at: Iterate) -> Iterate:
-    """Return the next iterate: a step of Mehrotra's predictor and corrector.
-
-    Args:
-        blocks: the blocks.
-        e: (rows,) right-hand side of the coupling rows.
-        price: rho.
-        first: size of the dual residual at the start, which every step reduces by the same factor.
-        at: the iterate.
-    """
-    points, v, z, nu, left, still = at
-    of = each(_factors, blocks, points)
-    missing = total(block.E @ own.x for block, own in zip(blocks, points, strict=True)) - e
+def _advanced(blocks: Sequence[Block], coupling: Coupling, at: Iterate) -> Iterate:
+    """Return the next iterate: a step of Mehrotra's predictor and corrector."""
+    (points, v, z, nu, left, still), price = at, coupling.price
+    of = each(factorised, blocks, points)
+    missing = total(block.E @ own.x for block, own in zip(blocks, points, strict=True)) - coupling.e
     degree = 1 + sum(2 * len(block.low) + len(block.cones) for block in blocks)
     gap = total(f.gap for f in of) + v * z
     product = reciprocal(v * z)
-    border = _border(of, 1.0 + z * z * product, kept)
+    border = _border(of, 1.0 + z * z * product, coupling.used)
 
-    def direction(kept: Scalar, right: list[Array], of_v: Scalar) -> tuple[list[Ends], Scalar, Array]:
+    def direction(part: Scalar, right: list[Array], of_v: Scalar) -> tuple[list[Ends], Scalar, Array]:
         """Return dx and ds of every block, dv, and the multipliers after the step."""
         halves = each(lambda f, b: forward_substitution(f.C, b), of, right)
         sums = total(f.V.T @ y for f, y in zip(of, halves, strict=True))
-        dv, after = border.solved(sums, kept * missing, of_v)
-        return each(lambda block, f, y: _ends(block, f, y, dv, after), blocks, of, halves), dv, after
+        dv, after = border.solved(sums, part * missing, of_v)
+        return each(lambda block, f, y: step_ends(block, f, y, dv, after), blocks, of, halves), dv, after
 
+    # predictor: u = z takes G' z off the gradient
     steps, dv, _ = direction(1.0, [-f.gradient for f in of], -(v + price))
     ratio = dv * product * z
-    ahead = each(_predicted, points, of, steps)
-    longest = reciprocal(greatest([1.0, -ratio, 1.0 + ratio, *(rates for *_, rates in ahead)]))
+    ahead = each(predicted, points, of, steps)
+    longest = reciprocal(greatest([1.0, -ratio, 1.0 + ratio, *(rate for *_, rate in ahead)]))
     less = 1.0 - longest
     sigma = less * less * less
-    centre, kept = sigma * gap * (1.0 / degree), 1.0 - sigma
+    centre, part = sigma * gap * (1.0 / degree), 1.0 - sigma
 
+    # corrector
     factor = 1.0 - ratio * (1.0 + ratio) - centre * product
-    wanted = each(lambda *given: _wanted(*given, centre), blocks, points, of, ahead)
-    right = [u.pull - kept * (f.gradient + f.pull) for u, f in zip(wanted, of, strict=True)]
+    wanted = each(lambda *of_block: right_side(centre, *of_block), blocks, points, of, ahead)
+    right = [u.pull - part * (f.gradient + f.pull) for u, f in zip(wanted, of, strict=True)]
     own = v + price - z - total(f.price for f in of)
-    steps, dv, after = direction(kept, right, -kept * own - z * factor - total(u.price for u in wanted))
+    steps, dv, after = direction(part, right, -part * own - z * factor - total(u.price for u in wanted))
     ratio = dv * product * z
-    found = each(_corrected, points, of, wanted, steps)
-    rates = greatest([FRACTION, -ratio, ratio + factor, *(rates for _, rates in found)])
-    length = FRACTION * reciprocal(rates)
+    found = each(corrected, points, of, wanted, steps)
+    length = FRACTION * reciprocal(greatest([FRACTION, -ratio, ratio + factor, *(rate for _, rate in found)]))
 
-    scaled = maximum(first * left * reciprocal(1.0 + price), gap * reciprocal(1.0 + price * v))
-    open_ = maximum(scaled * (1.0 / SOLVED), greatest([abs(missing)]) * (1.0 / COUPLED))
-    still = where(open_ < 1.0, 0.0, still)
+    scaled = maximum(coupling.first * left * reciprocal(1.0 + price), gap * reciprocal(1.0 + price * v))
+    still = where(maximum(scaled, greatest([abs(missing)])) < SOLVED, 0.0, still)
     moves = still * length > 0.0  # not where a number is not finite
     made = each(lambda own, step: own.moved(length, step, moves), points, [step for step, _ in found])
-    changed = array([v + length * dv, z - length * z * (ratio + factor), left * (1.0 - length * kept)])
+    changed = array([v + length * dv, z - length * z * (ratio + factor), left * (1.0 - length * part)])
     v, z, left = select(moves, changed, array([v, z, left]))
-    return Iterate(made, v, z, select(moves, nu + length * (after - kept * nu), nu), left, still)
+    return Iterate(made, v, z, select(moves, nu + length * (after - part * nu), nu), left, still)
 
 
-def _factors(block: Block, at: Point) -> Factors:
-    """Return what both directions need of a block."""
-    m, (x, s, z, of_cones) = len(block.low), at
-    product = reciprocal(s * z)  # one division for 1 / s and 1 / z
-    slack = product * z
-    up, down = (z * slack)[:m], (z * slack)[m:]
-    scalings = [cone_scaling(*pair) for pair in of_cones]
-    squares = [w.inverse_square for w in scalings]
-    pairs = [(cone.G, W) for cone, W in zip(block.cones, squares, strict=True)]
-    H = block.P + (block.R.T * (up + down)) @ block.R + total(G.T @ (W @ G) for G, W in pairs)
-    of_v = block.R.T @ (down - up) - total(G.T @ W[0] for G, W in pairs)
-    C = cholesky(H)
-    return Factors(
-        product,
-        slack,
-        scalings,
-        squares,
-        block.P @ x + block.c,
-        block.pull(z, [z for _, z in of_cones]),
-        C,
-        forward_substitution(C, np.concatenate([block.E, [of_v]]).T),
-        total(up + down) + total(W[0, 0] for W in squares),
-        total(z) + total(z[0] for _, z in of_cones),
-        s @ z + total(s @ z for s, z in of_cones),
-    )
-
-
-def _border(of: Sequence[Factors], stiffness: Scalar, kept: Array) -> Border:
+def _border(of: Sequence[Factors], stiffness: Scalar, used: Array) -> Border:
     """Return the equations that the factorised blocks leave.
 
     Args:
         of: the blocks' factors.
         stiffness: of v, without the blocks.
-        rows: number of coupling rows.
+        used: (rows,) 1 for the coupling rows that are imposed.
     """
-    S, rows = total(f.V.T @ f.V for f in of), len(kept)
-    own = S[:rows, :rows] + np.diag(1.0 - kept)
+    S, rows = total(f.V.T @ f.V for f in of), len(used)
+    own = S[:rows, :rows] + np.diag(1.0 - used)
     factors = ldl(own, np.diag(own), NULL)
     column = ldl_solve(factors, S[rows, :rows])
     left = stiffness + total(f.stiffness for f in of) - S[rows, rows] + S[rows, :rows] @ column
     return Border(S, factors, column, reciprocal(left))
-
-
-def _ends(block: Block, f: Factors, half: Array, dv: Scalar, after: Array) -> tuple[Array, Array, list[Array]]:
-    """Return dx, and ds of bounds and of cones."""
-    dx = back_substitution(f.C, half - f.V @ concatenate([after, [dv]]))
-    along, by_v = block.R @ dx, [-(cone.G @ dx) for cone in block.cones]
-    return dx, concatenate([dv - along, dv + along]), [concatenate([[ds[0] + dv], ds[1:]]) for ds in by_v]
-
-
-def _predicted(at: Point, f: Factors, ends: Ends) -> tuple[Array, list[tuple[Array, Array]], Scalar]:
-    """Return the predictor's ds / s of bounds, ds and dz of cones, and the inverse of the longest step."""
-    _, ds, of_cones = ends
-    ratio = ds * f.slack
-    pairs = zip(f.squares, of_cones, at.of_cones, strict=True)
-    steps = [(ds, -(W @ ds) - z) for W, ds, (_, z) in pairs]
-    return ratio, steps, greatest([-ratio, 1.0 + ratio, *_cone_rates(at, f, steps)])
-
-
-def _cone_rates(at: Point, f: Factors, steps: Iterable[tuple[Array, Array]]) -> list[Scalar]:
-    found: list[Scalar] = []
-    for w, (s, z), (ds, dz) in zip(f.scalings, at.of_cones, steps, strict=True):
-        found += [step_rate(s, w.of_s, ds), step_rate(z, w.of_z, dz)]
-    return found
-
-
-def _wanted(
-    block: Block, at: Point, f: Factors, ahead: tuple[Array, list[tuple[Array, Array]], Scalar], centre: Scalar
-) -> Wanted:
-    """Return the corrector's right-hand side u = z + W^-1 (..) of a block."""
-    ratio, steps, _ = ahead
-    factor = 1.0 - ratio * (1.0 + ratio) - centre * f.product
-    pairs = zip(f.scalings, at.of_cones, steps, strict=True)
-    of_cones = [z + w.corrected(ds, dz, centre) for w, (_, z), (ds, dz) in pairs]
-    u = at.z * factor
-    return Wanted(factor, of_cones, block.pull(u, of_cones), total(u) + total(u[0] for u in of_cones))
-
-
-def _corrected(at: Point, f: Factors, wanted: Wanted, ends: Ends) -> tuple[Point, Scalar]:
-    """Return the corrector's step of a block, and the inverse of the longest step."""
-    dx, ds, of_cones = ends
-    ratio = ds * f.slack
-    steps = [(ds, -(W @ ds) - u) for W, ds, u in zip(f.squares, of_cones, wanted.of_cones, strict=True)]
-    rates = greatest([-ratio, ratio + wanted.factor, *_cone_rates(at, f, steps)])
-    return Point(dx, ds, -at.z * (ratio + wanted.factor), tuple(steps)), rates
 
 
 def _residual(blocks: Sequence[Block], e: Array, price: Scalar, at: Iterate) -> Scalar:

@@ -49,7 +49,7 @@ class ConeScaling(NamedTuple):
         return (self.inverse * self.inverse) * (outer(2.0 * turned, turned) - signs)
 
     def corrected(self, ds: Array, dz: Array, centre: Scalar) -> Array:
-        """Return W^-1 (lambda \\ (W^-1 ds o W dz - centre [1, 0, ..])), lambda = W z."""
+        """Return W^-1 y with (W z) o y = W^-1 ds o W dz - centre [1, 0, ..], o the cone's product."""
         a, b, at = self.over(ds), self.times(dz), self.scaled
         first, rest = a @ b - centre, a[0] * b[1:] + b[0] * a[1:]
         x = (at[0] * first - at[1:] @ rest) * reciprocal(determinant(at))

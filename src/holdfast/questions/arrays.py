@@ -217,8 +217,7 @@ _ROWS = (
             [(*joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in chain.all_joints])),
     _of_model("contact", ("grasps", 6), "", "one-sided or not, friction, size of the contact, largest moment and"
         " force, lever", lambda chain: [contact_of(grasp) for grasp in chain.grasps.values()]),
-    Row("acceleration", ACCELERATION, "rad/s^2, m/s^2", "wanted [omega_dot; v_dot of C] of the object, world axes",
-        "input"),
+    Row("acceleration", ACCELERATION, "rad/s^2, m/s^2", "wanted [omega_dot; v_dot of C], world axes", "input"),
     _of_model("effort_share", (), "", "share of the joints' effort limits that may be used", lambda chain: 1.0),
     _of_model("demanded_margin", ("grasps",), "N", "margins that the grasps must keep",
         lambda chain: np.zeros(len(chain.grasps))),

@@ -73,8 +73,9 @@ class Question:
         arguments: names of all arrays by which it can be differentiated, for any chain; none if it cannot.
         by: those by which it is differentiated unless others are requested.
         of: the results whose Jacobian is returned unless others are requested; all if there are none here.
-        depends_on: what else decides which machine code it needs: the kinds of the "grasps", the inertias of the
-            "links", "forces" that act on links and between bodies, the forces or the energy of "bushings", which "limits" the grasps have.
+        depends_on: what else decides which machine code it needs: the kinds of the "grasps" and which "limits" they
+            have, the inertias of the "links", "forces" that act on links and between bodies, the forces or the energy
+            of "bushings".
         unlimited: whether a result may be infinite, as a margin without a limit is.
         parts: the parts of a result of a chain, in order; None if it has none. Those of arms in the world depend on
             nothing of other arms.
