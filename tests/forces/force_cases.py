@@ -50,10 +50,7 @@ def force_cases() -> dict[str, ForceCase]:
     return {
         case["name"]: built(case)
         for case in cases
-        if case["question"]["form"] == "effort"
-        and not case.get("trunk")
-        and "task" not in case["question"]
-        and "acceleration_limits" not in case["question"]
+        if case["question"]["form"] == "effort" and not case.get("trunk") and "task" not in case["question"]
     }
 
 
@@ -76,6 +73,10 @@ def built(case: dict[str, Any]) -> ForceCase:
     for name, none in (("least_normal", -1e9), ("most_normal", 1e9)):
         call[name] = np.array([arm["grasp"].get(name, none) for arm in case["arms"]])
     call["wish"] = np.array([asked.get("wish", {}).get(str(k), [0.0] * 6) for k in range(len(arms))])
+    if "acceleration_limits" in asked:
+        call["acceleration_limits"] = np.outer([-1e9, 1e9], np.ones(chain.joint_count))
+        for _, joint, *ends in asked["acceleration_limits"]:
+            call["acceleration_limits"][:, joint] = ends
     return ForceCase(chain, state, call, asked, case["expected"])
 
 

@@ -6,6 +6,7 @@
 over all accelerations and wrenches that give the object its acceleration, where every limit gives way by v [N]: torques
 of turning joints by v L, conditions of grasps and forces of sliding joints by v. L is the rms distance of the contact
 points from their centroid; F0 is the size of the wrench that the object needs, with moments divided by L.
+Limits of joint accelerations give way by 1 rad/s^2 or m/s^2 for each newton.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from holdfast.model.grasp import WrenchLimits
 from holdfast.model.grasp_kinds import contact_axes
 from holdfast.model.wrench_condition import NORMAL, Condition, largest_force_and_moment
 from holdfast.questions.arrays import (
+    ACCELERATION_LIMITS,
     CONTACTS,
     DISTRIBUTED,
     LIMITS,
@@ -96,6 +98,7 @@ class OfArm(NamedTuple):
         wish: (6,) wrench, contact axes.
         contact: (6,) numbers of `questions.arrays.contact_of`, or none.
         bounds: demanded margin, least and largest normal force, or none.
+        acceleration: (2, N) lowest and highest accelerations, or none.
     """
 
     effort: Array
@@ -104,10 +107,31 @@ class OfArm(NamedTuple):
     wish: Array
     contact: Array
     bounds: Array
+    acceleration: Array
 
 
-def distributed(case: VariedCase, iterations: int = ITERATIONS) -> tuple[Array, ...]:
-    """Return the results in the order of `ElasticDistribution`. O(n) + O(l), and N^3 for an arm of N joints.
+class Programme(NamedTuple):
+    """The programme of one case.
+
+    Attributes:
+        arms: the motions of the arms, in order.
+        held: their grasps; None for an arm that holds nothing.
+        columns: their columns.
+        blocks: their blocks, in units of F0.
+        e: (6,) wrench that the object needs, in units of F0.
+        force: F0 [N].
+    """
+
+    arms: list[ArmMotion]
+    held: list[Contact | None]
+    columns: list[BlockColumn]
+    blocks: list[Block]
+    e: Array
+    force: Scalar
+
+
+def programme(case: VariedCase) -> Programme:
+    """Return the elastic programme of a case. O(n) + O(l), and N^3 for an arm of N joints.
 
     Raises:
         MethodNotApplicable: the chain has a trunk.
@@ -115,36 +139,38 @@ def distributed(case: VariedCase, iterations: int = ITERATIONS) -> tuple[Array, 
     chain, own = case.chain, case.own
     if chain.trunk is not None:
         raise MethodNotApplicable(
-            "distribute: machine code is for arms whose bases are in the world, got a chain with a trunk"
+            "distribute: machine code is for arms whose bases are in the world, got a chain with a trunk;"
+            " holdfast.forces.distribute answers it"
         )
     motion = chain_motion(chain, case.state, np.zeros(chain.joint_count), case.inputs)
     contacts = dict(zip(chain.grasps, motion.contacts, strict=True))
     alpha = own["acceleration"] - pseudo_gravity(chain)
-    needed = motion.body.inertia.apply(alpha) + motion.body.bias - motion.body.wrench
     length = length_scale([c.offset for c in motion.contacts])
     to_force = concatenate([np.full(3, 1.0) * reciprocal(length), np.ones(3)])
-    in_newtons = to_force * needed
-    force = where(
-        own["force_scale"][()] > 0.0,
-        own["force_scale"][()],
-        maximum(LEAST_FORCE, sqrt(in_newtons @ in_newtons)),
-    )
-    common = Weights(length, force, own["effort_share"][()], own["wrench_weight"][()], own["acceleration_weight"][()])
+    needed = to_force * (motion.body.inertia.apply(alpha) + motion.body.bias - motion.body.wrench)
+    given = own["force_scale"][()]
+    force = where(given > 0.0, given, maximum(LEAST_FORCE, sqrt(needed @ needed)))
+    weights = (own[name][()] for name in ("effort_share", "wrench_weight", "acceleration_weight"))
+    common = Weights(length, force, *weights)
     held = [contacts.get(name) for name in chain.names]
     arms = list(motion.arms.values())
     columns = each(lambda arm, c: block_column(arm, c, alpha, length, force), arms, held)
-    blocks = each(
-        lambda arm, c, column, of: block(arm, c, column, of, common, to_force),
-        arms, held, columns, [_of_arm(case, k, name) for k, name in enumerate(chain.names)],
-    )  # fmt: skip
-    found = solve(blocks, in_newtons * reciprocal(force), own["price"][()], iterations)
-    answers = each(_answer, arms, held, columns, found.x)
+    of = [_of_arm(case, k, name) for k, name in enumerate(chain.names)]
+    blocks = each(lambda *given: _block(common, to_force, *given), arms, held, columns, of)
+    return Programme(arms, held, columns, blocks, needed * reciprocal(force), force)
+
+
+def distributed(case: VariedCase, iterations: int = ITERATIONS) -> tuple[Array, ...]:
+    """Return the results in the order of `ElasticDistribution`."""
+    made = programme(case)
+    found = solve(made.blocks, made.e, case.own["price"][()], iterations)
+    answers = each(_answer, made.arms, made.held, made.columns, found.x)
     return (
         concatenate([tau for tau, *_ in answers]),
         concatenate([qdd for _, qdd, _ in answers]),
         array([f for *_, f in answers]),
-        array(force * found.v),
-        array(largest(column.missed for column in columns)),
+        array(made.force * found.v),
+        array(largest(column.missed for column in made.columns)),
         array(found.residual),
     )
 
@@ -156,22 +182,23 @@ def _of_arm(case: VariedCase, row: int, name: str) -> OfArm:
         k = list(chain.grasps).index(name)
         contact = own[CONTACTS][k]
         bounds = array([own[what][k] for what in ("demanded_margin", "least_normal", "most_normal")])
-    effort = own[LIMITS][3][part]
-    return OfArm(effort, own["effort_weight"][part], own["wished_qdd"][part], own["wish"][row], contact, bounds)
+    accelerations = own[ACCELERATION_LIMITS][:, part] if ACCELERATION_LIMITS in own else np.zeros((2, 0))
+    of_joints = own["effort_weight"][part], own["wished_qdd"][part]
+    return OfArm(own[LIMITS][3][part], *of_joints, own["wish"][row], contact, bounds, accelerations)
 
 
-def block(
-    arm: ArmMotion, held: Contact | None, column: BlockColumn, of: OfArm, common: Weights, to_force: Array
+def _block(
+    common: Weights, to_force: Array, arm: ArmMotion, held: Contact | None, column: BlockColumn, of: OfArm
 ) -> Block:
     """Return one arm's block of the programme, in units of F0.
 
     Args:
+        common: weights and units.
+        to_force: (6,) what makes a wrench newtons.
         arm: the arm's motion.
         held: its grasp; None if it holds nothing.
         column: its columns.
         of: its limits and wishes.
-        common: weights and units.
-        to_force: (6,) what makes a wrench newtons.
     """
     k, rows = column.null.shape[1], len(column.units)
     turns = [joint.turns for joint in arm.arm.joints]
@@ -187,6 +214,11 @@ def block(
     P = weighted + np.diag(ones)
     c = column.T.T @ (of.weight * column.t)
     less = -faster * ((of.wished - column.q0) @ column.null) * (1.0 / NULL_UNIT)
+    if of.acceleration.shape[1]:
+        R.append(reciprocal(common.force) * np.concatenate([column.null, np.zeros((len(turns), rows))], 1))
+        offset.append(reciprocal(common.force) * column.q0)
+        low.append(reciprocal(common.force) * of.acceleration[0])
+        high.append(reciprocal(common.force) * of.acceleration[1])
     E, cones = column.E, []
     if held is not None:
         wish = held.grasp.of_kind.along(of.wish)[list(held.rows)] / column.units if rows else np.zeros(0)
