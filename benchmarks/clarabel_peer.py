@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from holdfast.forces.elastic_distribution import UNLIMITED
+from holdfast.forces.elastic_distribution import FARTHEST
 from holdfast.forces.programme_block import Block
 from holdfast.spatial.scalar import Array
 
@@ -50,7 +50,7 @@ def arguments(blocks: Sequence[Block], e: Array, price: float) -> tuple[Any, ...
 
     for block, place in zip(blocks, places, strict=True):
         G, h = np.concatenate([block.R, -block.R]), np.concatenate([block.high, -block.low])
-        near = h < 0.5 * UNLIMITED
+        near = h < 0.5 * FARTHEST
         put(G[near], h[near], place, np.ones(near.sum()))
         cones.append(clarabel.NonnegativeConeT(int(near.sum())))
         for cone in block.cones:

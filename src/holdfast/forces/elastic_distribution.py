@@ -46,7 +46,7 @@ from holdfast.spatial.spatial_vector import unrotate
 from holdfast.spatial.vector import largest
 
 LEAST_FORCE = 1.0  # F0 is at least this [N]
-UNLIMITED = 1e6  # a limit that is farther away, in units of F0, does not matter
+FARTHEST = 1e6  # a limit that is farther away, in units of F0, does not matter
 
 
 class ElasticDistribution(NamedTuple):
@@ -240,7 +240,7 @@ def _block(
             h = concatenate([[h[0] + one.constant * reciprocal(common.force) - margin], h[1:]])
             cones.append(Cone(G, h))
     offsets = concatenate(offset)
-    low, high = (clip(concatenate(x), -UNLIMITED, UNLIMITED) - offsets for x in (low, high))
+    low, high = (clip(concatenate(x), -FARTHEST, FARTHEST) - offsets for x in (low, high))
     E = (E.T * (to_force * reciprocal(common.force))).T
     return Block(P, c + less, np.concatenate(R), low, high, tuple(cones), E)
 

@@ -24,9 +24,9 @@ import numpy as np
 
 from holdfast.forces.programme_block import (
     Block,
+    BlockFactors,
+    BlockPoint,
     Ends,
-    Factors,
-    Point,
     corrected,
     factorised,
     gradient_sizes,
@@ -70,7 +70,7 @@ class Iterate(NamedTuple):
         open: 1 until the residual is below `SOLVED`, then 0.
     """
 
-    points: Sequence[Point]
+    points: Sequence[BlockPoint]
     v: Scalar
     z: Scalar
     nu: Array
@@ -93,7 +93,7 @@ class Distributed(NamedTuple):
     residual: Scalar
 
 
-class Coupling(NamedTuple):
+class CoupledRows(NamedTuple):
     """What the blocks have in common.
 
     Attributes:
@@ -153,7 +153,7 @@ def solve(blocks: Sequence[Block], e: Array, price: Scalar, iterations: int = IT
     chosen = [block._replace(E=(block.E.T * used).T) for block in blocks]
     begin = _start(chosen, len(e), price)
     first = maximum(begin.v, greatest(each(gradient_sizes, chosen, begin.points)))
-    coupling = Coupling(used * e, used, price, first)
+    coupling = CoupledRows(used * e, used, price, first)
     last, _ = scan(lambda at, _: (_advanced(chosen, coupling, at), None), begin, [None] * iterations)
     # what is left of the coupling rows is taken off with the smallest change
     left = ldl_solve(factors, e - total(block.E @ at.x for block, at in zip(blocks, last.points, strict=True)))
@@ -177,14 +177,14 @@ def _start(blocks: Sequence[Block], rows: int, price: Scalar) -> Iterate:
     found = each(slacks, blocks)
     mu = price * reciprocal(reciprocal(v) + total(weight for *_, weight in found))
 
-    def point(block: Block, s: Array, of_cones: list[Array]) -> Point:
-        return Point(0.0 * block.c, s, mu * reciprocal(s), tuple([(x, mu * cone_inverse(x)) for x in of_cones]))
+    def point(block: Block, s: Array, of_cones: list[Array]) -> BlockPoint:
+        return BlockPoint(0.0 * block.c, s, mu * reciprocal(s), tuple([(x, mu * cone_inverse(x)) for x in of_cones]))
 
     points = each(point, blocks, [s for s, *_ in found], [of_cones for _, of_cones, _ in found])
     return Iterate(points, v, mu * reciprocal(v), np.zeros(rows), 1.0, 1.0)
 
 
-def _advanced(blocks: Sequence[Block], coupling: Coupling, at: Iterate) -> Iterate:
+def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> Iterate:
     """Return the next iterate: a step of Mehrotra's predictor and corrector."""
     (points, v, z, nu, left, still), price = at, coupling.price
     of = each(factorised, blocks, points)
@@ -229,7 +229,7 @@ def _advanced(blocks: Sequence[Block], coupling: Coupling, at: Iterate) -> Itera
     return Iterate(made, v, z, select(moves, nu + length * (after - part * nu), nu), left, still)
 
 
-def _border(of: Sequence[Factors], stiffness: Scalar, used: Array) -> Border:
+def _border(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Border:
     """Return the equations that the factorised blocks leave.
 
     Args:
@@ -248,7 +248,7 @@ def _border(of: Sequence[Factors], stiffness: Scalar, used: Array) -> Border:
 def _residual(blocks: Sequence[Block], e: Array, price: Scalar, at: Iterate) -> Scalar:
     """Return the largest residual of the optimality conditions; see `Distributed`."""
 
-    def of_block(block: Block, own: Point) -> tuple[Scalar, Scalar, Scalar]:
+    def of_block(block: Block, own: BlockPoint) -> tuple[Scalar, Scalar, Scalar]:
         z = [z for _, z in own.of_cones]
         gradient = block.P @ own.x + block.c + block.pull(own.z, z) + block.E.T @ at.nu
         gap = own.s @ own.z + total(s @ z for s, z in own.of_cones)

@@ -54,7 +54,7 @@ class Block(NamedTuple):
         return self.R.T @ (z[:m] - z[m:]) + total(cone.G.T @ z for cone, z in zip(self.cones, of_cones, strict=True))
 
 
-class Point(NamedTuple):
+class BlockPoint(NamedTuple):
     """The unknowns of a block with the slacks and multipliers of its limits, or a step of them.
 
     Attributes:
@@ -68,15 +68,15 @@ class Point(NamedTuple):
     z: Array
     of_cones: tuple[tuple[Array, Array], ...]
 
-    def moved(self, length: Scalar, by: Point, moves: Scalar) -> Point:
+    def moved(self, length: Scalar, by: BlockPoint, moves: Scalar) -> BlockPoint:
         """Return the point moved by a multiple of a step, or itself."""
         go = lambda x, d: select(moves, x + length * d, x)  # noqa: E731
         pairs = zip(self.of_cones, by.of_cones, strict=True)
         cones = tuple([(go(s, ds), go(z, dz)) for (s, z), (ds, dz) in pairs])
-        return Point(go(self.x, by.x), go(self.s, by.s), go(self.z, by.z), cones)
+        return BlockPoint(go(self.x, by.x), go(self.s, by.s), go(self.z, by.z), cones)
 
 
-class Factors(NamedTuple):
+class BlockFactors(NamedTuple):
     """What both directions need of a block.
 
     Attributes:
@@ -136,12 +136,12 @@ def greatest(values: Iterable[Any]) -> Scalar:
     return found[0]
 
 
-def gradient_sizes(block: Block, at: Point) -> Array:
+def gradient_sizes(block: Block, at: BlockPoint) -> Array:
     """Return |P x + c + G' z|, (n,)."""
     return abs(block.P @ at.x + block.c + block.pull(at.z, [z for _, z in at.of_cones]))
 
 
-def factorised(block: Block, at: Point) -> Factors:
+def factorised(block: Block, at: BlockPoint) -> BlockFactors:
     """Return what both directions need of a block."""
     m, (x, s, z, of_cones) = len(block.low), at
     product = reciprocal(s * z)  # one division for 1 / s and 1 / z
@@ -153,7 +153,7 @@ def factorised(block: Block, at: Point) -> Factors:
     H = block.P + (block.R.T * (up + down)) @ block.R + total(G.T @ (W @ G) for G, W in pairs)
     of_v = block.R.T @ (down - up) - total(G.T @ W[0] for G, W in pairs)
     C = cholesky(H)
-    return Factors(
+    return BlockFactors(
         product,
         slack,
         scalings,
@@ -168,14 +168,14 @@ def factorised(block: Block, at: Point) -> Factors:
     )
 
 
-def step_ends(block: Block, f: Factors, half: Array, dv: Scalar, after: Array) -> tuple[Array, Array, list[Array]]:
+def step_ends(block: Block, f: BlockFactors, half: Array, dv: Scalar, after: Array) -> tuple[Array, Array, list[Array]]:
     """Return dx, and ds of bounds and of cones."""
     dx = back_substitution(f.C, half - f.V @ concatenate([after, [dv]]))
     along, by_v = block.R @ dx, [-(cone.G @ dx) for cone in block.cones]
     return dx, concatenate([dv - along, dv + along]), [concatenate([[ds[0] + dv], ds[1:]]) for ds in by_v]
 
 
-def predicted(at: Point, f: Factors, ends: Ends) -> Predicted:
+def predicted(at: BlockPoint, f: BlockFactors, ends: Ends) -> Predicted:
     """Return the predictor's ds / s of bounds, ds and dz of cones, and the inverse of the longest step."""
     _, ds, of_cones = ends
     ratio = ds * f.slack
@@ -184,14 +184,14 @@ def predicted(at: Point, f: Factors, ends: Ends) -> Predicted:
     return ratio, steps, greatest([-ratio, 1.0 + ratio, *_cone_rates(at, f, steps)])
 
 
-def _cone_rates(at: Point, f: Factors, steps: Iterable[tuple[Array, Array]]) -> list[Scalar]:
+def _cone_rates(at: BlockPoint, f: BlockFactors, steps: Iterable[tuple[Array, Array]]) -> list[Scalar]:
     found: list[Scalar] = []
     for w, (s, z), (ds, dz) in zip(f.scalings, at.of_cones, steps, strict=True):
         found += [step_rate(s, w.of_s, ds), step_rate(z, w.of_z, dz)]
     return found
 
 
-def right_side(centre: Scalar, block: Block, at: Point, f: Factors, ahead: Predicted) -> Wanted:
+def right_side(centre: Scalar, block: Block, at: BlockPoint, f: BlockFactors, ahead: Predicted) -> Wanted:
     """Return the corrector's right-hand side u = z + W^-1 (W^-1 ds o W dz - centre [1, 0, ..]) / (W z) of a block."""
     ratio, steps, _ = ahead
     factor = 1.0 - ratio * (1.0 + ratio) - centre * f.product
@@ -201,10 +201,10 @@ def right_side(centre: Scalar, block: Block, at: Point, f: Factors, ahead: Predi
     return Wanted(factor, of_cones, block.pull(u, of_cones), total(u) + total(u[0] for u in of_cones))
 
 
-def corrected(at: Point, f: Factors, wanted: Wanted, ends: Ends) -> tuple[Point, Scalar]:
+def corrected(at: BlockPoint, f: BlockFactors, wanted: Wanted, ends: Ends) -> tuple[BlockPoint, Scalar]:
     """Return the corrector's step of a block, and the inverse of the longest step."""
     dx, ds, of_cones = ends
     ratio = ds * f.slack
     steps = [(ds, -(W @ ds) - u) for W, ds, u in zip(f.squares, of_cones, wanted.of_cones, strict=True)]
     rates = greatest([-ratio, ratio + wanted.factor, *_cone_rates(at, f, steps)])
-    return Point(dx, ds, -at.z * (ratio + wanted.factor), tuple(steps)), rates
+    return BlockPoint(dx, ds, -at.z * (ratio + wanted.factor), tuple(steps)), rates
