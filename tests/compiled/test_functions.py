@@ -311,7 +311,12 @@ def test_every_function_of_the_dynamics():
     last = {path: path.rpartition(".")[2] for path in verbs}
     compiled_too = {path for path in verbs if last[path] in dir(CompiledChain) or last[path] in QUESTIONS}
     assert verbs - compiled_too == set(REASONS)
-    assert set(QUESTIONS) <= {last[path] for path in compiled_too} | {"mass_matrix", "jacobian", "tip_poses"}
+    assert set(QUESTIONS) <= {last[path] for path in compiled_too} | {
+        "mass_matrix",
+        "jacobian",
+        "tip_poses",
+        "distribute",
+    }
     fast = named("all kinds")
     for path in REASONS:
         name = last[path]
