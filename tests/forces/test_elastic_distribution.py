@@ -255,6 +255,19 @@ def test_random_questions(seed):
     np.testing.assert_allclose(back.object_acceleration, known.object_acceleration, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", mostly_long(["one_contact", "hinge_soft_effort", "two_soft_effort"], ["one_contact"]))
+def test_a_thousand_questions(name):
+    """No residual exceeds 1e-6, whether or not limits are kept, also where active limits leave nothing to choose."""
+    case, code, random = force_cases()[name], fast(name).distribute, np.random.default_rng(len(name))
+    many = [np.array([x] * 1000) for x in case.arguments]
+    many[0] += 0.02 * random.normal(size=many[0].shape)
+    many[4] = random.normal(size=many[4].shape) * random.choice([0.3, 2.0, 10.0], size=(1000, 1))
+    margins = random.uniform(0.0, 5.0, (1000, len(case.chain.grasps)))
+    found = code(*many, effort_share=random.uniform(0.2, 1.5, 1000), demanded_margin=margins)
+    assert 0.2 < np.mean(found.violation < 1e-6) < 1.0
+    assert found.residual.max() < 1e-6
+
+
 def test_cost_is_linear_in_arms():
     """Operations of two, three and four equal arms have no second difference."""
     base = force_cases()["three_soft_effort"].chain

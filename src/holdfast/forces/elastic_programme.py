@@ -55,7 +55,7 @@ from holdfast.spatial.scalar import (
 ITERATIONS = 16
 SOLVED = 1e-9  # residual at which the iterate is kept
 FRACTION = 0.99  # of the way to the boundary
-NULL = 1e-30  # a pivot of the coupling rows that counts as zero, relative to its row
+NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
 
 
 class Iterate(NamedTuple):
@@ -222,6 +222,7 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
 
     scaled = maximum(coupling.first * left * reciprocal(1.0 + price), gap * reciprocal(1.0 + price * v))
     still = where(maximum(scaled, greatest([abs(missing)])) < SOLVED, 0.0, still)
+    still = where(border.factors.kept < len(missing), 0.0, still)  # a pivot is lost in rounding: a step would be noise
     moves = still * length > 0.0  # not where a number is not finite
     made = each(lambda own, step: own.moved(length, step, moves), points, [step for step, _ in found])
     changed = array([v + length * dv, z - length * z * (ratio + factor), left * (1.0 - length * part)])
