@@ -26,7 +26,7 @@ def entries() -> Iterator[Timed]:
     fast = hf.compile(system.chain)
     q, qd, tau, object_pose, object_twist = (x[0].copy() for x in system.arrays)
     given = {"q": q, "qd": qd, "tau": tau, "object_pose": object_pose, "object_twist": object_twist}
-    given |= {"qdd": np.zeros_like(q), "grasp_wrench": np.zeros((2, 6))}
+    given |= {"qdd": np.zeros_like(q), "grasp_wrench": np.zeros((2, 6)), "acceleration": np.zeros(6)}
     out = fast.forward_dynamics(q, qd, tau, object_pose, object_twist)
     whole = fast.forward_dynamics.bind(q=q, qd=qd, tau=tau, object_pose=object_pose, object_twist=object_twist)
     yield Timed(FIRST, "call", lambda: fast.forward_dynamics(q, qd, tau, object_pose, object_twist, out=out), 1)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.bench.distribution_entries import SOFT_FINGERS
 from benchmarks.bench.entries import ACCURATE, BIND, BIND_COPYING, PUBLIC
 
 Document = dict[str, Any]
@@ -125,6 +126,16 @@ def _number(rows: str, key: str, name: str, *path: str, note: str = "") -> Calla
     return value
 
 
+def _distribution(name: str) -> Callable[[Document], Finding]:
+    """Return a function that reads the time of a distribution of forces with soft fingers over forward dynamics."""
+
+    def value(document: Document) -> Finding:
+        rows = [row for row in document.get("distribution", ()) if (row["kind"], row["name"]) == (SOFT_FINGERS, name)]
+        return (rows[0]["ratio"], "bound, of the same chain") if rows else NOT_MEASURED
+
+    return value
+
+
 def _compile(system: str, how: str) -> Callable[[Document], Finding]:
     return _number("compile", "system", system, how, "first_answer", note="first answer included")
 
@@ -151,6 +162,8 @@ CHECKS = (
     Check("64 x 7: lcaba / ours", True, 9.0, _ratio("64 x 7", "pinocchio", "lcaba")),
     Check("64 x 7: constraintDynamics, free / ours", True, 400.0, _ratio("64 x 7", "pinocchio", CHOLESKY)),
     Check("2 x 96: lcaba / ours", True, 4.0, _ratio("2 x 96", "pinocchio", "lcaba")),
+    Check("distribution of forces, bound, over forward dynamics", False, 25.0, _distribution("16 iterations, bound")),
+    Check("the same in a batch, 12 iterations", False, 6.0, _distribution("12 iterations, batch")),
     Check("time of 64 x 7 / 16 x 7", False, 4.6, _number("growth", "larger", "64 x 7", "ratio")),
     Check("time of 2 x 96 / 2 x 24", False, 4.6, _number("growth", "larger", "2 x 96", "ratio")),
     Check("2 x 7: operations", False, 7500.0, _number("systems", "name", "2 x 7", "operations")),

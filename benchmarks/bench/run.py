@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 import holdfast
-from benchmarks.bench import acceptance, derivative_entries, entries, machine, peers, trunks
+from benchmarks.bench import acceptance, derivative_entries, distribution_entries, entries, machine, peers, trunks
 from benchmarks.bench.clock import Effort, summary, timed
 from benchmarks.bench.compile_times import compile_times
+from benchmarks.bench.distribution_entries import SOFT_FINGERS
 from benchmarks.bench.entries import ACCURATE, LIBRARY, relative_error
 from benchmarks.bench.measure import measure_system, reference
 from benchmarks.bench.rollout_entries import MUJOCO, SCHEMES, STEP, STEPS, mj_step, rollout
@@ -39,6 +40,7 @@ class Plan:
         trunks: names of systems with a trunk.
         derivatives: sizes whose derivatives are timed.
         jacobians: those of them whose Jacobian is timed, too.
+        distribution: kinds of grasps for which the distribution of forces is timed.
     """
 
     mode: str
@@ -53,6 +55,7 @@ class Plan:
     trunks: tuple[str, ...] = ()
     derivatives: tuple[Size, ...] = ()
     jacobians: tuple[Size, ...] = ((2, 7),)
+    distribution: tuple[str, ...] = ()
 
 
 QUICK = Plan(
@@ -66,6 +69,7 @@ QUICK = Plan(
     rollout_sizes=(512,),
     trunks=(TORSO, FLOATING),
     derivatives=((2, 7),),
+    distribution=(SOFT_FINGERS,),
 )
 FULL = Plan(
     "full",
@@ -82,6 +86,7 @@ FULL = Plan(
     trunks=(TORSO, FLOATING),
     derivatives=((2, 7), (4, 7), (16, 7)),
     jacobians=((2, 7), (16, 7)),
+    distribution=tuple(distribution_entries.KINDS),
 )
 
 
@@ -113,6 +118,7 @@ def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, An
         ("rollouts", work.rollouts, ()),
         *((name, work.trunk, (name,)) for name in plan.trunks),
         *((f"derivatives of {name_of(size)}", work.derivatives, (size,)) for size in plan.derivatives),
+        *((f"forces of {kind}", work.distribution, (kind,)) for kind in plan.distribution),
         *((f"growth to {name_of(larger)}", work.growth, (larger, smaller)) for larger, smaller in plan.growth),
         *((f"compiling {name_of(size)}", work.compiling, (size,)) for size in plan.compiled),
     ]
@@ -145,6 +151,7 @@ class Work:
             "rollouts": {"system": name_of(plan.batch_of), "step": STEP, "steps": STEPS, "entries": []},
             "trunks": [],
             "derivatives": [],
+            "distribution": [],
             "growth": [],
             "compile": [],
         }
@@ -217,6 +224,10 @@ class Work:
         here, matrix = "version" in self.document["peers"]["pinocchio"], size in self.plan.jacobians
         found = derivative_entries.compare(*self.system(size), self.plan.effort, matrix=matrix, pinocchio=here)
         self.document["derivatives"] += found
+
+    def distribution(self, kind: str) -> None:
+        """Time the distribution of forces relative to forward dynamics of the same chain."""
+        self.document["distribution"] += distribution_entries.compare(kind, self.plan.effort)
 
     def growth(self, larger: Size, smaller: Size) -> None:
         """Time a larger system relative to a smaller one."""

@@ -214,6 +214,14 @@ def growth(document: Document) -> Table:
     return Table("Growth of our time", ["systems", "ratio"], rows)
 
 
+def distribution(document: Document) -> Table:
+    """Return the times of the distribution of forces, in multiples of forward dynamics."""
+    rows = [[row["kind"], row["name"], number(row["microseconds"]), number(row["ratio"])]
+        for row in document.get("distribution", ())]  # fmt: skip
+    notes = ["Two Pandas with a box; ratios to a bound call of forward dynamics of the same chain, on one thread."]
+    return Table("Distribution of forces", ["grasps", "computation", "us", "ratio"], rows, notes)
+
+
 def absences(document: Document) -> list[str]:
     """Return a line for each comparison that is missing, with the reason."""
     lines = [f"{name}: not compared: {peer['absent']}" for name, peer in document["peers"].items() if "absent" in peer]
@@ -246,4 +254,17 @@ def _by_system(
 
 
 # in the order of the page
-ALL = (ratios, times, errors, settings, batches, rollouts, trunks, derivatives, growth, compiling, acceptance_checks)
+ALL = (
+    ratios,
+    times,
+    errors,
+    settings,
+    batches,
+    rollouts,
+    trunks,
+    derivatives,
+    distribution,
+    growth,
+    compiling,
+    acceptance_checks,
+)

@@ -15,8 +15,8 @@ from benchmarks.bench.tables import Table, number
 from tests.benchmarks.tiny import TINY, tiny_document
 
 SCHEMA = {
-    "document": "format mode accuracy rounds machine peers systems batches rollouts trunks derivatives growth compile"
-    " bars",
+    "document": "format mode accuracy rounds machine peers systems batches rollouts trunks derivatives distribution"
+    " growth compile bars",
     "machine": "processor cores lanes features system python versions",
     "system": "name arms joints states operations entries skipped",
     "entry": "name library note floor microseconds lower_quartile upper_quartile error wrench_error accurate ratios",
@@ -25,6 +25,7 @@ SCHEMA = {
     "trunk": "name operations call bound batch peers",
     "on a trunk": "name library note microseconds lower_quartile upper_quartile error wrench_error ratios",
     "derivative": "system what way library note microseconds lower_quartile upper_quartile error ratios",
+    "distribution": "kind name library microseconds lower_quartile upper_quartile ratio",
     "growth": "larger smaller ratio",
     "compile": "system cold cached",
     "bar": "what sense goal value met note",
@@ -45,6 +46,7 @@ def test_schema():
         "trunk": document["trunks"],
         "on a trunk": [row for r in document["trunks"] for row in (r["call"], r["bound"], r["batch"], *r["peers"])],
         "derivative": document["derivatives"],
+        "distribution": document["distribution"],
         "growth": document["growth"],
         "compile": document["compile"],
         "bar": document["bars"],

@@ -22,6 +22,7 @@ TINY = Plan(
     rollout_sizes=(4,),
     trunks=tuple(TRUNKS),
     derivatives=((2, 7),),
+    distribution=("soft fingers",),
 )
 
 

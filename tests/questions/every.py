@@ -19,14 +19,14 @@ from holdfast.spatial.scalar import Array
 from tests.surface import PUBLIC
 
 Given = dict[str, Array]
-FORWARD = "forward_dynamics"  # it has a status and tests of its own
+SOLVED = ("forward_dynamics", "distribute")  # they have tests of their own
 FUNCTIONS: dict[str, Any] = {f.question.name: f for f in PUBLIC.values() if hasattr(f, "question")}
 OF_MODEL = ("generic_rank", LIMITS, CONTACTS)  # what the chain alone says
 
 
 def direct() -> list[str]:
-    """Return the names of the questions that are answered without the equations of motion."""
-    return [name for name in QUESTIONS if name != FORWARD]
+    """Return the names of the questions that are answered without equations of motion and without a programme."""
+    return [name for name in QUESTIONS if name not in SOLVED]
 
 
 def differentiable() -> list[str]:

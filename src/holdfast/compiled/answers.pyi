@@ -57,6 +57,39 @@ class _Closure(Function):
             StateError: A name, shape or number is wrong, or the question has no answer.
         """
 
+class _Distribute(Function):
+    def __call__(
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, acceleration: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
+    ) -> ElasticDistribution:
+        """Return the torques and grasp wrenches for an acceleration of the object under limits, with the least effort.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip, a trunk's first [rad or m].
+            qd: (n,) or (batch, n) joint rates [rad/s or m/s].
+            object_pose: (7,) or (batch, 7) wxyz_xyz of the object frame.
+            object_twist: (6,) or (batch, 6) [omega; v of C] of the object, world axes [rad/s, m/s].
+            acceleration: (6,) or (batch, 6) wanted [omega_dot; v_dot of C], world axes [rad/s^2, m/s^2].
+            out: an earlier answer with arrays, to be overwritten.
+            threads: how many threads share a batch; None: as many as make it faster.
+            **parameters: for this call, any of gravity (3,), object_mass (), object_com (3,), object_inertia (3, 3),
+                object_wrench (6,), base_pose (arms, 7), base_twist (arms, 6), base_acceleration (arms, 6), grasp_pose
+                (grasps, 7), effort_share (), demanded_margin (grasps,), least_normal (grasps,), most_normal
+                (grasps,), effort_weight (n,), wish (arms, 6), wished_qdd (n,), force_scale (), wrench_weight (),
+                acceleration_weight (), price (); those of the links, if `compile` was asked for them; with a floating
+                base, required, floating_pose and what moves with it; with a trunk that stands trunk_base_twist and
+                trunk_base_acceleration.
+
+        Returns:
+            tau: (n,) torques of the drives [N m or N]; qdd: (n,) joint accelerations [rad/s^2 or m/s^2];
+            grasp_wrench: (arms, 6) wrench [moment; force] of each arm on the object about the contact point, world
+            axes [N m, N]; violation: by how much limits give way; all but 0 where they can be kept [N]; missed:
+            largest acceleration of a contact that its arm cannot follow [m/s^2]; residual: of the optimality
+            conditions, relative. As ElasticDistribution, with a leading axis for a batch.
+
+        Raises:
+            StateError: A name, shape or number is wrong, or the question has no answer.
+        """
+
 class _ForwardDynamics(Function):
     def __call__(
         self, q: Any, qd: Any, tau: Any, object_pose: Any, object_twist: Any, *, out: Any = None, threads: int | None = None, **parameters: Any
@@ -391,6 +424,7 @@ class Answers:
 
     centre_of_mass: _CentreOfMass
     closure: _Closure
+    distribute: _Distribute
     forward_dynamics: _ForwardDynamics
     grasp_margins: _GraspMargins
     inverse_dynamics: _InverseDynamics

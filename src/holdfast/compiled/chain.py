@@ -11,7 +11,7 @@ from holdfast.compiled.answers import Answers
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.function import Function
-from holdfast.compiled.structure import Options, optional_parameters, require_rank
+from holdfast.compiled.structure import OPTIONAL, Options, optional_parameters, require_rank
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.consistency import CLOSURE
 from holdfast.dynamics.energy import KINETIC
@@ -22,11 +22,13 @@ from holdfast.dynamics.methods import method_named
 from holdfast.dynamics.object_level import OBJECT_MOBILITY
 from holdfast.dynamics.projection import PROJECT
 from holdfast.errors import MethodNotApplicable
+from holdfast.forces.elastic_distribution import DISTRIBUTE
 from holdfast.forces.margins import GRASP_MARGINS
 from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called, unknown_attribute
+from holdfast.questions.arrays import ACCELERATION_LIMITS
 from holdfast.questions.question import QUESTIONS
 
 if TYPE_CHECKING:
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 
 # One question of each file that declares some; the import adds all of them to `QUESTIONS`.
 DECLARED = (
-    *(CLOSURE, FORWARD_DYNAMICS, GRASP_MARGINS, INVERSE_DYNAMICS, KINETIC),
+    *(CLOSURE, DISTRIBUTE, FORWARD_DYNAMICS, GRASP_MARGINS, INVERSE_DYNAMICS, KINETIC),
     *(MASS_MATRIX, OBJECT_MOBILITY, PROJECT, WRISTS),
 )
 
@@ -60,8 +62,8 @@ def compile(
         method: how the inverse inertia at each arm's tip is computed: `recursive` (articulated-body recursion),
             `mass_matrix` (by factorisation), or `auto`, which chooses one for each arm.
         parameters: further run-time parameters: `link_inertia` (adds link_mass, link_com and link_inertia, and
-            with a trunk trunk_link_mass, trunk_link_com and trunk_link_inertia of its bodies, a floating base first)
-            and `link_wrench` (external wrenches on the links).
+            with a trunk trunk_link_mass, trunk_link_com and trunk_link_inertia of its bodies, a floating base first),
+            `link_wrench` (external wrenches on the links) and `acceleration_limits` (of `distribute`).
         generic_rank: the rank of the grasp constraint away from singular configurations. If it is None, it is
             determined when it first matters.
         progress: whether to show that machine code is made, also that of derivatives, batches and other functions,
@@ -87,7 +89,7 @@ def compile(
             " method='auto', 'recursive' or 'mass_matrix'"
         )
     route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
-    options = optional_parameters(parameters, "compile", route)
+    options = optional_parameters(parameters, "compile", route, (*OPTIONAL, ACCELERATION_LIMITS))
     made = CompiledChain(chain, options, generic_rank, progress)
     _ = made.forward_dynamics.calls
     return made
@@ -191,6 +193,10 @@ REASONS = {
     "dynamics.state_from_joints": "it is of rigid grasps only; try `tip_poses`",
     "dynamics.tip_jacobian": "it is of one arm; `jacobian` gives those of all arms",
     "dynamics.tip_pose": "it is of one arm; `tip_poses` gives those of all arms",
+    "forces.distribution_parameters": "it makes the parameters with which `distribute` is called",
+    "forces.explain": "it reads the words of one Distribution",
+    "forces.least_peak": f"it is a report, with a proof: {_ROUNDS}; `distribute` takes a share of the effort limits",
+    "forces.lift_margin": f"it is a report, with a proof: {_ROUNDS}; `distribute` says whether one acceleration is possible",
     "forces.largest_margin": f"it is a convex programme: {_ROUNDS}",
     "forces.last_joint_wrenches": _OF_A_RESULT,
     "forces.margin_range": f"it is a convex programme: {_ROUNDS}",

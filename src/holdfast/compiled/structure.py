@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import secrets
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,7 +18,9 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import digest_of, exact_fingerprint, fingerprint
+from holdfast.model.grasp import WrenchLimits
 from holdfast.model.grasp_kinds import GraspKind
+from holdfast.questions.arrays import ACCELERATION_LIMITS
 
 OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that exist only on request
 
@@ -35,6 +38,7 @@ class Options:
         implicit: whether additional joint armatures and torques are inputs, for the stages of implicit steps.
         resolution: whether steps notice that they may not follow the motion (`simulation.resolution`).
         stages: number of stages of a step with given values (`rollout.stage_values`); 0 if a law computes torques.
+        acceleration_limits: whether limits of the joints' accelerations are run-time parameters of `distribute`.
     """
 
     route: Route = "auto"
@@ -45,6 +49,7 @@ class Options:
     implicit: bool = False
     resolution: bool = False
     stages: int = 0
+    acceleration_limits: bool = False
 
 
 def require_rank(generic_rank: Any, chain: ClosedChain, what: str) -> None:
@@ -61,24 +66,32 @@ def require_rank(generic_rank: Any, chain: ClosedChain, what: str) -> None:
         )
 
 
-def optional_parameters(parameters: Sequence[str], what: str, route: Route = "auto") -> Options:
+def optional_parameters(
+    parameters: Sequence[str], what: str, route: Route = "auto", known: Sequence[str] = OPTIONAL
+) -> Options:
     """Return the options for the optional parameters that a user requests.
 
     Args:
-        parameters: their names, `link_inertia` or `link_wrench`.
+        parameters: their names.
         what: the name of the calling function, for messages.
         route: how the inverse inertia at each arm's tip is computed.
+        known: the names that there are.
 
     Raises:
-        StateError: A name is not one of `OPTIONAL`.
+        StateError: A name is not one of them.
     """
     checks.instance(parameters, (list, tuple, set, frozenset), f"{what}: parameters", StateError)
     for name in parameters:
-        if not isinstance(name, str) or name not in OPTIONAL:
+        if not isinstance(name, str) or name not in known:
             raise StateError(
-                f"{what}: no optional parameter {checks.short(name)}.{checks.did_you_mean(str(name), OPTIONAL)}"
+                f"{what}: no optional parameter {checks.short(name)}.{checks.did_you_mean(str(name), known)}"
             )
-    return Options(route, "link_inertia" in parameters, "link_wrench" in parameters)
+    return Options(
+        route,
+        "link_inertia" in parameters,
+        "link_wrench" in parameters,
+        acceleration_limits=ACCELERATION_LIMITS in parameters,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +105,14 @@ class Structure:
             the grasps.
         by_links: whether arms with different link inertias have different types, because the computation depends on
             them.
+        by_limits: whether arms whose grasps have other limits have different types.
     """
 
     chain: ClosedChain
     options: Options
     by_grasp: bool = True
     by_links: bool = True
+    by_limits: bool = False
 
     @cached_property
     def types(self) -> dict[str, list[int]]:
@@ -124,6 +139,9 @@ class Structure:
     def _digest_of(self, name: str) -> str:
         grasp = self.chain.grasps.get(name) if self.by_grasp else None
         kind = _key_of(grasp.of_kind) if grasp else "none"
+        if grasp and self.by_limits:
+            limits = grasp.wrench_limits or WrenchLimits()
+            kind += repr((grasp.contact is None, math.isinf(limits.force), math.isinf(limits.moment)))
         folded = _folded(self.chain.arms[name], self.options.link_inertia or not self.by_links)
         return digest_of([kind.encode(), *folded])
 

@@ -4,6 +4,7 @@ from .distribute import distribute as distribute
 from .distribute import explain as explain
 from .distribute import least_peak as least_peak
 from .distribute import lift_margin as lift_margin
+from .elastic_distribution import distribution_parameters as distribution_parameters
 from .force_split import split as split
 from .limits import Distribution as Distribution
 from .limits import ForceCost as ForceCost

@@ -17,6 +17,7 @@ from holdfast.forces.acceleration_map import AccelerationMap
 from holdfast.forces.limits import ForceLimits
 from holdfast.forces.margins import conditions
 from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.wrench_condition import NORMAL
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -131,18 +132,8 @@ def _rotated(R: Array, columns: Array) -> Array:
 
 def _of_accelerations(found: AccelerationMap, state: State, limits: ForceLimits) -> Iterator[Limit]:
     chain = found.motion.chain
-    names = chain.joint_names()
-    ranges = dict(limits.acceleration)
-    for name in ranges:
-        if name not in names:
-            raise ModelError(f"limits: acceleration: no joint '{name}'.{checks.did_you_mean(str(name), names)}")
-    for j, (name, joint) in enumerate(zip(names, chain.all_joints, strict=True)):
-        low, high = ranges.get(name, (-math.inf, math.inf))
-        if limits.sample_time is not None:
-            lowest, highest = joint.position_limits
-            q, qd, T, brake = float(state.q[j]), float(state.qd[j]), limits.sample_time, limits.braking
-            high = min(high, highest_acceleration(highest - q, qd, joint.rate_limit, T, brake))
-            low = max(low, -highest_acceleration(q - lowest, -qd, joint.rate_limit, T, brake))
+    ranges = acceleration_ranges(chain, state, limits)
+    for j, (name, joint, low, high) in enumerate(zip(chain.joint_names(), chain.all_joints, *ranges, strict=True)):
         G = np.zeros((1, len(found.v0)))
         G[0, found.qdd.start + j] = 1.0
         unit = "rad/s^2" if joint.turns else "m/s^2"
@@ -150,6 +141,27 @@ def _of_accelerations(found: AccelerationMap, state: State, limits: ForceLimits)
             yield Limit(name, "acceleration", "upper", 1.0, G, np.array([high]), unit)
         if math.isfinite(low):
             yield Limit(name, "acceleration", "lower", 1.0, -G, np.array([-low]), unit)
+
+
+def acceleration_ranges(chain: ClosedChain, state: State, limits: ForceLimits) -> Array:
+    """Return the lowest and highest joint accelerations, (2, n); infinite without a limit.
+
+    Raises:
+        ModelError: a joint does not exist.
+    """
+    names = chain.joint_names()
+    for name in limits.acceleration:
+        if name not in names:
+            raise ModelError(f"limits: acceleration: no joint '{name}'.{checks.did_you_mean(str(name), names)}")
+    found = np.array([limits.acceleration.get(name, (-math.inf, math.inf)) for name in names]).reshape(-1, 2).T
+    if limits.sample_time is not None:
+        T, brake = limits.sample_time, limits.braking
+        for j, joint in enumerate(chain.all_joints):
+            lowest, highest = joint.position_limits
+            q, qd = float(state.q[j]), float(state.qd[j])
+            found[1, j] = min(found[1, j], highest_acceleration(highest - q, qd, joint.rate_limit, T, brake))
+            found[0, j] = max(found[0, j], -highest_acceleration(q - lowest, -qd, joint.rate_limit, T, brake))
+    return found
 
 
 def highest_acceleration(way: float, qd: float, rate: float, T: float, braking: float) -> float:

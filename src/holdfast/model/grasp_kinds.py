@@ -212,12 +212,14 @@ class GraspKind(Frozen):
         """Whether its axes, or the reference point of its wrench, are not fixed in the object."""
         return self.slides or self.axes is not contact_axes
 
-    def row_scales(self, length: float) -> list[float]:
+    def row_scales(self, length: Scalar) -> list[Scalar]:
         """Return the size of a wrench along each row of K equivalent to 1 N; moments are divided by `length`."""
         if self.aligned:
             return [length if i < 3 else 1.0 for i in self.transmitted]
-        rows = self.directions[list(self.transmitted)] / np.repeat([length, 1.0], 3)
-        return [1.0 / math.hypot(*row) for row in rows]
+        sizes = [
+            (math.hypot(*row[:3]) / length, math.hypot(*row[3:])) for row in self.directions[list(self.transmitted)]
+        ]
+        return [1.0 / sqrt(moment * moment + force * force) for moment, force in sizes]
 
     @frozen_property
     def angular(self) -> tuple[bool, ...]:

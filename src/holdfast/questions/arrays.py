@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import accumulate
 from typing import Any, Literal, NamedTuple
@@ -216,6 +217,29 @@ _ROWS = (
             [(*joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in chain.all_joints])),
     _of_model("contact", ("grasps", 6), "", "one-sided or not, friction, size of the contact, largest moment and"
         " force, lever", lambda chain: [contact_of(grasp) for grasp in chain.grasps.values()]),
+    Row("acceleration", ACCELERATION, "rad/s^2, m/s^2", "wanted [omega_dot; v_dot of C], world axes", "input"),
+    _of_model("effort_share", (), "", "share of the joints' effort limits that may be used", lambda chain: 1.0),
+    _of_model("demanded_margin", ("grasps",), "N", "margins that the grasps must keep",
+        lambda chain: np.zeros(len(chain.grasps))),
+    _of_model("least_normal", ("grasps",), "N", "smallest forces along the contacts' normals",
+        lambda chain: np.full(len(chain.grasps), -np.inf)),
+    _of_model("most_normal", ("grasps",), "N", "largest forces along them",
+        lambda chain: np.full(len(chain.grasps), np.inf)),
+    _of_model("acceleration_limits", (2, "n"), RATE_2, "lowest and highest joint accelerations",
+        lambda chain: [[-np.inf] * chain.joint_count, [np.inf] * chain.joint_count]),
+    _of_model("effort_weight", ("n",), "1/(N m)^2 or 1/N^2", "weights of squared torques",
+        lambda chain: [joint.effort_limit**-2.0 if math.isfinite(joint.effort_limit) else 1.0
+            for joint in chain.all_joints]),
+    _of_model("wish", ("arms", 6), "N m, N", "wished wrench of each arm on the object about the contact point, contact"
+        " axes", lambda chain: np.zeros((len(chain.arms), 6))),
+    _of_model("wished_qdd", ("n",), RATE_2, "wished joint accelerations, as far as the object leaves them free",
+        lambda chain: np.zeros(chain.joint_count)),
+    _of_model("force_scale", (), "N", "unit of forces; 0: the size of the force that the object needs, at least 1 N",
+        lambda chain: 0.0),
+    _of_model("wrench_weight", (), "", "weight of the wrenches, in units of the force scale", lambda chain: 0.01),
+    _of_model("acceleration_weight", (), "", "weight of the joint accelerations, in units of 10 rad/s^2 or m/s^2",
+        lambda chain: 0.01),
+    _of_model("price", (), "", "cost of passing the limits by the force scale", lambda chain: 1e3),
     Row("generic_rank", (), "", "rank of the grasp constraint away from singular configurations; -1: not known",
         "parameter"),
     Row("units", (), "", "the identity matrix", "parameter"),
@@ -271,6 +295,11 @@ LINKS = ("link_mass", "link_com", "link_inertia")
 TRUNK_LINKS = tuple(f"trunk_{name}" for name in LINKS)
 OBJECT = ("object_mass", "object_com", "object_inertia")
 LIMITS, CONTACTS = "joint_limits", "contact"  # `forces.margins.joint_limits`, `contacts_of`
+ACCELERATION_LIMITS = "acceleration_limits"
+DISTRIBUTED = (
+    *("effort_share", "demanded_margin", "least_normal", "most_normal"),
+    *("effort_weight", "wish", "wished_qdd", "force_scale", "wrench_weight", "acceleration_weight", "price"),
+)  # what the distribution of forces is asked
 # Users pass poses as wxyz_xyz; machine code reads rotation matrices, and origins if they matter.
 POSE_ARRAYS = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
 INTERNAL = {"generic_rank", LIMITS, CONTACTS, *(name for pair in POSE_ARRAYS.values() for name in pair)}

@@ -13,11 +13,21 @@ from typing import Any, Literal, NamedTuple
 
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_kinds import GraspKind
-from holdfast.questions.arrays import ARRAYS, CONTACTS, FLOATING, FLOATING_RESULT, LIMITS, Row, Shape, arguments_of
+from holdfast.questions.arrays import (
+    ARRAYS,
+    CONTACTS,
+    DISTRIBUTED,
+    FLOATING,
+    FLOATING_RESULT,
+    LIMITS,
+    Row,
+    Shape,
+    arguments_of,
+)
 from holdfast.questions.case import VariedCase
 from holdfast.spatial.scalar import Array
 
-Dependence = Literal["grasps", "links", "forces", "bushings"]
+Dependence = Literal["grasps", "links", "forces", "bushings", "limits"]
 Found = Mapping[str, Array]
 Show = Callable[[Found], Any]  # the results of one system or a batch -> what a user gets
 
@@ -63,8 +73,9 @@ class Question:
         arguments: names of all arrays by which it can be differentiated, for any chain; none if it cannot.
         by: those by which it is differentiated unless others are requested.
         of: the results whose Jacobian is returned unless others are requested; all if there are none here.
-        depends_on: what else decides which machine code it needs: the kinds of the "grasps", the inertias of the
-            "links", "forces" that act on links and between bodies, the forces or the energy of "bushings".
+        depends_on: what else decides which machine code it needs: the kinds of the "grasps" and which "limits" they
+            have, the inertias of the "links", "forces" that act on links and between bodies, the forces or the energy
+            of "bushings".
         unlimited: whether a result may be infinite, as a margin without a limit is.
         parts: the parts of a result of a chain, in order; None if it has none. Those of arms in the world depend on
             nothing of other arms.
@@ -163,7 +174,7 @@ class Question:
         given = (
             name for name in (*self.inputs, *self.by_name(chain)) if not ARRAYS[name].field or name == FLOATING_RESULT
         )
-        return *given, *(name for name in self.parameters if name in (LIMITS, CONTACTS, "about"))
+        return *given, *(name for name in self.parameters if name in (LIMITS, CONTACTS, "about", *DISTRIBUTED))
 
 
 QUESTIONS: dict[str, Question] = {}  # all that machine code answers; see `derivatives.declare`

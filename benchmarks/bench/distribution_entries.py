@@ -1,0 +1,109 @@
+"""Entries of the distribution of forces: two Pandas that hold a box, beside forward dynamics and Clarabel."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import holdfast as hf
+from benchmarks.bench.clock import Effort, summary, timed
+from benchmarks.bench.entries import LIBRARY, Timed
+from benchmarks.bench.systems import facing_pandas
+from holdfast.compiled.function import Function
+from holdfast.forces.elastic_distribution import DISTRIBUTE, distributed, programme
+from holdfast.questions.arrays import value_of
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import with_link_wrenches
+from holdfast.spatial.scalar import Array
+
+SYSTEMS = 128
+SOFT_FINGERS = "soft fingers"
+KINDS = {
+    SOFT_FINGERS: ("softfinger", hf.Friction(0.8, torsion_radius=0.02), None),
+    "rigid, rated": ("rigid", None, hf.WrenchLimits(moment=20.0, force=200.0)),
+}
+
+
+def shorter(iterations: int) -> Any:
+    """Return the question with another number of iterations."""
+
+    def compute(case: VariedCase) -> tuple[Array, ...]:
+        return distributed(case, iterations)
+
+    return replace(DISTRIBUTE, name=f"distribute_{iterations}", compute=compute)
+
+
+def chain_of(kind: str) -> tuple[hf.ClosedChain, hf.State]:
+    """Return two Pandas that hold a box."""
+    name, contact, limits = KINDS[kind]
+    chain, state = facing_pandas(name, contact)
+    grasps = {arm: replace(grasp, wrench_limits=limits) for arm, grasp in chain.grasps.items()}
+    return replace(chain, grasps=grasps), state
+
+
+def entries(kind: str) -> Iterator[Timed]:
+    """Yield bound calls of forward dynamics and of the distribution, and then batches of them, for a kind of grasps."""
+    chain, state = chain_of(kind)
+    fast = hf.compile(chain)
+    random = np.random.default_rng(0)
+    one = [state.q, state.qd, state.object_pose, state.object_twist, np.array([0.3, 0.2, -0.1, 0.5, 0.4, 1.0])]
+    many = [np.array([x] * SYSTEMS) for x in one]
+    many[0] += 0.01 * random.normal(size=many[0].shape)
+    many[4] += random.normal(size=many[4].shape)
+    names, torques = DISTRIBUTE.inputs[:4], np.zeros(chain.joint_count)
+    given = {name: np.array(x) for name, x in zip(names, one, strict=False)}
+    yield Timed("forward dynamics, bound", LIBRARY, fast.bind(**given, tau=torques), 1)
+    asked = [("16 iterations", fast.distribute), *((f"{k} iterations", Function(fast, shorter(k))) for k in (12, 0))]
+    for name, function in asked:
+        yield Timed(f"{name}, bound", LIBRARY, function.bind(**given, acceleration=one[4]), 1)
+    zeros = np.zeros((SYSTEMS, chain.joint_count))
+    q, qd, pose, twist, _ = many
+    out = fast.forward_dynamics(q, qd, zeros, pose, twist)
+    again = partial(fast.forward_dynamics, q, qd, zeros, pose, twist, out=out, threads=1)
+    yield Timed("forward dynamics, batch", LIBRARY, again, SYSTEMS)
+    for name, function in asked:
+        yield Timed(f"{name}, batch", LIBRARY, partial(function, *many, out=function(*many), threads=1), SYSTEMS)
+    yield from by_clarabel(chain, state, one[4])
+
+
+def by_clarabel(chain: hf.ClosedChain, state: hf.State, acceleration: Array) -> Iterator[Timed]:
+    """Yield Clarabel's solution of the same programme, which is made beforehand, if it is installed."""
+    try:
+        import clarabel  # pyright: ignore[reportMissingImports]
+
+        from benchmarks.clarabel_peer import arguments
+    except ImportError:
+        return
+    own = {name: value_of(name, chain) for name in DISTRIBUTE.own(chain) if name != "acceleration"}
+    made = programme(VariedCase(chain, state, with_link_wrenches(chain, None), own | {"acceleration": acceleration}))
+    *given, _ = arguments(made.blocks, made.e, float(own["price"]))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    yield Timed("Clarabel, without the map", "Clarabel", lambda: clarabel.DefaultSolver(*given, settings).solve(), 1)
+
+
+def compare(kind: str, effort: Effort, now: Callable[[], float] = time.perf_counter) -> list[dict[str, Any]]:
+    """Time the distribution, relative to a bound call of forward dynamics of the same chain in the same rounds.
+
+    Args:
+        kind: a kind of grasps.
+        effort: duration of the measurement.
+        now: the clock [s].
+    """
+    listed = list(entries(kind))
+    seconds = timed(listed, effort, now)
+    return [
+        {
+            "kind": kind,
+            "name": entry.name,
+            "library": entry.library,
+            **summary(seconds[:, k]),
+            "ratio": float(np.median(seconds[:, k] / seconds[:, 0])),
+        }
+        for k, entry in enumerate(listed)
+    ]

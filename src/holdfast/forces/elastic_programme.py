@@ -1,0 +1,263 @@
+"""The elastic programme of force distribution, by an interior point of fixed length.
+
+    min   sum_i (1/2 x_i' P_i x_i + c_i' x_i) + rho v + 1/2 v^2
+    s.t.  sum_i E_i x_i = e,   low_i - v <= R_i x_i <= high_i + v,   h_ij - G_ij x_i + v [1, 0, ..] in a cone,   v >= 0
+
+Blocks i are arms. They are coupled in the rows of E and in v only, so each is factorised alone, and what is left are as
+many equations as E has rows, and one for v. Every limit gives way by v at the price rho, so there is always a solution;
+v = 0 where the limits can be kept, as long as rho exceeds the sum of their multipliers (exact penalty).
+
+Slacks are s = h - G x + v from the start, and steps keep that. In the right-hand sides, W^-2 s is z by the definition
+of the scaling W. It is used as known: computed, it would lose the digits that W^-2 magnifies.
+
+References: Mehrotra, "On the implementation of a primal-dual interior point method", 1992; Nesterov and Todd,
+"Self-scaled barriers and interior-point methods for convex programming", 1997; Boyd and Wegbreit, "Fast computation of
+optimal contact forces", 2007.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.forces.programme_block import (
+    Block,
+    BlockFactors,
+    BlockPoint,
+    Ends,
+    corrected,
+    factorised,
+    gradient_sizes,
+    greatest,
+    predicted,
+    right_side,
+    step_ends,
+    total,
+)
+from holdfast.forces.second_order_cone import cone_inverse
+from holdfast.spatial.linalg import MaskedLDL, forward_substitution, ldl, ldl_solve
+from holdfast.spatial.scalar import (
+    Array,
+    Scalar,
+    array,
+    concatenate,
+    each,
+    maximum,
+    reciprocal,
+    scan,
+    select,
+    sqrt,
+    where,
+)
+
+ITERATIONS = 16
+SOLVED = 1e-9  # residual at which the iterate is kept
+FRACTION = 0.99  # of the way to the boundary
+NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
+
+
+class Iterate(NamedTuple):
+    """The point of an iteration.
+
+    Attributes:
+        points: those of the blocks.
+        v: by how much limits give way, which is also the slack of v >= 0.
+        z: multiplier of v >= 0.
+        nu: (rows,) multipliers of the coupling rows.
+        left: the part of the first dual residual that is left.
+        open: 1 until the residual is below `SOLVED`, then 0.
+    """
+
+    points: Sequence[BlockPoint]
+    v: Scalar
+    z: Scalar
+    nu: Array
+    left: Scalar
+    open: Scalar
+
+
+class Distributed(NamedTuple):
+    """The solution.
+
+    Attributes:
+        x: (n,) of every block.
+        v: by how much limits give way.
+        residual: the largest residual of the optimality conditions: that of the gradient relative to 1 + rho, that of
+            the coupling rows, and the gap of the objective relative to 1 + rho v.
+    """
+
+    x: list[Array]
+    v: Scalar
+    residual: Scalar
+
+
+class CoupledRows(NamedTuple):
+    """What the blocks have in common.
+
+    Attributes:
+        e: (rows,) right-hand side of the coupling rows.
+        used: (rows,) 1 for those that are imposed, 0 for those that depend on others.
+        price: rho.
+        first: size of the dual residual at the start, all of which every step reduces by the same factor.
+    """
+
+    e: Array
+    used: Array
+    price: Scalar
+    first: Scalar
+
+
+class Border(NamedTuple):
+    """The equations for v and the multipliers of the coupling rows that the factorised blocks leave.
+
+    Attributes:
+        S: (rows + 1, rows + 1) sum of V' V.
+        factors: those of its first rows.
+        column: (rows,) the multipliers that v brings with it.
+        pivot: the inverse of what is left for v.
+    """
+
+    S: Array
+    factors: MaskedLDL
+    column: Array
+    pivot: Scalar
+
+    def solved(self, sums: Array, missing: Array, right: Scalar) -> tuple[Scalar, Array]:
+        """Return dv, and the multipliers after the step.
+
+        Args:
+            sums: (rows + 1,) sum of V' y over the blocks' half-solved right-hand sides y.
+            missing: (rows,) what the step takes off the coupling rows.
+            right: right-hand side of v.
+        """
+        r = len(missing)
+        through = ldl_solve(self.factors, sums[:r] + missing)
+        dv = self.pivot * (right - sums[r] + self.S[r, :r] @ through)
+        return dv, through - dv * self.column
+
+
+def solve(blocks: Sequence[Block], e: Array, price: Scalar, iterations: int = ITERATIONS) -> Distributed:
+    """Return the solution of the elastic programme. O(blocks).
+
+    Args:
+        blocks: the blocks.
+        e: (rows,) right-hand side of the coupling rows.
+        price: rho.
+        iterations: how many.
+    """
+    known = total(block.E @ block.E.T for block in blocks)
+    factors = ldl(known, np.diag(known))
+    used = array([where(pivot > 0.0, 1.0, 0.0) for pivot in factors.pivots])
+    chosen = [block._replace(E=(block.E.T * used).T) for block in blocks]
+    begin = _start(chosen, len(e), price)
+    first = maximum(begin.v, greatest(each(gradient_sizes, chosen, begin.points)))
+    coupling = CoupledRows(used * e, used, price, first)
+    last, _ = scan(lambda at, _: (_advanced(chosen, coupling, at), None), begin, [None] * iterations)
+    # what is left of the coupling rows is taken off with the smallest change
+    left = ldl_solve(factors, e - total(block.E @ at.x for block, at in zip(blocks, last.points, strict=True)))
+    points = each(lambda block, at: at._replace(x=at.x + block.E.T @ left), blocks, last.points)
+    last = last._replace(points=points)
+    return Distributed([at.x for at in points], last.v, _residual(blocks, e, price, last))
+
+
+def _start(blocks: Sequence[Block], rows: int, price: Scalar) -> Iterate:
+    """Return x = 0, the v that puts every limit one unit inside, and multipliers mu s^-1 that add up to rho."""
+
+    def needed(block: Block) -> Scalar:
+        return greatest([-block.high, block.low, *(sqrt(h[1:] @ h[1:]) - h[0] for _, h in block.cones)])
+
+    def slacks(block: Block) -> tuple[Array, list[Array], Scalar]:
+        s = concatenate([block.high, -block.low]) + v
+        of_cones = [concatenate([[h[0] + v], h[1:]]) for _, h in block.cones]
+        return s, of_cones, total(reciprocal(s)) + total(cone_inverse(x)[0] for x in of_cones)
+
+    v = 1.0 + greatest(each(needed, blocks))
+    found = each(slacks, blocks)
+    mu = price * reciprocal(reciprocal(v) + total(weight for *_, weight in found))
+
+    def point(block: Block, s: Array, of_cones: list[Array]) -> BlockPoint:
+        return BlockPoint(0.0 * block.c, s, mu * reciprocal(s), tuple([(x, mu * cone_inverse(x)) for x in of_cones]))
+
+    points = each(point, blocks, [s for s, *_ in found], [of_cones for _, of_cones, _ in found])
+    return Iterate(points, v, mu * reciprocal(v), np.zeros(rows), 1.0, 1.0)
+
+
+def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> Iterate:
+    """Return the next iterate: a step of Mehrotra's predictor and corrector."""
+    (points, v, z, nu, left, still), price = at, coupling.price
+    of = each(factorised, blocks, points)
+    missing = total(block.E @ own.x for block, own in zip(blocks, points, strict=True)) - coupling.e
+    degree = 1 + sum(2 * len(block.low) + len(block.cones) for block in blocks)
+    gap = total(f.gap for f in of) + v * z
+    product = reciprocal(v * z)
+    border = _border(of, 1.0 + z * z * product, coupling.used)
+
+    def direction(part: Scalar, right: list[Array], of_v: Scalar) -> tuple[list[Ends], Scalar, Array]:
+        """Return dx and ds of every block, dv, and the multipliers after the step."""
+        halves = each(lambda f, b: forward_substitution(f.C, b), of, right)
+        sums = total(f.V.T @ y for f, y in zip(of, halves, strict=True))
+        dv, after = border.solved(sums, part * missing, of_v)
+        return each(lambda block, f, y: step_ends(block, f, y, dv, after), blocks, of, halves), dv, after
+
+    # predictor: u = z takes G' z off the gradient
+    steps, dv, _ = direction(1.0, [-f.gradient for f in of], -(v + price))
+    ratio = dv * product * z
+    ahead = each(predicted, points, of, steps)
+    longest = reciprocal(greatest([1.0, -ratio, 1.0 + ratio, *(rate for *_, rate in ahead)]))
+    less = 1.0 - longest
+    sigma = less * less * less
+    centre, part = sigma * gap * (1.0 / degree), 1.0 - sigma
+
+    # corrector
+    factor = 1.0 - ratio * (1.0 + ratio) - centre * product
+    wanted = each(lambda *of_block: right_side(centre, *of_block), blocks, points, of, ahead)
+    right = [u.pull - part * (f.gradient + f.pull) for u, f in zip(wanted, of, strict=True)]
+    own = v + price - z - total(f.price for f in of)
+    steps, dv, after = direction(part, right, -part * own - z * factor - total(u.price for u in wanted))
+    ratio = dv * product * z
+    found = each(corrected, points, of, wanted, steps)
+    length = FRACTION * reciprocal(greatest([FRACTION, -ratio, ratio + factor, *(rate for _, rate in found)]))
+
+    scaled = maximum(coupling.first * left * reciprocal(1.0 + price), gap * reciprocal(1.0 + price * v))
+    still = where(maximum(scaled, greatest([abs(missing)])) < SOLVED, 0.0, still)
+    still = where(border.factors.kept < len(missing), 0.0, still)  # a pivot is lost in rounding: a step would be noise
+    moves = still * length > 0.0  # not where a number is not finite
+    made = each(lambda own, step: own.moved(length, step, moves), points, [step for step, _ in found])
+    changed = array([v + length * dv, z - length * z * (ratio + factor), left * (1.0 - length * part)])
+    v, z, left = select(moves, changed, array([v, z, left]))
+    return Iterate(made, v, z, select(moves, nu + length * (after - part * nu), nu), left, still)
+
+
+def _border(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Border:
+    """Return the equations that the factorised blocks leave.
+
+    Args:
+        of: the blocks' factors.
+        stiffness: of v, without the blocks.
+        used: (rows,) 1 for the coupling rows that are imposed.
+    """
+    S, rows = total(f.V.T @ f.V for f in of), len(used)
+    own = S[:rows, :rows] + np.diag(1.0 - used)
+    factors = ldl(own, np.diag(own), NULL)
+    column = ldl_solve(factors, S[rows, :rows])
+    left = stiffness + total(f.stiffness for f in of) - S[rows, rows] + S[rows, :rows] @ column
+    return Border(S, factors, column, reciprocal(left))
+
+
+def _residual(blocks: Sequence[Block], e: Array, price: Scalar, at: Iterate) -> Scalar:
+    """Return the largest residual of the optimality conditions; see `Distributed`."""
+
+    def of_block(block: Block, own: BlockPoint) -> tuple[Scalar, Scalar, Scalar]:
+        z = [z for _, z in own.of_cones]
+        gradient = block.P @ own.x + block.c + block.pull(own.z, z) + block.E.T @ at.nu
+        gap = own.s @ own.z + total(s @ z for s, z in own.of_cones)
+        return greatest([abs(gradient)]), total(own.z) + total(x[0] for x in z), gap
+
+    found = each(of_block, blocks, at.points)
+    gap = total(gap for *_, gap in found) + at.v * at.z
+    of_v = at.v + price - at.z - total(price for _, price, _ in found)
+    dual = greatest([*(gradient for gradient, *_ in found), abs(of_v)]) * reciprocal(1.0 + price)
+    missing = total(block.E @ own.x for block, own in zip(blocks, at.points, strict=True)) - e
+    return greatest([dual, gap * reciprocal(1.0 + price * at.v), abs(missing)])
