@@ -13,6 +13,10 @@ from holdfast.compiler.program import Program
 # Longer functions are split, because compile time and register spills grow faster than the length of a function.
 LONGEST_PART = 1000
 
+# Lane groups of a batch take turns after each function. The processor computes two groups at the same time if a
+# function is shorter than the instructions that it looks ahead, some 450.
+LONGEST_OF_GROUPS = 200
+
 
 class Access(NamedTuple):
     """How a function accesses the numbers of one array.
@@ -86,7 +90,9 @@ class SplitProgram(NamedTuple):
         return [*pointers, "scratch"] if self.scratch else pointers
 
 
-def split(program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access]) -> SplitProgram:
+def split(
+    program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], longest: int = LONGEST_PART
+) -> SplitProgram:
     """Return a program as one part, or as several parts if it is long.
 
     Args:
@@ -94,8 +100,9 @@ def split(program: Program, lanes: int, inputs: Sequence[Access], outputs: Seque
         lanes: how many systems or items are computed side by side.
         inputs: how each input array is accessed.
         outputs: how each output array is accessed.
+        longest: the most instructions of a part.
     """
-    pieces = by_length(program, LONGEST_PART)
+    pieces = by_length(program, longest)
     pieces = pieces._replace(programs=tuple([ordered(part) for part in pieces.programs]))
     sizes = [math.prod(shape) for shape in program.input_shapes]
     of_array = [k for k, size in enumerate(sizes) for _ in range(size)]
@@ -113,25 +120,48 @@ def split(program: Program, lanes: int, inputs: Sequence[Access], outputs: Seque
         own = kept[start : start + pieces.memory[k]]
         parts.append(SplitPart(part, [*given, *kept[:start]], [*results, own]))
     writes = tuple(k for k, o in enumerate(program.outputs) if o.places)
-    return SplitProgram(parts, tuple(sorted(used)), writes, sum(number.pointer == "scratch" for number in kept))
+    return SplitProgram(parts, tuple(sorted(used)), writes, max((number.place + 1 for number in kept if number.pointer == "scratch"), default=0))
 
 
 def _kept(pieces: Pieces, lanes: int, outputs: Sequence[Access]) -> list[NumberPlace]:
-    """Return the locations of values that later parts need: in a result if the value is one, else in scratch memory."""
+    """Return the locations of values that later parts need: in a result if the value is one, else in scratch memory.
+
+    The place of a value in scratch memory is used again once no later part needs the value.
+    """
+    first = pieces.programs[0].input_size
+    last = [0] * sum(pieces.memory)  # the part that reads each value last
+    for k, part in enumerate(pieces.programs):
+        for _, args, _ in part.instructions:
+            for a in args:
+                if first <= a < part.input_size:
+                    last[a - first] = k
+        for output in part.outputs:
+            for a in output.places:
+                if first <= a < part.input_size:
+                    last[a - first] = k
     found: list[NumberPlace] = []
+    free: list[int] = []
+    freed: dict[int, list[int]] = {}  # places by the part that reads them last
     count = 0
-    for part in pieces.programs:
+    for k, part in enumerate(pieces.programs):
+        free += freed.get(k - 1, [])
         *results, memory = part.outputs
         known = {
-            place: NumberPlace(f"out{k}", e, outputs[k])
-            for k, output in enumerate(results)
+            place: NumberPlace(f"out{j}", e, outputs[j])
+            for j, output in enumerate(results)
             for e, place in enumerate(output.places)
         }
         for place in memory.places:
-            found.append(known.get(place) or NumberPlace("scratch", count, Access(lanes)))
-            count += place not in known
+            number = known.get(place)
+            if number is None:
+                if free:
+                    at = free.pop()
+                else:
+                    at, count = count, count + 1
+                freed.setdefault(last[len(found)], []).append(at)
+                number = NumberPlace("scratch", at, Access(lanes))
+            found.append(number)
     return found
-
 
 _MOVED_THROUGH = frozenset({"negate", "multiply", "divide", "select"})  # -(x y) is (-x) y, and so on, exactly
 

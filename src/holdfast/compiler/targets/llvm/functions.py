@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from string import Template
 from typing import NamedTuple
@@ -17,7 +17,16 @@ from holdfast.compiler.order import is_crowded
 from holdfast.compiler.program import Program
 from holdfast.compiler.schedule import Call
 from holdfast.compiler.targets.layout import ArrayAddress, Layout
-from holdfast.compiler.targets.split import Access, NumberPlace, SplitPart, SplitProgram, signs_to_keep, split
+from holdfast.compiler.targets.split import (
+    LONGEST_OF_GROUPS,
+    LONGEST_PART,
+    Access,
+    NumberPlace,
+    SplitPart,
+    SplitProgram,
+    signs_to_keep,
+    split,
+)
 
 # A number in memory that has not been used for so many operations is loaded again. LLVM would keep it in a register, or
 # rather write it to the stack, a second time, because more numbers are in use than there are registers. Where fewer are
@@ -44,20 +53,16 @@ class ProgramInLlvm(NamedTuple):
     parameters: dict[str, list[str]]
     split: SplitProgram
 
-    def calls(self, arguments: Sequence[str]) -> list[str]:
-        """Return the lines that call the functions with the pointers of `split`, in its order."""
-        given = dict(zip(self.split.parameters, arguments, strict=True))
-        return [
-            f"  call void @{name}({', '.join([given[p.removesuffix(_BEFORE)] for p in parameters])})"
-            for name, parameters in self.parameters.items()
-        ]
+    def call(self, name: str, arguments: Mapping[str, str]) -> str:
+        """Return the line that calls one of the functions with the given pointers, by the parameters of `split`."""
+        return f"  call void @{name}({', '.join([arguments[p.removesuffix(_BEFORE)] for p in self.parameters[name]])})"
 
 
 def function(
-    name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access]
+    name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], longest: int
 ) -> ProgramInLlvm:
     """Return a program as one function, or several if it is long; for the arguments see `split`."""
-    found = split(program, lanes, inputs, outputs)
+    found = split(program, lanes, inputs, outputs, longest)
     lines: list[str] = []
     parameters: dict[str, list[str]] = {}
     known = [*found.parameters, *(pointer + _BEFORE for pointer in found.parameters)]
@@ -230,35 +235,59 @@ class Module:
         self._labels += 1
         return self._labels
 
+    def for_groups(self, lines: list[str], label: str, body: Callable[[int], list[str]]) -> str:
+        """Append a loop over the lane groups of a batch that run together; return the label of the block after it.
+
+        Args:
+            lines: the lines of the function that is being written.
+            label: the label of the block before.
+            body: returns the lines of the loop, given its number n: %group{n} is a group's index, %memory{n} its
+                working memory.
+        """
+        n = self.label()
+        lines += [
+            f"  br label %groups{n}",
+            f"groups{n}:",
+            f"  %group{n} = phi i64 [ 0, %{label} ], [ %group{n}.next, %groups{n} ]",
+            f"  %shift{n} = mul i64 %group{n}, %size",
+            f"  %memory{n} = getelementptr double, ptr %arena, i64 %shift{n}",
+            *body(n),
+            f"  %group{n}.next = add i64 %group{n}, 1",
+            f"  %left{n} = icmp slt i64 %group{n}.next, %together",
+            f"  br i1 %left{n}, label %groups{n}, label %all{n}",
+            f"all{n}:",
+        ]
+        return f"all{n}"
+
     def _call(self, call: Call, lines: list[str], label: str) -> str:
         made = self.written(call)
         if not made.split.writes:
             return label
         runs = self.layout.places(call, made.split)
-        if len(runs) <= _UNROLLED:
-            for places in runs:
-                n = self.label()
-                pointers = [_pointer(lines, f"%p{n}.{j}", place, None) for j, place in enumerate(places)]
-                lines += made.calls(pointers)
-            return label
-        return self._loop(made, runs, lines, label)
+        if len(runs) > _UNROLLED:
+            return self._loop(made, runs, lines, label)
+        for places in runs:
+            label = self._run(made, [(place, None) for place in places], lines, label)
+        return label
 
     def _loop(self, made: ProgramInLlvm, runs: list[list[ArrayAddress | None]], lines: list[str], label: str) -> str:
         n, count = self.label(), len(runs)
-        lines += [f"  br label %loop{n}", f"loop{n}:"]
-        lines.append(f"  %t{n} = phi i64 [ 0, %{label} ], [ %t{n}.next, %loop{n} ]")
-        pointers = []
+        inside: list[str] = []
+        moved: list[tuple[ArrayAddress | None, str | None]] = []
         for j, place in enumerate(runs[0]):
             offsets = [run[j].offset for run in runs if run[j] is not None]  # type: ignore[union-attr]
             moving = None
             if len(set(offsets)) > 1:
                 values = ", ".join(f"i64 {offset}" for offset in offsets)
                 self.tables.append(f"@table{n}.{j} = private unnamed_addr constant [{count} x i64] [{values}]")
-                lines.append(f"  %a{n}.{j} = getelementptr i64, ptr @table{n}.{j}, i64 %t{n}")
-                lines.append(f"  %o{n}.{j} = load i64, ptr %a{n}.{j}")
+                inside.append(f"  %a{n}.{j} = getelementptr i64, ptr @table{n}.{j}, i64 %t{n}")
+                inside.append(f"  %o{n}.{j} = load i64, ptr %a{n}.{j}")
                 moving = f"%o{n}.{j}"
-            pointers.append(_pointer(lines, f"%p{n}.{j}", place, moving))
-        lines += made.calls(pointers)
+            moved.append((place, moving))
+        end = self._run(made, moved, inside, f"loop{n}")
+        lines += [f"  br label %loop{n}", f"loop{n}:"]
+        lines.append(f"  %t{n} = phi i64 [ 0, %{label} ], [ %t{n}.next, %{end} ]")
+        lines += inside
         lines += [
             f"  %t{n}.next = add i64 %t{n}, 1",
             f"  %more{n} = icmp slt i64 %t{n}.next, {count}",
@@ -267,6 +296,39 @@ class Module:
         ]
         return f"after{n}"
 
+    def _run(
+        self,
+        made: ProgramInLlvm,
+        places: Sequence[tuple[ArrayAddress | None, str | None]],
+        lines: list[str],
+        label: str,
+    ) -> str:
+        """Append the calls of a program's functions, each of them for all lane groups before the next.
+
+        The processor computes groups at the same time as long as functions are shorter than what it looks ahead.
+
+        Args:
+            made: the program.
+            places: the place of each argument, and its offset if that is a variable.
+            lines: the lines of the function that is being written.
+            label: the label of the block before.
+        """
+        given = dict(zip(made.split.parameters, places, strict=True))
+        if self.layout.systems == 1:
+            n = self.label()
+            arguments = {p: self._pointer(lines, f"%p{n}.{p}", "%arena", *at) for p, at in given.items()}
+            lines += [made.call(name, arguments) for name in made.parameters]
+            return label
+        for name, parameters in made.parameters.items():
+
+            def body(n: int, name: str = name, parameters: Sequence[str] = parameters) -> list[str]:
+                own: list[str] = []
+                used = dict.fromkeys([p.removesuffix(_BEFORE) for p in parameters])
+                arguments = {p: self._pointer(own, f"%p{n}.{p}", f"%memory{n}", *given[p]) for p in used}
+                return [*own, made.call(name, arguments)]
+
+            label = self.for_groups(lines, label, body)
+        return label
     def written(self, call: Call) -> ProgramInLlvm:
         """Return the function of a stage's phase for this layout; it is written at the first call only."""
         layout, stage = self.layout, self.layout.schedule.groups[call.group].stage
@@ -277,18 +339,20 @@ class Module:
         key = (id(stage), call.phase, lanes, tuple(inputs), tuple(outputs), handed)
         if key not in self._known:
             name = f"{stage.name}.{call.phase}.{len(self._known)}"
-            made = function(name, program, lanes, inputs, outputs)
+            longest = LONGEST_PART if layout.systems == 1 else LONGEST_OF_GROUPS
+            made = function(name, program, lanes, inputs, outputs, longest)
             self.functions += made.lines
             self.scratch = max(self.scratch, made.split.scratch * lanes)
             self.lanes.add(lanes)
             self._known[key] = made
         return self._known[key]
 
-
-def _pointer(lines: list[str], name: str, place: ArrayAddress | None, moving: str | None) -> str:
-    """Append the line that computes an address; return the argument."""
-    if place is None:
-        return "ptr %scratch"
-    base = "%arena" if place.external is None else f"%external{place.external}"
-    lines.append(f"  {name} = getelementptr double, ptr {base}, i64 {moving or place.offset}")
-    return f"ptr {name}"
+    def _pointer(
+        self, lines: list[str], name: str, memory: str, place: ArrayAddress | None, moving: str | None
+    ) -> str:
+        """Append the line that computes an address; return the argument."""
+        if place is None:
+            place = ArrayAddress(None, self.layout.total)
+        base = memory if place.external is None else f"%external{place.external}"
+        lines.append(f"  {name} = getelementptr double, ptr {base}, i64 {moving or place.offset}")
+        return f"ptr {name}"
