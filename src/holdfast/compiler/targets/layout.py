@@ -18,8 +18,8 @@ from holdfast.compiler.targets.split import Access, SplitProgram
 _LINE = 8  # [doubles] areas begin at multiples of a cache line, which is the alignment of the widest vector
 
 
-BetweenCalls = str | tuple[str, int]  # an internal array, or what a group's phase keeps for later ones
-_NEVER = (0, -1)
+BetweenCalls = str | tuple[str, int]  # an internal array, or the memory of a group's phase
+_NEVER = (0, -1)  # the first and the last use of what is not used
 
 
 class ArrayAddress(NamedTuple):
@@ -192,23 +192,26 @@ class Layout:
         return self.width[group] > 1 and wire.array in self.schedule.externals and not shared(wire)
 
     def _place_between(self, packing: Mapping[str, int]) -> None:
-        """Place internal arrays and memories; they share a place if the last use of one is before the first of another."""
-        sizes = {name: (i.items, i.size, packing.get(name, 1)) for name, i in self.schedule.internals.items()}
+        """Place internal arrays and memories; a place is used again after the last use of what it held."""
+        sizes: dict[BetweenCalls, tuple[int, int, int]] = {}
+        for name, internal in self.schedule.internals.items():
+            sizes[name] = (internal.items, internal.size, packing.get(name, 1))
         for name, group in self.schedule.groups.items():
             for phase, size in enumerate(group.stage.pieces.memory):
                 sizes[name, phase] = (group.count, size, self.width[name])
         lives = self._lives()
-        begin, placed = self.total, []
+        begin, placed = self.total, list[tuple[int, int, tuple[int, int]]]()  # from, to, life
         for key in sorted(sizes, key=lambda key: lives.get(key, _NEVER)):
             first, last = lives.get(key, _NEVER)
             self.total = begin
-            for taken, end, _ in sorted((start, end, 0) for start, end, f, l in placed if f <= last and first <= l):
-                if self._size(*sizes[key]) <= taken - self.total:
-                    break
-                self.total = max(self.total, end)
+            for start, end, (since, until) in sorted(placed):
+                if since <= last and first <= until:
+                    if self.total + self._size(*sizes[key]) <= start:
+                        break
+                    self.total = max(self.total, end)
             area = self._between[key] = self._area(*sizes[key])
-            placed.append((area.start, self.total, first, last))
-        self.total = max([begin, *(end for _, end, _, _ in placed)])
+            placed.append((area.start, self.total, (first, last)))
+        self.total = max([begin, *(end for _, end, _ in placed)])
 
     def _lives(self) -> dict[BetweenCalls, tuple[int, int]]:
         """Return the first and the last call that use each internal array and memory; what `prepare` uses is kept."""

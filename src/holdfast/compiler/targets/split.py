@@ -13,9 +13,9 @@ from holdfast.compiler.program import Program
 # Longer functions are split, because compile time and register spills grow faster than the length of a function.
 LONGEST_PART = 1000
 
-# Lane groups of a batch take turns after each function. The processor computes two groups at the same time if a
-# function is shorter than the instructions that it looks ahead, some 450.
-LONGEST_OF_GROUPS = 200
+# Groups of systems in lanes take turns after each function. If functions are short, a processor, which looks ahead by a
+# few hundred instructions, computes one group while operations of the other wait for the ones before.
+LONGEST_OF_GROUPS = 150
 
 
 class Access(NamedTuple):
@@ -120,31 +120,26 @@ def split(
         own = kept[start : start + pieces.memory[k]]
         parts.append(SplitPart(part, [*given, *kept[:start]], [*results, own]))
     writes = tuple(k for k, o in enumerate(program.outputs) if o.places)
-    return SplitProgram(parts, tuple(sorted(used)), writes, max((number.place + 1 for number in kept if number.pointer == "scratch"), default=0))
+    scratch = max([0, *(number.place + 1 for number in kept if number.pointer == "scratch")])
+    return SplitProgram(parts, tuple(sorted(used)), writes, scratch)
 
 
 def _kept(pieces: Pieces, lanes: int, outputs: Sequence[Access]) -> list[NumberPlace]:
     """Return the locations of values that later parts need: in a result if the value is one, else in scratch memory.
 
-    The place of a value in scratch memory is used again once no later part needs the value.
+    A place in scratch memory is used again by parts after the last one that needs its value.
     """
-    first = pieces.programs[0].input_size
-    last = [0] * sum(pieces.memory)  # the part that reads each value last
+    first, last = pieces.programs[0].input_size, [0] * sum(pieces.memory)  # the last part that needs each value
     for k, part in enumerate(pieces.programs):
-        for _, args, _ in part.instructions:
-            for a in args:
-                if first <= a < part.input_size:
-                    last[a - first] = k
-        for output in part.outputs:
-            for a in output.places:
-                if first <= a < part.input_size:
-                    last[a - first] = k
+        used = {a for i in part.instructions for a in i.args} | {p for o in part.outputs for p in o.places}
+        for a in used:
+            if first <= a < part.input_size:
+                last[a - first] = k
     found: list[NumberPlace] = []
     free: list[int] = []
-    freed: dict[int, list[int]] = {}  # places by the part that reads them last
+    taken: list[list[int]] = [[] for _ in pieces.programs]  # places by the part after which they are free
     count = 0
     for k, part in enumerate(pieces.programs):
-        free += freed.get(k - 1, [])
         *results, memory = part.outputs
         known = {
             place: NumberPlace(f"out{j}", e, outputs[j])
@@ -152,16 +147,16 @@ def _kept(pieces: Pieces, lanes: int, outputs: Sequence[Access]) -> list[NumberP
             for e, place in enumerate(output.places)
         }
         for place in memory.places:
-            number = known.get(place)
-            if number is None:
-                if free:
-                    at = free.pop()
-                else:
-                    at, count = count, count + 1
-                freed.setdefault(last[len(found)], []).append(at)
-                number = NumberPlace("scratch", at, Access(lanes))
-            found.append(number)
+            if place not in known:
+                if not free:
+                    free.append(count)
+                    count += 1
+                taken[last[len(found)]].append(free[-1])
+                known[place] = NumberPlace("scratch", free.pop(), Access(lanes))
+            found.append(known[place])
+        free += taken[k]
     return found
+
 
 _MOVED_THROUGH = frozenset({"negate", "multiply", "divide", "select"})  # -(x y) is (-x) y, and so on, exactly
 

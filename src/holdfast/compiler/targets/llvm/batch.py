@@ -29,8 +29,8 @@ _WAYS: dict[ExternalRole, tuple[str, ...]] = {
     "carried": ("to_lanes", "from_lanes"),
 }
 
-# So many groups run each function, one after the other, before the next function runs. Instructions are fetched once for
-# all of them then, and the processor computes one group while operations of another wait for the ones before.
+# So many groups run each function before the next function runs. Its instructions, which fill the processor's caches,
+# are fetched once for all of them, and one group is computed while operations of another wait; see LONGEST_OF_GROUPS.
 _TOGETHER = 2
 
 
@@ -41,40 +41,47 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
     strides, varied = [], "0"
     for k, external in enumerate(schedule.externals.values()):
         if external.role == "parameter":
-            strides += [f"  %at{k} = getelementptr i64, ptr %table, i64 {2 * k + 1}", f"  %own{k} = load i64, ptr %at{k}"]
+            row = f"  %row{k} = getelementptr i64, ptr %table, i64 {2 * k + 1}"
+            strides += [row, f"  %own{k} = load i64, ptr %row{k}"]
             strides.append(f"  %varied{k} = or i64 {varied}, %own{k}")
             varied = f"%varied{k}"
-    prepare: list[str] = []
-    compute: list[str] = []
-
-    def copy(name: str, lines: list[str], label: str) -> str:
-        return module.for_groups(lines, label, lambda n: copies.called(name, n))
-
-    copies.write("take.parameters", copies.moved("to_lanes", "parameter"))
-    module.calls(schedule.prepare, prepare, copy("take.parameters", prepare, "prepare"))
-    zero = f"  store {number_type(lanes)} {constant(0.0, lanes)}, ptr %sums, align {8 * lanes}"
-    copies.write("take", [zero, *copies.moved("to_lanes", "input"), *copies.moved("to_lanes", "carried")])
-    label = copy("take", compute, "compute")
     guarded = [name for name in schedule.guarded if schedule.externals[name].size]
-    long: list[str] = []
-    if schedule.names("carried"):
-        repeated: list[str] = []
-        end = module.calls(schedule.calls, repeated, "repeat")
-        compute.append(filled("batch_repeated", calls=repeated, before=label))
-        label = "finished"
-    else:
-        last = _last_calls(schedule)
-        long = [name for name in guarded if schedule.externals[name].size >= _ROW and name in last]
-        for k, call in enumerate(schedule.calls):
-            label = module.calls([call], compute, label)
-            if done := [name for name in long if last[name] == k]:  # while the caches hold them
-                copies.write(f"give.{k}", copies.summed(done))
-                label = copy(f"give.{k}", compute, label)
+    last = {} if schedule.names("carried") else _last_calls(schedule)
+    long = [name for name in guarded if schedule.externals[name].size >= _ROW and name in last]
+    zero = f"  store {number_type(lanes)} {constant(0.0, lanes)}, ptr %sums, align {8 * lanes}"
+    copies.write("take.parameters", copies.moved("to_lanes", "parameter"))
+    copies.write("take", [zero, *copies.moved("to_lanes", "input"), *copies.moved("to_lanes", "carried")])
+    given = sorted({last[name] for name in long})
+    for k in given:
+        copies.write(f"give.{k}", copies.summed([name for name in long if last[name] == k]))
     rest = copies.summed([name for name in guarded if name not in long])
     rest += [copies.status(schedule.status, guarded)] if schedule.status is not None else []
     rest += [*copies.moved("from_lanes", "output", but=guarded), *copies.moved("from_lanes", "carried")]
     copies.write("give", rest)
-    copy("give", compute, label)
+
+    def prepare(groups: int) -> list[str]:
+        """Return the lines that compute what depends on parameters only."""
+        lines = copies.called("take.parameters", groups)
+        module.calls(schedule.prepare, lines, "entry", _memories(groups))
+        return lines
+
+    def compute(groups: int) -> list[str]:
+        """Return the lines that compute the rest, from the caller's arrays to the caller's arrays."""
+        lines, label = copies.called("take", groups), "entry"
+        if schedule.names("carried"):
+            repeated: list[str] = []
+            module.calls(schedule.calls, repeated, "repeat", _memories(groups))
+            lines.append(filled("batch_repeated", calls=repeated))
+        else:
+            for k, call in enumerate(schedule.calls):
+                label = module.calls([call], lines, label, _memories(groups))
+                if k in given:  # while the caches hold the results
+                    lines += copies.called(f"give.{k}", groups)
+        return [*lines, *copies.called("give", groups)]
+
+    bodies = {(of.__name__, n): of(n) for of in (prepare, compute) for n in sorted({1, _TOGETHER})}
+    size = -(-(layout.total + module.scratch) // 8) * 8  # whole cache lines
+    functions = [line for (of, n), body in bodies.items() for line in _of_groups(f"{of}.{n}", n, body, size, lanes)]
     moves = [(way, e.size) for e in schedule.externals.values() for way in _WAYS[e.role] if e.size]
     sizes = [schedule.externals[name].size for name in guarded]
     moves += [("checked", size) for size in sizes] + [("streamed", size) for size in sizes if size >= _ROW]
@@ -83,11 +90,23 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
         nan = constant(math.nan, lanes)
         values = {"lanes": lanes, "T": number_type(lanes), "align": 8 * lanes, "nan": nan, "zero": constant(0.0, lanes)}
         declared.append(filled("batch_guard", **values))
-    size = -(-(layout.total + module.scratch) // 8) * 8  # whole cache lines
-    function = filled(
-        "batch", size=size, together=_TOGETHER, strides=strides, varied=varied, prepare=prepare, compute=compute
-    )
-    return "\n".join([*declared, *module.tables, *module.functions, *copies.functions, function]), _TOGETHER * size
+    text = [*declared, *module.tables, *module.functions, *copies.functions, *functions]
+    text.append(filled("batch", lanes=lanes, together=_TOGETHER, strides=strides, varied=varied))
+    return "\n".join(text), _TOGETHER * size
+
+
+def _memories(groups: int) -> list[str]:
+    return [f"%memory{g}" for g in range(groups)]
+
+
+def _of_groups(name: str, groups: int, body: list[str], size: int, lanes: int) -> list[str]:
+    """Return a function that runs so many groups, from system `first` on."""
+    taken = "ptr %table, i64 %first, i64 %count, i64 %repeats, ptr %arena"
+    lines = [f"define internal void @{name}({taken}) noinline nounwind {{", "entry:"]
+    for g, memory in enumerate(_memories(groups)):
+        lines.append(f"  {memory} = getelementptr double, ptr %arena, i64 {g * size}")
+        lines.append(f"  %first{g} = add i64 %first, {g * lanes}")
+    return [*lines, *body, "  ret void", "}"]
 
 
 class _Copies:
@@ -128,12 +147,11 @@ class _Copies:
             "}",
         ]
 
-    def called(self, name: str, n: int) -> list[str]:
-        """Return the call of a function within the loop over lane groups of number n."""
+    def called(self, name: str, groups: int) -> list[str]:
+        """Return the calls of a function for so many groups."""
         return [
-            f"  %number{n} = add i64 %b, %group{n}",
-            f"  %first{n} = mul i64 %number{n}, {self._lanes}",
-            f"  call void @{name}(ptr %table, i64 %first{n}, i64 %count, ptr %memory{n})",
+            f"  call void @{name}(ptr %table, i64 %first{g}, i64 %count, ptr {memory})"
+            for g, memory in enumerate(_memories(groups))
         ]
 
     def moved(self, function: str, role: ExternalRole, but: Sequence[str] = ()) -> list[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from string import Template
 from typing import NamedTuple
@@ -39,6 +39,9 @@ _FAR, _FAR_IF_FEW_LIVE = 24, 64
 _BEFORE, _FEW = ".before", 4
 
 
+Place = tuple[ArrayAddress | None, str | None]  # of an argument, and its offset if that is a variable
+
+
 class ProgramInLlvm(NamedTuple):
     """A program in LLVM's language.
 
@@ -52,10 +55,6 @@ class ProgramInLlvm(NamedTuple):
     lines: list[str]
     parameters: dict[str, list[str]]
     split: SplitProgram
-
-    def call(self, name: str, arguments: Mapping[str, str]) -> str:
-        """Return the line that calls one of the functions with the given pointers, by the parameters of `split`."""
-        return f"  call void @{name}({', '.join([arguments[p.removesuffix(_BEFORE)] for p in self.parameters[name]])})"
 
 
 def function(
@@ -222,12 +221,27 @@ class Module:
         self.scratch = 0
         self.lanes: set[int] = set()
         self._known: dict[object, ProgramInLlvm] = {}
+        self._known_tables: dict[tuple[int, ...], str] = {}
+        self._runners: dict[object, str] = {}
         self._labels = 0
 
-    def calls(self, calls: Sequence[Call], lines: list[str], label: str) -> str:
-        """Append the lines that run the calls; return the label of the block they end in."""
+    def calls(self, calls: Sequence[Call], lines: list[str], label: str, memories: Sequence[str] = ("%arena",)) -> str:
+        """Append the lines that run the calls; return the label of the block they end in.
+
+        Args:
+            calls: the calls.
+            lines: the lines of the function that is being written.
+            label: the label of the block before.
+            memories: the working memory of every lane group of a batch that runs each function before the next one.
+        """
         for call in calls:
-            label = self._call(call, lines, label)
+            made = self.written(call)
+            runs = self.layout.places(call, made.split) if made.split.writes else []
+            if len(runs) > _UNROLLED:
+                label = self._loop(made, runs, lines, label, memories)
+                continue
+            for places in runs:
+                self._run(made, [(place, None) for place in places], lines, memories)
         return label
 
     def label(self) -> int:
@@ -235,59 +249,28 @@ class Module:
         self._labels += 1
         return self._labels
 
-    def for_groups(self, lines: list[str], label: str, body: Callable[[int], list[str]]) -> str:
-        """Append a loop over the lane groups of a batch that run together; return the label of the block after it.
-
-        Args:
-            lines: the lines of the function that is being written.
-            label: the label of the block before.
-            body: returns the lines of the loop, given its number n: %group{n} is a group's index, %memory{n} its
-                working memory.
-        """
-        n = self.label()
-        lines += [
-            f"  br label %groups{n}",
-            f"groups{n}:",
-            f"  %group{n} = phi i64 [ 0, %{label} ], [ %group{n}.next, %groups{n} ]",
-            f"  %shift{n} = mul i64 %group{n}, %size",
-            f"  %memory{n} = getelementptr double, ptr %arena, i64 %shift{n}",
-            *body(n),
-            f"  %group{n}.next = add i64 %group{n}, 1",
-            f"  %left{n} = icmp slt i64 %group{n}.next, %together",
-            f"  br i1 %left{n}, label %groups{n}, label %all{n}",
-            f"all{n}:",
-        ]
-        return f"all{n}"
-
-    def _call(self, call: Call, lines: list[str], label: str) -> str:
-        made = self.written(call)
-        if not made.split.writes:
-            return label
-        runs = self.layout.places(call, made.split)
-        if len(runs) > _UNROLLED:
-            return self._loop(made, runs, lines, label)
-        for places in runs:
-            label = self._run(made, [(place, None) for place in places], lines, label)
-        return label
-
-    def _loop(self, made: ProgramInLlvm, runs: list[list[ArrayAddress | None]], lines: list[str], label: str) -> str:
+    def _loop(
+        self,
+        made: ProgramInLlvm,
+        runs: list[list[ArrayAddress | None]],
+        lines: list[str],
+        label: str,
+        memories: Sequence[str],
+    ) -> str:
         n, count = self.label(), len(runs)
-        inside: list[str] = []
+        lines += [f"  br label %loop{n}", f"loop{n}:"]
+        lines.append(f"  %t{n} = phi i64 [ 0, %{label} ], [ %t{n}.next, %loop{n} ]")
         moved: list[tuple[ArrayAddress | None, str | None]] = []
-        for j, place in enumerate(runs[0]):
-            offsets = [run[j].offset for run in runs if run[j] is not None]  # type: ignore[union-attr]
+        for place, *others in zip(*runs, strict=True):
+            offsets = tuple([0 if at is None else at.offset for at in (place, *others)])
             moving = None
             if len(set(offsets)) > 1:
-                values = ", ".join(f"i64 {offset}" for offset in offsets)
-                self.tables.append(f"@table{n}.{j} = private unnamed_addr constant [{count} x i64] [{values}]")
-                inside.append(f"  %a{n}.{j} = getelementptr i64, ptr @table{n}.{j}, i64 %t{n}")
-                inside.append(f"  %o{n}.{j} = load i64, ptr %a{n}.{j}")
+                table, j = self._table(offsets), len(moved)
+                lines.append(f"  %a{n}.{j} = getelementptr i64, ptr {table}, i64 %t{n}")
+                lines.append(f"  %o{n}.{j} = load i64, ptr %a{n}.{j}")
                 moving = f"%o{n}.{j}"
             moved.append((place, moving))
-        end = self._run(made, moved, inside, f"loop{n}")
-        lines += [f"  br label %loop{n}", f"loop{n}:"]
-        lines.append(f"  %t{n} = phi i64 [ 0, %{label} ], [ %t{n}.next, %{end} ]")
-        lines += inside
+        self._run(made, moved, lines, memories)
         lines += [
             f"  %t{n}.next = add i64 %t{n}, 1",
             f"  %more{n} = icmp slt i64 %t{n}.next, {count}",
@@ -296,39 +279,50 @@ class Module:
         ]
         return f"after{n}"
 
-    def _run(
-        self,
-        made: ProgramInLlvm,
-        places: Sequence[tuple[ArrayAddress | None, str | None]],
-        lines: list[str],
-        label: str,
-    ) -> str:
-        """Append the calls of a program's functions, each of them for all lane groups before the next.
+    def _table(self, offsets: tuple[int, ...]) -> str:
+        if offsets not in self._known_tables:
+            self._known_tables[offsets] = name = f"@table{len(self._known_tables)}"
+            values = ", ".join([f"i64 {offset}" for offset in offsets])
+            self.tables.append(f"{name} = private unnamed_addr constant [{len(offsets)} x i64] [{values}]")
+        return self._known_tables[offsets]
 
-        The processor computes groups at the same time as long as functions are shorter than what it looks ahead.
-
-        Args:
-            made: the program.
-            places: the place of each argument, and its offset if that is a variable.
-            lines: the lines of the function that is being written.
-            label: the label of the block before.
-        """
+    def _run(self, made: ProgramInLlvm, places: Sequence[Place], lines: list[str], memories: Sequence[str]) -> None:
+        """Append the calls of a program's functions, each of them for every lane group."""
         given = dict(zip(made.split.parameters, places, strict=True))
         if self.layout.systems == 1:
-            n = self.label()
-            arguments = {p: self._pointer(lines, f"%p{n}.{p}", "%arena", *at) for p, at in given.items()}
-            lines += [made.call(name, arguments) for name in made.parameters]
-            return label
+            lines += self._called(made, made.parameters, given, "%arena")
+            return
         for name, parameters in made.parameters.items():
+            own = {p: given[p] for p in dict.fromkeys([p.removesuffix(_BEFORE) for p in parameters])}
+            runner = self._runner(made, name, own)
+            offsets = "".join([f", i64 {offset}" for _, offset in own.values() if offset])
+            lines += [f"  call void @{runner}(ptr {memory}{offsets})" for memory in memories]
 
-            def body(n: int, name: str = name, parameters: Sequence[str] = parameters) -> list[str]:
-                own: list[str] = []
-                used = dict.fromkeys([p.removesuffix(_BEFORE) for p in parameters])
-                arguments = {p: self._pointer(own, f"%p{n}.{p}", f"%memory{n}", *given[p]) for p in used}
-                return [*own, made.call(name, arguments)]
+    def _runner(self, made: ProgramInLlvm, name: str, places: Mapping[str, Place]) -> str:
+        """Return the name of the function that calls one of a program's functions for a lane group."""
+        key = (name, tuple([place if moving is None else None for place, moving in places.values()]))
+        if key not in self._runners:
+            self._runners[key] = runner = f"run.{len(self._runners)}"
+            taken = ["ptr %memory", *(f"i64 %{p}.offset" for p, (_, moving) in places.items() if moving)]
+            own = {p: (place, moving and f"%{p}.offset") for p, (place, moving) in places.items()}
+            head = f"define internal void @{runner}({', '.join(taken)}) noinline nounwind {{"
+            self.functions += [head, *self._called(made, [name], own, "%memory"), "  ret void", "}"]
+        return self._runners[key]
 
-            label = self.for_groups(lines, label, body)
-        return label
+    def _called(self, made: ProgramInLlvm, names: Iterable[str], places: Mapping[str, Place], memory: str) -> list[str]:
+        """Return the lines that compute addresses and call functions of a program with them."""
+        n, lines, arguments = self.label(), list[str](), dict[str, str]()
+        for pointer, (place, moving) in places.items():
+            external = None if place is None else place.external
+            base = memory if external is None else f"%external{external}"
+            offset = moving or (self.layout.total if place is None else place.offset)
+            lines.append(f"  %p{n}.{pointer} = getelementptr double, ptr {base}, i64 {offset}")
+            arguments[pointer] = f"ptr %p{n}.{pointer}"
+        for name in names:
+            own = ", ".join([arguments[p.removesuffix(_BEFORE)] for p in made.parameters[name]])
+            lines.append(f"  call void @{name}({own})")
+        return lines
+
     def written(self, call: Call) -> ProgramInLlvm:
         """Return the function of a stage's phase for this layout; it is written at the first call only."""
         layout, stage = self.layout, self.layout.schedule.groups[call.group].stage
@@ -346,13 +340,3 @@ class Module:
             self.lanes.add(lanes)
             self._known[key] = made
         return self._known[key]
-
-    def _pointer(
-        self, lines: list[str], name: str, memory: str, place: ArrayAddress | None, moving: str | None
-    ) -> str:
-        """Append the line that computes an address; return the argument."""
-        if place is None:
-            place = ArrayAddress(None, self.layout.total)
-        base = memory if place.external is None else f"%external{place.external}"
-        lines.append(f"  {name} = getelementptr double, ptr {base}, i64 {moving or place.offset}")
-        return f"ptr {name}"
