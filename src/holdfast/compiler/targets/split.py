@@ -91,7 +91,7 @@ class SplitProgram(NamedTuple):
 
 
 def split(
-    program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], longest: int = LONGEST_PART
+    program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], turns: bool = False
 ) -> SplitProgram:
     """Return a program as one part, or as several parts if it is long.
 
@@ -100,9 +100,9 @@ def split(
         lanes: how many systems or items are computed side by side.
         inputs: how each input array is accessed.
         outputs: how each output array is accessed.
-        longest: the most instructions of a part.
+        turns: whether groups of systems take turns after each part.
     """
-    pieces = by_length(program, longest)
+    pieces = by_length(program, LONGEST_OF_GROUPS if turns else LONGEST_PART)
     pieces = pieces._replace(programs=tuple([ordered(part) for part in pieces.programs]))
     sizes = [math.prod(shape) for shape in program.input_shapes]
     of_array = [k for k, size in enumerate(sizes) for _ in range(size)]

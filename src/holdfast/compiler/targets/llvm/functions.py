@@ -18,8 +18,6 @@ from holdfast.compiler.program import Program
 from holdfast.compiler.schedule import Call
 from holdfast.compiler.targets.layout import ArrayAddress, Layout
 from holdfast.compiler.targets.split import (
-    LONGEST_OF_GROUPS,
-    LONGEST_PART,
     Access,
     NumberPlace,
     SplitPart,
@@ -58,10 +56,10 @@ class ProgramInLlvm(NamedTuple):
 
 
 def function(
-    name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], longest: int
+    name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], turns: bool
 ) -> ProgramInLlvm:
     """Return a program as one function, or several if it is long; for the arguments see `split`."""
-    found = split(program, lanes, inputs, outputs, longest)
+    found = split(program, lanes, inputs, outputs, turns)
     lines: list[str] = []
     parameters: dict[str, list[str]] = {}
     known = [*found.parameters, *(pointer + _BEFORE for pointer in found.parameters)]
@@ -240,8 +238,10 @@ class Module:
             if len(runs) > _UNROLLED:
                 label = self._loop(made, runs, lines, label, memories)
                 continue
-            for places in runs:
-                self._run(made, [(place, None) for place in places], lines, memories)
+            items = [[(place, None) for place in places] for places in runs]
+            turns = [items] if self.layout.schedule.groups[call.group].side_by_side else [[item] for item in items]
+            for some in turns:
+                self._run(made, some, lines, memories)
         return label
 
     def label(self) -> int:
@@ -270,7 +270,7 @@ class Module:
                 lines.append(f"  %o{n}.{j} = load i64, ptr %a{n}.{j}")
                 moving = f"%o{n}.{j}"
             moved.append((place, moving))
-        self._run(made, moved, lines, memories)
+        self._run(made, [moved], lines, memories)
         lines += [
             f"  %t{n}.next = add i64 %t{n}, 1",
             f"  %more{n} = icmp slt i64 %t{n}.next, {count}",
@@ -286,17 +286,25 @@ class Module:
             self.tables.append(f"{name} = private unnamed_addr constant [{len(offsets)} x i64] [{values}]")
         return self._known_tables[offsets]
 
-    def _run(self, made: ProgramInLlvm, places: Sequence[Place], lines: list[str], memories: Sequence[str]) -> None:
-        """Append the calls of a program's functions, each of them for every lane group."""
-        given = dict(zip(made.split.parameters, places, strict=True))
+    def _run(
+        self, made: ProgramInLlvm, runs: Sequence[Sequence[Place]], lines: list[str], memories: Sequence[str]
+    ) -> None:
+        """Append the calls of a program's functions, each of them for all items and lane groups of a batch."""
         if self.layout.systems == 1:
-            lines += self._called(made, made.parameters, given, "%arena")
+            for places in runs:
+                lines += self._called(made, made.parameters, _by_parameter(made, places), "%arena")
             return
+        own = made.split.scratch * self.layout.systems  # scratch memory of an item
+        self.scratch = max(self.scratch, own * len(runs))
         for name, parameters in made.parameters.items():
-            own = {p: given[p] for p in dict.fromkeys([p.removesuffix(_BEFORE) for p in parameters])}
-            runner = self._runner(made, name, own)
-            offsets = "".join([f", i64 {offset}" for _, offset in own.values() if offset])
-            lines += [f"  call void @{runner}(ptr {memory}{offsets})" for memory in memories]
+            used = dict.fromkeys([p.removesuffix(_BEFORE) for p in parameters])
+            for r, places in enumerate(runs):
+                given = _by_parameter(made, places)
+                if made.split.scratch:
+                    given["scratch"] = ArrayAddress(None, self.layout.total + r * own), None
+                runner = self._runner(made, name, {p: given[p] for p in used})
+                offsets = "".join([f", i64 {given[p][1]}" for p in used if given[p][1]])
+                lines += [f"  call void @{runner}(ptr {memory}{offsets})" for memory in memories]
 
     def _runner(self, made: ProgramInLlvm, name: str, places: Mapping[str, Place]) -> str:
         """Return the name of the function that calls one of a program's functions for a lane group."""
@@ -333,10 +341,13 @@ class Module:
         key = (id(stage), call.phase, lanes, tuple(inputs), tuple(outputs), handed)
         if key not in self._known:
             name = f"{stage.name}.{call.phase}.{len(self._known)}"
-            longest = LONGEST_PART if layout.systems == 1 else LONGEST_OF_GROUPS
-            made = function(name, program, lanes, inputs, outputs, longest)
+            made = function(name, program, lanes, inputs, outputs, turns=layout.systems > 1)
             self.functions += made.lines
             self.scratch = max(self.scratch, made.split.scratch * lanes)
             self.lanes.add(lanes)
             self._known[key] = made
         return self._known[key]
+
+
+def _by_parameter(made: ProgramInLlvm, places: Sequence[Place]) -> dict[str, Place]:
+    return dict(zip(made.split.parameters, places, strict=True))
