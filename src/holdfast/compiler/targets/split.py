@@ -15,7 +15,8 @@ LONGEST_PART = 1000
 
 # Groups of systems in lanes take turns after each function. If functions are short, a processor, which looks ahead by a
 # few hundred instructions, computes one group while operations of the other wait for the ones before.
-LONGEST_OF_GROUPS = 150
+# Compile time grows with the number of parts, so these are longer if there would be too many.
+LONGEST_OF_GROUPS, _MOST_OF_GROUPS = 150, 16
 
 
 class Access(NamedTuple):
@@ -102,7 +103,10 @@ def split(
         outputs: how each output array is accessed.
         turns: whether groups of systems take turns after each part.
     """
-    pieces = by_length(program, LONGEST_OF_GROUPS if turns else LONGEST_PART)
+    longest = LONGEST_PART
+    if turns:
+        longest = min(longest, max(LONGEST_OF_GROUPS, len(program.instructions) // _MOST_OF_GROUPS))
+    pieces = by_length(program, longest)
     pieces = pieces._replace(programs=tuple([ordered(part) for part in pieces.programs]))
     sizes = [math.prod(shape) for shape in program.input_shapes]
     of_array = [k for k, size in enumerate(sizes) for _ in range(size)]
@@ -145,6 +149,7 @@ def _kept(pieces: Pieces, lanes: int, outputs: Sequence[Access]) -> list[NumberP
             place: NumberPlace(f"out{j}", e, outputs[j])
             for j, output in enumerate(results)
             for e, place in enumerate(output.places)
+            if place >= 0
         }
         for place in memory.places:
             if place not in known:
