@@ -29,10 +29,6 @@ _WAYS: dict[ExternalRole, tuple[str, ...]] = {
     "carried": ("to_lanes", "from_lanes"),
 }
 
-# So many groups run each function before the next function runs. Its instructions, which fill the processor's caches,
-# are fetched once for all of them, and one group is computed while operations of another wait; see LONGEST_OF_GROUPS.
-_TOGETHER = 2
-
 
 def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
     """Return the module's source and the number of doubles of working memory that a thread needs."""
@@ -79,7 +75,7 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
                     lines += copies.called(f"give.{k}", groups)
         return [*lines, *copies.called("give", groups)]
 
-    bodies = {(of.__name__, n): of(n) for of in (prepare, compute) for n in sorted({1, _TOGETHER})}
+    bodies = {(of.__name__, n): of(n) for of in (prepare, compute) for n in sorted({1, module.together})}
     size = -(-(layout.total + module.scratch) // 8) * 8  # whole cache lines
     functions = [line for (of, n), body in bodies.items() for line in _of_groups(f"{of}.{n}", n, body, size, lanes)]
     moves = [(way, e.size) for e in schedule.externals.values() for way in _WAYS[e.role] if e.size]
@@ -91,8 +87,8 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
         values = {"lanes": lanes, "T": number_type(lanes), "align": 8 * lanes, "nan": nan, "zero": constant(0.0, lanes)}
         declared.append(filled("batch_guard", **values))
     text = [*declared, *module.tables, *module.functions, *copies.functions, *functions]
-    text.append(filled("batch", lanes=lanes, together=_TOGETHER, strides=strides, varied=varied))
-    return "\n".join(text), _TOGETHER * size
+    text.append(filled("batch", lanes=lanes, together=module.together, strides=strides, varied=varied))
+    return "\n".join(text), module.together * size
 
 
 def _memories(groups: int) -> list[str]:

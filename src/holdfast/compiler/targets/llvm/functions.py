@@ -198,6 +198,11 @@ def filled(name: str, **values: object) -> str:
     return Template(Path(__file__).with_name(f"{name}.ll").read_text()).substitute(texts)
 
 
+# So many groups of a batch run each function before the next function runs. Its instructions, which fill the caches of
+# the processor, are fetched once for all of them, and one group is computed while operations of another wait; see
+# LONGEST_OF_GROUPS. The working memory of two groups of eight lanes is too much for the nearest cache.
+_TOGETHER, _MOST_LANES = 2, 4
+
 _UNROLLED = 2  # up to so many calls are written one after the other; more become a loop
 
 
@@ -210,10 +215,12 @@ class Module:
         tables: constant tables of the addresses over which loops run.
         scratch: the number of doubles of scratch memory that the functions need.
         lanes: the vector lengths that the functions use.
+        together: how many groups of systems, one in each lane, take turns.
     """
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
+        self.together = _TOGETHER if 1 < layout.systems <= _MOST_LANES else 1
         self.functions: list[str] = []
         self.tables: list[str] = []
         self.scratch = 0
@@ -239,8 +246,8 @@ class Module:
                 label = self._loop(made, runs, lines, label, memories)
                 continue
             items = [[(place, None) for place in places] for places in runs]
-            turns = [items] if self.layout.schedule.groups[call.group].side_by_side else [[item] for item in items]
-            for some in turns:
+            free = self.together > 1 and self.layout.schedule.groups[call.group].side_by_side
+            for some in [items] if free else [[item] for item in items]:
                 self._run(made, some, lines, memories)
         return label
 
@@ -341,7 +348,7 @@ class Module:
         key = (id(stage), call.phase, lanes, tuple(inputs), tuple(outputs), handed)
         if key not in self._known:
             name = f"{stage.name}.{call.phase}.{len(self._known)}"
-            made = function(name, program, lanes, inputs, outputs, turns=layout.systems > 1)
+            made = function(name, program, lanes, inputs, outputs, turns=self.together > 1)
             self.functions += made.lines
             self.scratch = max(self.scratch, made.split.scratch * lanes)
             self.lanes.add(lanes)
