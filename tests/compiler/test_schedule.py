@@ -1,6 +1,7 @@
 """Schedules: the interpreter's bits alone, bound, in lanes of items, in lanes of systems, in tails, in threads."""
 
 import random
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -55,6 +56,7 @@ def test_same_bits(schedule, lanes, seed, wild, shared, short):
     with pytest.MonkeyPatch.context() as patch:
         if short:
             patch.setattr(split, "LONGEST_PART", 5)
+            patch.setattr(split, "LONGEST_OF_GROUPS", 5)
         kernel = kernel_of(schedule, lanes)
         kernel.run_batch(np.zeros((len(schedule.externals), 2), dtype=np.int64), 0)  # compiles
     systems = [inputs_of(schedule, seed + k, wild) for k in range(2 * lanes + 3)]
@@ -191,6 +193,27 @@ def test_copies():
     expected = 2.0 * (x[:, 1:4] - x[:, :1:-1])
     kernel = kernel_of(schedule, 4)
     assert np.array_equal(kernel(x)[0], expected) and np.array_equal(kernel(x[6])[0], expected[6])
+
+
+def links(count: int) -> Schedule:
+    """Return a chain of stages, each of which needs what the first and the one before it have computed."""
+    made = stage("link", lambda y, x: (y * x + x,), [{"y": (5,), "x": (5,)}], [("z",)])
+    externals = {"x": External((5,), "input"), "z": External((5,), "output")}
+    names = ["x", *(f"y{k}" for k in range(1, count)), "z"]
+    groups = {}
+    for k, (before, after) in enumerate(pairwise(names)):
+        wires = {"y": before, "x": "y1" if k > 1 else "x", "z": after}
+        groups[f"link{k}"] = Group(made, 1, {port: Wire(array, (0,)) for port, array in wires.items()}, False)
+    calls = tuple(Call(name, 0, (0,)) for name in groups)
+    return Schedule(externals, {name: Internal(1, 5) for name in names[1:-1]}, groups, (), calls)
+
+
+@pytest.mark.parametrize("systems", [1, 4])
+def test_memory_is_used_again(systems):
+    """A longer chain needs no more memory, and what the first of its stages computes stays until the last needs it."""
+    assert Layout(links(20), 4, systems).total == Layout(links(5), 4, systems).total
+    schedule, random_ = links(20), np.random.default_rng(0)
+    check(schedule, kernel_of(schedule, 4), [{"x": random_.uniform(-1.0, 1.0, 5)} for _ in range(13)], shared=False)
 
 
 def test_parameters_are_prepared_once():

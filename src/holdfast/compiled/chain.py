@@ -196,7 +196,7 @@ REASONS = {
     "forces.distribution_parameters": "it makes the parameters with which `distribute` is called",
     "forces.explain": "it reads the words of one Distribution",
     "forces.least_peak": f"it is a report, with a proof: {_ROUNDS}; `distribute` takes a share of the effort limits",
-    "forces.lift_margin": f"it is a report, with a proof: {_ROUNDS}; `distribute` says whether one acceleration is possible",
+    "forces.lift_margin": f"it is a report, with a proof: {_ROUNDS}; `distribute` answers for one acceleration",
     "forces.largest_margin": f"it is a convex programme: {_ROUNDS}",
     "forces.last_joint_wrenches": _OF_A_RESULT,
     "forces.margin_range": f"it is a convex programme: {_ROUNDS}",

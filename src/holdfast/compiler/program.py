@@ -59,6 +59,14 @@ class Program:
         return sum(math.prod(shape) for shape in self.input_shapes)
 
     @cached_property
+    def used_inputs(self) -> tuple[int, ...]:
+        """The indices of the arguments of which instructions or outputs use some entry."""
+        sizes = [math.prod(shape) for shape in self.input_shapes]
+        of_array = [k for k, size in enumerate(sizes) for _ in range(size)]
+        used = {a for i in self.instructions for a in i.args} | {p for o in self.outputs for p in o.places}
+        return tuple(sorted({of_array[a] for a in used if 0 <= a < len(of_array)}))
+
+    @cached_property
     def counts(self) -> Counter[str]:
         """The number of instructions of each kind, without inputs and constants."""
         return Counter(i.kind for i in self.instructions if i.kind not in ("input", "constant"))

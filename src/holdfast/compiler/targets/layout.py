@@ -7,7 +7,7 @@ one lane per item. All other arrays are contiguous. For a batch, each number is 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,6 +16,10 @@ from holdfast.compiler.schedule import Call, Group, Schedule, Wire
 from holdfast.compiler.targets.split import Access, SplitProgram
 
 _LINE = 8  # [doubles] areas begin at multiples of a cache line, which is the alignment of the widest vector
+
+
+BetweenCalls = str | tuple[str, int]  # an internal array, or the memory of a group's phase
+_NEVER = (0, -1)  # the first and the last use of what is not used
 
 
 class ArrayAddress(NamedTuple):
@@ -46,6 +50,7 @@ class Layout:
         systems: the number of systems side by side: the lanes of a batch, or 1.
         width: how many items of each group run side by side, by group name.
         packed: the copies of external arrays in lanes, by (group, port). Those of outputs last until the next call.
+        sums: in a batch, where the sums x - x of results are, which are 0 if all are finite.
         total: the size of working memory without scratch memory [doubles].
     """
 
@@ -62,25 +67,23 @@ class Layout:
             for name, external in schedule.externals.items():
                 rounded = -(-external.size // systems) * systems  # rows are transposed in square blocks
                 self.external_areas[name] = self._area(1, rounded, 1)
-        self._internal_areas = {
-            name: self._area(i.items, i.size, packing.get(name, 1)) for name, i in schedule.internals.items()
-        }
+            self.sums = self._area(1, 1, 1).start
         self.packed: dict[tuple[str, str], Area] = {}
-        self._memories: dict[tuple[str, int], Area] = {}
         for name, group in schedule.groups.items():
             width = self.width[name]
             for port, wire in group.wires.items():
                 if port in group.stage.input_ports and self._is_packed(name, wire):
                     self.packed[name, port] = self._area(group.count, group.stage.size(port), width)
-            for phase, size in enumerate(group.stage.pieces.memory):
-                self._memories[name, phase] = self._area(group.count, size, width)
         self._pack_outputs()
+        self._between: dict[BetweenCalls, Area] = {}
+        self._place_between(packing)
         # The addresses of items that are copies of numbers elsewhere in a batch's working memory, by array and item.
         self._copies: dict[tuple[str, int], ArrayAddress] = {}
         for call in schedule.calls if systems > 1 else ():
-            for port, address in self._copied(call):
+            for port, source, e in self._copied(call):
                 wire = schedule.groups[call.group].wires[port]
-                self._copies[wire.array, wire.places[0]] = address
+                start = self.address(call.group, source, 0)
+                self._copies[wire.array, wire.places[0]] = ArrayAddress(None, start.offset + e * systems)
 
     def computed(self, call: Call) -> Program:
         """Return the program of a stage's phase without the results that are copies: they are read at their origin."""
@@ -108,7 +111,7 @@ class Layout:
         width, wire = self.width[group], self._group(group).wires[port]
         if wire.array in self.schedule.externals:
             return Access(width) if (group, port) in self.packed else Access(1, splat=width > 1)
-        area = self._internal_areas[wire.array]
+        area = self._between[wire.array]
         if width > 1 and shared(wire):
             assert area.width == 1, (group, port)
             return Access(1, splat=True)
@@ -148,7 +151,7 @@ class Layout:
 
     def _memory(self, group: str, phase: int, item: int) -> ArrayAddress:
         """Return the address of the memory that a phase keeps for an item."""
-        return self._at(self._memories[group, phase], item)
+        return self._at(self._between[group, phase], item)
 
     def address(self, group: str, port: str, item: int) -> ArrayAddress:
         """Return the address of a port's numbers for an item, which is the first of those that run side by side."""
@@ -160,10 +163,10 @@ class Layout:
                 return ArrayAddress(self._externals[wire.array], wire.places[item])
             return ArrayAddress(None, self.external_areas[wire.array].start + wire.places[item] * self.systems)
         copied = self._copies.get((wire.array, wire.places[item])) if self.systems > 1 else None
-        return copied or self._at(self._internal_areas[wire.array], wire.places[item])
+        return copied or self._at(self._between[wire.array], wire.places[item])
 
-    def _copied(self, call: Call) -> Iterator[tuple[str, ArrayAddress]]:
-        """Return the results of a phase that are consecutive numbers of one of its inputs, and where these are."""
+    def _copied(self, call: Call) -> Iterator[tuple[str, str, int]]:
+        """Return the results of a phase that are consecutive numbers of an input, the input and the first of these."""
         group = self._group(call.group)
         stage, internals = group.stage, self.schedule.internals
         program = stage.pieces.programs[call.phase]
@@ -179,8 +182,7 @@ class Layout:
                 continue
             source, target = group.wires[stage.input_ports[k]].array, group.wires[port].array
             if source in internals and target in internals and internals[target].size == count:
-                start = self.address(call.group, stage.input_ports[k], 0)
-                yield port, ArrayAddress(None, start.offset + e * self.systems)
+                yield port, stage.input_ports[k], e
 
     def _group(self, name: str) -> Group:
         return self.schedule.groups[name]
@@ -188,6 +190,49 @@ class Layout:
     def _is_packed(self, group: str, wire: Wire) -> bool:
         """Return whether a group's items run side by side, each of them wired to its own part of an external array."""
         return self.width[group] > 1 and wire.array in self.schedule.externals and not shared(wire)
+
+    def _place_between(self, packing: Mapping[str, int]) -> None:
+        """Place internal arrays and memories; a place is used again after the last use of what it held."""
+        sizes: dict[BetweenCalls, tuple[int, int, int]] = {}
+        for name, internal in self.schedule.internals.items():
+            sizes[name] = (internal.items, internal.size, packing.get(name, 1))
+        for name, group in self.schedule.groups.items():
+            for phase, size in enumerate(group.stage.pieces.memory):
+                sizes[name, phase] = (group.count, size, self.width[name])
+        lives = self._lives()
+        begin, placed = self.total, list[tuple[int, int, tuple[int, int]]]()  # from, to, life
+        for key in sorted(sizes, key=lambda key: lives.get(key, _NEVER)):
+            first, last = lives.get(key, _NEVER)
+            self.total = begin
+            for start, end, (since, until) in sorted(placed):
+                if since <= last and first <= until:
+                    if self.total + self._size(*sizes[key]) <= start:
+                        break
+                    self.total = max(self.total, end)
+            area = self._between[key] = self._area(*sizes[key])
+            placed.append((area.start, self.total, (first, last)))
+        self.total = max([begin, *(end for _, end, _ in placed)])
+
+    def _lives(self) -> dict[BetweenCalls, tuple[int, int]]:
+        """Return the first and the last call that use each internal array and memory; what `prepare` uses is kept."""
+        calls = self.schedule.calls
+        found: dict[BetweenCalls, tuple[int, int]] = {}
+        for k, call in [*((-1, call) for call in self.schedule.prepare), *enumerate(calls)]:
+            group = self._group(call.group)
+            ports, program = group.stage.input_ports, group.stage.pieces.programs[call.phase]
+            used: list[BetweenCalls] = [group.wires[port].array for port in group.stage.outputs[call.phase]]
+            used.append((call.group, call.phase))
+            for j in program.used_inputs:
+                used.append(group.wires[ports[j]].array if j < len(ports) else (call.group, j - len(ports)))
+            for key in used:
+                first, _ = found.get(key, (k, k))
+                found[key] = (first, len(calls) if first < 0 else k)
+        for call in reversed(calls if self.systems > 1 else ()):
+            for port, source, _ in self._copied(call):
+                wires = self._group(call.group).wires
+                first, last = found[wires[source].array]
+                found[wires[source].array] = (first, max(last, found[wires[port].array][1]))
+        return found
 
     def _pack_outputs(self) -> None:
         """Reserve memory for outputs in lanes, the same for every call: outputs are copied right after it."""
@@ -214,9 +259,11 @@ class Layout:
 
     def _area(self, items: int, size: int, width: int) -> Area:
         area = Area(self.total, size, width)
-        needed = -(-items // width) * width * size * self.systems
-        self.total += -(-needed // _LINE) * _LINE
+        self.total += self._size(items, size, width)
         return area
+
+    def _size(self, items: int, size: int, width: int) -> int:
+        return -(-(-(-items // width) * width * size * self.systems) // _LINE) * _LINE
 
     def _at(self, area: Area, item: int) -> ArrayAddress:
         block, lane = divmod(item, area.width)

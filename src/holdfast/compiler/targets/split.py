@@ -13,6 +13,11 @@ from holdfast.compiler.program import Program
 # Longer functions are split, because compile time and register spills grow faster than the length of a function.
 LONGEST_PART = 1000
 
+# Groups of systems in lanes take turns after each function. If functions are short, a processor, which looks ahead by a
+# few hundred instructions, computes one group while operations of the other wait for the ones before.
+# Compile time grows with the number of parts, so these are longer if there would be too many.
+LONGEST_OF_GROUPS, _MOST_OF_GROUPS = 150, 16
+
 
 class Access(NamedTuple):
     """How a function accesses the numbers of one array.
@@ -86,7 +91,9 @@ class SplitProgram(NamedTuple):
         return [*pointers, "scratch"] if self.scratch else pointers
 
 
-def split(program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access]) -> SplitProgram:
+def split(
+    program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], turns: bool = False
+) -> SplitProgram:
     """Return a program as one part, or as several parts if it is long.
 
     Args:
@@ -94,8 +101,12 @@ def split(program: Program, lanes: int, inputs: Sequence[Access], outputs: Seque
         lanes: how many systems or items are computed side by side.
         inputs: how each input array is accessed.
         outputs: how each output array is accessed.
+        turns: whether groups of systems take turns after each part.
     """
-    pieces = by_length(program, LONGEST_PART)
+    longest = LONGEST_PART
+    if turns:
+        longest = min(longest, max(LONGEST_OF_GROUPS, len(program.instructions) // _MOST_OF_GROUPS))
+    pieces = by_length(program, longest)
     pieces = pieces._replace(programs=tuple([ordered(part) for part in pieces.programs]))
     sizes = [math.prod(shape) for shape in program.input_shapes]
     of_array = [k for k, size in enumerate(sizes) for _ in range(size)]
@@ -113,23 +124,42 @@ def split(program: Program, lanes: int, inputs: Sequence[Access], outputs: Seque
         own = kept[start : start + pieces.memory[k]]
         parts.append(SplitPart(part, [*given, *kept[:start]], [*results, own]))
     writes = tuple(k for k, o in enumerate(program.outputs) if o.places)
-    return SplitProgram(parts, tuple(sorted(used)), writes, sum(number.pointer == "scratch" for number in kept))
+    scratch = max([0, *(number.place + 1 for number in kept if number.pointer == "scratch")])
+    return SplitProgram(parts, tuple(sorted(used)), writes, scratch)
 
 
 def _kept(pieces: Pieces, lanes: int, outputs: Sequence[Access]) -> list[NumberPlace]:
-    """Return the locations of values that later parts need: in a result if the value is one, else in scratch memory."""
+    """Return the locations of values that later parts need: in a result if the value is one, else in scratch memory.
+
+    A place in scratch memory is used again by parts after the last one that needs its value.
+    """
+    first, last = pieces.programs[0].input_size, [0] * sum(pieces.memory)  # the last part that needs each value
+    for k, part in enumerate(pieces.programs):
+        used = {a for i in part.instructions for a in i.args} | {p for o in part.outputs for p in o.places}
+        for a in used:
+            if first <= a < part.input_size:
+                last[a - first] = k
     found: list[NumberPlace] = []
+    free: list[int] = []
+    taken: list[list[int]] = [[] for _ in pieces.programs]  # places by the part after which they are free
     count = 0
-    for part in pieces.programs:
+    for k, part in enumerate(pieces.programs):
         *results, memory = part.outputs
         known = {
-            place: NumberPlace(f"out{k}", e, outputs[k])
-            for k, output in enumerate(results)
+            place: NumberPlace(f"out{j}", e, outputs[j])
+            for j, output in enumerate(results)
             for e, place in enumerate(output.places)
+            if place >= 0
         }
         for place in memory.places:
-            found.append(known.get(place) or NumberPlace("scratch", count, Access(lanes)))
-            count += place not in known
+            if place not in known:
+                if not free:
+                    free.append(count)
+                    count += 1
+                taken[last[len(found)]].append(free[-1])
+                known[place] = NumberPlace("scratch", free.pop(), Access(lanes))
+            found.append(known[place])
+        free += taken[k]
     return found
 
 

@@ -2,7 +2,7 @@
 
     void batch(i64 *table, i64 begin, i64 end, i64 count, i64 repeats, double *arena)
 
-The function runs the blocks begin <= b < end, each of `lanes` systems; if the schedule has carried arrays, each block
+The function runs the groups begin <= b < end, each of `lanes` systems; if the schedule has carried arrays, each group
 is run `repeats` times in a row. `table` holds the address and the stride of every external array in order; the stride
 is the number of doubles from one system to the next, or 0 if all systems share the array. Lanes beyond the last
 system repeat it: they compute and write the same bits again, so a tail needs no code of its own.
@@ -11,6 +11,7 @@ system repeat it: they compute and write the same bits again, so a tail needs no
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, ExternalRole, Schedule
@@ -32,43 +33,51 @@ _WAYS: dict[ExternalRole, tuple[str, ...]] = {
 def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
     """Return the module's source and the number of doubles of working memory that a thread needs."""
     layout = Layout(schedule, lanes, systems=lanes)
-    module = Module(layout)
-    addresses: list[str] = []
-    alike, strides = [], "0"
-    for k, (name, external) in enumerate(schedule.externals.items()):
-        addresses += [
-            f"  %address{k} = getelementptr ptr, ptr %table, i64 {2 * k}",
-            f"  %external{k} = load ptr, ptr %address{k}",
-            f"  %at{k} = getelementptr i64, ptr %table, i64 {2 * k + 1}",
-            f"  %stride{k} = load i64, ptr %at{k}",
-            f"  %lanes{k} = getelementptr double, ptr %arena, i64 {layout.external_areas[name].start}",
-        ]
-        if name in schedule.guarded and external.size >= _ROW:
-            addresses.append(
-                filled("batch_streamed", k=k, size=external.size, lanes=lanes, mask=lanes - 1, large=_LARGE)
-            )
+    module, copies = Module(layout), _Copies(layout)
+    strides, varied = [], "0"
+    for k, external in enumerate(schedule.externals.values()):
         if external.role == "parameter":
-            alike.append(f"  %strides{k} = or i64 {strides}, %stride{k}")
-            strides = f"%strides{k}"
-    prepare = _moved("to_lanes", schedule, "parameter")
-    module.calls(schedule.prepare, prepare, "prepare")
-    compute = [*_moved("to_lanes", schedule, "input"), *_moved("to_lanes", schedule, "carried")]
+            row = f"  %row{k} = getelementptr i64, ptr %table, i64 {2 * k + 1}"
+            strides += [row, f"  %own{k} = load i64, ptr %row{k}"]
+            strides.append(f"  %varied{k} = or i64 {varied}, %own{k}")
+            varied = f"%varied{k}"
     guarded = [name for name in schedule.guarded if schedule.externals[name].size]
-    if schedule.names("carried"):
-        repeated: list[str] = []
-        module.calls(schedule.calls, repeated, "repeat")
-        compute.append(filled("batch_repeated", calls=repeated))
-        long = []
-    else:
-        last, label = _last_calls(schedule), "compute"
-        long = [name for name in guarded if schedule.externals[name].size >= _ROW and name in last]
-        for k, call in enumerate(schedule.calls):
-            label = module.calls([call], compute, label)
-            compute += _sums(schedule, [name for name in long if last.get(name) == k], lanes)
-    if schedule.status is not None:
-        compute += _sums(schedule, [name for name in guarded if name not in long], lanes)
-        compute.append(_status(schedule, schedule.status, guarded, lanes))
-    compute += [*_moved("from_lanes", schedule, "output", but=guarded), *_moved("from_lanes", schedule, "carried")]
+    last = {} if schedule.names("carried") else _last_calls(schedule)
+    long = [name for name in guarded if schedule.externals[name].size >= _ROW and name in last]
+    zero = f"  store {number_type(lanes)} {constant(0.0, lanes)}, ptr %sums, align {8 * lanes}"
+    copies.write("take.parameters", copies.moved("to_lanes", "parameter"))
+    copies.write("take", [zero, *copies.moved("to_lanes", "input"), *copies.moved("to_lanes", "carried")])
+    given = sorted({last[name] for name in long})
+    for k in given:
+        copies.write(f"give.{k}", copies.summed([name for name in long if last[name] == k]))
+    rest = copies.summed([name for name in guarded if name not in long])
+    rest += [copies.status(schedule.status, guarded)] if schedule.status is not None else []
+    rest += [*copies.moved("from_lanes", "output", but=guarded), *copies.moved("from_lanes", "carried")]
+    copies.write("give", rest)
+
+    def prepare(groups: int) -> list[str]:
+        """Return the lines that compute what depends on parameters only."""
+        lines = copies.called("take.parameters", groups)
+        module.calls(schedule.prepare, lines, "entry", _memories(groups))
+        return lines
+
+    def compute(groups: int) -> list[str]:
+        """Return the lines that compute the rest, from the caller's arrays to the caller's arrays."""
+        lines, label = copies.called("take", groups), "entry"
+        if schedule.names("carried"):
+            repeated: list[str] = []
+            module.calls(schedule.calls, repeated, "repeat", _memories(groups))
+            lines.append(filled("batch_repeated", calls=repeated))
+        else:
+            for k, call in enumerate(schedule.calls):
+                label = module.calls([call], lines, label, _memories(groups))
+                if k in given:  # while the caches hold the results
+                    lines += copies.called(f"give.{k}", groups)
+        return [*lines, *copies.called("give", groups)]
+
+    bodies = {(of.__name__, n): of(n) for of in (prepare, compute) for n in sorted({1, module.together})}
+    size = -(-(layout.total + module.scratch) // 8) * 8  # whole cache lines
+    functions = [line for (of, n), body in bodies.items() for line in _of_groups(f"{of}.{n}", n, body, size, lanes)]
     moves = [(way, e.size) for e in schedule.externals.values() for way in _WAYS[e.role] if e.size]
     sizes = [schedule.externals[name].size for name in guarded]
     moves += [("checked", size) for size in sizes] + [("streamed", size) for size in sizes if size >= _ROW]
@@ -77,24 +86,111 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
         nan = constant(math.nan, lanes)
         values = {"lanes": lanes, "T": number_type(lanes), "align": 8 * lanes, "nan": nan, "zero": constant(0.0, lanes)}
         declared.append(filled("batch_guard", **values))
-    function = filled(
-        "batch",
-        lanes=lanes,
-        scratch=layout.total,
-        addresses=addresses + alike,
-        strides=strides,
-        prepare=prepare,
-        compute=compute,
-    )
-    return "\n".join([*declared, *module.tables, *module.functions, function]), layout.total + module.scratch
+    text = [*declared, *module.tables, *module.functions, *copies.functions, *functions]
+    text.append(filled("batch", lanes=lanes, together=module.together, strides=strides, varied=varied))
+    return "\n".join(text), module.together * size
 
 
-def _moved(function: str, schedule: Schedule, role: ExternalRole, but: Sequence[str] = ()) -> list[str]:
-    return [
-        f"  call void @{function}.{external.size}{_arguments(k)}"
-        for k, (name, external) in enumerate(schedule.externals.items())
-        if external.role == role and external.size and name not in but
-    ]
+def _memories(groups: int) -> list[str]:
+    return [f"%memory{g}" for g in range(groups)]
+
+
+def _of_groups(name: str, groups: int, body: list[str], size: int, lanes: int) -> list[str]:
+    """Return a function that runs so many groups, from system `first` on."""
+    taken = "ptr %table, i64 %first, i64 %count, i64 %repeats, ptr %arena"
+    lines = [f"define internal void @{name}({taken}) noinline nounwind {{", "entry:"]
+    for g, memory in enumerate(_memories(groups)):
+        lines.append(f"  {memory} = getelementptr double, ptr %arena, i64 {g * size}")
+        lines.append(f"  %first{g} = add i64 %first, {g * lanes}")
+    return [*lines, *body, "  ret void", "}"]
+
+
+class _Copies:
+    """Writes the functions that copy arrays of a lane group between the caller's memory and lanes.
+
+    Attributes:
+        functions: the lines of the functions written so far.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.functions: list[str] = []
+        self._layout, self._externals, self._lanes = layout, layout.schedule.externals, layout.systems
+
+    def write(self, name: str, body: list[str]) -> None:
+        """Write a function, with the addresses of all arrays that its body names."""
+        text = "\n".join(body)
+        head = [f"  %sums = getelementptr double, ptr %arena, i64 {self._layout.sums}"]
+        for k, (array, external) in enumerate(self._externals.items()):
+            if not re.search(rf"%(external|lanes){k}\b", text):
+                continue
+            head += [
+                f"  %address{k} = getelementptr ptr, ptr %table, i64 {2 * k}",
+                f"  %external{k} = load ptr, ptr %address{k}",
+                f"  %at{k} = getelementptr i64, ptr %table, i64 {2 * k + 1}",
+                f"  %stride{k} = load i64, ptr %at{k}",
+                f"  %lanes{k} = getelementptr double, ptr %arena, i64 {self._layout.external_areas[array].start}",
+            ]
+            if f"%copy{k}(" in text:
+                values = {"k": k, "size": external.size, "lanes": self._lanes, "mask": self._lanes - 1, "large": _LARGE}
+                head.append(filled("batch_streamed", **values))
+        self.functions += [
+            f"define internal void @{name}(ptr %table, i64 %first, i64 %count, ptr %arena) noinline nounwind {{",
+            "entry:",
+            "  %last = sub i64 %count, 1",
+            *head,
+            text,
+            "  ret void",
+            "}",
+        ]
+
+    def called(self, name: str, groups: int) -> list[str]:
+        """Return the calls of a function for so many groups."""
+        return [
+            f"  call void @{name}(ptr %table, i64 %first{g}, i64 %count, ptr {memory})"
+            for g, memory in enumerate(_memories(groups))
+        ]
+
+    def moved(self, function: str, role: ExternalRole, but: Sequence[str] = ()) -> list[str]:
+        """Return the lines that copy the arrays of a role."""
+        return [
+            f"  call void @{function}.{external.size}{_arguments(k)}"
+            for k, (name, external) in enumerate(self._externals.items())
+            if external.role == role and external.size and name not in but
+        ]
+
+    def summed(self, names: Sequence[str]) -> list[str]:
+        """Return the lines that copy results from lanes, and add up x - x on the way."""
+        if not names:
+            return []
+        T, align = number_type(self._lanes), 8 * self._lanes
+        lines, total = [f"  %before = load {T}, ptr %sums, align {align}"], "%before"
+        for k, (name, external) in enumerate(self._externals.items()):
+            if name in names:
+                function = f"%copy{k}" if external.size >= _ROW else f"@checked.{external.size}"
+                lines.append(f"  %sum{k} = call {T} {function}{_arguments(k)}")
+                lines.append(f"  %total{k} = fadd {T} {total}, %sum{k}")
+                total = f"%total{k}"
+        return [*lines, f"  store {T} {total}, ptr %sums, align {align}"]
+
+    def status(self, status: str, guarded: Sequence[str]) -> str:
+        """Return the code that sets the status of systems with non-finite results and blanks results of bad status."""
+        lanes, index = self._lanes, {name: k for k, name in enumerate(self._externals)}
+        blank: list[str] = []
+        for name in guarded:
+            k, size = index[name], self._externals[name].size
+            blank.append(f"  call void @blank(ptr %lanes{k}, i64 {size}, <{lanes} x i1> %bad)")
+            blank.append(f"  call void @from_lanes.{size}{_arguments(k)}")
+        return filled(
+            "batch_status",
+            lanes=lanes,
+            T=number_type(lanes),
+            align=8 * lanes,
+            zero=constant(0.0, lanes),
+            status=f"%lanes{index[status]}",
+            not_finite=constant(NOT_FINITE, lanes),
+            first_bad=constant(FIRST_BAD, lanes),
+            blank=blank,
+        )
 
 
 def _arguments(k: int) -> str:
@@ -108,42 +204,3 @@ def _last_calls(schedule: Schedule) -> dict[str, int]:
         group = schedule.groups[call.group]
         found |= {group.wires[port].array: k for port in group.stage.outputs[call.phase]}
     return found
-
-
-def _sums(schedule: Schedule, names: Sequence[str], lanes: int) -> list[str]:
-    """Return the code that copies results from lanes while the caches hold them, and sums up x - x on the way."""
-    lines = []
-    for k, (name, external) in enumerate(schedule.externals.items()):
-        if name in names:
-            function = f"%copy{k}" if external.size >= _ROW else f"@checked.{external.size}"
-            lines.append(f"  %sum{k} = call {number_type(lanes)} {function}{_arguments(k)}")
-    return lines
-
-
-def _status(schedule: Schedule, status: str, guarded: Sequence[str], lanes: int) -> str:
-    """Return the code that sets the status of systems with non-finite results and blanks results of bad status."""
-    T, zero = number_type(lanes), constant(0.0, lanes)
-    index = {name: k for k, name in enumerate(schedule.externals)}
-    sums: list[str] = []
-    total = zero
-    for k in (index[name] for name in guarded):
-        sums.append(f"  %total{k} = fadd {T} {total}, %sum{k}")
-        total = f"%total{k}"
-    blank: list[str] = []
-    for name in guarded:
-        k, size = index[name], schedule.externals[name].size
-        blank.append(f"  call void @blank(ptr %lanes{k}, i64 {size}, <{lanes} x i1> %bad)")
-        blank.append(f"  call void @from_lanes.{size}{_arguments(k)}")
-    return filled(
-        "batch_status",
-        lanes=lanes,
-        T=T,
-        align=8 * lanes,
-        zero=zero,
-        sums=sums,
-        total=total,
-        status=f"%lanes{index[status]}",
-        not_finite=constant(NOT_FINITE, lanes),
-        first_bad=constant(FIRST_BAD, lanes),
-        blank=blank,
-    )

@@ -1,7 +1,7 @@
   br label %repeat
 
 repeat:  ; the systems stay in lanes meanwhile
-  %r = phi i64 [ 0, %compute ], [ %r.next, %repeated ]
+  %r = phi i64 [ 0, %entry ], [ %r.next, %repeated ]
 $calls
   br label %repeated
 

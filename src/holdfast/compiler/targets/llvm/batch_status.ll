@@ -1,5 +1,5 @@
-$sums
-  %unsound = fcmp une $T $total, $zero
+  %total = load $T, ptr %sums, align $align
+  %unsound = fcmp une $T %total, $zero
   %found = load $T, ptr $status, align $align
   %status = select <$lanes x i1> %unsound, $T $not_finite, $T %found
   store $T %status, ptr $status, align $align

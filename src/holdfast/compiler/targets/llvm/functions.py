@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from string import Template
 from typing import NamedTuple
@@ -17,7 +17,14 @@ from holdfast.compiler.order import is_crowded
 from holdfast.compiler.program import Program
 from holdfast.compiler.schedule import Call
 from holdfast.compiler.targets.layout import ArrayAddress, Layout
-from holdfast.compiler.targets.split import Access, NumberPlace, SplitPart, SplitProgram, signs_to_keep, split
+from holdfast.compiler.targets.split import (
+    Access,
+    NumberPlace,
+    SplitPart,
+    SplitProgram,
+    signs_to_keep,
+    split,
+)
 
 # A number in memory that has not been used for so many operations is loaded again. LLVM would keep it in a register, or
 # rather write it to the stack, a second time, because more numbers are in use than there are registers. Where fewer are
@@ -28,6 +35,9 @@ _FAR, _FAR_IF_FEW_LIVE = 24, 64
 # nothing is written. LLVM need not order such loads and stores then, for which it takes time that grows with the square
 # of their number: a third of its time for arms of 96 joints. In programs of few parts there is nothing to gain.
 _BEFORE, _FEW = ".before", 4
+
+
+Place = tuple[ArrayAddress | None, str | None]  # of an argument, and its offset if that is a variable
 
 
 class ProgramInLlvm(NamedTuple):
@@ -44,20 +54,12 @@ class ProgramInLlvm(NamedTuple):
     parameters: dict[str, list[str]]
     split: SplitProgram
 
-    def calls(self, arguments: Sequence[str]) -> list[str]:
-        """Return the lines that call the functions with the pointers of `split`, in its order."""
-        given = dict(zip(self.split.parameters, arguments, strict=True))
-        return [
-            f"  call void @{name}({', '.join([given[p.removesuffix(_BEFORE)] for p in parameters])})"
-            for name, parameters in self.parameters.items()
-        ]
-
 
 def function(
-    name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access]
+    name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], turns: bool
 ) -> ProgramInLlvm:
     """Return a program as one function, or several if it is long; for the arguments see `split`."""
-    found = split(program, lanes, inputs, outputs)
+    found = split(program, lanes, inputs, outputs, turns)
     lines: list[str] = []
     parameters: dict[str, list[str]] = {}
     known = [*found.parameters, *(pointer + _BEFORE for pointer in found.parameters)]
@@ -196,6 +198,11 @@ def filled(name: str, **values: object) -> str:
     return Template(Path(__file__).with_name(f"{name}.ll").read_text()).substitute(texts)
 
 
+# So many groups of a batch run each function before the next function runs. Its instructions, which fill the caches of
+# the processor, are fetched once for all of them, and one group is computed while operations of another wait; see
+# LONGEST_OF_GROUPS. The working memory of two groups of eight lanes is too much for the nearest cache.
+_TOGETHER, _MOST_LANES = 2, 4
+
 _UNROLLED = 2  # up to so many calls are written one after the other; more become a loop
 
 
@@ -208,21 +215,40 @@ class Module:
         tables: constant tables of the addresses over which loops run.
         scratch: the number of doubles of scratch memory that the functions need.
         lanes: the vector lengths that the functions use.
+        together: how many groups of systems, one in each lane, take turns.
     """
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
+        self.together = _TOGETHER if 1 < layout.systems <= _MOST_LANES else 1
         self.functions: list[str] = []
         self.tables: list[str] = []
         self.scratch = 0
         self.lanes: set[int] = set()
         self._known: dict[object, ProgramInLlvm] = {}
+        self._known_tables: dict[tuple[int, ...], str] = {}
+        self._runners: dict[object, str] = {}
         self._labels = 0
 
-    def calls(self, calls: Sequence[Call], lines: list[str], label: str) -> str:
-        """Append the lines that run the calls; return the label of the block they end in."""
+    def calls(self, calls: Sequence[Call], lines: list[str], label: str, memories: Sequence[str] = ("%arena",)) -> str:
+        """Append the lines that run the calls; return the label of the block they end in.
+
+        Args:
+            calls: the calls.
+            lines: the lines of the function that is being written.
+            label: the label of the block before.
+            memories: the working memory of every lane group of a batch that runs each function before the next one.
+        """
         for call in calls:
-            label = self._call(call, lines, label)
+            made = self.written(call)
+            runs = self.layout.places(call, made.split) if made.split.writes else []
+            if len(runs) > _UNROLLED:
+                label = self._loop(made, runs, lines, label, memories)
+                continue
+            items = [[(place, None) for place in places] for places in runs]
+            free = self.together > 1 and self.layout.schedule.groups[call.group].side_by_side
+            for some in [items] if free else [[item] for item in items]:
+                self._run(made, some, lines, memories)
         return label
 
     def label(self) -> int:
@@ -230,35 +256,28 @@ class Module:
         self._labels += 1
         return self._labels
 
-    def _call(self, call: Call, lines: list[str], label: str) -> str:
-        made = self.written(call)
-        if not made.split.writes:
-            return label
-        runs = self.layout.places(call, made.split)
-        if len(runs) <= _UNROLLED:
-            for places in runs:
-                n = self.label()
-                pointers = [_pointer(lines, f"%p{n}.{j}", place, None) for j, place in enumerate(places)]
-                lines += made.calls(pointers)
-            return label
-        return self._loop(made, runs, lines, label)
-
-    def _loop(self, made: ProgramInLlvm, runs: list[list[ArrayAddress | None]], lines: list[str], label: str) -> str:
+    def _loop(
+        self,
+        made: ProgramInLlvm,
+        runs: list[list[ArrayAddress | None]],
+        lines: list[str],
+        label: str,
+        memories: Sequence[str],
+    ) -> str:
         n, count = self.label(), len(runs)
         lines += [f"  br label %loop{n}", f"loop{n}:"]
         lines.append(f"  %t{n} = phi i64 [ 0, %{label} ], [ %t{n}.next, %loop{n} ]")
-        pointers = []
-        for j, place in enumerate(runs[0]):
-            offsets = [run[j].offset for run in runs if run[j] is not None]  # type: ignore[union-attr]
+        moved: list[tuple[ArrayAddress | None, str | None]] = []
+        for place, *others in zip(*runs, strict=True):
+            offsets = tuple([0 if at is None else at.offset for at in (place, *others)])
             moving = None
             if len(set(offsets)) > 1:
-                values = ", ".join(f"i64 {offset}" for offset in offsets)
-                self.tables.append(f"@table{n}.{j} = private unnamed_addr constant [{count} x i64] [{values}]")
-                lines.append(f"  %a{n}.{j} = getelementptr i64, ptr @table{n}.{j}, i64 %t{n}")
+                table, j = self._table(offsets), len(moved)
+                lines.append(f"  %a{n}.{j} = getelementptr i64, ptr {table}, i64 %t{n}")
                 lines.append(f"  %o{n}.{j} = load i64, ptr %a{n}.{j}")
                 moving = f"%o{n}.{j}"
-            pointers.append(_pointer(lines, f"%p{n}.{j}", place, moving))
-        lines += made.calls(pointers)
+            moved.append((place, moving))
+        self._run(made, [moved], lines, memories)
         lines += [
             f"  %t{n}.next = add i64 %t{n}, 1",
             f"  %more{n} = icmp slt i64 %t{n}.next, {count}",
@@ -266,6 +285,58 @@ class Module:
             f"after{n}:",
         ]
         return f"after{n}"
+
+    def _table(self, offsets: tuple[int, ...]) -> str:
+        if offsets not in self._known_tables:
+            self._known_tables[offsets] = name = f"@table{len(self._known_tables)}"
+            values = ", ".join([f"i64 {offset}" for offset in offsets])
+            self.tables.append(f"{name} = private unnamed_addr constant [{len(offsets)} x i64] [{values}]")
+        return self._known_tables[offsets]
+
+    def _run(
+        self, made: ProgramInLlvm, runs: Sequence[Sequence[Place]], lines: list[str], memories: Sequence[str]
+    ) -> None:
+        """Append the calls of a program's functions, each of them for all items and lane groups of a batch."""
+        if self.layout.systems == 1:
+            for places in runs:
+                lines += self._called(made, made.parameters, _by_parameter(made, places), "%arena")
+            return
+        own = made.split.scratch * self.layout.systems  # scratch memory of an item
+        self.scratch = max(self.scratch, own * len(runs))
+        for name, parameters in made.parameters.items():
+            used = dict.fromkeys([p.removesuffix(_BEFORE) for p in parameters])
+            for r, places in enumerate(runs):
+                given = _by_parameter(made, places)
+                if made.split.scratch:
+                    given["scratch"] = ArrayAddress(None, self.layout.total + r * own), None
+                runner = self._runner(made, name, {p: given[p] for p in used})
+                offsets = "".join([f", i64 {given[p][1]}" for p in used if given[p][1]])
+                lines += [f"  call void @{runner}(ptr {memory}{offsets})" for memory in memories]
+
+    def _runner(self, made: ProgramInLlvm, name: str, places: Mapping[str, Place]) -> str:
+        """Return the name of the function that calls one of a program's functions for a lane group."""
+        key = (name, tuple([place if moving is None else None for place, moving in places.values()]))
+        if key not in self._runners:
+            self._runners[key] = runner = f"run.{len(self._runners)}"
+            taken = ["ptr %memory", *(f"i64 %{p}.offset" for p, (_, moving) in places.items() if moving)]
+            own = {p: (place, moving and f"%{p}.offset") for p, (place, moving) in places.items()}
+            head = f"define internal void @{runner}({', '.join(taken)}) noinline nounwind {{"
+            self.functions += [head, *self._called(made, [name], own, "%memory"), "  ret void", "}"]
+        return self._runners[key]
+
+    def _called(self, made: ProgramInLlvm, names: Iterable[str], places: Mapping[str, Place], memory: str) -> list[str]:
+        """Return the lines that compute addresses and call functions of a program with them."""
+        n, lines, arguments = self.label(), list[str](), dict[str, str]()
+        for pointer, (place, moving) in places.items():
+            external = None if place is None else place.external
+            base = memory if external is None else f"%external{external}"
+            offset = moving or (self.layout.total if place is None else place.offset)
+            lines.append(f"  %p{n}.{pointer} = getelementptr double, ptr {base}, i64 {offset}")
+            arguments[pointer] = f"ptr %p{n}.{pointer}"
+        for name in names:
+            own = ", ".join([arguments[p.removesuffix(_BEFORE)] for p in made.parameters[name]])
+            lines.append(f"  call void @{name}({own})")
+        return lines
 
     def written(self, call: Call) -> ProgramInLlvm:
         """Return the function of a stage's phase for this layout; it is written at the first call only."""
@@ -277,7 +348,7 @@ class Module:
         key = (id(stage), call.phase, lanes, tuple(inputs), tuple(outputs), handed)
         if key not in self._known:
             name = f"{stage.name}.{call.phase}.{len(self._known)}"
-            made = function(name, program, lanes, inputs, outputs)
+            made = function(name, program, lanes, inputs, outputs, turns=self.together > 1)
             self.functions += made.lines
             self.scratch = max(self.scratch, made.split.scratch * lanes)
             self.lanes.add(lanes)
@@ -285,10 +356,5 @@ class Module:
         return self._known[key]
 
 
-def _pointer(lines: list[str], name: str, place: ArrayAddress | None, moving: str | None) -> str:
-    """Append the line that computes an address; return the argument."""
-    if place is None:
-        return "ptr %scratch"
-    base = "%arena" if place.external is None else f"%external{place.external}"
-    lines.append(f"  {name} = getelementptr double, ptr {base}, i64 {moving or place.offset}")
-    return f"ptr {name}"
+def _by_parameter(made: ProgramInLlvm, places: Sequence[Place]) -> dict[str, Place]:
+    return dict(zip(made.split.parameters, places, strict=True))

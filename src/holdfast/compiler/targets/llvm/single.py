@@ -68,7 +68,6 @@ def _head(result: str, name: str, layout: Layout) -> list[str]:
         array = f"%external{k}" if k < count else "%arena"
         lines.append(f"  %address{k} = getelementptr ptr, ptr %table, i64 {k}")
         lines.append(f"  {array} = load ptr, ptr %address{k}")
-    lines.append(f"  %scratch = getelementptr double, ptr %arena, i64 {layout.total}")
     return lines
 
 
