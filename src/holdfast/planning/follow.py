@@ -1,0 +1,279 @@
+"""Inverse kinematics along a path of the object, with the redundancy resolved over the whole path: `follow`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from holdfast.control.paths import ObjectPath, Target, path_function
+from holdfast.dynamics.closed.chain_motion import chain_at_rest, chain_motion
+from holdfast.dynamics.closing import close
+from holdfast.dynamics.consistency import closure, require_closed
+from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
+from holdfast.dynamics.near_singular import arm_strength, chain_strength
+from holdfast.dynamics.posture import Posture
+from holdfast.dynamics.rank import constraint_pivots
+from holdfast.errors import ClosureError, MethodNotApplicable, ModelError, StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.planning.configuration_cost import ConfigurationCost
+from holdfast.planning.joint_path import JointPath
+from holdfast.planning.whole_path import Smoothness, WholePath, self_motions
+from holdfast.spatial import rotation
+from holdfast.spatial.linalg import least_solution
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.state import Inputs, State, require_fit
+
+SAME_PLACE = 1e-6  # m and rad: how far from the path the object may be at the start
+LONGEST_STRIDE = 0.5  # rad, or fraction of the arms' reach, of a coordinate from one sample to the next
+PASSED = 1e-9  # rad or m beyond a limit that count
+AT_REST = 1e-9  # rad/s and m/s of the object at the end
+
+
+@np.errstate(all="ignore")  # what overflows is refused
+def follow(
+    chain: ClosedChain,
+    state: State,
+    path: Callable[[float], Target] | ObjectPath,
+    duration: float,
+    step: float,
+    *,
+    begin: float = 0.0,
+    posture: Posture | None = None,
+    room: float = 0.1,
+    strength: float = 0.1,
+    smoothing: float = 0.25,
+) -> JointPath:
+    """Return a joint path along which the object follows its path, away from joint limits and singular postures.
+
+    Of the motions that the grasps leave to redundant arms and a trunk, it is the one with the least integral of
+
+        posture + sum_limits b(distance / zone) + sum_arms b(strength / zone) + 1/2 smoothing^4 |q''|^2
+
+    over the path, with b(u) = (1 - u)^3 / u inside a zone (u < 1) and 0 outside, and q'' with respect to the share of
+    the path that is done, in the units of the posture. It begins with the given state, and is the local minimum that is
+    found from there; at every sample the grasps are closed as by `close`. A trunk moves with the arms. Bushings stay
+    unstretched. Collisions and torques are not looked at. A second or so per hundred samples of two arms.
+
+    Args:
+        chain: the chain.
+        state: a closed state, with the object at the beginning of its path.
+        path: function of t [s] that returns the object's target, or a path object, whose method `at` is used.
+        duration: how long the path is followed [s].
+        step: time between samples [s], of which there is a whole number.
+        begin: time at which the path begins [s].
+        posture: wished joint positions with weights; by default the middle of the ranges, see `Posture`.
+        room: width of the zone at each joint limit, relative to the joint's range, below 0.5.
+        strength: width of the zone at singular configurations of an arm, as a strength, 0 to 1; 0 for none.
+        smoothing: share of the path over which the arms move from one posture to another.
+
+    Raises:
+        ModelError: no path, or a number is out of range.
+        StateError: the state is not closed, is not at the beginning of the path, or lies beyond a joint limit.
+        ClosureError: the path cannot be followed; the message names the arm or the joint and the place on the path.
+        MethodNotApplicable: the chain has no grasp, or a floating base, whose motion depends on forces.
+    """
+    require_fit(chain, state)
+    target, times = _target(path), _times(duration, step, begin)
+    checks.instance(posture, (Posture, type(None)), "follow: posture")
+    zones = [checks.number(x, f"follow: {name}", at_least=0.0) for name, x in (("room", room), ("strength", strength))]
+    smoothing = checks.number(smoothing, "follow: smoothing", above=0.0)
+    if not zones[0] < 0.5 or not zones[1] <= 1.0:
+        raise ModelError(f"follow: expected room < 0.5 and strength <= 1, got {zones[0]:g} and {zones[1]:g}")
+    if not chain.grasps or chain.floats:
+        what = "a floating base, whose motion depends on forces" if chain.floats else "no grasp"
+        raise MethodNotApplicable(f"follow: the chain has {what}; try a trunk with a base in the world, or a grasp")
+    places = [target(float(t)) for t in times]
+    first = _first(chain, state, places[0])
+    wish = (Posture() if posture is None else posture).cost(chain, first)
+    cost = ConfigurationCost(chain, wish, *zones)
+    states = _continued(cost, first, places, times, 1 / (smoothing * (len(times) - 1)))
+    last = None if np.abs(places[-1].twist).max() > AT_REST else np.zeros(chain.joint_count)
+    units = Posture().cost(chain, first).stiffness ** -0.5
+    smoothness = Smoothness.of(len(times), smoothing, units, duration * first.qd, last)
+    states = WholePath(chain, cost, smoothness).cheapest(states)
+    _require_inside(chain, states, times)
+    return _measured(chain, target, times, places, _with_rates(chain, states, places, times, first.qd, last))
+
+
+def _target(path: Any) -> Callable[[float], Target]:
+    """Return the path as a function that returns checked targets."""
+    function = path_function(path, "follow: path")
+
+    def target(t: float) -> Target:
+        found = function(t)
+        if not isinstance(found, Target):
+            raise ModelError(f"follow: path: expected a Target from it, got {type(found).__name__}")
+        return found
+
+    return target
+
+
+def _times(duration: Any, step: Any, begin: Any) -> Array:
+    """Return the times of the samples."""
+    duration, step = (checks.number(x, f"follow: {name}", above=0.0) for name, x in (("duration", duration), ("step", step)))
+    count = round(duration / step)
+    if count < 4 or abs(count * step - duration) > 1e-6 * duration:
+        raise ModelError(f"follow: step: expected a fourth of the duration {duration:g} s or a smaller whole share, got {step:g}")
+    return checks.number(begin, "follow: begin") + np.linspace(0.0, duration, count + 1)
+
+
+def _first(chain: ClosedChain, state: State, place: Target) -> State:
+    """Return the state with the object exactly at the beginning of its path, in motion with it.
+
+    Raises:
+        StateError: the grasps are open, the object is elsewhere, or a joint is beyond its limits.
+    """
+    require_closed(chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain)), state)
+    turn = np.linalg.norm(rotation.log(place.pose.R @ state.object_frame.R.T))
+    shift = np.linalg.norm(place.pose.p - state.object_frame.p)
+    if max(turn, shift) > SAME_PLACE:
+        raise StateError(
+            f"follow: the path begins {shift:.3g} m and {turn:.3g} rad from the object of the state; try a path from"
+            " state.object_frame, or begin= with the time at which the path is there"
+        )
+    low, high = chain.position_limits.T
+    beyond = np.maximum(low - state.q, state.q - high)
+    if beyond.max() > PASSED:
+        k = int(np.argmax(beyond))
+        raise StateError(f"follow: state: {chain.joint_names()[k]} is {beyond[k]:.3g} (rad or m) beyond its limit")
+    return _closed_at(chain, replace(state, q=np.clip(state.q, low, high)), place)
+
+
+def _closed_at(chain: ClosedChain, state: State, place: Target, *, limits: bool = True) -> State:
+    """Return the state closed with the object on its path; trunk and arms may move."""
+    guess = State(state.q, state.qd, place.pose.wxyz_xyz, place.twist)
+    return close(chain, guess, hold_object=True, hold_trunk=False, limits=limits)
+
+
+def _continued(
+    cost: ConfigurationCost, first: State, places: list[Target], times: Array, share: float
+) -> list[State]:
+    """Return closed states along the path, each from the one before.
+
+    From sample to sample the joints also go a share of the way to the cheapest configuration of the self-motion.
+
+    Raises:
+        ClosureError: an arm cannot follow, or joints leap from one sample to the next.
+    """
+    chain, states = cost.chain, [first]
+    for t, place in zip(times[1:], places[1:], strict=True):
+        before = states[-1]
+        motion = chain_at_rest(chain, before)
+        terms, N = cost.terms(before.q, motion), self_motions(motion)
+        curvature = N.T @ terms.curvature @ N + 1e-9 * np.eye(N.shape[1])
+        q = before.q - min(1.0, share) * N @ np.linalg.solve(curvature, N.T @ terms.slope)
+        where = f"at t = {t:.4g} s, {100 * (t - times[0]) / (times[-1] - times[0]):.0f} % of the way"
+        try:
+            found = _closed_at(chain, replace(before, q=q), place)
+        except ClosureError as cause:
+            raise ClosureError(f"follow: {where}: {cause}{_at_limits(chain, before)}") from cause
+        stride = np.abs(found.q - before.q) / coordinate_sizes(motion)[: chain.joint_count]
+        if stride.max() > LONGEST_STRIDE:
+            k = int(np.argmax(stride))
+            raise ClosureError(
+                f"follow: {where}: {chain.joint_names()[k]} leaps by {abs(found.q[k] - before.q[k]):.3g} (rad or m) from"
+                " one sample to the next, near a singular configuration or because the path leaps; try a smaller step,"
+                " a path without the pose, or another start"
+            )
+        states.append(found)
+    return states
+
+
+def _at_limits(chain: ClosedChain, state: State) -> str:
+    """Name the joints that are at a limit, for a message."""
+    distance = _limit_distances(chain, state.q)
+    names = [name for name, x in zip(chain.joint_names(), distance, strict=True) if x <= 1e-3]
+    return f". At a limit just before: {', '.join(names)}" if names else ""
+
+
+def _limit_distances(chain: ClosedChain, q: Array) -> Array:
+    """Return the distance of each joint from its nearer limit."""
+    low, high = chain.position_limits.T
+    return np.minimum(q - low, high - q)
+
+
+def _require_inside(chain: ClosedChain, states: list[State], times: Array) -> None:
+    """Refuse a path that passes a joint limit.
+
+    Raises:
+        ClosureError: naming the joint, the time, and how far.
+    """
+    distances = np.array([_limit_distances(chain, state.q) for state in states])
+    k, j = np.unravel_index(int(np.argmin(distances)), distances.shape)
+    if distances[k, j] < -PASSED:
+        raise ClosureError(
+            f"follow: at t = {times[k]:.4g} s, {chain.joint_names()[j]} would be {-distances[k, j]:.3g} (rad or m) beyond"
+            " its limit; try another start, more room, another path, or a posture that weighs this joint more"
+        )
+
+
+def _with_rates(
+    chain: ClosedChain, states: list[State], places: list[Target], times: Array, first: Array, last: Array | None
+) -> list[tuple[State, Array]]:
+    """Return the states with rates, and the accelerations: those of a cubic spline, corrected to fit the grasps."""
+    from scipy.interpolate import CubicSpline  # imported here because it takes half a second
+
+    end = "not-a-knot" if last is None else (1, last)
+    spline = CubicSpline(times, np.array([state.q for state in states]), bc_type=((1, first), end))
+    found = []
+    for t, state, place in zip(times, states, places, strict=True):
+        moving = _closed_at(chain, replace(state, qd=spline(t, 1)), place, limits=False)
+        found.append((moving, _accelerations(chain, moving, place.acceleration, spline(t, 2))))
+    return found
+
+
+def _accelerations(chain: ClosedChain, state: State, acceleration: Array, wish: Array) -> Array:
+    """Return the joint accelerations nearest to wished ones that agree with the object's acceleration, (n,).
+
+    K (J qdd + Jdot qd) = K (A alpha(C) + a(C) - g), with the columns of a trunk in J.
+    """
+    motion = chain_motion(replace(chain, gravity=np.zeros(3)), state, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    tips = [
+        c.K @ (shift_twist(c.offset, acceleration) + c.a - c.g - arm.bias.tip_acceleration)
+        for arm, c in zip(motion.holding, motion.contacts, strict=True)
+    ]
+    rows, sizes = constraint_rows(motion).joints, coordinate_sizes(motion)[: chain.joint_count]
+    return wish + sizes * least_solution(rows * sizes, np.concatenate(tips) - rows @ wish)
+
+
+def _measured(
+    chain: ClosedChain,
+    target: Callable[[float], Target],
+    times: Array,
+    places: list[Target],
+    found: list[tuple[State, Array]],
+) -> JointPath:
+    """Return the path with its margins."""
+    states, qdd = [state for state, _ in found], np.array([x for _, x in found])
+    strengths, of_chain = [], []
+    for state in states:
+        arms, R = chain_at_rest(chain, state).arms, state.object_frame.R
+        strengths.append([arm_strength(chain.arms[name], arms[name].at, g, R) for name, g in chain.grasps.items()])
+        of_chain.append(float(chain_strength(np.array(constraint_pivots(chain, state).condition))))
+    q = np.array([state.q for state in states])
+    made = JointPath(
+        chain,
+        target,
+        times,
+        q,
+        np.array([state.qd for state in states]),
+        checks.finite(qdd, "follow"),
+        np.array([_limit_distances(chain, x) for x in q]),
+        np.array(strengths),
+        np.array(of_chain),
+        np.array([_gap(chain, state) for state in states]),
+        np.zeros(len(times) - 1),
+    )
+    halfway = 0.5 * (times[1:] + times[:-1])
+    between = [_gap(chain, State(made.at(t).q, 0 * q[0], target(float(t)).pose)) for t in halfway]
+    return replace(made, residual_between=np.array(between))
+
+
+def _gap(chain: ClosedChain, state: State) -> float:
+    """Return the largest position gap of a grasp [m or rad]."""
+    return max(float(np.abs(gap.position).max(initial=0.0)) for gap in closure(chain, state).values())
