@@ -21,7 +21,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.planning.configuration_cost import ConfigurationCost
 from holdfast.planning.joint_path import JointPath
-from holdfast.planning.whole_path import Smoothness, WholePath, self_motions
+from holdfast.planning.whole_path import WEAKEST, Smoothness, WholePath, self_motions
 from holdfast.spatial import rotation
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array
@@ -29,7 +29,8 @@ from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State, require_fit
 
 SAME_PLACE = 1e-6  # m and rad: how far from the path the object may be at the start
-LONGEST_STRIDE = 0.5  # rad, or fraction of the arms' reach, of a coordinate from one sample to the next
+LONGEST_STRIDE = 0.2  # rad, or fraction of the arms' reach, of a joint in one step along the path
+PARTS = (1, 2, 4, 8, 16, 32)  # of the step between two samples, tried in turn
 PASSED = 1e-9  # rad or m beyond a limit that count
 AT_REST = 1e-9  # rad/s and m/s of the object at the end
 
@@ -91,7 +92,7 @@ def follow(
     first = _first(chain, state, places[0])
     wish = (Posture() if posture is None else posture).cost(chain, first)
     cost = ConfigurationCost(chain, wish, *zones)
-    states = _continued(cost, first, places, times, 1 / (smoothing * (len(times) - 1)))
+    states = _continued(cost, first, target, times, 1 / (smoothing * (len(times) - 1)))
     last = None if np.abs(places[-1].twist).max() > AT_REST else np.zeros(chain.joint_count)
     units = Posture().cost(chain, first).stiffness ** -0.5
     smoothness = Smoothness.of(len(times), smoothing, units, duration * first.qd, last)
@@ -151,37 +152,53 @@ def _closed_at(chain: ClosedChain, state: State, place: Target, *, limits: bool 
 
 
 def _continued(
-    cost: ConfigurationCost, first: State, places: list[Target], times: Array, share: float
+    cost: ConfigurationCost, first: State, target: Callable[[float], Target], times: Array, share: float
 ) -> list[State]:
     """Return closed states along the path, each from the one before.
 
-    From sample to sample the joints also go a share of the way to the cheapest configuration of the self-motion.
+    From sample to sample the joints also go a share of the way to the cheapest configuration of the self-motion. Where
+    they would move far, the step is taken in parts.
 
     Raises:
         ClosureError: an arm cannot follow, or joints leap from one sample to the next.
     """
-    chain, states = cost.chain, [first]
-    for t, place in zip(times[1:], places[1:], strict=True):
-        before = states[-1]
-        motion = chain_at_rest(chain, before)
-        terms, N = cost.terms(before.q, motion), self_motions(motion)
-        curvature = N.T @ terms.curvature @ N + 1e-9 * np.eye(N.shape[1])
-        q = before.q - min(1.0, share) * N @ np.linalg.solve(curvature, N.T @ terms.slope)
+    states = [first]
+    for t, before in zip(times[1:], times[:-1], strict=True):
         where = f"at t = {t:.4g} s, {100 * (t - times[0]) / (times[-1] - times[0]):.0f} % of the way"
         try:
-            found = _closed_at(chain, replace(before, q=q), place)
+            for parts in PARTS:
+                way, stride = [states[-1]], 0.0
+                for inner in before + (t - before) * np.arange(1, parts + 1) / parts:
+                    way.append(_next(cost, way[-1], target(float(inner)), share / parts))
+                    sizes = coordinate_sizes(chain_at_rest(cost.chain, way[-1]))[: cost.chain.joint_count]
+                    stride = max(stride, float(np.abs((way[-1].q - way[-2].q) / sizes).max()))
+                if stride <= LONGEST_STRIDE:
+                    break
+            else:
+                k = int(np.argmax(np.abs(way[-1].q - way[0].q)))
+                raise ClosureError(
+                    f"{cost.chain.joint_names()[k]} leaps, at a singular configuration or because the path leaps; try a"
+                    " path without this pose, or another start"
+                )
         except ClosureError as cause:
-            raise ClosureError(f"follow: {where}: {cause}{_at_limits(chain, before)}") from cause
-        stride = np.abs(found.q - before.q) / coordinate_sizes(motion)[: chain.joint_count]
-        if stride.max() > LONGEST_STRIDE:
-            k = int(np.argmax(stride))
-            raise ClosureError(
-                f"follow: {where}: {chain.joint_names()[k]} leaps by {abs(found.q[k] - before.q[k]):.3g} (rad or m) from"
-                " one sample to the next, near a singular configuration or because the path leaps; try a smaller step,"
-                " a path without the pose, or another start"
-            )
-        states.append(found)
+            raise ClosureError(f"follow: {where}: {cause}{_at_limits(cost.chain, states[-1])}") from cause
+        states.append(way[-1])
     return states
+
+
+def _next(cost: ConfigurationCost, before: State, place: Target, share: float) -> State:
+    """Return the closed state at the next place, a share of the way nearer to the cheapest one of the self-motion.
+
+    Limits are left to the cost here, because a joint that is stopped at one may leave no way on.
+
+    Raises:
+        ClosureError: an arm does not reach.
+    """
+    motion = chain_at_rest(cost.chain, before)
+    terms, N = cost.terms(before.q, motion), self_motions(motion)
+    curvature = N.T @ terms.curvature @ N + WEAKEST * np.eye(N.shape[1])
+    q = before.q - min(1.0, share) * N @ np.linalg.solve(curvature, N.T @ terms.slope)
+    return _closed_at(cost.chain, replace(before, q=q), place, limits=False)
 
 
 def _at_limits(chain: ClosedChain, state: State) -> str:
