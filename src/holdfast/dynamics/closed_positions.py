@@ -46,7 +46,7 @@ def brought_together(chain: ClosedChain, state: State, low: Array, high: Array, 
             break
         sizes = coordinate_sizes(motion)
         rows = np.where(held, 0.0, position_rows(motion) * sizes)
-        step = _inward_step(rows, gap, damping, state.q <= low, state.q >= high)
+        step = np.where(held, 0.0, _inward_step(rows, gap, damping, state.q <= low, state.q >= high))
         step *= min(1.0, LONGEST_NEWTON_STEP / max(float(np.abs(step).max()), 1e-300))
         trial = _clipped(state, sizes * step, low, high)
         trial_motion, trial_gap = position_gap_at(chain, trial)

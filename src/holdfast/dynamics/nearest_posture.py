@@ -168,7 +168,7 @@ def _shortened(search: _Search, state: State, newton: _Newton) -> State | None:
     before, falling = cost.of(state.q), abs(float(step @ search.slope(state)))
     shorter = min(1.0, LONGEST_SEARCH_STEP / max(float(np.abs(step).max()), 1e-300))
     for _ in range(SHORTENINGS):
-        trial = moved(state, shorter * search.sizes * step)
+        trial = moved(state, np.where(search.held, 0.0, shorter * search.sizes * step))
         trial = replace(trial, q=np.clip(trial.q, search.low, search.high))
         trial = brought_together(chain, trial, search.low, search.high, search.held)
         if float(np.abs(position_gap_at(chain, trial)[1]).max(initial=0.0)) <= ACCEPTED:

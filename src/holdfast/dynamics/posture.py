@@ -79,13 +79,13 @@ class Posture(Frozen):
                 negative.
         """
         low, high = chain.position_limits.T
-        held = [name for name in chain.arms if name not in chain.grasps]
         ranged = np.isfinite(high - low)
         sizes = coordinate_sizes(chain_at_rest(chain, state))[: chain.joint_count]
         units = np.where(ranged & (high > low), 0.5 * (high - low), sizes)
-        for name in held:
+        middle = 0.5 * (np.where(ranged, low, 0.0) + np.where(ranged, high, 0.0))
+        for name in chain.arms.keys() - chain.grasps.keys():
             ranged[chain.joints[name]] = False
-        wish = _each_joint(chain, self.q, np.where(ranged, 0.5 * (low + high), state.q), "posture: q")
+        wish = _each_joint(chain, self.q, np.where(ranged, middle, state.q), "posture: q")
         weights = _each_joint(chain, self.weights, np.ones(chain.joint_count), "posture: weights")
         if np.abs(wish).max(initial=0.0) > LARGEST_WISH:
             raise StateError(f"posture: q: expected at most {LARGEST_WISH:g} rad or m, got {np.abs(wish).max():g}")
