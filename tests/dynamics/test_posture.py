@@ -45,13 +45,13 @@ def test_closed_form(weights):
         return 0.5 * np.sum(np.array(weights) * (elbow_angles(q0, 1.0) - wish) ** 2)
 
     best = minimize_scalar(cost, bounds=(-1.5, 0.9), method="bounded", options={"xatol": 1e-12})
-    assert found.q == pytest.approx(elbow_angles(best.x, 1.0), abs=1e-6)
+    assert found.q == pytest.approx(elbow_angles(best.x, 1.0), abs=1e-6)  # pyright: ignore[reportAttributeAccessIssue]
     assert found.object_pose == pytest.approx(guess.object_pose, abs=0)
     assert not found.qd.any()
 
 
 def test_within_limits():
-    """A wish beyond a joint's limit leads to that limit, and the other joints to the only closed configuration there."""
+    """A wish beyond a joint's limit leads to that limit, and the other joints to what is closed there."""
     chain, guess = planar((-0.2, 2.5))
     found = hf.close(chain, guess, hold_object=True, posture=Posture({"arm/j0": -1.0}, {"arm": 0.0, "arm/j0": 1.0}))
     assert found.q == pytest.approx(elbow_angles(-0.2, 1.0), abs=1e-9)
@@ -84,9 +84,7 @@ def test_defaults():
     one_sided = hf.Joint("revolute", placement=hf.Pose.translation(2, 0, 0), name="sided", position_limits=(0, np.inf))
     links = [hf.Link(1.0, inertia=np.diag([0.1, 0.1, 0.1])) for _ in range(3)]
     arm = hf.Arm([ranged, free, one_sided], links, tip=hf.Pose.translation(1.5, 0, 0))
-    chain = hf.ClosedChain(
-        {"arm": arm, "idle": arm}, hf.HeldObject.box(1.0, 0.1, 0.1, 0.1), {"arm": hf.Grasp("ball")}
-    )
+    chain = hf.ClosedChain({"arm": arm, "idle": arm}, hf.HeldObject.box(1.0, 0.1, 0.1, 0.1), {"arm": hf.Grasp("ball")})
     state = hf.State([0.0, 0.0, 0.5] * 2, np.zeros(6), hf.Pose.translation(2, 0, 0))
     cost = Posture().cost(chain, state)
     assert cost.wish == pytest.approx([1.0, 0.0, 0.5, 0.0, 0.0, 0.5])  # the idle arm stays where it is
@@ -112,7 +110,7 @@ def test_assemble_moves_on():
 
 
 @pytest.mark.parametrize(
-    "q, weights, said",
+    ("q", "weights", "said"),
     [
         ({"lft": 1.0}, None, "no joint or arm 'lft'. Did you mean 'left'?"),
         ({"left": [1.0, 2.0]}, None, r"posture: q of 'left': expected shape \(7,\)"),

@@ -210,14 +210,18 @@ def tip_strengths(K: Array, J: Array) -> Array:
 
 
 def _scaled(K: Array, J: Array) -> tuple[Array, Array]:
-    """Return K J with moments divided by the arm's size and columns scaled to one, and that size, (...,) [m]."""
+    """Return K J with moments divided by the arm's size and columns scaled to one, and that size, (...,) [m].
+
+    Columns that are zero up to rounding, as of a joint whose axis passes through the centre of a ball, become zero.
+    """
     lever = np.where(np.linalg.norm(J[..., :3, :], axis=-2) > 0.5, np.linalg.norm(J[..., 3:, :], axis=-2), 0.0)
     length = lever.max(axis=-1, initial=0.0)
     length = np.where(length > 0, length, 1.0)
     unit = np.concatenate([np.broadcast_to(length[..., None], (*length.shape, 3)), np.ones((*length.shape, 3))], -1)
     KJ = (K * unit[..., None, :]) @ J
     sizes = np.linalg.norm(KJ, axis=-2, keepdims=True)
-    return KJ / np.where(sizes > 0, sizes, 1.0), length
+    counts = sizes > LOST_STRENGTH * sizes.max(axis=-1, initial=0.0, keepdims=True)
+    return np.where(counts, KJ / np.where(counts, sizes, 1.0), 0.0), length
 
 
 def _unit(length: float) -> Array:

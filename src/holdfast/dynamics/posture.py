@@ -15,7 +15,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.frozen import Converted, Frozen
+from holdfast.spatial.frozen import NOT_GIVEN, Converted, Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -57,8 +57,8 @@ class Posture(Frozen):
         weights: weights >= 0, in the same forms; by default 1.
     """
 
-    q: Converted[Any, PerJoint] = None
-    weights: Converted[Any, PerJoint] = None
+    q: Converted[Any, PerJoint] = NOT_GIVEN
+    weights: Converted[Any, PerJoint] = NOT_GIVEN
 
     def __post_init__(self) -> None:
         for name in ("q", "weights"):

@@ -22,7 +22,7 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array
 
 INNERMOST = 0.05  # fraction of a zone
-DIFFERENCE = 1e-6  # rad or m, of the differences of strengths
+STRENGTH_DIFFERENCE = 1e-6  # rad or m, of the differences of strengths
 
 
 class CostTerms(NamedTuple):
@@ -124,8 +124,8 @@ class ConfigurationCost:
         dv = np.where(before, np.cross(turning, v), np.cross(w, moving))
         dJ = np.concatenate([dw, dv], axis=-1).transpose(0, 2, 1)  # (joints, 6, N)
         rank = generic_tip_rank(self.chain.arms[name], self.chain.grasps[name])
-        ends = [tip_strengths(c.K, J + step * dJ)[:, :rank] for step in (DIFFERENCE, -DIFFERENCE)]
-        return (ends[0] - ends[1]).T / (2 * DIFFERENCE * self.strength)
+        ends = [tip_strengths(c.K, J + step * dJ)[:, :rank] for step in (STRENGTH_DIFFERENCE, -STRENGTH_DIFFERENCE)]
+        return (ends[0] - ends[1]).T / (2 * STRENGTH_DIFFERENCE * self.strength)
 
 
 def zone_cost(u: Array) -> tuple[Array, Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State, require_fit
 
-SAME_PLACE = 1e-6  # m and rad: how far from the path the object may be at the start
+AT_START = 1e-6  # m and rad: how far from the path the object may be at the start
 LONGEST_STRIDE = 0.2  # rad, or fraction of the arms' reach, of a joint in one step along the path
 PARTS = (1, 2, 4, 8, 16, 32)  # of the step between two samples, tried in turn
 PASSED = 1e-9  # rad or m beyond a limit that count
@@ -116,10 +117,14 @@ def _target(path: Any) -> Callable[[float], Target]:
 
 def _times(duration: Any, step: Any, begin: Any) -> Array:
     """Return the times of the samples."""
-    duration, step = (checks.number(x, f"follow: {name}", above=0.0) for name, x in (("duration", duration), ("step", step)))
+    duration, step = (
+        checks.number(x, f"follow: {name}", above=0.0) for name, x in (("duration", duration), ("step", step))
+    )
     count = round(duration / step)
     if count < 4 or abs(count * step - duration) > 1e-6 * duration:
-        raise ModelError(f"follow: step: expected a fourth of the duration {duration:g} s or a smaller whole share, got {step:g}")
+        raise ModelError(
+            f"follow: step: expected a fourth of the duration {duration:g} s or a smaller whole share, got {step:g}"
+        )
     return checks.number(begin, "follow: begin") + np.linspace(0.0, duration, count + 1)
 
 
@@ -132,7 +137,7 @@ def _first(chain: ClosedChain, state: State, place: Target) -> State:
     require_closed(chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain)), state)
     turn = np.linalg.norm(rotation.log(place.pose.R @ state.object_frame.R.T))
     shift = np.linalg.norm(place.pose.p - state.object_frame.p)
-    if max(turn, shift) > SAME_PLACE:
+    if max(turn, shift) > AT_START:
         raise StateError(
             f"follow: the path begins {shift:.3g} m and {turn:.3g} rad from the object of the state; try a path from"
             " state.object_frame, or begin= with the time at which the path is there"
@@ -162,28 +167,34 @@ def _continued(
     Raises:
         ClosureError: an arm cannot follow, or joints leap from one sample to the next.
     """
-    states = [first]
+    states, names = [first], cost.chain.joint_names()
     for t, before in zip(times[1:], times[:-1], strict=True):
-        where = f"at t = {t:.4g} s, {100 * (t - times[0]) / (times[-1] - times[0]):.0f} % of the way"
+        last = states[-1]
+        way = [last]
         try:
             for parts in PARTS:
-                way, stride = [states[-1]], 0.0
+                way = [last]
                 for inner in before + (t - before) * np.arange(1, parts + 1) / parts:
                     way.append(_next(cost, way[-1], target(float(inner)), share / parts))
-                    sizes = coordinate_sizes(chain_at_rest(cost.chain, way[-1]))[: cost.chain.joint_count]
-                    stride = max(stride, float(np.abs((way[-1].q - way[-2].q) / sizes).max()))
-                if stride <= LONGEST_STRIDE:
+                if max(_stride(cost.chain, a, b) for a, b in pairwise(way)) <= LONGEST_STRIDE:
+                    states.append(way[-1])
                     break
-            else:
-                k = int(np.argmax(np.abs(way[-1].q - way[0].q)))
+            if states[-1] is last:
                 raise ClosureError(
-                    f"{cost.chain.joint_names()[k]} leaps, at a singular configuration or because the path leaps; try a"
-                    " path without this pose, or another start"
+                    f"{names[int(np.argmax(np.abs(way[-1].q - last.q)))]} leaps, at a singular configuration or because"
+                    " the path leaps; try a path without this pose, or another start"
                 )
         except ClosureError as cause:
-            raise ClosureError(f"follow: {where}: {cause}{_at_limits(cost.chain, states[-1])}") from cause
-        states.append(way[-1])
+            share_done = (t - times[0]) / (times[-1] - times[0])
+            where = f"at t = {t:.4g} s, {100 * share_done:.0f} % of the way"
+            raise ClosureError(f"follow: {where}: {cause}{_at_limits(cost.chain, last)}") from cause
     return states
+
+
+def _stride(chain: ClosedChain, before: State, after: State) -> float:
+    """Return the largest step of a joint between two states, in rad, or relative to the arms' reach."""
+    sizes = coordinate_sizes(chain_at_rest(chain, after))[: chain.joint_count]
+    return float(np.abs((after.q - before.q) / sizes).max(initial=0.0))
 
 
 def _next(cost: ConfigurationCost, before: State, place: Target, share: float) -> State:
@@ -224,8 +235,8 @@ def _require_inside(chain: ClosedChain, states: list[State], times: Array) -> No
     k, j = np.unravel_index(int(np.argmin(distances)), distances.shape)
     if distances[k, j] < -PASSED:
         raise ClosureError(
-            f"follow: at t = {times[k]:.4g} s, {chain.joint_names()[j]} would be {-distances[k, j]:.3g} (rad or m) beyond"
-            " its limit; try another start, more room, another path, or a posture that weighs this joint more"
+            f"follow: at t = {times[k]:.4g} s, {chain.joint_names()[j]} would be {-distances[k, j]:.3g} (rad or m)"
+            " beyond its limit; try another start, more room, another path, or a posture that weighs this joint more"
         )
 
 
@@ -235,8 +246,8 @@ def _with_rates(
     """Return the states with rates, and the accelerations: those of a cubic spline, corrected to fit the grasps."""
     from scipy.interpolate import CubicSpline  # imported here because it takes half a second
 
-    end = "not-a-knot" if last is None else (1, last)
-    spline = CubicSpline(times, np.array([state.q for state in states]), bc_type=((1, first), end))
+    ends: Any = ((1, first), "not-a-knot" if last is None else (1, last))
+    spline = CubicSpline(times, np.array([state.q for state in states]), bc_type=ends)
     found = []
     for t, state, place in zip(times, states, places, strict=True):
         moving = _closed_at(chain, replace(state, qd=spline(t, 1)), place, limits=False)
@@ -249,7 +260,9 @@ def _accelerations(chain: ClosedChain, state: State, acceleration: Array, wish: 
 
     K (J qdd + Jdot qd) = K (A alpha(C) + a(C) - g), with the columns of a trunk in J.
     """
-    motion = chain_motion(replace(chain, gravity=np.zeros(3)), state, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    motion = chain_motion(
+        replace(chain, gravity=np.zeros(3)), state, np.zeros(chain.joint_count), Inputs().shaped(chain)
+    )
     tips = [
         c.K @ (shift_twist(c.offset, acceleration) + c.a - c.g - arm.bias.tip_acceleration)
         for arm, c in zip(motion.holding, motion.contacts, strict=True)

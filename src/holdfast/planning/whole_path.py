@@ -23,9 +23,9 @@ from holdfast.planning.configuration_cost import ConfigurationCost
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-MOST_STEPS = 40
-SHORTENED = 8
-SETTLED = 1e-5  # gain foreseen by a step, relative to the cost, at which the iteration stops
+MOST_PATH_STEPS = 40
+PATH_SHORTENINGS = 8
+LEAST_GAIN = 1e-5  # gain foreseen by a step, relative to the cost, at which the iteration stops
 LONGEST_PATH_STEP = 0.3  # rad, or fraction of the arms' reach, of a sample in one iteration
 WEAKEST = 1e-9  # added to the curvature, whose unit is 1 / sizes^2
 
@@ -89,9 +89,9 @@ class WholePath:
     def cheapest(self, states: list[State]) -> list[State]:
         """Return the closed states that cost least, from closed states of the same object poses; the first stays."""
         total = self._total(states, [chain_at_rest(self.chain, state) for state in states])
-        for _ in range(MOST_STEPS):
+        for _ in range(MOST_PATH_STEPS):
             steps, gain = self._step(states)
-            if gain <= SETTLED * total:
+            if gain <= LEAST_GAIN * total:
                 break
             found = self._shortened(states, steps, total, gain)
             if found is None:
@@ -120,9 +120,9 @@ class WholePath:
             curvatures.append(share * terms.curvature)
         A, units = self.smoothness.A, self.smoothness.units
         slope = np.array(slopes) + A.T @ (self.smoothness.residual(q) / self.smoothness.units)
-        N = block_diag(tangents, format="csr")
-        if not N.shape[1]:
+        if not any(N.size for N in tangents):
             return np.zeros_like(q), 0.0
+        N: Any = block_diag(tangents, format="csr")
         H = N.T @ (block_diag(curvatures, format="csr") + kron(A.T @ A, diags_array(units**-2.0))) @ N
         downhill = -(N.T @ slope.ravel())
         z = spsolve((H + WEAKEST * eye_array(H.shape[0])).tocsc(), downhill)
@@ -134,7 +134,7 @@ class WholePath:
         """Return the path after the longest part of the steps that reduces the cost, and its cost, or None."""
         sizes = coordinate_sizes(chain_at_rest(self.chain, states[0]))[: self.chain.joint_count]
         part = min(1.0, LONGEST_PATH_STEP / max(float(np.abs(steps / sizes).max()), 1e-300))
-        for _ in range(SHORTENED):
+        for _ in range(PATH_SHORTENINGS):
             trial = [states[0], *self._closed(states[1:], part * steps[1:])]
             motions, gaps = zip(*(position_gap_at(self.chain, state) for state in trial), strict=True)
             if max(float(np.abs(gap).max(initial=0.0)) for gap in gaps) <= ACCEPTED:
