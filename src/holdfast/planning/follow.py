@@ -20,6 +20,7 @@ from holdfast.dynamics.rank import constraint_pivots
 from holdfast.errors import ClosureError, MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
 from holdfast.planning.configuration_cost import ConfigurationCost
 from holdfast.planning.joint_path import JointPath
 from holdfast.planning.whole_path import WEAKEST, Smoothness, WholePath, self_motions
@@ -30,6 +31,7 @@ from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State, require_fit
 
 AT_START = 1e-6  # m and rad: how far from the path the object may be at the start
+MOST_SAMPLES = 100_000
 LONGEST_STRIDE = 0.2  # rad, or fraction of the arms' reach, of a joint in one step along the path
 PARTS = (1, 2, 4, 8, 16, 32)  # of the step between two samples, tried in turn
 PASSED = 1e-9  # rad or m beyond a limit that count
@@ -58,8 +60,9 @@ def follow(
 
     over the path, with b(u) = (1 - u)^3 / u inside a zone (u < 1) and 0 outside, and q'' with respect to the share of
     the path that is done, in the units of the posture. It begins with the given state, and is the local minimum that is
-    found from there; at every sample the grasps are closed as by `close`. A trunk moves with the arms. Bushings stay
-    unstretched. Collisions and torques are not looked at. A second or so per hundred samples of two arms.
+    found from there; at every sample the grasps are closed as by `close`. A trunk moves with the arms. Soft fingers do
+    not roll, and bushings stay as stretched as they are. Collisions and torques are not looked at. It takes about a
+    second per fifty samples of two arms, and longer where joints come near their limits.
 
     Args:
         chain: the chain.
@@ -90,16 +93,17 @@ def follow(
         what = "a floating base, whose motion depends on forces" if chain.floats else "no grasp"
         raise MethodNotApplicable(f"follow: the chain has {what}; try a trunk with a base in the world, or a grasp")
     places = [target(float(t)) for t in times]
-    first = _first(chain, state, places[0])
+    held = _held_steadily(chain, state)
+    first = _first(chain, held, state, places[0])
     wish = (Posture() if posture is None else posture).cost(chain, first)
-    cost = ConfigurationCost(chain, wish, *zones)
+    cost = ConfigurationCost(held, wish, *zones)
     states = _continued(cost, first, target, times, 1 / (smoothing * (len(times) - 1)))
     last = None if np.abs(places[-1].twist).max() > AT_REST else np.zeros(chain.joint_count)
     units = Posture().cost(chain, first).stiffness ** -0.5
     smoothness = Smoothness.of(len(times), smoothing, units, duration * first.qd, last)
-    states = WholePath(chain, cost, smoothness).cheapest(states)
+    states = WholePath(held, cost, smoothness).cheapest(states)
     _require_inside(chain, states, times)
-    return _measured(chain, target, times, places, _with_rates(chain, states, places, times, first.qd, last))
+    return _measured(chain, target, times, _with_rates(held, states, places, times, first.qd, last))
 
 
 def _target(path: Any) -> Callable[[float], Target]:
@@ -120,16 +124,41 @@ def _times(duration: Any, step: Any, begin: Any) -> Array:
     duration, step = (
         checks.number(x, f"follow: {name}", above=0.0) for name, x in (("duration", duration), ("step", step))
     )
-    count = round(duration / step)
-    if count < 4 or abs(count * step - duration) > 1e-6 * duration:
+    share = duration / step
+    if not 4 <= round(min(share, 2.0 * MOST_SAMPLES)) <= MOST_SAMPLES or abs(round(share) - share) > 1e-6 * share:
         raise ModelError(
-            f"follow: step: expected a fourth of the duration {duration:g} s or a smaller whole share, got {step:g}"
+            f"follow: step: expected the duration {duration:g} s divided by a whole number from 4 to {MOST_SAMPLES},"
+            f" got {step:g}"
         )
-    return checks.number(begin, "follow: begin") + np.linspace(0.0, duration, count + 1)
+    times = checks.number(begin, "follow: begin") + np.linspace(0.0, duration, round(share) + 1)
+    if not (np.diff(times) > 0).all():
+        raise ModelError(f"follow: begin: expected a time that does not swallow the step {step:g} s, got {begin:g}")
+    return times
 
 
-def _first(chain: ClosedChain, state: State, place: Target) -> State:
+def _held_steadily(chain: ClosedChain, state: State) -> ClosedChain:
+    """Return the chain with rigid grasps, where the tips are, in place of soft fingers and bushings.
+
+    No spin of a soft finger follows from positions, and a bushing would leave its arm behind.
+    """
+    tips, inverse = chain_at_rest(chain, state).arms, state.object_frame.inverse()
+    grasps = {
+        name: Grasp("rigid", inverse @ tips[name].at.tip)
+        if grasp.of_kind.rate_rows or grasp.of_kind.compliant
+        else grasp
+        for name, grasp in chain.grasps.items()
+    }
+    return replace(chain, grasps=grasps)
+
+
+def _first(chain: ClosedChain, held: ClosedChain, state: State, place: Target) -> State:
     """Return the state with the object exactly at the beginning of its path, in motion with it.
+
+    Args:
+        chain: the chain.
+        held: the same with grasps that are held steadily.
+        state: the given state.
+        place: the beginning of the path.
 
     Raises:
         StateError: the grasps are open, the object is elsewhere, or a joint is beyond its limits.
@@ -147,7 +176,7 @@ def _first(chain: ClosedChain, state: State, place: Target) -> State:
     if beyond.max() > PASSED:
         k = int(np.argmax(beyond))
         raise StateError(f"follow: state: {chain.joint_names()[k]} is {beyond[k]:.3g} (rad or m) beyond its limit")
-    return _closed_at(chain, replace(state, q=np.clip(state.q, low, high)), place)
+    return _closed_at(held, replace(state, q=np.clip(state.q, low, high)), place)
 
 
 def _closed_at(chain: ClosedChain, state: State, place: Target, *, limits: bool = True) -> State:
@@ -275,7 +304,6 @@ def _measured(
     chain: ClosedChain,
     target: Callable[[float], Target],
     times: Array,
-    places: list[Target],
     found: list[tuple[State, Array]],
 ) -> JointPath:
     """Return the path with its margins."""
