@@ -2,8 +2,8 @@
 
 The names at the top are the model, its state, what acts on it, and the verbs of the README; the rest is found by theme:
 `dynamics`, `forces`, `control`, `simulation`, `compiled`, `assembly`, `planning`, `robots`, `identification`, `io`,
-`interop`, `sweeps`, `gym`, `codegen`, `plot`. Each name is written once, in `__init__.pyi` of its theme, and loaded when
-it is first asked for.
+`interop`, `sweeps`, `gym`, `codegen`, `plot`. Each name is written once, in `__init__.pyi` of its theme, and loaded
+when it is first asked for.
 """
 
 from holdfast.names import attach as _attach
