@@ -72,6 +72,8 @@ def examples() -> dict[str, Any]:
             path := hf.control.PoseSpline([state.object_pose, hf.Pose.translation(0, 0, 1)], [0.0, 1.0]),
             hf.simulation.CarriedBase(path.at, hf.Pose.identity()),
             hf.control.ObjectTracking(chain, hf.control.RestToRest(state.object_pose).at),
+            hf.follow(chain, state, hf.control.RestToRest(state.object_pose), 1.0, 0.25),
+            hf.dynamics.Posture({"left": 0.1}, np.ones(14)),
         ),
         *(
             hf.control.TorqueSchedule([0.0, 1.0], [np.ones((14, 2))] * 2),

@@ -15,7 +15,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.frozen import NOT_GIVEN, Converted, Frozen
+from holdfast.spatial.frozen import NOT_GIVEN, Converted, Frozen, FrozenDict
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -64,9 +64,12 @@ class Posture(Frozen):
         for name in ("q", "weights"):
             given = getattr(self, name)
             if isinstance(given, Mapping):
-                given = {
-                    key: checks.numbers(x, None, f"posture: {name} of {key!r}", StateError) for key, x in given.items()
-                }
+                given = FrozenDict(
+                    {
+                        key: checks.numbers(x, None, f"posture: {name} of {key!r}", StateError)
+                        for key, x in given.items()
+                    }
+                )
             elif given is not None:
                 given = checks.vector(given, f"posture: {name}", StateError)
             object.__setattr__(self, name, given)

@@ -31,7 +31,7 @@ from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State, require_fit
 
 AT_START = 1e-6  # m and rad: how far from the path the object may be at the start
-MOST_SAMPLES = 100_000
+MOST_OF_PATH = 100_000
 LONGEST_STRIDE = 0.2  # rad, or fraction of the arms' reach, of a joint in one step along the path
 PARTS = (1, 2, 4, 8, 16, 32)  # of the step between two samples, tried in turn
 PASSED = 1e-9  # rad or m beyond a limit that count
@@ -83,7 +83,7 @@ def follow(
         MethodNotApplicable: the chain has no grasp, or a floating base, whose motion depends on forces.
     """
     require_fit(chain, state)
-    target, times = _target(path), _times(duration, step, begin)
+    place_at, times = path_function(path, "follow: path"), _times(duration, step, begin)
     checks.instance(posture, (Posture, type(None)), "follow: posture")
     zones = [checks.number(x, f"follow: {name}", at_least=0.0) for name, x in (("room", room), ("strength", strength))]
     smoothing = checks.number(smoothing, "follow: smoothing", above=0.0)
@@ -92,31 +92,30 @@ def follow(
     if not chain.grasps or chain.floats:
         what = "a floating base, whose motion depends on forces" if chain.floats else "no grasp"
         raise MethodNotApplicable(f"follow: the chain has {what}; try a trunk with a base in the world, or a grasp")
-    places = [target(float(t)) for t in times]
+    places = [_target(place_at, t) for t in times]
     held = _held_steadily(chain, state)
     first = _first(chain, held, state, places[0])
     wish = (Posture() if posture is None else posture).cost(chain, first)
     cost = ConfigurationCost(held, wish, *zones)
-    states = _continued(cost, first, target, times, 1 / (smoothing * (len(times) - 1)))
+    states = _continued(cost, first, place_at, times, 1 / (smoothing * (len(times) - 1)))
     last = None if np.abs(places[-1].twist).max() > AT_REST else np.zeros(chain.joint_count)
     units = Posture().cost(chain, first).stiffness ** -0.5
     smoothness = Smoothness.of(len(times), smoothing, units, duration * first.qd, last)
     states = WholePath(held, cost, smoothness).cheapest(states)
     _require_inside(chain, states, times)
-    return _measured(chain, target, times, _with_rates(held, states, places, times, first.qd, last))
+    return _measured(chain, place_at, times, _with_rates(held, states, places, times, first.qd, last))
 
 
-def _target(path: Any) -> Callable[[float], Target]:
-    """Return the path as a function that returns checked targets."""
-    function = path_function(path, "follow: path")
+def _target(path: Callable[[float], Any], t: float) -> Target:
+    """Return the checked target of a path at one time.
 
-    def target(t: float) -> Target:
-        found = function(t)
-        if not isinstance(found, Target):
-            raise ModelError(f"follow: path: expected a Target from it, got {type(found).__name__}")
-        return found
-
-    return target
+    Raises:
+        ModelError: the path returns something else.
+    """
+    found = path(float(t))
+    if not isinstance(found, Target):
+        raise ModelError(f"follow: path: expected a Target from it, got {type(found).__name__}")
+    return found
 
 
 def _times(duration: Any, step: Any, begin: Any) -> Array:
@@ -125,9 +124,9 @@ def _times(duration: Any, step: Any, begin: Any) -> Array:
         checks.number(x, f"follow: {name}", above=0.0) for name, x in (("duration", duration), ("step", step))
     )
     share = duration / step
-    if not 4 <= round(min(share, 2.0 * MOST_SAMPLES)) <= MOST_SAMPLES or abs(round(share) - share) > 1e-6 * share:
+    if not 4 <= round(min(share, 2.0 * MOST_OF_PATH)) <= MOST_OF_PATH or abs(round(share) - share) > 1e-6 * share:
         raise ModelError(
-            f"follow: step: expected the duration {duration:g} s divided by a whole number from 4 to {MOST_SAMPLES},"
+            f"follow: step: expected the duration {duration:g} s divided by a whole number from 4 to {MOST_OF_PATH},"
             f" got {step:g}"
         )
     times = checks.number(begin, "follow: begin") + np.linspace(0.0, duration, round(share) + 1)
@@ -186,7 +185,7 @@ def _closed_at(chain: ClosedChain, state: State, place: Target, *, limits: bool 
 
 
 def _continued(
-    cost: ConfigurationCost, first: State, target: Callable[[float], Target], times: Array, share: float
+    cost: ConfigurationCost, first: State, path: Callable[[float], Target], times: Array, share: float
 ) -> list[State]:
     """Return closed states along the path, each from the one before.
 
@@ -204,7 +203,7 @@ def _continued(
             for parts in PARTS:
                 way = [last]
                 for inner in before + (t - before) * np.arange(1, parts + 1) / parts:
-                    way.append(_next(cost, way[-1], target(float(inner)), share / parts))
+                    way.append(_next(cost, way[-1], _target(path, inner), share / parts))
                 if max(_stride(cost.chain, a, b) for a, b in pairwise(way)) <= LONGEST_STRIDE:
                     states.append(way[-1])
                     break
@@ -302,7 +301,7 @@ def _accelerations(chain: ClosedChain, state: State, acceleration: Array, wish: 
 
 def _measured(
     chain: ClosedChain,
-    target: Callable[[float], Target],
+    path: Callable[[float], Target],
     times: Array,
     found: list[tuple[State, Array]],
 ) -> JointPath:
@@ -316,7 +315,7 @@ def _measured(
     q = np.array([state.q for state in states])
     made = JointPath(
         chain,
-        target,
+        path,
         times,
         q,
         np.array([state.qd for state in states]),
@@ -328,7 +327,7 @@ def _measured(
         np.zeros(len(times) - 1),
     )
     halfway = 0.5 * (times[1:] + times[:-1])
-    between = [_gap(chain, State(made.at(t).q, 0 * q[0], target(float(t)).pose)) for t in halfway]
+    between = [_gap(chain, State(made.at(t).q, 0 * q[0], _target(path, t).pose)) for t in halfway]
     return replace(made, residual_between=np.array(between))
 
 

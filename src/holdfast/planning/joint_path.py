@@ -78,6 +78,11 @@ class JointPath(Frozen):
     residual: ArrayField
     residual_between: ArrayField
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, checks.read_only(value))
+
     def at(self, t: float) -> JointTarget:
         """Return the joints' target at time t [s]; they rest before and after the path.
 
