@@ -319,6 +319,9 @@ def test_refused_questions():
         hf.follow(flyer, replace(state, base_pose=Pose.identity()), path, 2.0, 0.05)
     with pytest.raises(MethodNotApplicable, match="no grasp"):
         hf.follow(replace(chain, grasps={}), state, path, 2.0, 0.05)
+    pinned = hf.ClosedChain({"pin": hf.Anchor()}, TRAY, {"pin": hf.Grasp("ball")})
+    with pytest.raises(MethodNotApplicable, match="no joint"):
+        hf.follow(pinned, hf.State([], [], Pose.identity()), path, 2.0, 0.05)
 
 
 def test_a_path_that_leaps():

@@ -80,7 +80,7 @@ def follow(
         ModelError: no path, or a number is out of range.
         StateError: the state is not closed, is not at the beginning of the path, or lies beyond a joint limit.
         ClosureError: the path cannot be followed; the message names the arm or the joint and the place on the path.
-        MethodNotApplicable: the chain has no grasp, or a floating base, whose motion depends on forces.
+        MethodNotApplicable: the chain has no grasp, no joint, or a floating base, whose motion depends on forces.
     """
     require_fit(chain, state)
     place_at, times = path_function(path, "follow: path"), _times(duration, step, begin)
@@ -89,9 +89,9 @@ def follow(
     smoothing = checks.number(smoothing, "follow: smoothing", above=0.0)
     if not zones[0] < 0.5 or not zones[1] <= 1.0:
         raise ModelError(f"follow: expected room < 0.5 and strength <= 1, got {zones[0]:g} and {zones[1]:g}")
-    if not chain.grasps or chain.floats:
-        what = "a floating base, whose motion depends on forces" if chain.floats else "no grasp"
-        raise MethodNotApplicable(f"follow: the chain has {what}; try a trunk with a base in the world, or a grasp")
+    if not chain.grasps or not chain.joint_count or chain.floats:
+        what = "a floating base, whose motion depends on forces" if chain.floats else "no grasp, or no joint"
+        raise MethodNotApplicable(f"follow: the chain has {what}; try a trunk with a base in the world, or an arm")
     places = [_target(place_at, t) for t in times]
     held = _held_steadily(chain, state)
     first = _first(chain, held, state, places[0])
