@@ -260,7 +260,7 @@ def test_refusals_are_true():
         shift, turn = random.uniform(-1, 1, 3) * [0.25, 0.5, 0.3], random.uniform(-1, 1, 3) * 1.2
         path = carried(state, shift, turn)
         try:
-            require_laws(hf.follow(chain, state, path, 2.0, 0.05), path)
+            assert hf.follow(chain, state, path, 2.0, 0.1).residual.max() <= CLOSED
         except ClosureError:
             refused += 1
             starts = [*starting_configurations(arm, state.q, 300)]
