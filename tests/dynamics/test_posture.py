@@ -12,6 +12,7 @@ from tests.systems.problems import largest_gaps
 
 STATIONARY = 1e-8  # slope of the cost along any self-motion
 SPOT = np.array([1.1, 0.7, 0.0])
+SIDES = (("left", 0.3), ("right", -0.3))
 
 
 def planar(limits=(-np.inf, np.inf)):
@@ -131,3 +132,24 @@ def test_no_posture():
     chain, guess = planar()
     with pytest.raises(ModelError, match="close: posture: expected Posture or None, got dict"):
         hf.close(chain, guess, posture={"arm": 0.0})  # pyright: ignore[reportArgumentType]
+
+
+def test_bushings_and_floating_bases():
+    """An arm behind a bushing stays where it is; with a floating base, whose pose may be held, the cost is least."""
+    arms = {name: arm.at(hf.Pose.translation(0, y, 0.2)) for arm, (name, y) in zip(ARMS.values(), SIDES, strict=True)}
+    ship = hf.Trunk(floating=hf.Link(200.0, inertia=np.diag([30.0, 30.0, 20.0])))
+    mounts = {"left": "base", "right": "base"}
+    at = hf.Pose.translation(0.5, 0, 0.8)
+    chain, start = hf.assemble(arms, TRAY, GRASPS, object_pose=at, trunk=ship, mounts=mounts)
+    cost = Posture().cost(chain, start)
+    freely = {"hold_object": True, "hold_trunk": False, "posture": Posture()}
+    held, free = (hf.close(chain, start, hold_base=hold, **freely) for hold in (True, False))
+    assert held.base_pose is not None and free.base_pose is not None and start.base_pose is not None
+    assert held.base_pose.tolist() == start.base_pose.tolist()
+    assert np.abs(free.base_pose - start.base_pose).max() > 0.01
+    assert cost.of(free.q) < cost.of(held.q) < cost.of(start.q)
+    soft = hf.Grasp("bushing", GRASPS["right"].frame, stiffness=np.full(6, 1e3))
+    loose = hf.ClosedChain(arms, TRAY, {**GRASPS, "right": soft}, trunk=ship, mounts=mounts)
+    found = hf.close(loose, start, hold_object=True, posture=Posture())
+    assert found.q[7:] == pytest.approx(start.q[7:], abs=1e-12)
+    assert np.abs(found.q[:7] - start.q[:7]).max() > 0.01

@@ -53,7 +53,8 @@ class Posture(Frozen):
     Attributes:
         q: wished positions q* [rad or m], by "arm/joint" as in `ClosedChain.joint_names`, by arm or "trunk" (one number
             for all of its joints, or one each), or (n,). By default q* is the middle of the range of joints with two
-            limits whose arm has a grasp, and of a trunk; other joints stay where they are.
+            limits in a trunk and in arms with a grasp; joints of arms with a bushing, and all others, stay where they
+            are.
         weights: weights >= 0, in the same forms; by default 1.
     """
 
@@ -86,7 +87,7 @@ class Posture(Frozen):
         sizes = coordinate_sizes(chain_at_rest(chain, state))[: chain.joint_count]
         units = np.where(ranged & (high > low), 0.5 * (high - low), sizes)
         middle = 0.5 * (np.where(ranged, low, 0.0) + np.where(ranged, high, 0.0))
-        for name in chain.arms.keys() - chain.grasps.keys():
+        for name in (chain.arms.keys() - chain.grasps.keys()) | set(chain.bushings):
             ranged[chain.joints[name]] = False
         wish = _each_joint(chain, self.q, np.where(ranged, middle, state.q), "posture: q")
         weights = _each_joint(chain, self.weights, np.ones(chain.joint_count), "posture: weights")

@@ -95,11 +95,11 @@ def follow(
     places = [_target(place_at, t) for t in times]
     held = _held_steadily(chain, state)
     first = _first(chain, held, state, places[0])
-    wish = (Posture() if posture is None else posture).cost(chain, first)
+    wish = (Posture() if posture is None else posture).cost(held, first)
     cost = ConfigurationCost(held, wish, *zones)
     states = _continued(cost, first, place_at, times, 1 / (smoothing * (len(times) - 1)))
     last = None if np.abs(places[-1].twist).max() > AT_REST else np.zeros(chain.joint_count)
-    units = Posture().cost(chain, first).stiffness ** -0.5
+    units = Posture().cost(held, first).stiffness ** -0.5
     smoothness = Smoothness.of(len(times), smoothing, units, duration * first.qd, last)
     states = WholePath(held, cost, smoothness).cheapest(states)
     _require_inside(chain, states, times)
