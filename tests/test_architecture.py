@@ -46,6 +46,7 @@ MAY_IMPORT = {
     "simulation": DYNAMICS | {"forces", "control"},
     "robots": MODEL,
     "assembly": DYNAMICS,
+    "planning": DYNAMICS | {"control"},
     "interop": USE | {"robots", "io"},
     "scenario": FILES_AND_SCENES - {"scenario"},
     "io": USE | {"robots"},
@@ -61,7 +62,7 @@ MAY_IMPORT = {
 ON_CALL = {"io/result_reader.py": {"scenario"}, "sweeps/result.py": {"view"}}
 FOR_TYPES = {"compiled/chain.py": {"codegen"}, "compiled/function.py": {"codegen"}}
 CORE = {"errors", "names", "progress", "state", "spatial", "model", "questions", "dynamics", "forces"}
-CORE |= {"compiler", "compiled", "control", "simulation", "assembly"}
+CORE |= {"compiler", "compiled", "control", "simulation", "assembly", "planning"}
 LARGEST_CIRCLE = 3  # modules that import each other, some of them inside functions
 HEAVY = {"scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath"}
 HEAVY |= {"pandas", "pyarrow", "xarray", "IPython", "jax", "gymnasium"}

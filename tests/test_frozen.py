@@ -79,6 +79,8 @@ def examples() -> dict[str, Any]:
             share := hf.control.LoadShare({"left": 1.0}),
             hf.control.RampedForces(push, share),
             hf.control.HybridForce(1.0, 1e-3, push, sensor=chain),
+            hf.follow(chain, state, hf.control.RestToRest(state.object_pose), 1.0, 0.25),
+            hf.dynamics.Posture({"left": 0.1}, np.ones(14)),
         ),
         *(
             hf.control.TorqueSchedule([0.0, 1.0], [np.ones((14, 2))] * 2),

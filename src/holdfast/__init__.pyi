@@ -11,6 +11,7 @@ from . import gym as gym
 from . import identification as identification
 from . import interop as interop
 from . import io as io
+from . import planning as planning
 from . import plot as plot
 from . import robots as robots
 from . import simulation as simulation
@@ -44,6 +45,7 @@ from .model.joint import Joint as Joint
 from .model.link import Link as Link
 from .model.spring import Spring as Spring
 from .model.trunk import Trunk as Trunk
+from .planning.follow import follow as follow
 from .robots.urdf import load_urdf as load_urdf
 from .robots.urdf import load_urdf_arms as load_urdf_arms
 from .robots.urdf import load_urdf_trunk as load_urdf_trunk

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.assembly.assemble import assemble
-from holdfast.assembly.nearest_configuration import distance
+from holdfast.assembly.assemble import assemble, distance
 from holdfast.dynamics import closure
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.object_level import motion_basis

@@ -24,7 +24,8 @@ def processor_time() -> float:
 SEARCHED = {
     "QP": "how_to/force_distribution.html",
     "null space": "how_to/force_distribution.html",
-    "posture": "how_to/force_distribution.html",
+    "posture": "glossary.html",
+    "redundancy": "how_to/joint_paths.html",
     "friction": "how_to/force_distribution.html",
     "internal_force": "how_to/force_distribution.html",
     "inverse kinematics": "functions.html",

@@ -161,6 +161,27 @@ def _rest(t: Any, **given: Any) -> Any:
     return control.RestToRest(**given).at(t)
 
 
+@call(
+    "follow",
+    displacement=0.01 * np.ones(3),
+    duration=1.0,
+    step=0.25,
+    begin=0.1,
+    room=0.1,
+    strength=0.1,
+    smoothing=0.25,
+    q={"arm1": 0.1},
+    weights=Later(lambda: np.ones(rigid().chain.joint_count)),
+    t=0.7,
+)
+def _follow(displacement: Any, duration: Any, step: Any, q: Any, weights: Any, t: Any, **given: Any) -> Any:
+    p = rigid()
+    state = p.state.at_rest()
+    path = control.RestToRest(state.object_frame, displacement, begin=0.1, duration=1.0)
+    found = hf.follow(p.chain, state, path, duration, step, posture=dynamics.Posture(q, weights), **given)
+    return found.q, found.qd, found.qdd, found.strength, found.at(t), found.state_at(t), str(found)
+
+
 @call("CarriedBase", start=np.array(POSE), displacement=np.ones(3), turn=np.ones(3), frame=np.array(POSE), t=0.7)
 def _carried(start: Any, displacement: Any, turn: Any, frame: Any, t: Any) -> Any:
     return hf.simulation.CarriedBase(control.RestToRest(start, displacement, turn), frame)(t)

@@ -10,12 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.assembly.limits import longest_reach, required_reach, room_left, with_room
-from holdfast.assembly.nearest_configuration import distance, nearest_configuration
 from holdfast.assembly.on_trunk import assembled_on_trunk
 from holdfast.assembly.reaching_configurations import reaching_configurations
 from holdfast.assembly.report import AssemblyReport, assembly_report
 from holdfast.assembly.starts import object_guesses, preferred_configurations, starting_configurations
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closing import close
+from holdfast.dynamics.constraint import coordinate_sizes
+from holdfast.dynamics.nearest_posture import nearest_posture
+from holdfast.dynamics.posture import Posture, PostureCost
 from holdfast.errors import ClosureError, ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -71,6 +74,7 @@ def assemble(
     trunk: Trunk | None = None,
     mounts: Mapping[str, Any] | None = None,
     base_pose: Any = None,
+    posture: Posture | None = None,
 ) -> Assembly:
     """Return the chain, and the closed state whose arms are nearest to their preferred configurations.
 
@@ -95,6 +99,8 @@ def assemble(
         trunk: trunk on which arms are mounted, as for `ClosedChain`.
         mounts: links of the trunk on which arms are mounted, by arm name.
         base_pose: pose of a trunk's floating base, which is not changed; None for the world's origin.
+        posture: wished joint positions with weights. The arms, the trunk and, if no pose is given, the object then move
+            on from the preferred configurations to where the posture costs least, as in `close`.
 
     Raises:
         ModelError: the parts do not fit, or neither grasps nor an object pose are given.
@@ -106,11 +112,16 @@ def assemble(
     given = None if object_pose is None else checks.pose(object_pose, "object_pose")
     if given is None and not chain.grasps:
         raise ModelError("assemble: expected at least one grasp to find the object's pose, got none; try object_pose=")
+    checks.instance(posture, (Posture, type(None)), "assemble: posture")
     if chain.trunk is not None:
-        return Assembly(made, assembled_on_trunk(chain, q, given, base_pose, partial(_assembled, given)))
-    if base_pose is not None:
+        state = assembled_on_trunk(chain, q, given, base_pose, partial(_assembled, given))
+    elif base_pose is not None:
         raise ModelError("assemble: base_pose: expected none without a floating trunk; try arm.at(pose)")
-    return Assembly(made, _assembled(given, chain, q))
+    else:
+        state = _assembled(given, chain, q)
+    if posture is not None:
+        state = close(chain, state, hold_object=given is not None, hold_trunk=False, hold_base=True, posture=posture)
+    return Assembly(made, state)
 
 
 def _assembled(given: Pose | None, chain: ClosedChain, q: Mapping[str, Any] | None) -> State:
@@ -178,11 +189,28 @@ def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts,
                     missed = missed or cause
             if closed:
                 closed.sort(key=lambda state: distance(chain, state, wanted))
-                nearest = [nearest_configuration(within, one, wanted, hold_object=hold_object) for one in closed[:BEST]]
+                nearest = [_moved_near(within, one, wanted, hold_object=hold_object) for one in closed[:BEST]]
                 return min(nearest, key=lambda at: (-room_left(chain, at), round(distance(chain, at, wanted), 9)))
     raise ClosureError(
         f"assemble: no starting point led to a configuration that satisfies the grasps. From the first one: {missed}"
     ) from missed
+
+
+def _moved_near(chain: ClosedChain, state: State, wanted: Array, *, hold_object: bool) -> State:
+    """Return the closed state nearest to joint positions that self-motions from a state lead to."""
+    held = np.arange(chain.velocity_count) >= (chain.joint_count if hold_object else chain.velocity_count)
+    cost = PostureCost(wanted, 1 / _joint_sizes(chain, state) ** 2)
+    return nearest_posture(chain, state, cost, held, *chain.position_limits.T)
+
+
+def distance(chain: ClosedChain, state: State, wanted: Array) -> float:
+    """Return the distance from joint positions, with angles in rad and strokes relative to the longest reach."""
+    return float(np.linalg.norm((state.q - wanted) / _joint_sizes(chain, state)))
+
+
+def _joint_sizes(chain: ClosedChain, state: State) -> Array:
+    """Return the units of the joint coordinates, (n,)."""
+    return coordinate_sizes(chain_at_rest(chain, state))[: chain.joint_count]
 
 
 def _require_reach(chain: ClosedChain, pose: Pose) -> None:

@@ -53,7 +53,7 @@ def with_room(chain: ClosedChain, preferred: Mapping[str, Array]) -> ClosedChain
 
 def room_left(chain: ClosedChain, state: State) -> float:
     """Return the smallest distance from a joint limit, relative to the joint's range and at most `LIMIT_ROOM`."""
-    low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
+    low, high = chain.position_limits.T
     spans = np.concatenate([_spans(arm) for arm in chain.arms.values()])
     margin = np.minimum(state.q - low, high - state.q) / np.maximum(spans, 1e-300)
     return float(np.clip(margin.min(initial=LIMIT_ROOM), 0.0, LIMIT_ROOM))

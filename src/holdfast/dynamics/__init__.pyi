@@ -20,6 +20,7 @@ from .momentum_balance import momentum_rate as momentum_rate
 from .object_level import motion_basis as motion_basis
 from .object_level import object_inertia as object_inertia
 from .object_level import object_mobility as object_mobility
+from .posture import Posture as Posture
 from .regressor import inertial_parameters as inertial_parameters
 from .result import ForwardResult as ForwardResult
 from .result import Status as Status

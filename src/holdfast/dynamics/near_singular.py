@@ -195,15 +195,33 @@ def tip_directions(K: Array, J: Array) -> TipDirections:
         K: (rows, 6) the transmitted directions, world axes.
         J: (6, N) tip Jacobian, world axes.
     """
-    lever = np.linalg.norm(J[3:], axis=0)[np.linalg.norm(J[:3], axis=0) > 0.5]
-    length = float(lever.max(initial=0.0)) or 1.0
-    KJ = (K * _unit(length)) @ J
-    sizes = np.linalg.norm(KJ, axis=0)
-    KJ = KJ[:, sizes > 0] / sizes[sizes > 0]
-    U, s, _ = np.linalg.svd(KJ)
-    relative = np.zeros(len(KJ))
-    relative[: len(s)] = s / max(float(s.max(initial=0.0)), 1e-300)
-    return TipDirections(relative, U, length)
+    scaled, length = _scaled(K, J)
+    U, _, _ = np.linalg.svd(scaled)
+    return TipDirections(tip_strengths(K, J), U, float(length))
+
+
+def tip_strengths(K: Array, J: Array) -> Array:
+    """Return the strengths of `tip_directions`, (..., rows), of stacked K (..., rows, 6) and J (..., 6, N)."""
+    scaled, _ = _scaled(K, J)
+    s = np.linalg.svd(scaled, compute_uv=False)
+    relative = np.zeros(scaled.shape[:-1])
+    relative[..., : s.shape[-1]] = s / np.maximum(s.max(axis=-1, initial=0.0, keepdims=True), 1e-300)
+    return relative
+
+
+def _scaled(K: Array, J: Array) -> tuple[Array, Array]:
+    """Return K J with moments divided by the arm's size and columns scaled to one, and that size, (...,) [m].
+
+    Columns that are zero up to rounding, as of a joint whose axis passes through the centre of a ball, become zero.
+    """
+    lever = np.where(np.linalg.norm(J[..., :3, :], axis=-2) > 0.5, np.linalg.norm(J[..., 3:, :], axis=-2), 0.0)
+    length = lever.max(axis=-1, initial=0.0)
+    length = np.where(length > 0, length, 1.0)
+    unit = np.concatenate([np.broadcast_to(length[..., None], (*length.shape, 3)), np.ones((*length.shape, 3))], -1)
+    KJ = (K * unit[..., None, :]) @ J
+    sizes = np.linalg.norm(KJ, axis=-2, keepdims=True)
+    counts = sizes > LOST_STRENGTH * sizes.max(axis=-1, initial=0.0, keepdims=True)
+    return np.where(counts, KJ / np.where(counts, sizes, 1.0), 0.0), length
 
 
 def _unit(length: float) -> Array:

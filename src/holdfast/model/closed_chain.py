@@ -21,6 +21,7 @@ from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
 from holdfast.names import called
 from holdfast.spatial.frozen import ArrayField, Frozen, FrozenDict, frozen_property, making
+from holdfast.spatial.scalar import Array
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
@@ -209,6 +210,11 @@ class ClosedChain(Frozen):
     def all_joints(self) -> list[Joint]:
         """The joints in the order of q."""
         return [joint for joints in self.joints_of.values() for joint in joints]
+
+    @frozen_property
+    def position_limits(self) -> Array:
+        """(n, 2) lowest and highest joint positions in the order of q [rad or m]."""
+        return np.array([joint.position_limits for joint in self.all_joints]).reshape(-1, 2)
 
     def with_bases(self, bases: Mapping[str, object]) -> ClosedChain:
         """Return the chain with the bases of the named arms at other poses (Pose or wxyz_xyz)."""

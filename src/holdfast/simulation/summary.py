@@ -206,7 +206,7 @@ def _torque_use(chain: ClosedChain, largest: Array) -> tuple[float, str] | None:
 
 
 def _limit_excess(chain: ClosedChain, largest: Array, least: Array) -> tuple[float, str] | None:
-    low, high = np.array([joint.position_limits for joint in chain.all_joints]).reshape(-1, 2).T
+    low, high = chain.position_limits.T
     beyond = np.maximum(low - least, largest - high)
     return _worst_joint(chain, beyond) if (beyond > 0).any() else None
 
