@@ -73,7 +73,7 @@ def examples() -> dict[str, Any]:
             hf.simulation.CarriedBase(path.at, hf.Pose.identity()),
             hf.control.ObjectTracking(chain, hf.control.RestToRest(state.object_pose).at),
             hf.control.ObjectImpedance(hf.control.RestToRest(state.object_pose), np.ones(6), 1.0, 2.0),
-            hf.control.Posture(state.q),
+            hf.control.PostureControl(state.q),
             push := hf.control.InternalForce([1.0, 2.0]),
             hf.control.InternalImpedance(np.ones(6), 1.0, push),
             share := hf.control.LoadShare({"left": 1.0}),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.control import Posture, admittance_law, compile_law
+from holdfast.control import PostureControl, admittance_law, compile_law
 from holdfast.errors import MethodNotApplicable, ModelError
 from holdfast.forces import split
 from tests.control.kit import CHAIN, HERE, MASS, PATH, SPRING, STATE, N
@@ -57,7 +57,7 @@ def test_follows_its_path():
     q = hf.close(CHAIN, hf.State(STATE.q, np.zeros(N), target.pose.wxyz_xyz), hold_object=True)
     given = {"measured_wrenches": statics(q, np.zeros(6))}
     kept = np.r_[np.zeros(6), np.zeros(6)]
-    rates, memory = law(PATH, posture=Posture(STATE.q, 1.0)).given(given)(t, q, kept)
+    rates, memory = law(PATH, posture=PostureControl(STATE.q, 1.0)).given(given)(t, q, kept)
     moving = hf.dynamics.state_from_joints(CHAIN, q.q, rates)
     assert moving.object_twist == pytest.approx(target.twist, abs=1e-6)
     assert memory[6:] == pytest.approx(target.acceleration, abs=1e-6)

@@ -260,7 +260,7 @@ def _cooperative(
 ) -> Any:
     p = fixed()
     motion = control.ObjectImpedance(control.RestToRest(p.state.object_frame), stiffness, damping, inertia)
-    law = control.cooperative_law(p.chain, motion, posture=control.Posture(**posture))
+    law = control.cooperative_law(p.chain, motion, posture=control.PostureControl(**posture))
     given = {"external_wrench": external_wrench} if law.parameters else {}
     return law.given(given)(t, state_of(state), None)[0]
 

@@ -17,7 +17,7 @@ from .object_impedance import ObjectImpedance as ObjectImpedance
 from .object_tracking import ObjectTracking as ObjectTracking
 from .paths import RestToRest as RestToRest
 from .pose_spline import PoseSpline as PoseSpline
-from .posture import Posture as Posture
+from .posture_control import PostureControl as PostureControl
 from .ramped_forces import RampedForces as RampedForces
 from .ramped_forces import unloaded as unloaded
 from .sampled import noise_stream as noise_stream

@@ -13,7 +13,7 @@ from holdfast.control.balanced_torques import internal_part, needed_wrench, push
 from holdfast.control.controller import ControlLaw, Torque
 from holdfast.control.gains import gain_matrix, require_stable
 from holdfast.control.paths import ObjectPath, Target, path_function, pose_error
-from holdfast.control.posture import Posture
+from holdfast.control.posture_control import PostureControl
 from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.errors import MethodNotApplicable
@@ -38,7 +38,7 @@ def admittance_law(
     contact_stiffness: float,
     sample_time: float,
     force: float = 0.0,
-    posture: Posture | None = None,
+    posture: PostureControl | None = None,
 ) -> ControlLaw:
     """Return the law of joint rates that stand in the place of torques, for arms commanded by position or velocity.
 
@@ -69,7 +69,7 @@ def admittance_law(
         Caccavale and Uchiyama, Cooperative Manipulation, Springer Handbook of Robotics, 2016.
     """
     checks.instance(chain, ClosedChain, "admittance law: chain")
-    checks.instance(posture, (Posture, type(None)), "admittance law: posture")
+    checks.instance(posture, (PostureControl, type(None)), "admittance law: posture")
     if chain.trunk is not None or not chain.grasps:
         got = "a trunk" if chain.grasps else "no grasp"
         raise MethodNotApplicable(f"admittance_law: expected arms in the world that hold the object, got {got}")
@@ -79,7 +79,7 @@ def admittance_law(
     require_stable(
         "admittance law: internal_damping", product, spring * period / damper, 1.0, "with one sample of delay"
     )
-    null = Posture(frequency=0.0) if posture is None else posture
+    null = PostureControl(frequency=0.0) if posture is None else posture
     null.require(chain)
     rates = AdmittanceRates(
         chain,
@@ -111,7 +111,7 @@ class AdmittanceRates(Frozen):
     internal_damping: float
     sample_time: float
     force: float
-    posture: Posture
+    posture: PostureControl
 
     def for_chain(self, chain: ClosedChain) -> Torque:
         """Return the rates for a chain whose grasps have changed."""

@@ -11,7 +11,7 @@ from holdfast.control.commanded_torques import Command, commanded_torques
 from holdfast.control.controller import ControlLaw
 from holdfast.control.internal_force import InternalForce
 from holdfast.control.law_parts import CommandedMotion, GraspForces, LawInput, NullMotion
-from holdfast.control.posture import Posture
+from holdfast.control.posture_control import PostureControl
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
@@ -36,7 +36,7 @@ def cooperative_law(
         motion: the object's motion, such as `ObjectImpedance`.
         forces: the grasp forces, such as `InternalForce` (by default none beyond the smallest), `LoadShare` or
             `HybridForce`.
-        posture: the motion that moves no grasp, such as `Posture`; by default it is damped.
+        posture: the motion that moves no grasp, such as `PostureControl`; by default it is damped.
 
     Raises:
         ModelError: a part is of another kind, or does not fit the chain.
@@ -45,7 +45,7 @@ def cooperative_law(
     Reference:
         Caccavale and Uchiyama, Cooperative Manipulation, Springer Handbook of Robotics, 2016.
     """
-    forces, posture = InternalForce() if forces is None else forces, Posture() if posture is None else posture
+    forces, posture = InternalForce() if forces is None else forces, PostureControl() if posture is None else posture
     checks.instance(chain, ClosedChain, "cooperative law: chain")
     parts = {"motion": (motion, CommandedMotion), "forces": (forces, GraspForces), "posture": (posture, NullMotion)}
     for name, (part, kind) in parts.items():

@@ -189,7 +189,7 @@ def distribution_parameters(
     """Return the run-time parameters with which compiled `distribute` has these limits and this cost.
 
     Limits of accelerations are among them only if there are any; the chain is then compiled with
-    `parameters=["acceleration_limits"]`. Those of a sampled controller are of the given state.
+    `parameters=["acceleration_limits"]`. Those of a sampled controller are of the given state. O(n).
 
     Args:
         chain: the chain.

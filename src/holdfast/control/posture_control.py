@@ -18,7 +18,7 @@ from holdfast.spatial.scalar import Array, Scalar, array, maximum
 
 @called
 @dataclass(frozen=True, eq=False)
-class Posture(NullMotion):
+class PostureControl(NullMotion):
     """Joint accelerations towards a posture and away from joint limits, qdd = -2 w qd + w^2 (q_rest - q + r).
 
     Only what moves no grasp acts; object and grasp wrenches stay the same. r is zero far from the limits; within a

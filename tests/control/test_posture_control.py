@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import null_space
 
 import holdfast as hf
-from holdfast.control import InternalForce, ObjectImpedance, Posture, cooperative_law
+from holdfast.control import InternalForce, ObjectImpedance, PostureControl, cooperative_law
 from holdfast.control.law_parts import LawInput
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.errors import ModelError
@@ -19,10 +19,10 @@ from tests.control.two_pandas import two_pandas
 def test_object_and_forces_do_not_notice(kinds):
     """The same acceleration of the object and the same wrenches to 1e-10, with other joint accelerations."""
     chain, state = two_pandas(*kinds)
-    posture = Posture(state.q + np.linspace(-0.5, 0.5, N), 6.0, clearance=0.3)
+    posture = PostureControl(state.q + np.linspace(-0.5, 0.5, N), 6.0, clearance=0.3)
     for seed in range(3):
         now, found = moving(seed, chain, state), []
-        for null in (Posture(), posture):
+        for null in (PostureControl(), posture):
             tau, _ = cooperative_law(chain, STIFF, InternalForce(25.0), null)(0.2, now, None)
             found.append(hf.forward_dynamics(chain, now, tau))
         plain, posed = found
@@ -39,7 +39,7 @@ def test_goes_to_the_rest_posture():
     )
     direction = swing.qd / np.linalg.norm(swing.qd)
     away = hf.close(CHAIN, hf.State(STATE.q + 0.02 * direction, np.zeros(N), STATE.object_pose), hold_object=True)
-    law = cooperative_law(CHAIN, ObjectImpedance(HERE, 100.0, 20.0, 1.0), posture=Posture(STATE.q, 6.0))
+    law = cooperative_law(CHAIN, ObjectImpedance(HERE, 100.0, 20.0, 1.0), posture=PostureControl(STATE.q, 6.0))
     run = hf.simulate(CHAIN, away, law, 0.5, 2e-3, parameters={"external_wrench": np.zeros(6)})
     left = (run.q - STATE.q) @ direction
     assert left / left[0] == pytest.approx((1 + 6.0 * run.t) * np.exp(-6.0 * run.t), abs=5e-3)
@@ -51,7 +51,7 @@ def test_repulsion_begins_softly():
     joint = CHAIN.all_joints[3]
     low, high = joint.position_limits
     width = 0.1 * (high - low)
-    law = Posture(frequency=2.0, clearance=0.1)
+    law = PostureControl(frequency=2.0, clearance=0.1)
 
     def of_joint(q):
         at = np.array(STATE.q)
@@ -70,7 +70,7 @@ def test_repulsion_begins_softly():
 @pytest.mark.slow
 def test_limits_repel_as_far_as_the_object_allows():
     """The arms come to rest where no motion that leaves the box alone takes joints further from their limits."""
-    law = cooperative_law(CHAIN, STIFF, posture=Posture(None, 6.0, clearance=0.45))
+    law = cooperative_law(CHAIN, STIFF, posture=PostureControl(None, 6.0, clearance=0.45))
     run = hf.simulate(CHAIN, STATE, law, 6.0, 0.01)
     low, high = np.array([joint.position_limits for joint in CHAIN.all_joints]).T
     left = []
@@ -89,6 +89,6 @@ def test_limits_repel_as_far_as_the_object_allows():
 def test_refused():
     """Numbers out of range, and postures of another chain."""
     with pytest.raises(ModelError, match=r"clearance: expected at most 0\.5"):
-        Posture(clearance=0.6)
+        PostureControl(clearance=0.6)
     with pytest.raises(ModelError, match=r"posture: rest: expected shape \(14,\), got \(3,\)"):
-        cooperative_law(CHAIN, STIFF, posture=Posture([0.0, 0.0, 0.0]))
+        cooperative_law(CHAIN, STIFF, posture=PostureControl([0.0, 0.0, 0.0]))
