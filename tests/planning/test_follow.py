@@ -15,6 +15,7 @@ from holdfast.dynamics import Posture, closure, tip_pose
 from holdfast.errors import ClosureError, MethodNotApplicable, ModelError, StateError
 from holdfast.spatial.pose import Pose
 from tests.control.two_pandas import two_pandas
+from tests.longer import mostly_slow
 from tests.planning.examples import TRAY, carried, mobile, plainly_followed, two_arms
 from tests.systems.problems import largest_gaps
 
@@ -52,7 +53,7 @@ def require_laws(plan, path):
     assert found.object_acceleration == pytest.approx(target.acceleration, abs=1e-9)
 
 
-@pytest.mark.parametrize("robot", ["panda", "gen3"])
+@pytest.mark.parametrize("robot", mostly_slow(["panda", "gen3"], ["panda"]))
 def test_laws(robot):
     """Two arms along a turn and a shift: closed, on the path, at rest at both ends, with consistent derivatives."""
     chain, state = two_arms(robot)
@@ -141,6 +142,7 @@ def test_straight_elbows_are_avoided():
     assert plan.q[-1, 0] > bare.q[-1, 0]
 
 
+@pytest.mark.slow
 def test_it_is_a_minimum():
     """Other joint paths along the same path of the object cost more, by the definition of the cost."""
     chain, state = two_arms("panda")
@@ -166,6 +168,7 @@ def test_it_is_a_minimum():
             assert cost(np.array(moved)) > best
 
 
+@pytest.mark.slow
 def test_time_scaling():
     """Half the speed is the same path in space, with half the rates and a quarter of the accelerations."""
     chain, state = two_arms("panda")
@@ -201,6 +204,7 @@ def test_mirror():
     assert found.strength[:, ::-1] == pytest.approx(plan.strength, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_through_poses_and_in_motion():
     """A spline through poses; and a part of it, from a state in motion to one in motion."""
     chain, state = two_arms("panda")
@@ -215,6 +219,7 @@ def test_through_poses_and_in_motion():
     assert np.abs(part.qd[-1]).max() > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [("softfinger", "softfinger"), ("hinge", "rigid"), ("ball", "softfinger")])
 def test_other_grasps(kinds):
     """Soft fingers do not spin, which positions alone would not tell; hinges and balls may turn."""
@@ -225,6 +230,7 @@ def test_other_grasps(kinds):
     assert plan.chain is chain
 
 
+@pytest.mark.slow
 def test_bushings_keep_their_stretch():
     """An arm behind a bushing goes with the object: its tip stays where it is on the object."""
     chain, state = two_pandas()
