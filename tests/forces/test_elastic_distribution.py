@@ -122,7 +122,9 @@ def test_clarabel(name):
     """Another solver finds the same cost and the same violation of the same programme."""
     pytest.importorskip("clarabel", reason="needs Clarabel: pip install 'holdfast[dev]'")
     case, price = force_cases()[name], 1e7 if name == UNLIMITED else 1e3
-    made = programme(case_of(case.chain, case.state, case.arguments[4], **case.call))
+    asked = case_of(case.chain, case.state, case.arguments[4], **case.call)
+    motion = chain_motion(case.chain, case.state, 0.0 * case.state.q, asked.inputs)
+    made = programme(motion, asked.own)
     ours, theirs = solve(made.blocks, made.e, price), clarabel_peer.solved(made.blocks, made.e, price)
     costs = [clarabel_peer.cost(made.blocks, *found, price) for found in (ours[:2], theirs)]
     assert costs[0] == pytest.approx(costs[1], rel=1e-7, abs=1e-7)
