@@ -85,7 +85,8 @@ class WithinLimits(Frozen):
         for name, part in (("wish", "forces"), ("joint_acceleration", "posture")):
             if getattr(self.cost, name) is not None:
                 raise ModelError(f"cooperative_law: cost: expected no {name}, got one; it is that of `{part}`")
-        self._parameters(chain, State(*np.zeros((2, chain.joint_count)), Pose.identity()))
+        still = np.zeros(chain.joint_count)
+        self._parameters(chain, State(still, still, Pose.identity()))
 
     def for_chain(self, chain: ClosedChain) -> WithinLimits:
         """Return the same for a chain whose grasps have changed; limits of grasps that it lacks are left out."""

@@ -22,7 +22,6 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, concatenate
 from holdfast.state import Inputs, State
 
-
 CALM = ForceCost(acceleration=1.0)  # redundant joints follow their wish rather than fall where effort is least
 
 
