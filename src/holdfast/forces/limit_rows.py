@@ -159,13 +159,10 @@ def acceleration_ranges(chain: ClosedChain, state: State, limits: ForceLimits) -
         lowest, highest = limits.acceleration.get(name, (-math.inf, math.inf))
         down, up = [-lowest], [highest]
         if limits.sample_time is not None:
-            ways = [
-                math.inf if math.isinf(end) else sign * (end - q)
-                for sign, end in zip((-1.0, 1.0), joint.position_limits)
-            ]
+            first, last = joint.position_limits
             own = joint.rate_limit, limits.sample_time, limits.braking
-            down.append(highest_acceleration(ways[0], -qd, *own))
-            up.append(highest_acceleration(ways[1], qd, *own))
+            down.append(highest_acceleration(math.inf if math.isinf(first) else q - first, -qd, *own))
+            up.append(highest_acceleration(math.inf if math.isinf(last) else last - q, qd, *own))
         low.append(-_least(down))
         high.append(_least(up))
     return array([low, high])
