@@ -36,6 +36,7 @@ from holdfast.control import (
     observed,
     sampled,
 )
+from holdfast.forces import ForceLimits
 from holdfast.spatial.scalar import Array
 
 ROUNDS, CALLS, MANY = 15, 2000, 4096
@@ -69,6 +70,8 @@ def costs() -> None:
         "RampedForces": (cooperative_law(chain, motion, RampedForces(push, LoadShare({"left": 1.0}))), {}),
         "InternalImpedance": (cooperative_law(chain, motion, InternalImpedance(500.0, 20.0, push)), {}),
         "HybridForce": (cooperative_law(chain, motion, HybridForce(100.0, T, push, limit=30.0)), f),
+        "within limits": (cooperative_law(chain, motion, push, limits=ForceLimits(0.8)), {}),
+        "within limits, sampled": (cooperative_law(chain, motion, push, limits=ForceLimits(0.8, sample_time=T)), {}),
         "admittance_law": (
             admittance_law(
                 chain,

@@ -15,10 +15,10 @@ from benchmarks.bench.clock import Effort, summary, timed
 from benchmarks.bench.entries import LIBRARY, Timed
 from benchmarks.bench.systems import facing_pandas
 from holdfast.compiled.function import Function
+from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.forces.elastic_distribution import DISTRIBUTE, distributed, programme
 from holdfast.questions.arrays import value_of
 from holdfast.questions.case import VariedCase
-from holdfast.questions.derivatives import with_link_wrenches
 from holdfast.spatial.scalar import Array
 
 SYSTEMS = 128
@@ -80,7 +80,8 @@ def by_clarabel(chain: hf.ClosedChain, state: hf.State, acceleration: Array) -> 
     except ImportError:
         return
     own = {name: value_of(name, chain) for name in DISTRIBUTE.own(chain) if name != "acceleration"}
-    made = programme(VariedCase(chain, state, with_link_wrenches(chain, None), own | {"acceleration": acceleration}))
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), hf.Inputs().shaped(chain))
+    made = programme(motion, own | {"acceleration": acceleration})
     *given, _ = arguments(made.blocks, made.e, float(own["price"]))
     settings = clarabel.DefaultSettings()
     settings.verbose = False

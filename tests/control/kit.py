@@ -19,6 +19,7 @@ from holdfast.control import (
     cooperative_law,
     observed,
 )
+from holdfast.forces import ForceCost, ForceLimits
 from tests.control.two_pandas import two_pandas
 
 CHAIN, STATE = two_pandas()
@@ -51,6 +52,27 @@ LAWS = {
     "hybrid, simulated sensor": (
         cooperative_law(CHAIN, STIFF, HybridForce(100.0, 1e-3, InternalForce(20.0), sensor=CHAIN)),
         {},
+    ),
+    "limits": (
+        cooperative_law(
+            CHAIN,
+            ObjectImpedance(PATH, SPRING, DAMPER),
+            InternalForce(20.0),
+            PostureControl(STATE.q + 0.1),
+            limits=ForceLimits(0.8, most_normal=60.0, sample_time=1e-3),
+            cost=ForceCost(wrench=1.0, acceleration=1.0),
+        ),
+        {},
+    ),
+    "hybrid, limits": (
+        cooperative_law(
+            CHAIN,
+            STIFF,
+            HybridForce(100.0, 1e-3, InternalForce(20.0)),
+            limits=ForceLimits(),
+            cost=ForceCost(wrench=1e2),
+        ),
+        {"measured_wrenches": MEASURED},
     ),
     "admittance": (
         admittance_law(

@@ -16,7 +16,7 @@ from holdfast.compiler.interpret import interpret_schedule
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable, StateError
-from holdfast.forces import grasp_margins
+from holdfast.forces import ForceCost, ForceLimits, distribution_parameters, grasp_margins
 from holdfast.forces.elastic_distribution import DISTRIBUTE, ElasticDistribution, distributed, programme
 from holdfast.forces.elastic_programme import solve
 from holdfast.model.wrench_condition import NORMAL
@@ -28,6 +28,7 @@ from holdfast.spatial.spatial_vector import unrotate
 from tests.capabilities.chains import CHAINS, chain_with
 from tests.codegen import problems as exported
 from tests.codegen import test_export as export
+from tests.control.two_pandas import two_pandas
 from tests.forces.force_cases import Asked, force_cases
 from tests.longer import mostly_long
 
@@ -122,7 +123,9 @@ def test_clarabel(name):
     """Another solver finds the same cost and the same violation of the same programme."""
     pytest.importorskip("clarabel", reason="needs Clarabel: pip install 'holdfast[dev]'")
     case, price = force_cases()[name], 1e7 if name == UNLIMITED else 1e3
-    made = programme(case_of(case.chain, case.state, case.arguments[4], **case.call))
+    asked = case_of(case.chain, case.state, case.arguments[4], **case.call)
+    motion = chain_motion(case.chain, case.state, 0.0 * case.state.q, asked.inputs)
+    made = programme(motion, asked.own)
     ours, theirs = solve(made.blocks, made.e, price), clarabel_peer.solved(made.blocks, made.e, price)
     costs = [clarabel_peer.cost(made.blocks, *found, price) for found in (ours[:2], theirs)]
     assert costs[0] == pytest.approx(costs[1], rel=1e-7, abs=1e-7)
@@ -290,3 +293,15 @@ def test_trunks_and_overflow_are_refused():
     s = force_cases()["two_soft_effort"].state
     with pytest.raises(StateError, match="acceleration: expected finite numbers"):
         fast("two_soft_effort").distribute(s.q, s.qd, s.object_pose, s.object_twist, np.full(6, np.nan))
+
+
+@pytest.mark.parametrize("kind", ["universal", "softfinger", "cylinder"])
+def test_wishes_have_the_axes_of_contact_frames(kind):
+    """Whatever axes a kind of grasp has: the reference and machine code are asked for the same wrenches."""
+    chain, state = two_pandas(kind, "rigid")
+    cost = ForceCost(wrench=10.0, wish=20.0 * np.random.default_rng(3).normal(size=(2, 6)))
+    limits = ForceLimits(effort=None)
+    given = distribution_parameters(chain, state, limits, cost)
+    found = asked(chain, state, np.zeros(6), **given)
+    expected = hf.forces.distribute(chain, state, np.zeros(6), limits=limits, cost=cost)
+    assert found.tau == pytest.approx(expected.tau, abs=1e-6 * np.abs(expected.tau).max())

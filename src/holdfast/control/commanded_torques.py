@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import NamedTuple
+
+import numpy as np
 
 from holdfast.control.balanced_torques import bearing_wrenches
 from holdfast.control.computed_torque import following_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion
-from holdfast.spatial.scalar import Array
+from holdfast.errors import MethodNotApplicable, ModelError
+from holdfast.forces.elastic_distribution import DISTRIBUTE, ElasticDistribution, distribution, distribution_parameters
+from holdfast.forces.limits import ForceCost, ForceLimits
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import value_of
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, array
+from holdfast.spatial.spatial_vector import unrotate
+from holdfast.state import State
+
+PER_GRASP = ("least_margin", "least_normal", "most_normal")
 
 
 class Command(NamedTuple):
@@ -38,3 +53,67 @@ def commanded_torques(motion: ChainMotion, command: Command) -> tuple[Array, Arr
     wrenches, _, _ = bearing_wrenches(motion, command.acceleration, command.wrenches)
     tau = following_torques(motion, command.acceleration, wrenches, command.joint_acceleration)
     return tau, wrenches
+
+
+@dataclass(frozen=True, eq=False)
+class WithinLimits(Frozen):
+    """The torques of a command within limits.
+
+    The object's acceleration comes first, then the limits, which give way only where it needs that; of what is left,
+    the least cost is chosen, in which the wishes have the weights of `ForceCost`.
+
+    Attributes:
+        limits: the limits.
+        cost: the cost, without wishes.
+    """
+
+    limits: ForceLimits
+    cost: ForceCost
+
+    def require(self, chain: ClosedChain) -> None:
+        """Refuse a chain, limits and costs for which there is no machine code.
+
+        Raises:
+            MethodNotApplicable: the chain has a trunk, or a change from the last wrenches is limited.
+            ModelError, StateError: the cost has wishes, a name is unknown, or a shape is wrong.
+        """
+        if chain.trunk is not None:
+            raise MethodNotApplicable(
+                "cooperative_law: limits: expected arms whose bases are in the world, got a chain with a trunk; try the"
+                " law without limits, or holdfast.forces.distribute in a controller of your own"
+            )
+        for name, part in (("wish", "forces"), ("joint_acceleration", "posture")):
+            if getattr(self.cost, name) is not None:
+                raise ModelError(f"cooperative_law: cost: expected no {name}, got one; it is that of `{part}`")
+        still = np.zeros(chain.joint_count)
+        self._parameters(chain, State(still, still, Pose.identity()))
+
+    def for_chain(self, chain: ClosedChain) -> WithinLimits:
+        """Return the same for a chain whose grasps have changed; limits of grasps that it lacks are left out."""
+        kept = {name: _of_grasps(getattr(self.limits, name), chain) for name in PER_GRASP}
+        return replace(self, limits=replace(self.limits, **kept))
+
+    def torques(self, motion: ChainMotion, state: State, command: Command) -> ElasticDistribution:
+        """Return the torques of a command, the wrenches that they give, and by how much limits give way.
+
+        Args:
+            motion: the chain's motion, without torques; external wrenches in it count as known.
+            state: positions and rates, for the limits of a sampled controller.
+            command: the command.
+        """
+        chain = motion.chain
+        frames = {name: c.frame for name, c in zip(chain.grasps, motion.contacts, strict=True)}
+        wishes = zip(chain.names, command.wrenches, strict=True)
+        wish = array([unrotate(frames[name], f) if name in frames else f for name, f in wishes])
+        asked = {"acceleration": command.acceleration, "wish": wish, "wished_qdd": command.joint_acceleration}
+        return distribution(motion, self._parameters(chain, state) | asked)
+
+    def _parameters(self, chain: ClosedChain, state: State) -> dict[str, Array]:
+        """Return the parameters of `distribute`."""
+        usual = {name: value_of(name, chain) for name in DISTRIBUTE.own(chain) if name != "acceleration"}
+        return usual | distribution_parameters(chain, state, self.limits, self.cost)
+
+
+def _of_grasps(given: float | Mapping[str, float] | None, chain: ClosedChain) -> float | dict[str, float] | None:
+    """Return a limit per grasp without those of grasps that a chain lacks."""
+    return {name: x for name, x in given.items() if name in chain.grasps} if isinstance(given, Mapping) else given

@@ -7,23 +7,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.control.commanded_torques import Command, commanded_torques
+from holdfast.control.commanded_torques import Command, WithinLimits, commanded_torques
 from holdfast.control.controller import ControlLaw
 from holdfast.control.internal_force import InternalForce
 from holdfast.control.law_parts import CommandedMotion, GraspForces, LawInput, NullMotion
 from holdfast.control.posture_control import PostureControl
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.errors import MethodNotApplicable
+from holdfast.errors import MethodNotApplicable, ModelError
+from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.scalar import Array, Scalar
+from holdfast.spatial.scalar import Array, Scalar, concatenate
 from holdfast.state import Inputs, State
+
+CALM = ForceCost(acceleration=1.0)  # redundant joints follow their wish rather than fall where effort is least
 
 
 def cooperative_law(
-    chain: ClosedChain, motion: CommandedMotion, forces: GraspForces | None = None, posture: NullMotion | None = None
+    chain: ClosedChain,
+    motion: CommandedMotion,
+    forces: GraspForces | None = None,
+    posture: NullMotion | None = None,
+    *,
+    limits: ForceLimits | None = None,
+    cost: ForceCost | None = None,
 ) -> ControlLaw:
     """Return the law tau = M qdd + C + J^T f of an object motion, grasp forces and a null motion.
 
@@ -31,16 +40,23 @@ def cooperative_law(
     the joint accelerations nearest to those of `posture` that follow it. Bases are assumed to stand still. A known
     wrench on the object is the parameter `external_wrench` (6,) if `motion` takes it.
 
+    With `limits`, torques and wrenches are those of `forces.distribute` instead: they give the object the same
+    acceleration and keep friction cones and limits, with the least cost, in which f and qdd have the weights
+    `cost.wrench` and `cost.acceleration`. The last number of the law's memory is then by how much limits gave way [N],
+    all but 0 unless the acceleration needs more.
+
     Args:
         chain: the controller's model of the chain.
         motion: the object's motion, such as `ObjectImpedance`.
         forces: the grasp forces, such as `InternalForce` (by default none beyond the smallest), `LoadShare` or
             `HybridForce`.
         posture: the motion that moves no grasp, such as `PostureControl`; by default it is damped.
+        limits: the limits; None for none. With `sample_time`, limits of joint positions and rates are among them.
+        cost: the cost within limits; by default that of least effort, with weight 1 of the joints' accelerations.
 
     Raises:
-        ModelError: a part is of another kind, or does not fit the chain.
-        MethodNotApplicable: no arm has a grasp.
+        ModelError: a part is of another kind, or does not fit the chain, or there is a cost without limits.
+        MethodNotApplicable: no arm has a grasp; or with limits, the chain has a trunk, or limits of changes are given.
 
     Reference:
         Caccavale and Uchiyama, Cooperative Manipulation, Springer Handbook of Robotics, 2016.
@@ -56,22 +72,38 @@ def cooperative_law(
     for part, _ in parts.values():
         part.require(chain)
         parameters |= part.parameters(chain)
-    torque = CooperativeTorques(chain, motion, forces, posture)
-    return ControlLaw(torque, forces.memory(chain), parameters, exact_fingerprint(torque) or "")
+    torque = CooperativeTorques(chain, motion, forces, posture, _within(chain, limits, cost))
+    memory = concatenate([forces.memory(chain), np.zeros(0 if limits is None else 1)])
+    return ControlLaw(torque, memory, parameters, exact_fingerprint(torque) or "")
+
+
+def _within(chain: ClosedChain, limits: ForceLimits | None, cost: ForceCost | None) -> WithinLimits | None:
+    """Return checked limits and their cost; None without limits."""
+    checks.instance(limits, (ForceLimits, type(None)), "cooperative law: limits")
+    checks.instance(cost, (ForceCost, type(None)), "cooperative law: cost")
+    if limits is None:
+        if cost is not None:
+            raise ModelError("cooperative_law: expected limits with a cost, got none; try limits=ForceLimits()")
+        return None
+    within = WithinLimits(limits, CALM if cost is None else cost)
+    within.require(chain)
+    return within
 
 
 @dataclass(frozen=True, eq=False)
 class CooperativeTorques(Frozen):
-    """The torques of `cooperative_law`; the attributes are its arguments."""
+    """The torques of `cooperative_law`; the attributes are its arguments, limits and cost together."""
 
     chain: ClosedChain
     motion: CommandedMotion
     forces: GraspForces
     posture: NullMotion
+    within: WithinLimits | None = None
 
     def for_chain(self, chain: ClosedChain) -> CooperativeTorques:
         """Return the torques for a chain whose grasps have changed."""
-        return replace(self, chain=chain, forces=self.forces.for_chain(chain))
+        within = None if self.within is None else self.within.for_chain(chain)
+        return replace(self, chain=chain, forces=self.forces.for_chain(chain), within=within)
 
     @np.errstate(all="ignore")  # what overflows is refused
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -79,9 +111,14 @@ class CooperativeTorques(Frozen):
         chain = self.chain
         known = Inputs(object_wrench=given.get("external_wrench", np.zeros(6)))
         motion = chain_motion(chain, state, np.zeros(chain.joint_count), known.shaped(chain))
-        x = LawInput(t, state, motion, memory, given)
+        x = LawInput(t, state, motion, memory if self.within is None else memory[:-1], given)
         acceleration = self.motion.acceleration(x)
         wished, joints = self.forces.wished(x, acceleration), self.posture.joint_acceleration(x)
-        tau, wrenches = commanded_torques(motion, Command(acceleration, wished, joints))
-        kept = self.forces.kept(x, acceleration, wrenches, tau)
+        command, gave_way = Command(acceleration, wished, joints), []
+        if self.within is None:
+            tau, wrenches = commanded_torques(motion, command)
+        else:
+            found = self.within.torques(motion, state, command)
+            tau, wrenches, gave_way = found.tau, found.grasp_wrench, [found.violation[()]]
+        kept = concatenate([self.forces.kept(x, acceleration, wrenches, tau), gave_way])
         return checks.finite(tau, "cooperative law"), checks.finite(kept, "cooperative law: memory")

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmMotion
-from holdfast.dynamics.closed.chain_motion import chain_motion, pseudo_gravity
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable, StateError
@@ -45,11 +45,11 @@ from holdfast.questions.arrays import (
     Row,
     value_of,
 )
-from holdfast.questions.case import VariedCase
+from holdfast.questions.case import Numbers, VariedCase
 from holdfast.questions.derivatives import declare
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array, Scalar, array, clip, concatenate, each, maximum, reciprocal, sqrt, where
-from holdfast.spatial.spatial_vector import unrotate
+from holdfast.spatial.spatial_vector import rotate, unrotate
 from holdfast.spatial.vector import largest
 from holdfast.state import State
 
@@ -138,19 +138,22 @@ class Programme(NamedTuple):
     force: Scalar
 
 
-def programme(case: VariedCase) -> Programme:
-    """Return the elastic programme of a case. O(n) + O(l), and N^3 for an arm of N joints.
+def programme(motion: ChainMotion, own: Numbers) -> Programme:
+    """Return the elastic programme of a chain's motion. O(n) + O(l), and N^3 for an arm of N joints.
+
+    Args:
+        motion: the chain's motion, without torques; external wrenches in it count as known.
+        own: the wanted acceleration of the object, and the parameters of `distribute` by name.
 
     Raises:
         MethodNotApplicable: the chain has a trunk.
     """
-    chain, own = case.chain, case.own
+    chain = motion.chain
     if chain.trunk is not None:
         raise MethodNotApplicable(
             "distribute: machine code is for arms whose bases are in the world, got a chain with a trunk;"
             " holdfast.forces.distribute answers it"
         )
-    motion = chain_motion(chain, case.state, np.zeros(chain.joint_count), case.inputs)
     contacts = dict(zip(chain.grasps, motion.contacts, strict=True))
     alpha = own["acceleration"] - pseudo_gravity(chain)
     length = length_scale([c.offset for c in motion.contacts])
@@ -163,17 +166,23 @@ def programme(case: VariedCase) -> Programme:
     held = [contacts.get(name) for name in chain.names]
     arms = list(motion.arms.values())
     columns = each(lambda arm, c: block_column(arm, c, alpha, length, force), arms, held)
-    of = [_of_arm(case, k, name) for k, name in enumerate(chain.names)]
+    of = [_of_arm(chain, own, k, name) for k, name in enumerate(chain.names)]
     blocks = each(lambda *given: _block(common, to_force, *given), arms, held, columns, of)
     return Programme(arms, held, columns, blocks, needed * reciprocal(force), force)
 
 
 def distributed(case: VariedCase, iterations: int = ITERATIONS) -> tuple[Array, ...]:
     """Return the results in the order of `ElasticDistribution`."""
-    made = programme(case)
-    found = solve(made.blocks, made.e, case.own["price"][()], iterations)
+    none = np.zeros(case.chain.joint_count)
+    return distribution(chain_motion(case.chain, case.state, none, case.inputs), case.own, iterations)
+
+
+def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS) -> ElasticDistribution:
+    """Return the torques, accelerations and wrenches; see `programme`."""
+    made = programme(motion, own)
+    found = solve(made.blocks, made.e, own["price"][()], iterations)
     answers = each(_answer, made.arms, made.held, made.columns, found.x)
-    return (
+    return ElasticDistribution(
         concatenate([tau for tau, *_ in answers]),
         concatenate([qdd for _, qdd, _ in answers]),
         array([f for *_, f in answers]),
@@ -224,8 +233,7 @@ def distribution_parameters(
     return found
 
 
-def _of_arm(case: VariedCase, row: int, name: str) -> OfArm:
-    chain, own = case.chain, case.own
+def _of_arm(chain: ClosedChain, own: Numbers, row: int, name: str) -> OfArm:
     part, contact, bounds = chain.joints[name], np.zeros(0), np.zeros(0)
     if name in chain.grasps:
         k = list(chain.grasps).index(name)
@@ -270,7 +278,7 @@ def _block(
         high.append(reciprocal(common.force) * of.acceleration[1])
     E, cones = column.E, []
     if held is not None:
-        wish = held.grasp.of_kind.along(of.wish)[list(held.rows)] / column.units if rows else np.zeros(0)
+        wish = _wish(held, of.wish) / column.units if rows else np.zeros(0)
         less = concatenate([less, -square * wish])
         to_contact, fixed = _in_contact_axes(held, arm)
         units = column.units * reciprocal(common.force)
@@ -292,6 +300,13 @@ def _block(
     low, high = (clip(concatenate(x), -FARTHEST, FARTHEST) - offsets for x in (low, high))
     E = (E.T * (to_force * reciprocal(common.force))).T
     return Block(P, c + less, np.concatenate(R), low, high, tuple(cones), E)
+
+
+def _wish(held: Contact, wish: Array) -> Array:
+    """Return the transmitted components of a wrench in axes of the contact frame, (rows,)."""
+    if held.grasp.of_kind.axes is contact_axes:
+        return held.grasp.of_kind.along(wish)[list(held.rows)]
+    return held.transmitted(rotate(held.frame, wish))
 
 
 def _in_contact_axes(held: Contact, arm: ArmMotion) -> tuple[Array, Array]:

@@ -7,7 +7,8 @@ acceleration by 1 rad/s^2 or m/s^2.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from holdfast.forces.margins import conditions
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.wrench_condition import NORMAL
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum, sqrt
 from holdfast.state import State
 
 NOUNS = {  # of `Condition.broken`
@@ -153,25 +154,28 @@ def acceleration_ranges(chain: ClosedChain, state: State, limits: ForceLimits) -
     for name in limits.acceleration:
         if name not in names:
             raise ModelError(f"limits: acceleration: no joint '{name}'.{checks.did_you_mean(str(name), names)}")
-    found = np.array([limits.acceleration.get(name, (-math.inf, math.inf)) for name in names]).reshape(-1, 2).T
-    if limits.sample_time is not None:
-        T, brake = limits.sample_time, limits.braking
-        for j, joint in enumerate(chain.all_joints):
-            lowest, highest = joint.position_limits
-            q, qd = float(state.q[j]), float(state.qd[j])
-            found[1, j] = min(found[1, j], highest_acceleration(highest - q, qd, joint.rate_limit, T, brake))
-            found[0, j] = max(found[0, j], -highest_acceleration(q - lowest, -qd, joint.rate_limit, T, brake))
-    return found
+    low, high = [], []
+    for name, joint, q, qd in zip(names, chain.all_joints, state.q, state.qd, strict=True):
+        lowest, highest = limits.acceleration.get(name, (-math.inf, math.inf))
+        down, up = [-lowest], [highest]
+        if limits.sample_time is not None:
+            first, last = joint.position_limits
+            own = joint.rate_limit, limits.sample_time, limits.braking
+            down.append(highest_acceleration(math.inf if math.isinf(first) else q - first, -qd, *own))
+            up.append(highest_acceleration(math.inf if math.isinf(last) else last - q, qd, *own))
+        low.append(-_least(down))
+        high.append(_least(up))
+    return array([low, high])
 
 
-def highest_acceleration(way: float, qd: float, rate: float, T: float, braking: float) -> float:
+def highest_acceleration(way: Scalar, qd: Scalar, rate: float, T: float, braking: float) -> Scalar:
     """Return the highest acceleration x, constant for a period T, after which a joint keeps its limits.
 
     qd + x T <= rate, q + qd T + x T^2 / 2 <= q_max, and from there it can still stop before q_max with the given
     deceleration, (qd + x T)^2 <= 2 a (q_max - q - qd T - x T^2 / 2) if it moves towards it.
 
     Args:
-        way: q_max - q [rad or m].
+        way: q_max - q [rad or m]; infinite without a limit.
         qd: its rate.
         rate: largest rate.
         T: period [s].
@@ -181,9 +185,18 @@ def highest_acceleration(way: float, qd: float, rate: float, T: float, braking: 
         A. Del Prete, Joint position and velocity bounds in discrete-time acceleration/torque control of robot arms,
         IEEE Robotics and Automation Letters, 2018.
     """
-    bounds = [(rate - qd) / T]
-    if math.isfinite(way):
+    bounds = [] if math.isinf(rate) else [(rate - qd) / T]
+    if not _infinite(way):
         root = (braking * T) ** 2 + 8.0 * braking * way - 4.0 * braking * qd * T
-        stopping = (-(2.0 * qd + braking * T) + math.sqrt(max(root, 0.0))) / (2.0 * T)
-        bounds += [2.0 * (way - qd * T) / T**2, max(-qd / T, stopping)]
-    return min(bounds)
+        stopping = (-(2.0 * qd + braking * T) + sqrt(maximum(root, 0.0))) / (2.0 * T)
+        bounds += [2.0 * (way - qd * T) / T**2, maximum(-qd / T, stopping)]
+    return _least(bounds)
+
+
+def _least(bounds: Sequence[Scalar]) -> Scalar:
+    """Return the smallest of bounds; those that are known to be infinite stay out of the program."""
+    return reduce(minimum, [x for x in bounds if not _infinite(x)] or [math.inf])
+
+
+def _infinite(x: Scalar) -> bool:
+    return isinstance(x, float) and math.isinf(x)
