@@ -1,0 +1,316 @@
+"""The fastest timing of a path under limits on forces, by reachability.
+
+Along a path s, with a = s'' and b = s'^2, all accelerations, wrenches and torques are affine in (x, a, b), where x are
+the internal forces. In an interval of width D, a is constant, and b grows by 2 D a. The limits are imposed at both of
+its ends, each with its own x:
+
+    backward   top_i = max b    subject to  (x, a, b) in limits_i, (x', a, b + 2 D a) in limits_i+1, b + 2 D a <= top_i+1
+    forward    a_i   = max a    subject to the same at b = b_i
+
+Where holding is possible, the limits are convex sets in (x, a, b) with a = b = 0 inside, so that every b from 0 to
+top_i can be continued to rest. Between the ends limits are passed by the curvature of their rows, of second order in D.
+The least violation there, with forces of their own, is measured, and the limits of the interval tightened by it.
+
+Reference:
+    H. Pham, Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis, IEEE
+    Transactions on Robotics, 2018.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.errors import StateError
+from holdfast.forces.acceleration_map import (
+    ACCELERATION_SCALE,
+    UNREACHED,
+    AccelerationMap,
+    ObjectTask,
+    acceleration_map,
+    motion_without_torques,
+)
+from holdfast.forces.certificate import MENTIONED_SHARE, certificate
+from holdfast.forces.cone_solver import Verdict
+from holdfast.forces.limit_rows import Limit, limit_rows
+from holdfast.forces.limits import ForceLimits
+from holdfast.forces.programmes import Costs, Solved, answer, posed
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.state import State, shaped_inputs
+
+INSIDE = 3  # places between two nodes at which limits are measured
+PASSED = 5e-4  # N by which limits may be passed there
+TIGHTER = 1.2  # measured violations are made up for by this factor
+MOST_ROUNDS = 8
+AT_TOP = 1.0 - 1e-9  # share of the largest b from which on there is no choice
+NO_COST = Costs(np.zeros((0, 0)), np.zeros(0))
+RATE, LATER = "rate", "later speed"
+
+
+class PathPoint(NamedTuple):
+    """The limits at a place of a path, in the unknowns y = (x, a, b).
+
+    Attributes:
+        s: the place.
+        found: the map at rest.
+        limits: the limits, s = h - G y; the last is that of the joint that reaches its rate limit first, if any.
+    """
+
+    s: float
+    found: AccelerationMap
+    limits: list[Limit]
+
+    @property
+    def free(self) -> int:
+        """Number of internal forces x."""
+        return self.limits[0].G.shape[1] - 2 if self.limits else 0
+
+    @property
+    def forces(self) -> list[Limit]:
+        """The limits without that of rates."""
+        return [limit for limit in self.limits if limit.what != RATE]
+
+
+def path_point(
+    chain: ClosedChain, s: float, state: State, joints: Array, acceleration: Array, limits: ForceLimits
+) -> PathPoint:
+    """Return the limits at a place of a path. O(n^3).
+
+    Args:
+        chain: the chain.
+        s: the place.
+        state: the closed state there with s' = 1.
+        joints: (n,) second derivatives of the joint positions by s; what the grasps contradict is projected out.
+        acceleration: (6,) acceleration of C with s' = 1 and s'' = 0, world axes.
+        limits: the limits.
+
+    Raises:
+        StateError: the arms cannot give the object this motion.
+    """
+    still = replace(state, qd=np.zeros_like(state.qd), object_twist=np.zeros(6))
+    rest, moving = (motion_without_torques(chain, one, shaped_inputs(chain, None)) for one in (still, state))
+    held = acceleration_map(rest, ObjectTask(np.eye(6), np.zeros(6)))
+    by_a = acceleration_map(rest, ObjectTask(np.eye(6), state.object_twist), force=held.force)
+    by_b = acceleration_map(moving, ObjectTask(np.eye(6), acceleration), force=held.force)
+    U, size, Vt = np.linalg.svd(held.N[held.qdd], full_matrices=True)
+    rank = int((size > UNREACHED * ACCELERATION_SCALE).sum())
+    to_joints = held.N @ (Vt[:rank].T / size[:rank]) @ U[:, :rank].T  # accelerations of joints that the grasps permit
+    x = held.N @ Vt[rank:].T
+    v0, va, vb = (
+        v + to_joints @ (qdd - v[held.qdd])
+        for v, qdd in (
+            (held.v0, np.zeros(len(joints))),
+            (by_a.v0 - held.v0, state.qd),
+            (by_b.v0 - held.v0, joints),
+        )
+    )
+    rows = zip(limit_rows(held, still, limits), limit_rows(by_b, state, limits), strict=True)
+    found = [
+        one._replace(
+            G=np.column_stack([one.G @ x, one.G @ va, one.G @ vb - (moved.h - one.h)]),
+            h=one.h - one.G @ v0,
+        )
+        for one, moved in rows
+    ]
+    return PathPoint(s, held, [*found, *_rate_limit(chain, state.qd, held.force, x.shape[1])])
+
+
+def _rate_limit(chain: ClosedChain, slopes: Array, force: float, free: int) -> list[Limit]:
+    """Return b <= (rate / |q'|)^2 of the joint that allows least."""
+    rates = np.array([joint.rate_limit for joint in chain.all_joints])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        most = np.where(slopes == 0.0, np.inf, (rates / np.abs(slopes)) ** 2)
+    j = int(np.argmin(most))
+    if not np.isfinite(most[j]):
+        return []
+    return [Limit(chain.joint_names()[j], RATE, "", most[j] / force, np.eye(1, free + 2, free + 1), most[j : j + 1])]
+
+
+class Timing(NamedTuple):
+    """The fastest timing of a path.
+
+    Attributes:
+        b: (nodes,) s'^2.
+        a: (intervals,) s''.
+        top: (nodes,) largest b from which the path can be continued to rest.
+        limited_by: of each interval, the names of the limits that matter, by their shares.
+        room: (intervals, INSIDE) force by which all limits could be tightened between the nodes [N].
+    """
+
+    b: Array
+    a: Array
+    top: Array
+    limited_by: list[dict[str, float]]
+    room: Array
+
+
+class Interval(NamedTuple):
+    """The limits of an interval in the unknowns y = (x, x', a, b) of both ends, with b at its beginning.
+
+    Attributes:
+        points: both ends, and the places between them.
+        width: D.
+        slack: force by which the limits are tightened [N].
+    """
+
+    points: Sequence[PathPoint]
+    width: float
+    slack: float
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.points[0].free + self.points[-1].free + 2
+
+    @property
+    def force(self) -> float:
+        """The larger F0."""
+        return max(self.points[0].found.force, self.points[-1].found.force)
+
+    def limits(self) -> list[Limit]:
+        """Return the limits at both ends, and those of rates between them."""
+        first = self.points[0].free
+        places = [slice(0, first), *[slice(0, 0)] * INSIDE, slice(first, self.size - 2)]
+        found = []
+        for k, (point, x) in enumerate(zip(self.points, places, strict=True)):
+            along = 2.0 * self.width * k / (len(self.points) - 1)
+            for limit in point.limits if k in (0, len(self.points) - 1) else point.limits[len(point.forces) :]:
+                G, h = np.zeros((len(limit.h), self.size)), limit.h.copy()
+                G[:, x] = limit.G[:, :-2] if x.stop > x.start else 0.0
+                G[:, -2:] = limit.G[:, -2:] @ np.array([[1.0, 0.0], [along, 1.0]])
+                h[0] -= 0.0 if limit.what == RATE else limit.weight * self.slack
+                found.append(limit._replace(G=G, h=h))
+        return found
+
+    def largest(self, top: float, b: float | None = None) -> tuple[Solved, list[str]]:
+        """Return y with the largest b, or for a given b > 0 with the largest a; and the names of the limits.
+
+        Args:
+            top: largest b at the end of the interval; 0 for rest.
+            b: at its beginning, if it is given.
+        """
+        limits, later = self.limits(), np.array([2.0 * self.width, 1.0])
+        steepest = max((np.abs(one.G[:, -2]).max() / (one.weight * self.force) for one in limits), default=0.0)
+        scale = 2.0 * self.width / max(steepest, 1e-300) / self.force  # in which b is compared
+        end = np.concatenate([np.zeros(self.size - 2), later])[None]
+        way, others = np.eye(self.size)[-1 if b is None else -2], [*np.eye(self.size)[:-2]]
+        if b is None and top == 0.0:
+            way = way - np.eye(self.size)[-2] / later[0]
+        else:
+            limits += [Limit("", LATER, "", scale, end, np.array([top])), Limit("", "", "", scale, -end, np.zeros(1))]
+            if b is None:
+                others.append(np.eye(self.size)[-2])
+        if b is None:
+            limits.append(Limit("", "", "", scale, -np.eye(self.size)[-1:], np.zeros(1)))
+        start = (0.0 if b is None else b) * np.eye(self.size)[-1]
+        columns = np.array(others).reshape(-1, self.size).T
+        y = self.points[0].found._replace(v0=start, N=columns, force=self.force)  # y in place of v
+        return answer(posed("scale", y, limits, NO_COST, v1=way)), [limit.name for limit in limits]
+
+
+def fastest_timing(points: Sequence[PathPoint], width: float) -> Timing:
+    """Return the fastest timing from rest to rest.
+
+    Args:
+        points: places at equal distances, of which every (INSIDE + 1)th is a node.
+        width: distance of the nodes.
+
+    Raises:
+        StateError: somewhere the limits cannot be kept even at rest, or no limit bounds the speed.
+    """
+    step = INSIDE + 1
+    slack = np.zeros((len(points) - 1) // step)
+    for _ in range(MOST_ROUNDS):
+        parts = [
+            Interval(points[step * i : step * i + step + 1], width, float(more)) for i, more in enumerate(slack)
+        ]
+        b, a, top, limited_by = _reached(parts)
+        room = np.array(
+            [
+                [-_violation(point, a[i], b[i] + 2.0 * width * a[i] * k / step)[0] for k, point in inner(part)]
+                for i, part in enumerate(parts)
+            ]
+        )
+        passed = -room.min(axis=1)
+        if passed.max() <= PASSED:
+            return Timing(b, a, top, limited_by, room)
+        slack += np.where(passed > 0.5 * PASSED, TIGHTER * passed + 0.1 * PASSED, 0.0)
+    i = int(np.argmax(passed))
+    raise StateError(
+        f"time_path: between s = {points[step * i].s:g} and {points[step * i + step].s:g} limits are passed by"
+        f" {passed[i]:.2g} N; try more nodes"
+    )
+
+
+def inner(part: Interval) -> list[tuple[int, PathPoint]]:
+    """Return the places between the nodes with their numbers."""
+    return list(enumerate(part.points))[1:-1]
+
+
+def _reached(parts: Sequence[Interval]) -> tuple[Array, Array, Array, list[dict[str, float]]]:
+    """Return b, a, the largest b of all nodes, and what limits each interval, by a backward and a forward pass."""
+    count = len(parts)
+    top, slope, before = np.zeros(count + 1), np.zeros(count), [{}] * count
+    for i in reversed(range(count)):
+        done, names = parts[i].largest(float(top[i + 1]))
+        if done.verdict is not Verdict.OPTIMAL:
+            raise _refused(parts[i], done.verdict)
+        slope[i], top[i] = done.v[-2], max(float(done.v[-1]), 0.0)
+        before[i] = _shares(done, names)
+    b, a, limited_by = np.zeros(count + 1), np.zeros(count), []
+    for i, part in enumerate(parts):
+        share = b[i] / top[i] if top[i] > 0.0 else 0.0
+        a[i], shares = share * slope[i], before[i]  # possible, since the limits are convex
+        if share < AT_TOP and top[i + 1] > 0.0:
+            done, names = part.largest(float(top[i + 1]), float(b[i]))
+            if done.verdict is Verdict.OPTIMAL and done.v[-2] >= a[i]:
+                a[i], shares = done.v[-2], _shares(done, names)
+                if max(shares, key=lambda name: shares[name], default="") == LATER:
+                    shares = before[i + 1]
+        b[i + 1] = min(max(b[i] + 2.0 * part.width * a[i], 0.0), top[i + 1])
+        a[i] = (b[i + 1] - b[i]) / (2.0 * part.width)
+        mentioned = {name: x for name, x in shares.items() if name not in ("", LATER) and x >= MENTIONED_SHARE}
+        limited_by.append(dict(sorted(mentioned.items(), key=lambda pair: -pair[1])))
+    return b, a, top, limited_by
+
+
+def _shares(done: Solved, names: list[str]) -> dict[str, float]:
+    """Return the multipliers by name, relative to their sum."""
+    total, found = sum(float(part[0]) for part in done.parts), dict.fromkeys((name.strip() for name in names), 0.0)
+    for name, part in zip(names, done.parts, strict=True):
+        found[name.strip()] += float(part[0]) / total
+    return found
+
+
+def _violation(point: PathPoint, a: float, b: float) -> tuple[float, Solved | None]:
+    """Return by how much limits on forces have to be passed [N], negative if there is room, and the answer."""
+    if not point.forces:
+        return -np.inf, None
+    start = np.concatenate([np.zeros(point.free), [a, b]])
+    y = point.found._replace(v0=start, N=np.eye(point.free + 2)[:, :-2])
+    done = answer(posed("violation", y, point.forces, NO_COST))
+    return (-np.inf if done.verdict is Verdict.UNBOUNDED else done.extra * y.force), done
+
+
+def _refused(part: Interval, verdict: Verdict) -> StateError:
+    """Return the error for an interval that cannot be passed."""
+    if verdict is Verdict.UNBOUNDED:
+        return StateError(
+            f"time_path: no limit bounds the speed at s = {part.points[0].s:g}; try effort limits or rate limits of"
+            " joints"
+        )
+    for point in part.points:
+        lack, done = _violation(point, 0.0, 0.0)
+        if lack > PASSED and done is not None:
+            force = point.found.force
+            words = [limit.words for limit in point.forces]
+            proof = certificate(words, done.parts, lack, done.dual_residual * force)
+            return StateError(f"time_path: at s = {point.s:g} the object cannot even be held: {proof.words}")
+    return StateError(
+        f"time_path: from s = {part.points[0].s:g} to {part.points[-1].s:g} the limits leave too little room"
+        " to hold the object; try more nodes"
+    )
