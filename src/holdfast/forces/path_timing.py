@@ -46,7 +46,7 @@ INSIDE = 3  # places between two nodes at which limits are measured
 PASSED = 5e-4  # N by which limits may be passed there
 TIGHTER = 1.2  # measured violations are made up for by this factor
 MOST_ROUNDS = 8
-AT_TOP = 1.0 - 1e-9  # share of the largest b from which on there is no choice
+BELOW_TOP = 1.0 - 1e-7  # share of the largest b that is used: at it, the only choice left is hard to find
 NO_COST = Costs(np.zeros((0, 0)), np.zeros(0))
 RATE, LATER = "rate", "later speed"
 
@@ -265,13 +265,13 @@ def _reached(parts: Sequence[Interval]) -> tuple[Array, Array, Array, list[dict[
     for i, part in enumerate(parts):
         share = b[i] / top[i] if top[i] > 0.0 else 0.0
         a[i], shares = share * slope[i], before[i]  # possible, since the limits are convex
-        if share < AT_TOP and top[i + 1] > 0.0:
+        if top[i + 1] > 0.0:
             done, names = part.largest(float(top[i + 1]), float(b[i]))
             if done.verdict is Verdict.OPTIMAL and done.v[-2] >= a[i]:
                 a[i], shares = done.v[-2], _shares(done, names)
                 if max(shares, key=lambda name: shares[name], default="") == LATER:
                     shares = before[i + 1]
-        b[i + 1] = min(max(b[i] + 2.0 * part.width * a[i], 0.0), top[i + 1])
+        b[i + 1] = min(max(b[i] + 2.0 * part.width * a[i], 0.0), BELOW_TOP * top[i + 1])
         a[i] = (b[i + 1] - b[i]) / (2.0 * part.width)
         mentioned = {name: x for name, x in shares.items() if name not in ("", LATER) and x >= MENTIONED_SHARE}
         limited_by.append(dict(sorted(mentioned.items(), key=lambda pair: -pair[1])))
