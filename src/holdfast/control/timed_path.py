@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.control.paths import ObjectPath, Target, path_function
+from holdfast.control.paths import ObjectPath, Target, path_function, quintic
 from holdfast.dynamics.closing import close
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.forces.acceleration_map import ObjectTask, acceleration_map, motion_without_torques
@@ -17,15 +17,93 @@ from holdfast.forces.path_timing import INSIDE, PathPoint, fastest_timing, path_
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.frozen import ArrayField, Frozen
+from holdfast.spatial.frozen import ArrayField, Frozen, frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit, shaped_inputs
 
 STANDING = 1e-6  # of the path's mean speed, below which it stands
+OFF_REST = 1e-3  # share of the span by which derivatives stay away from the ends of a path that rests there
 EVEN = 1e-6  # relative difference of torques at opposite velocities from which on there are dampers
 MOST_NODES = 10_000
+INVERSE_STEPS = 12
 
 Joints = tuple[Array, Array, Array]
+
+
+class Route(NamedTuple):
+    """A path of object and joints by its share u, from 0 to 1.
+
+    If the path rests at both ends, so that its derivatives vanish there, s is a quintic's inverse of u, which makes
+    that of `RestToRest` straight.
+
+    Attributes:
+        path: the object's target as a function of s.
+        joints: joint positions and their first two derivatives as a function of s, (n,) each.
+        first: s at u = 0.
+        length: length of the span of s.
+        rests: whether the path rests at both ends.
+    """
+
+    path: Callable[[float], Target]
+    joints: Callable[[float], Joints]
+    first: float
+    length: float
+    rests: bool
+
+    def place(self, u: float) -> tuple[float, float, float, float]:
+        """Return s, and ds/du and d2s/du2 with the s they belong to, which stays off the ends if the path rests."""
+        if not self.rests:
+            return self.first + self.length * u, self.first + self.length * u, self.length, 0.0
+        x = _inverse_quintic(u)
+        near = min(max(x, OFF_REST), 1.0 - OFF_REST)
+        _, rate, second = quintic(near)
+        slope = self.length / rate
+        return self.first + self.length * x, self.first + self.length * near, slope, -slope * second / rate**2
+
+    def object_at(self, u: float) -> Target:
+        """Return the object's target with u as time."""
+        s, near, slope, curve = self.place(u)
+        at = self.path(near)
+        acceleration = slope**2 * at.acceleration + curve * at.twist
+        return Target(at.pose if s == near else self.path(s).pose, slope * at.twist, acceleration)
+
+    def joints_at(self, u: float) -> Joints:
+        """Return joint positions and their derivatives by u."""
+        s, near, slope, curve = self.place(u)
+        q, first, second = self.joints(near)
+        return (q if s == near else self.joints(s)[0]), slope * first, slope**2 * second + curve * first
+
+
+class GivenJoints(NamedTuple):
+    """Joint positions and two derivatives from a function, checked."""
+
+    given: Callable[[float], Any]
+    count: int
+
+    def __call__(self, s: float) -> Joints:
+        """Return them at s.
+
+        Raises:
+            ModelError, StateError: the function returns something else.
+        """
+        found = self.given(s)
+        if not isinstance(found, tuple) or len(found) != 3:
+            raise ModelError(
+                f"time_path: joints: expected a tuple of q and its first two derivatives, got {checks.short(found)}"
+            )
+        q, slope, curve = (checks.numbers(x, (self.count,), "time_path: joints", StateError) for x in found)
+        return q, slope, curve
+
+
+class JointSpline(NamedTuple):
+    """Joint positions and two derivatives from a spline through closed states."""
+
+    pieces: tuple[Any, Any, Any]
+
+    def __call__(self, s: float) -> Joints:
+        """Return them at s."""
+        q, slope, curve = (piece(s) for piece in self.pieces)
+        return q, slope, curve
 
 
 @called
@@ -33,29 +111,31 @@ Joints = tuple[Array, Array, Array]
 class TimedPath(Frozen):
     """A path with its fastest timing, from rest to rest, from `time_path`.
 
-    Between two nodes s'' is constant.
+    Between two nodes u'' is constant, where u is the share of the path.
 
     Attributes:
         chain: the chain.
-        path: the object's target as a function of s.
-        joints: joint positions and their first two derivatives as a function of s, (n,) each.
-        s: (m,) nodes.
+        route: the path of object and joints by u.
+        u: (m,) nodes, from 0 to 1.
         t: (m,) times at the nodes, from 0 [s].
-        rate: (m,) s' at the nodes [1/s].
-        fastest: (m,) largest s' from which the path can be continued to rest [1/s].
+        rate: (m,) u' at the nodes [1/s].
+        fastest: (m,) largest u' from which the path can be continued to rest [1/s].
         limited_by: of each of the m - 1 intervals, the limits that bound its speed, by name, with their shares.
         room: (m - 1, 3) force by which all limits on forces could still be tightened at places between the nodes [N].
     """
 
     chain: ClosedChain
-    path: Callable[[float], Target]
-    joints: Callable[[float], Joints]
-    s: ArrayField
+    route: Route
+    u: ArrayField
     t: ArrayField
     rate: ArrayField
     fastest: ArrayField
     limited_by: tuple[Mapping[str, float], ...]
     room: ArrayField
+
+    def __post_init__(self) -> None:
+        for name in ("u", "t", "rate", "fastest", "room"):
+            object.__setattr__(self, name, checks.read_only(getattr(self, name)))
 
     @property
     def duration(self) -> float:
@@ -64,7 +144,7 @@ class TimedPath(Frozen):
 
     @property
     def violation(self) -> float:
-        """Largest force by which limits are passed between nodes [N], at most 1e-3 N."""
+        """Largest force by which limits are passed between nodes [N]."""
         return max(0.0, -float(self.room.min()))
 
     def at(self, t: float) -> Target:
@@ -73,8 +153,8 @@ class TimedPath(Frozen):
         Raises:
             ModelError: no finite number.
         """
-        s, rate, second = self.parameter(t)
-        place = self.path(s)
+        u, rate, second = self.share_at(t)
+        place = self.route.object_at(u)
         return Target(place.pose, rate * place.twist, rate**2 * place.acceleration + second * place.twist)
 
     def joints_at(self, t: float) -> Joints:
@@ -83,8 +163,8 @@ class TimedPath(Frozen):
         Raises:
             ModelError: no finite number.
         """
-        s, rate, second = self.parameter(t)
-        q, slope, curve = self.joints(s)
+        u, rate, second = self.share_at(t)
+        q, slope, curve = self.route.joints_at(u)
         return q, rate * slope, rate**2 * curve + second * slope
 
     def state_at(self, t: float) -> State:
@@ -93,28 +173,27 @@ class TimedPath(Frozen):
         Raises:
             ModelError: no finite number.
         """
-        (q, qd, _), place = self.joints_at(t), self.at(t)
-        return _closed(self.chain, q, qd, place)
+        q, qd, _ = self.joints_at(t)
+        return _closed(self.chain, q, qd, self.at(t))
 
-    def parameter(self, t: float) -> tuple[float, float, float]:
-        """Return s, s' and s'' at time t [s].
+    def share_at(self, t: float) -> tuple[float, float, float]:
+        """Return u, u' and u'' at time t [s].
 
         Raises:
             ModelError: no finite number.
         """
         t = checks.number(t, "timed path: t")
-        inside = float(np.clip(t, 0.0, self.t[-1]))
-        i = min(max(int(np.searchsorted(self.t, inside, side="right")) - 1, 0), len(self.t) - 2)
-        after, span = inside - self.t[i], self.t[i + 1] - self.t[i]
+        if not 0.0 <= t <= self.duration:
+            return float(t > 0.0), 0.0, 0.0
+        i = min(int(np.searchsorted(self.t, t, side="right")), len(self.t) - 1) - 1
+        after, span = t - self.t[i], self.t[i + 1] - self.t[i]
         second = float(self.rate[i + 1] - self.rate[i]) / span
-        s = float(self.s[i] + after * (self.rate[i] + 0.5 * second * after))
-        if inside != t:
-            return s, 0.0, 0.0
-        return s, float(self.rate[i] + second * after), second
+        u = self.u[i] + after * (self.rate[i] + 0.5 * second * after)
+        return float(min(u, 1.0)), float(self.rate[i] + second * after), second
 
     def __repr__(self) -> str:
         """Return the duration and the number of nodes, on one line."""
-        return f"<TimedPath: {self.duration:.4g} s, {len(self.s)} nodes>"
+        return f"<TimedPath: {self.duration:.4g} s, {len(self.u)} nodes>"
 
 
 @np.errstate(all="ignore")  # what overflows is refused
@@ -160,28 +239,25 @@ def time_path(
     if not chain.grasps or chain.floats:
         what = "a floating base, whose motion depends on forces" if chain.floats else "no grasp"
         raise MethodNotApplicable(f"time_path: the chain has {what}; try a base in the world, or a grasp")
-    places = _places(span, nodes)
-    at = path_function(path, "time_path: path")
-    targets = [at(float(s)) for s in places]
-    for target in targets:
-        checks.instance(target, Target, "time_path: path: what it returns")
-    along = _continued(chain, joints, places, targets) if isinstance(joints, State) else _function(chain, joints)
-    found = [along(float(s)) for s in places]
-    _require_moving(places, targets, found)
-    states = [_closed(chain, q, slope, target) for (q, slope, _), target in zip(found, targets, strict=True)]
+    first, length = _span(span)
+    if not isinstance(nodes, int) or isinstance(nodes, bool) or not 4 <= nodes <= MOST_NODES:
+        raise ModelError(f"time_path: nodes: expected a whole number from 4 to {MOST_NODES}, got {checks.short(nodes)}")
+    u = np.linspace(0.0, 1.0, (INSIDE + 1) * (nodes - 1) + 1)
+    route = _route(chain, joints, path_function(path, "time_path: path"), first + length * u)
+    points, states = [], []
+    for share in u:
+        (q, slope, curve), target = route.joints_at(float(share)), route.object_at(float(share))
+        states.append(_closed(chain, q, slope, target))
+        s = route.place(float(share))[0]
+        points.append(_point(chain, s, states[-1], curve, target.acceleration, limits))
     _require_even(chain, states[len(states) // 2])
-    points = [
-        _point(chain, float(s), state, curve, target.acceleration, limits)
-        for s, state, (_, _, curve), target in zip(places, states, found, targets, strict=True)
-    ]
-    width = float(places[-1] - places[0]) / (nodes - 1)
+    width = 1.0 / (nodes - 1)
     timing = fastest_timing(points, width)
-    rate, knots = np.sqrt(timing.b), places[:: INSIDE + 1]
+    rate = np.sqrt(timing.b)
     t = np.concatenate([[0.0], np.cumsum(2.0 * width / (rate[1:] + rate[:-1]))])
     checks.finite(t, "time_path")
-    return TimedPath(
-        chain, at, along, knots, t, rate, np.sqrt(timing.top), tuple(timing.limited_by), timing.room
-    )
+    limited_by, fastest = tuple(frozen(each) for each in timing.limited_by), np.sqrt(timing.top)
+    return TimedPath(chain, route, u[:: INSIDE + 1], t, rate, fastest, limited_by, timing.room)
 
 
 def _timeless(limits: ForceLimits | None) -> ForceLimits:
@@ -194,35 +270,48 @@ def _timeless(limits: ForceLimits | None) -> ForceLimits:
     return limits
 
 
-def _places(span: Any, nodes: Any) -> Array:
-    """Return the places of the nodes and those between them."""
-    begin, end = checks.numbers(span, (2,), "time_path: span").tolist()
-    if not begin < end:
-        raise ModelError(f"time_path: span: expected first < last, got {begin:g} and {end:g}")
-    if not isinstance(nodes, int) or isinstance(nodes, bool) or not 4 <= nodes <= MOST_NODES:
-        raise ModelError(f"time_path: nodes: expected a whole number from 4 to {MOST_NODES}, got {checks.short(nodes)}")
-    return np.linspace(begin, end, (INSIDE + 1) * (nodes - 1) + 1)
+def _span(span: Any) -> tuple[float, float]:
+    """Return the first s and the length of a span."""
+    first, last = checks.numbers(span, (2,), "time_path: span").tolist()
+    if not first < last:
+        raise ModelError(f"time_path: span: expected first < last, got {first:g} and {last:g}")
+    return first, last - first
 
 
-def _function(chain: ClosedChain, joints: Any) -> Callable[[float], Joints]:
-    """Return a joint path as a function that returns checked arrays."""
-    given = path_function(joints, "time_path: joints")
+def _route(chain: ClosedChain, joints: Any, path: Callable[[float], Any], places: Array) -> Route:
+    """Return the path of object and joints by its share.
 
-    def at(s: float) -> Joints:
-        found = given(s)
-        if not isinstance(found, tuple) or len(found) != 3:
-            raise ModelError(
-                f"time_path: joints: expected a tuple of q and its first two derivatives, got {checks.short(found)}"
-            )
-        q, slope, curve = (checks.numbers(x, (chain.joint_count,), "time_path: joints", StateError) for x in found)
-        return q, slope, curve
+    Raises:
+        ModelError: it stands elsewhere than at both ends.
+    """
+    targets = [path(float(s)) for s in places]
+    for target in targets:
+        checks.instance(target, Target, "time_path: path: what it returns")
+    still = _standing([target.twist for target in targets])
+    if isinstance(joints, State):
+        at = _continued(chain, joints, places, targets, bool(still[0] and still[-1]))
+    else:
+        at = GivenJoints(path_function(joints, "time_path: joints"), chain.joint_count)
+        still &= _standing([at(float(s))[1] for s in places])
+    rests = bool(still[0] and still[-1])
+    if still[1:-1].any() or still[0] != still[-1]:
+        s = places[1:-1][still[1:-1]][0] if still[1:-1].any() else places[0 if still[0] else -1]
+        raise ModelError(
+            f"time_path: path: expected one that moves everywhere, or rests at both ends only; it stands at s = {s:g}."
+            " Try one path from rest to rest after the other"
+        )
+    return Route(path, at, float(places[0]), float(places[-1] - places[0]), rests)
 
-    return at
+
+def _standing(rates: list[Array]) -> Array:
+    """Return where a path stands, (m,) booleans."""
+    speeds = np.linalg.norm(rates, axis=1)
+    return ~(speeds > STANDING * speeds.mean())
 
 
 def _continued(
-    chain: ClosedChain, start: State, places: Array, targets: list[Target]
-) -> Callable[[float], Joints]:
+    chain: ClosedChain, start: State, places: Array, targets: list[Target], rests: bool
+) -> JointSpline:
     """Return the joint path through the closed states nearest to each other."""
     from scipy.interpolate import make_interp_spline  # imported here because it takes half a second
 
@@ -231,9 +320,9 @@ def _continued(
     for target in targets:
         q = _closed(chain, q, np.zeros_like(q), target).q
         found.append(q)
-    whole = make_interp_spline(places, np.array(found), k=5)
-    slope, curve = whole.derivative(), whole.derivative(2)
-    return lambda s: (whole(s), slope(s), curve(s))
+    still = [(1, np.zeros_like(q)), (2, np.zeros_like(q))]
+    whole = make_interp_spline(places, np.array(found), k=5, bc_type=(still, still) if rests else None)
+    return JointSpline((whole, whole.derivative(), whole.derivative(2)))
 
 
 def _closed(chain: ClosedChain, q: Array, qd: Array, target: Target) -> State:
@@ -242,17 +331,15 @@ def _closed(chain: ClosedChain, q: Array, qd: Array, target: Target) -> State:
     return close(chain, guess, hold_object=True, hold_trunk=False)
 
 
-def _require_moving(places: Array, targets: list[Target], found: list[Joints]) -> None:
-    """Refuse a path that stands somewhere, where all speeds would be equal."""
-    speeds = np.array(
-        [np.linalg.norm([*target.twist, *slope]) for target, (_, slope, _) in zip(targets, found, strict=True)]
-    )
-    k = int(np.argmin(speeds))
-    if not speeds[k] > STANDING * speeds.mean():
-        raise ModelError(
-            f"time_path: path: expected one that moves everywhere, got one that stands at s = {places[k]:g}; give the"
-            " same line with a constant speed: the timing begins and ends at rest by itself"
-        )
+def _inverse_quintic(u: float) -> float:
+    """Return x with quintic(x) = u in 0..1, by Newton steps from the side of the nearer end."""
+    if u > 0.5:
+        return 1.0 - _inverse_quintic(1.0 - u)
+    x = float(np.cbrt(0.1 * u))  # below the solution, where the quintic is convex
+    for _ in range(INVERSE_STEPS):
+        value, rate, _ = quintic(x)
+        x = min(x - (value - u) / rate, 0.5) if rate > 0.0 else 0.0
+    return float(x)
 
 
 def _require_even(chain: ClosedChain, state: State) -> None:
