@@ -121,7 +121,8 @@ class TimedPath(Frozen):
         rate: (m,) u' at the nodes [1/s].
         fastest: (m,) largest u' from which the path can be continued to rest [1/s].
         limited_by: of each of the m - 1 intervals, the limits that bound its speed, by name, with their shares.
-        room: (m - 1, 3) force by which all limits on forces could still be tightened at places between the nodes [N].
+        room: (m - 1,) force by which all limits on forces could still be tightened throughout each interval, with
+            other internal forces [N]; at least -1e-3 N.
     """
 
     chain: ClosedChain
@@ -141,11 +142,6 @@ class TimedPath(Frozen):
     def duration(self) -> float:
         """The time that the path takes [s]."""
         return float(self.t[-1])
-
-    @property
-    def violation(self) -> float:
-        """Largest force by which limits are passed between nodes [N]."""
-        return max(0.0, -float(self.room.min()))
 
     def at(self, t: float) -> Target:
         """Return the object's target at time t [s]; it rests before and after the path.

@@ -8,8 +8,11 @@ its ends, each with its own x:
     forward    a_i   = max a    subject to the same at b = b_i
 
 Where holding is possible, the limits are convex sets in (x, a, b) with a = b = 0 inside, so that every b from 0 to
-top_i can be continued to rest. Between the ends limits are passed by the curvature of their rows, of second order in D.
-The least violation there, with forces of their own, is measured, and the limits of the interval tightened by it.
+top_i can be continued to rest, and a slower motion of the same shape, lambda (a, b) with lambda < 1, is possible, too.
+
+Between the ends limits are passed by the curvature of their rows, of second order in D. The least violation v at places
+there, with forces of their own, and the bulge between places by second differences, are measured; the interval is then
+slowed down by the lambda for which v, convex in lambda, is at most minus the bulge.
 
 Reference:
     H. Pham, Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis, IEEE
@@ -44,8 +47,8 @@ from holdfast.state import State, shaped_inputs
 
 INSIDE = 3  # places between two nodes at which limits are measured
 PASSED = 5e-4  # N by which limits may be passed there
-TIGHTER = 1.2  # measured violations are made up for by this factor
-MOST_ROUNDS = 8
+MOST_ROUNDS = 20
+SLOWEST, LEAST_CHANGE = 0.5, 1e-4  # smallest lambda of a round, and smallest change
 BELOW_TOP = 1.0 - 1e-7  # share of the largest b that is used: at it, the only choice left is hard to find
 NO_COST = Costs(np.zeros((0, 0)), np.zeros(0))
 RATE, LATER = "rate", "later speed"
@@ -138,7 +141,7 @@ class Timing(NamedTuple):
         a: (intervals,) s''.
         top: (nodes,) largest b from which the path can be continued to rest.
         limited_by: of each interval, the names of the limits that matter, by their shares.
-        room: (intervals, INSIDE) force by which all limits could be tightened between the nodes [N].
+        room: (intervals,) force by which all limits on forces could be tightened everywhere in it [N].
     """
 
     b: Array
@@ -154,12 +157,12 @@ class Interval(NamedTuple):
     Attributes:
         points: both ends, and the places between them.
         width: D.
-        slack: force by which the limits are tightened [N].
+        slower: lambda, by which limits on forces shrink in a and b.
     """
 
     points: Sequence[PathPoint]
     width: float
-    slack: float
+    slower: float
 
     @property
     def size(self) -> int:
@@ -179,12 +182,22 @@ class Interval(NamedTuple):
         for k, (point, x) in enumerate(zip(self.points, places, strict=True)):
             along = 2.0 * self.width * k / (len(self.points) - 1)
             for limit in point.limits if k in (0, len(self.points) - 1) else point.limits[len(point.forces) :]:
-                G, h = np.zeros((len(limit.h), self.size)), limit.h.copy()
+                G = np.zeros((len(limit.h), self.size))
                 G[:, x] = limit.G[:, :-2] if x.stop > x.start else 0.0
                 G[:, -2:] = limit.G[:, -2:] @ np.array([[1.0, 0.0], [along, 1.0]])
-                h[0] -= 0.0 if limit.what == RATE else limit.weight * self.slack
-                found.append(limit._replace(G=G, h=h))
+                G[:, -2:] /= 1.0 if limit.what == RATE else self.slower
+                found.append(limit._replace(G=G))
         return found
+
+    def violations(self, a: float, b: float) -> Array:
+        """Return by how much limits on forces have to be passed at all places of the interval [N]."""
+        ends = np.linspace(b, b + 2.0 * self.width * a, len(self.points))
+        return np.array(
+            [
+                _least_violation(point, a, x).extra * point.found.force if point.forces else -np.inf
+                for point, x in zip(self.points, ends, strict=True)
+            ]
+        )
 
     def largest(self, top: float, b: float | None = None) -> tuple[Solved, list[str]]:
         """Return y with the largest b, or for a given b > 0 with the largest a; and the names of the limits.
@@ -222,33 +235,48 @@ def fastest_timing(points: Sequence[PathPoint], width: float) -> Timing:
     Raises:
         StateError: somewhere the limits cannot be kept even at rest, or no limit bounds the speed.
     """
-    step = INSIDE + 1
-    slack = np.zeros((len(points) - 1) // step)
+    step, held = INSIDE + 1, np.array([_held(point) for point in points])
+    points = _with_lower_rates(points)
+    parts = [Interval(points[i : i + step + 1], width, 1.0) for i in range(0, len(points) - 1, step)]
     for _ in range(MOST_ROUNDS):
-        parts = [
-            Interval(points[step * i : step * i + step + 1], width, float(more)) for i, more in enumerate(slack)
-        ]
         b, a, top, limited_by = _reached(parts)
-        room = np.array(
-            [
-                [-_violation(point, a[i], b[i] + 2.0 * width * a[i] * k / step)[0] for k, point in inner(part)]
-                for i, part in enumerate(parts)
-            ]
-        )
-        passed = -room.min(axis=1)
-        if passed.max() <= PASSED:
-            return Timing(b, a, top, limited_by, room)
-        slack += np.where(passed > 0.5 * PASSED, TIGHTER * passed + 0.1 * PASSED, 0.0)
-    i = int(np.argmax(passed))
+        passed = np.array([part.violations(*start) for part, *start in zip(parts, a, b[:-1], strict=True)])
+        above = _above(passed)
+        peaks = np.maximum(passed[:, :-1], passed[:, 1:]) + above
+        if peaks.max() <= PASSED:
+            return Timing(b, a, top, limited_by, -peaks.max(axis=1))
+        goals = np.minimum(0.0, 0.5 * PASSED - np.maximum(np.pad(above, ((0, 0), (1, 0))), np.pad(above, ((0, 0), (0, 1)))))
+        for i in np.flatnonzero(peaks.max(axis=1) > PASSED):
+            at_rest = held[step * i : step * i + step + 1]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                possible = np.where(passed[i] > goals[i], (goals[i] - at_rest) / (passed[i] - at_rest), 1.0).min()
+            less = min(max(float(possible), SLOWEST), 1.0 - LEAST_CHANGE)
+            parts[i] = parts[i]._replace(slower=less * parts[i].slower)
+    i = int(np.argmax(peaks.max(axis=1)))
     raise StateError(
-        f"time_path: between s = {points[step * i].s:g} and {points[step * i + step].s:g} limits are passed by"
-        f" {passed[i]:.2g} N; try more nodes"
+        f"time_path: between s = {parts[i].points[0].s:g} and {parts[i].points[-1].s:g} limits are passed by"
+        f" {peaks[i].max():.2g} N; try more nodes"
     )
 
 
-def inner(part: Interval) -> list[tuple[int, PathPoint]]:
-    """Return the places between the nodes with their numbers."""
-    return list(enumerate(part.points))[1:-1]
+def _above(passed: Array) -> Array:
+    """Return by how much each row's values rise between two places above both, by a parabola, (rows, places - 1)."""
+    curve = np.pad(np.maximum(0.0, -np.diff(passed, 2, axis=1)), ((0, 0), (1, 1)))
+    bulge = np.maximum(curve[:, :-1], curve[:, 1:]) / 8.0
+    slope = np.abs(np.diff(passed, axis=1)) / np.where(bulge > 0.0, 4.0 * bulge, 1.0)
+    return bulge * np.maximum(0.0, 1.0 - slope) ** 2
+
+
+def _with_lower_rates(points: Sequence[PathPoint]) -> list[PathPoint]:
+    """Return the places with the largest b lowered by as much as it sags between them, by second differences."""
+    most = np.array([one.limits[-1].h[0] if len(one.limits) > len(one.forces) else np.inf for one in points])
+    if not np.isfinite(most).all():
+        return list(points)
+    sag = np.pad(np.maximum(0.0, np.diff(most, 2)) / 8.0, 1, mode="edge")
+    lower = np.maximum(most - sag, 0.5 * most)
+    return [
+        one._replace(limits=[*one.forces, one.limits[-1]._replace(h=lower[k : k + 1])]) for k, one in enumerate(points)
+    ]
 
 
 def _reached(parts: Sequence[Interval]) -> tuple[Array, Array, Array, list[dict[str, float]]]:
@@ -258,7 +286,7 @@ def _reached(parts: Sequence[Interval]) -> tuple[Array, Array, Array, list[dict[
     for i in reversed(range(count)):
         done, names = parts[i].largest(float(top[i + 1]))
         if done.verdict is not Verdict.OPTIMAL:
-            raise _refused(parts[i], done.verdict)
+            raise StateError(_not_found(done.verdict, parts[i]))
         slope[i], top[i] = done.v[-2], max(float(done.v[-1]), 0.0)
         before[i] = _shares(done, names)
     b, a, limited_by = np.zeros(count + 1), np.zeros(count), []
@@ -286,31 +314,38 @@ def _shares(done: Solved, names: list[str]) -> dict[str, float]:
     return found
 
 
-def _violation(point: PathPoint, a: float, b: float) -> tuple[float, Solved | None]:
-    """Return by how much limits on forces have to be passed [N], negative if there is room, and the answer."""
-    if not point.forces:
-        return -np.inf, None
+def _least_violation(point: PathPoint, a: float, b: float) -> Solved:
+    """Return by how much limits on forces have to be passed at a place, negative if there is room."""
     start = np.concatenate([np.zeros(point.free), [a, b]])
     y = point.found._replace(v0=start, N=np.eye(point.free + 2)[:, :-2])
-    done = answer(posed("violation", y, point.forces, NO_COST))
-    return (-np.inf if done.verdict is Verdict.UNBOUNDED else done.extra * y.force), done
+    return answer(posed("violation", y, point.forces, NO_COST))
 
 
-def _refused(part: Interval, verdict: Verdict) -> StateError:
-    """Return the error for an interval that cannot be passed."""
+def _held(point: PathPoint) -> float:
+    """Return the violation at rest [N].
+
+    Raises:
+        StateError: the object cannot be held.
+    """
+    if not point.forces:
+        return -np.inf
+    done, force = _least_violation(point, 0.0, 0.0), point.found.force
+    lack = -np.inf if done.verdict is Verdict.UNBOUNDED else done.extra * force
+    if lack > PASSED:
+        words = [limit.words for limit in point.forces]
+        proof = certificate(words, done.parts, lack, done.dual_residual * force)
+        raise StateError(f"time_path: at s = {point.s:g} the object cannot even be held: {proof.words}")
+    return lack
+
+
+def _not_found(verdict: Verdict, part: Interval) -> str:
+    """Return why there is no largest speed."""
     if verdict is Verdict.UNBOUNDED:
-        return StateError(
+        return (
             f"time_path: no limit bounds the speed at s = {part.points[0].s:g}; try effort limits or rate limits of"
             " joints"
         )
-    for point in part.points:
-        lack, done = _violation(point, 0.0, 0.0)
-        if lack > PASSED and done is not None:
-            force = point.found.force
-            words = [limit.words for limit in point.forces]
-            proof = certificate(words, done.parts, lack, done.dual_residual * force)
-            return StateError(f"time_path: at s = {point.s:g} the object cannot even be held: {proof.words}")
-    return StateError(
-        f"time_path: from s = {part.points[0].s:g} to {part.points[-1].s:g} the limits leave too little room"
-        " to hold the object; try more nodes"
+    return (
+        f"time_path: from s = {part.points[0].s:g} to {part.points[-1].s:g} the limits leave no room that rounding does"
+        " not hide; try more nodes, or wider limits"
     )
