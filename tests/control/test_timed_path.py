@@ -1,22 +1,16 @@
 """Fastest timings: closed forms, laws of scale and reversal, limits between the nodes, a joint programme, refusals."""
 
 import functools
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.control import PoseSpline, RestToRest
 from holdfast.control.paths import Target
-from holdfast.errors import HoldfastError, MethodNotApplicable, ModelError, StateError
 from holdfast.forces import ForceLimits, distribute
-from holdfast.forces.path_timing import fastest_timing
 from holdfast.robots import ur5e
 from holdfast.spatial import rotation
-from tests.control.two_pandas import rubber_pandas
-from tests.model.parts import BOX, arm
 
 WIDTH, RADIUS = 0.2, 0.12
 

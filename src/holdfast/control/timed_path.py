@@ -13,7 +13,7 @@ from holdfast.dynamics.closing import close
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.forces.acceleration_map import ObjectTask, acceleration_map, motion_without_torques
 from holdfast.forces.limits import ForceLimits
-from holdfast.forces.path_timing import INSIDE, PathPoint, fastest_timing, path_point
+from holdfast.forces.path_timing import PathPoint, fastest_timing, path_point
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -26,6 +26,7 @@ OFF_REST = 1e-3  # share of the span by which derivatives stay away from the end
 EVEN = 1e-6  # relative difference of torques at opposite velocities from which on there are dampers
 MOST_NODES = 10_000
 INVERSE_STEPS = 12
+SAMPLES = 4  # of the joint path per node
 
 Joints = tuple[Array, Array, Array]
 
@@ -217,7 +218,7 @@ def time_path(
         path: function of s that returns the object's target at s' = 1, s'' = 0, or a path object; it must not stand.
         limits: the limits; rates are those of the joints.
         span: first and last s.
-        nodes: number of nodes.
+        nodes: number of nodes; intervals in which limits bend much are halved.
 
     Raises:
         StateError: the object cannot be held somewhere on the path; the message names the limits that conflict. Or no
@@ -238,22 +239,17 @@ def time_path(
     first, length = _span(span)
     if not isinstance(nodes, int) or isinstance(nodes, bool) or not 4 <= nodes <= MOST_NODES:
         raise ModelError(f"time_path: nodes: expected a whole number from 4 to {MOST_NODES}, got {checks.short(nodes)}")
-    u = np.linspace(0.0, 1.0, (INSIDE + 1) * (nodes - 1) + 1)
-    route = _route(chain, joints, path_function(path, "time_path: path"), first + length * u)
-    points, states = [], []
-    for share in u:
-        (q, slope, curve), target = route.joints_at(float(share)), route.object_at(float(share))
-        states.append(_closed(chain, q, slope, target))
-        s = route.place(float(share))[0]
-        points.append(_point(chain, s, states[-1], curve, target.acceleration, limits))
-    _require_even(chain, states[len(states) // 2])
-    width = 1.0 / (nodes - 1)
-    timing = fastest_timing(points, width)
+    u = np.linspace(0.0, 1.0, nodes)
+    route = _route(
+        chain, joints, path_function(path, "time_path: path"), first + length * np.linspace(0.0, 1.0, 4 * nodes)
+    )
+    _require_even(chain, _state(chain, route, 0.5))
+    timing = fastest_timing(lambda share: _point(chain, route, share, limits), np.linspace(0.0, 1.0, nodes))
     rate = np.sqrt(timing.b)
-    t = np.concatenate([[0.0], np.cumsum(2.0 * width / (rate[1:] + rate[:-1]))])
+    t = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(timing.u) / (rate[1:] + rate[:-1]))])
     checks.finite(t, "time_path")
     limited_by, fastest = tuple(frozen(each) for each in timing.limited_by), np.sqrt(timing.top)
-    return TimedPath(chain, route, u[:: INSIDE + 1], t, rate, fastest, limited_by, timing.room)
+    return TimedPath(chain, route, timing.u, t, rate, fastest, limited_by, timing.room)
 
 
 def _timeless(limits: ForceLimits | None) -> ForceLimits:
@@ -305,9 +301,7 @@ def _standing(rates: list[Array]) -> Array:
     return ~(speeds > STANDING * speeds.mean())
 
 
-def _continued(
-    chain: ClosedChain, start: State, places: Array, targets: list[Target], rests: bool
-) -> JointSpline:
+def _continued(chain: ClosedChain, start: State, places: Array, targets: list[Target], rests: bool) -> JointSpline:
     """Return the joint path through the closed states nearest to each other."""
     from scipy.interpolate import make_interp_spline  # imported here because it takes half a second
 
@@ -356,11 +350,17 @@ def _require_even(chain: ClosedChain, state: State) -> None:
         )
 
 
-def _point(
-    chain: ClosedChain, s: float, state: State, curve: Array, acceleration: Array, limits: ForceLimits
-) -> PathPoint:
-    """Return the limits at a place; an error names the place."""
+def _state(chain: ClosedChain, route: Route, u: float) -> State:
+    """Return the closed state at a share of the path with u' = 1."""
+    q, slope, _ = route.joints_at(u)
+    return _closed(chain, q, slope, route.object_at(u))
+
+
+def _point(chain: ClosedChain, route: Route, u: float, limits: ForceLimits) -> PathPoint:
+    """Return the limits at a share of the path; an error names the place."""
+    curve, acceleration = route.joints_at(u)[2], route.object_at(u).acceleration
+    s = route.place(u)[0]
     try:
-        return path_point(chain, s, state, curve, acceleration, limits)
+        return path_point(chain, u, s, _state(chain, route, u), curve, acceleration, limits)
     except StateError as error:
         raise StateError(f"time_path: at s = {s:g}: {error}") from error

@@ -4,15 +4,15 @@ Along a path s, with a = s'' and b = s'^2, all accelerations, wrenches and torqu
 the internal forces. In an interval of width D, a is constant, and b grows by 2 D a. The limits are imposed at both of
 its ends, each with its own x:
 
-    backward   top_i = max b    subject to  (x, a, b) in limits_i, (x', a, b + 2 D a) in limits_i+1, b + 2 D a <= top_i+1
-    forward    a_i   = max a    subject to the same at b = b_i
+    backward  top_i = max b  subject to  (x, a, b) in limits_i, (x', a, b + 2 D a) in limits_i+1, b + 2 D a <= top_i+1
+    forward   a_i = max a    subject to  the same at b = b_i
 
 Where holding is possible, the limits are convex sets in (x, a, b) with a = b = 0 inside, so that every b from 0 to
 top_i can be continued to rest, and a slower motion of the same shape, lambda (a, b) with lambda < 1, is possible, too.
 
 Between the ends limits are passed by the curvature of their rows, of second order in D. The least violation v at places
 there, with forces of their own, and the bulge between places by second differences, are measured; the interval is then
-slowed down by the lambda for which v, convex in lambda, is at most minus the bulge.
+halved, or slowed down by the lambda for which v, convex in lambda, is at most minus the bulge.
 
 Reference:
     H. Pham, Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis, IEEE
@@ -21,8 +21,10 @@ Reference:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -48,7 +50,8 @@ from holdfast.state import State, shaped_inputs
 INSIDE = 3  # places between two nodes at which limits are measured
 PASSED = 5e-4  # N by which limits may be passed there
 MOST_ROUNDS = 20
-SLOWEST, LEAST_CHANGE = 0.5, 1e-4  # smallest lambda of a round, and smallest change
+SLOWEST, LEAST_CHANGE = 0.5, 1e-3  # smallest lambda of a round, and smallest change
+HALVED_BELOW, HALVED_BELOW_WIDTH = 0.99, 1 / 16  # lambda, and least share of the width, of intervals that are halved
 BELOW_TOP = 1.0 - 1e-7  # share of the largest b that is used: at it, the only choice left is hard to find
 NO_COST = Costs(np.zeros((0, 0)), np.zeros(0))
 RATE, LATER = "rate", "later speed"
@@ -58,14 +61,18 @@ class PathPoint(NamedTuple):
     """The limits at a place of a path, in the unknowns y = (x, a, b).
 
     Attributes:
-        s: the place.
+        u: the share of the path.
+        s: the place, for messages.
         found: the map at rest.
         limits: the limits, s = h - G y; the last is that of the joint that reaches its rate limit first, if any.
+        at_rest: least violation of limits on forces at rest, negative if there is room [N].
     """
 
+    u: float
     s: float
     found: AccelerationMap
     limits: list[Limit]
+    at_rest: float = -np.inf
 
     @property
     def free(self) -> int:
@@ -79,12 +86,13 @@ class PathPoint(NamedTuple):
 
 
 def path_point(
-    chain: ClosedChain, s: float, state: State, joints: Array, acceleration: Array, limits: ForceLimits
+    chain: ClosedChain, u: float, s: float, state: State, joints: Array, acceleration: Array, limits: ForceLimits
 ) -> PathPoint:
     """Return the limits at a place of a path. O(n^3).
 
     Args:
         chain: the chain.
+        u: the share of the path.
         s: the place.
         state: the closed state there with s' = 1.
         joints: (n,) second derivatives of the joint positions by s; what the grasps contradict is projected out.
@@ -92,7 +100,7 @@ def path_point(
         limits: the limits.
 
     Raises:
-        StateError: the arms cannot give the object this motion.
+        StateError: the arms cannot give the object this motion, or the limits cannot be kept even at rest.
     """
     still = replace(state, qd=np.zeros_like(state.qd), object_twist=np.zeros(6))
     rest, moving = (motion_without_torques(chain, one, shaped_inputs(chain, None)) for one in (still, state))
@@ -119,7 +127,8 @@ def path_point(
         )
         for one, moved in rows
     ]
-    return PathPoint(s, held, [*found, *_rate_limit(chain, state.qd, held.force, x.shape[1])])
+    point = PathPoint(u, s, held, [*found, *_rate_limit(chain, state.qd, held.force, x.shape[1])])
+    return point._replace(at_rest=_held(point))
 
 
 def _rate_limit(chain: ClosedChain, slopes: Array, force: float, free: int) -> list[Limit]:
@@ -137,6 +146,7 @@ class Timing(NamedTuple):
     """The fastest timing of a path.
 
     Attributes:
+        u: (nodes,) shares of the path.
         b: (nodes,) s'^2.
         a: (intervals,) s''.
         top: (nodes,) largest b from which the path can be continued to rest.
@@ -144,6 +154,7 @@ class Timing(NamedTuple):
         room: (intervals,) force by which all limits on forces could be tightened everywhere in it [N].
     """
 
+    u: Array
     b: Array
     a: Array
     top: Array
@@ -156,13 +167,16 @@ class Interval(NamedTuple):
 
     Attributes:
         points: both ends, and the places between them.
-        width: D.
         slower: lambda, by which limits on forces shrink in a and b.
     """
 
     points: Sequence[PathPoint]
-    width: float
     slower: float
+
+    @property
+    def width(self) -> float:
+        """D."""
+        return self.points[-1].u - self.points[0].u
 
     @property
     def size(self) -> int:
@@ -199,6 +213,15 @@ class Interval(NamedTuple):
             ]
         )
 
+    def possible_share(self, passed: Array) -> float:
+        """Return lambda for violations (places,) at lambda = 1."""
+        above = np.pad(_above(passed), 1)
+        goal = np.minimum(0.0, 0.5 * PASSED - np.maximum(above[:-1], above[1:]))
+        at_rest = np.array([point.at_rest for point in self.points])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(passed > goal, (goal - at_rest) / (passed - at_rest), 1.0).min()
+        return min(max(float(share), SLOWEST), 1.0 - LEAST_CHANGE)
+
     def largest(self, top: float, b: float | None = None) -> tuple[Solved, list[str]]:
         """Return y with the largest b, or for a given b > 0 with the largest a; and the names of the limits.
 
@@ -225,58 +248,64 @@ class Interval(NamedTuple):
         return answer(posed("scale", y, limits, NO_COST, v1=way)), [limit.name for limit in limits]
 
 
-def fastest_timing(points: Sequence[PathPoint], width: float) -> Timing:
+def fastest_timing(point_at: Callable[[float], PathPoint], nodes: Array) -> Timing:
     """Return the fastest timing from rest to rest.
 
     Args:
-        points: places at equal distances, of which every (INSIDE + 1)th is a node.
-        width: distance of the nodes.
+        point_at: the limits at a share of the path.
+        nodes: (m,) nodes to begin with; intervals in which limits bend much are halved.
 
     Raises:
         StateError: somewhere the limits cannot be kept even at rest, or no limit bounds the speed.
     """
-    step, held = INSIDE + 1, np.array([_held(point) for point in points])
-    points = _with_lower_rates(points)
-    parts = [Interval(points[i : i + step + 1], width, 1.0) for i in range(0, len(points) - 1, step)]
+    point_at = functools.cache(point_at)
+    parts = [_interval(point_at, float(u), float(v)) for u, v in pairwise(nodes)]
+    least = HALVED_BELOW_WIDTH * float(np.diff(nodes).min())
     for _ in range(MOST_ROUNDS):
         b, a, top, limited_by = _reached(parts)
-        passed = np.array([part.violations(*start) for part, *start in zip(parts, a, b[:-1], strict=True)])
-        above = _above(passed)
-        peaks = np.maximum(passed[:, :-1], passed[:, 1:]) + above
+        passed = [part.violations(*start) for part, *start in zip(parts, a, b[:-1], strict=True)]
+        peaks = np.array([(np.maximum(one[:-1], one[1:]) + _above(one)).max() for one in passed])
         if peaks.max() <= PASSED:
-            return Timing(b, a, top, limited_by, -peaks.max(axis=1))
-        goals = np.minimum(0.0, 0.5 * PASSED - np.maximum(np.pad(above, ((0, 0), (1, 0))), np.pad(above, ((0, 0), (0, 1)))))
-        for i in np.flatnonzero(peaks.max(axis=1) > PASSED):
-            at_rest = held[step * i : step * i + step + 1]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                possible = np.where(passed[i] > goals[i], (goals[i] - at_rest) / (passed[i] - at_rest), 1.0).min()
-            less = min(max(float(possible), SLOWEST), 1.0 - LEAST_CHANGE)
-            parts[i] = parts[i]._replace(slower=less * parts[i].slower)
-    i = int(np.argmax(peaks.max(axis=1)))
+            ends = np.array([parts[0].points[0].u, *(part.points[-1].u for part in parts)])
+            return Timing(ends, b, a, top, limited_by, -peaks)
+        refined = []
+        for part, one, peak in zip(parts, passed, peaks, strict=True):
+            slower = part.slower if peak <= PASSED else part.slower * part.possible_share(one)
+            if slower < HALVED_BELOW and part.width > least:
+                first, middle, last = (
+                    point.u for point in (part.points[0], part.points[len(part.points) // 2], part.points[-1])
+                )
+                refined += [_interval(point_at, first, middle), _interval(point_at, middle, last)]
+            else:
+                refined.append(part._replace(slower=slower))
+        worst = parts[int(np.argmax(peaks))]
+        parts = refined
     raise StateError(
-        f"time_path: between s = {parts[i].points[0].s:g} and {parts[i].points[-1].s:g} limits are passed by"
-        f" {peaks[i].max():.2g} N; try more nodes"
+        f"time_path: between s = {worst.points[0].s:g} and {worst.points[-1].s:g} limits are passed by"
+        f" {peaks.max():.2g} N; try more nodes"
     )
 
 
-def _above(passed: Array) -> Array:
-    """Return by how much each row's values rise between two places above both, by a parabola, (rows, places - 1)."""
-    curve = np.pad(np.maximum(0.0, -np.diff(passed, 2, axis=1)), ((0, 0), (1, 1)))
-    bulge = np.maximum(curve[:, :-1], curve[:, 1:]) / 8.0
-    slope = np.abs(np.diff(passed, axis=1)) / np.where(bulge > 0.0, 4.0 * bulge, 1.0)
-    return bulge * np.maximum(0.0, 1.0 - slope) ** 2
-
-
-def _with_lower_rates(points: Sequence[PathPoint]) -> list[PathPoint]:
-    """Return the places with the largest b lowered by as much as it sags between them, by second differences."""
+def _interval(point_at: Callable[[float], PathPoint], first: float, last: float) -> Interval:
+    """Return an interval, with the largest b lowered by as much as it sags between places, by second differences."""
+    points = [point_at(float(u)) for u in np.linspace(first, last, INSIDE + 2)]
     most = np.array([one.limits[-1].h[0] if len(one.limits) > len(one.forces) else np.inf for one in points])
-    if not np.isfinite(most).all():
-        return list(points)
-    sag = np.pad(np.maximum(0.0, np.diff(most, 2)) / 8.0, 1, mode="edge")
-    lower = np.maximum(most - sag, 0.5 * most)
-    return [
-        one._replace(limits=[*one.forces, one.limits[-1]._replace(h=lower[k : k + 1])]) for k, one in enumerate(points)
-    ]
+    if np.isfinite(most).all():
+        sag = np.pad(np.maximum(0.0, np.diff(most, 2)) / 8.0, 1, mode="edge")
+        lower = np.maximum(most - sag, 0.5 * most)
+        points = [
+            one._replace(limits=[*one.forces, one.limits[-1]._replace(h=lower[k : k + 1])])
+            for k, one in enumerate(points)
+        ]
+    return Interval(points, 1.0)
+
+
+def _above(passed: Array) -> Array:
+    """Return by how much values rise between two places above both, by a parabola, (places - 1,)."""
+    curve = np.pad(np.maximum(0.0, -np.diff(passed, 2)), 1)
+    bulge = np.maximum(curve[:-1], curve[1:]) / 8.0
+    slope = np.abs(np.diff(passed)) / np.where(bulge > 0.0, 4.0 * bulge, 1.0)
+    return bulge * np.maximum(0.0, 1.0 - slope) ** 2
 
 
 def _reached(parts: Sequence[Interval]) -> tuple[Array, Array, Array, list[dict[str, float]]]:
@@ -334,7 +363,7 @@ def _held(point: PathPoint) -> float:
     if lack > PASSED:
         words = [limit.words for limit in point.forces]
         proof = certificate(words, done.parts, lack, done.dual_residual * force)
-        raise StateError(f"time_path: at s = {point.s:g} the object cannot even be held: {proof.words}")
+        raise StateError(f"the object cannot even be held there: {proof.words}")
     return lack
 
 
