@@ -9,6 +9,8 @@ import clarabel
 import numpy as np
 from scipy.sparse import csc_matrix, lil_matrix
 
+from holdfast.control.timed_path import point_on_path
+
 
 def least_time(points, width: float) -> float:
     """Return the least time from rest to rest for the limits in the middle of intervals of this width."""
@@ -47,3 +49,9 @@ def least_time(points, width: float) -> float:
     found = clarabel.DefaultSolver(csc_matrix((size, size)), cost, csc_matrix(A), right, cones, settings).solve()
     assert str(found.status) in ("Solved", "AlmostSolved"), found.status
     return float(found.obj_val)
+
+
+def limits_between(timed, limits, count: int):
+    """Return the limits of a timed path in the middle of as many intervals."""
+    middles = (np.arange(count) + 0.5) / count
+    return [point_on_path(timed.chain, timed.route, float(u), limits) for u in middles]

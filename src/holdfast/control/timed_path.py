@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from holdfast.control.paths import ObjectPath, Target, path_function, quintic
-from holdfast.dynamics.closing import close
+from holdfast.control.path_by_share import Joints, PathByShare, closed_along, path_by_share
+from holdfast.control.paths import ObjectPath, Target, path_function
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.forces.acceleration_map import ObjectTask, acceleration_map, motion_without_torques
 from holdfast.forces.limits import ForceLimits
@@ -18,93 +18,11 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.spatial.frozen import ArrayField, Frozen, frozen
-from holdfast.spatial.scalar import Array
-from holdfast.state import State, require_fit, shaped_inputs
+from holdfast.state import State, shaped_inputs
 
-STANDING = 1e-6  # of the path's mean speed, below which it stands
-OFF_REST = 1e-3  # share of the span by which derivatives stay away from the ends of a path that rests there
 EVEN = 1e-6  # relative difference of torques at opposite velocities from which on there are dampers
-MOST_NODES = 10_000
-INVERSE_STEPS = 12
-SAMPLES = 4  # of the joint path per node
-
-Joints = tuple[Array, Array, Array]
-
-
-class Route(NamedTuple):
-    """A path of object and joints by its share u, from 0 to 1.
-
-    If the path rests at both ends, so that its derivatives vanish there, s is a quintic's inverse of u, which makes
-    that of `RestToRest` straight.
-
-    Attributes:
-        path: the object's target as a function of s.
-        joints: joint positions and their first two derivatives as a function of s, (n,) each.
-        first: s at u = 0.
-        length: length of the span of s.
-        rests: whether the path rests at both ends.
-    """
-
-    path: Callable[[float], Target]
-    joints: Callable[[float], Joints]
-    first: float
-    length: float
-    rests: bool
-
-    def place(self, u: float) -> tuple[float, float, float, float]:
-        """Return s, and ds/du and d2s/du2 with the s they belong to, which stays off the ends if the path rests."""
-        if not self.rests:
-            return self.first + self.length * u, self.first + self.length * u, self.length, 0.0
-        x = _inverse_quintic(u)
-        near = min(max(x, OFF_REST), 1.0 - OFF_REST)
-        _, rate, second = quintic(near)
-        slope = self.length / rate
-        return self.first + self.length * x, self.first + self.length * near, slope, -slope * second / rate**2
-
-    def object_at(self, u: float) -> Target:
-        """Return the object's target with u as time."""
-        s, near, slope, curve = self.place(u)
-        at = self.path(near)
-        acceleration = slope**2 * at.acceleration + curve * at.twist
-        return Target(at.pose if s == near else self.path(s).pose, slope * at.twist, acceleration)
-
-    def joints_at(self, u: float) -> Joints:
-        """Return joint positions and their derivatives by u."""
-        s, near, slope, curve = self.place(u)
-        q, first, second = self.joints(near)
-        return (q if s == near else self.joints(s)[0]), slope * first, slope**2 * second + curve * first
-
-
-class GivenJoints(NamedTuple):
-    """Joint positions and two derivatives from a function, checked."""
-
-    given: Callable[[float], Any]
-    count: int
-
-    def __call__(self, s: float) -> Joints:
-        """Return them at s.
-
-        Raises:
-            ModelError, StateError: the function returns something else.
-        """
-        found = self.given(s)
-        if not isinstance(found, tuple) or len(found) != 3:
-            raise ModelError(
-                f"time_path: joints: expected a tuple of q and its first two derivatives, got {checks.short(found)}"
-            )
-        q, slope, curve = (checks.numbers(x, (self.count,), "time_path: joints", StateError) for x in found)
-        return q, slope, curve
-
-
-class JointSpline(NamedTuple):
-    """Joint positions and two derivatives from a spline through closed states."""
-
-    pieces: tuple[Any, Any, Any]
-
-    def __call__(self, s: float) -> Joints:
-        """Return them at s."""
-        q, slope, curve = (piece(s) for piece in self.pieces)
-        return q, slope, curve
+MOST_TIMED_NODES = 10_000
+SAMPLES_PER_NODE = 4  # of the joint path per node
 
 
 @called
@@ -127,7 +45,7 @@ class TimedPath(Frozen):
     """
 
     chain: ClosedChain
-    route: Route
+    route: PathByShare
     u: ArrayField
     t: ArrayField
     rate: ArrayField
@@ -171,7 +89,7 @@ class TimedPath(Frozen):
             ModelError: no finite number.
         """
         q, qd, _ = self.joints_at(t)
-        return _closed(self.chain, q, qd, self.at(t))
+        return closed_along(self.chain, q, qd, self.at(t))
 
     def share_at(self, t: float) -> tuple[float, float, float]:
         """Return u, u' and u'' at time t [s].
@@ -237,14 +155,14 @@ def time_path(
         what = "a floating base, whose motion depends on forces" if chain.floats else "no grasp"
         raise MethodNotApplicable(f"time_path: the chain has {what}; try a base in the world, or a grasp")
     first, length = _span(span)
-    if not isinstance(nodes, int) or isinstance(nodes, bool) or not 4 <= nodes <= MOST_NODES:
-        raise ModelError(f"time_path: nodes: expected a whole number from 4 to {MOST_NODES}, got {checks.short(nodes)}")
-    u = np.linspace(0.0, 1.0, nodes)
-    route = _route(
-        chain, joints, path_function(path, "time_path: path"), first + length * np.linspace(0.0, 1.0, 4 * nodes)
-    )
+    if not isinstance(nodes, int) or isinstance(nodes, bool) or not 4 <= nodes <= MOST_TIMED_NODES:
+        raise ModelError(
+            f"time_path: nodes: expected a whole number from 4 to {MOST_TIMED_NODES}, got {checks.short(nodes)}"
+        )
+    samples = first + length * np.linspace(0.0, 1.0, SAMPLES_PER_NODE * (nodes - 1) + 1)
+    route = path_by_share(chain, joints, path_function(path, "time_path: path"), samples)
     _require_even(chain, _state(chain, route, 0.5))
-    timing = fastest_timing(lambda share: _point(chain, route, share, limits), np.linspace(0.0, 1.0, nodes))
+    timing = fastest_timing(lambda share: point_on_path(chain, route, share, limits), np.linspace(0.0, 1.0, nodes))
     rate = np.sqrt(timing.b)
     t = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(timing.u) / (rate[1:] + rate[:-1]))])
     checks.finite(t, "time_path")
@@ -270,68 +188,6 @@ def _span(span: Any) -> tuple[float, float]:
     return first, last - first
 
 
-def _route(chain: ClosedChain, joints: Any, path: Callable[[float], Any], places: Array) -> Route:
-    """Return the path of object and joints by its share.
-
-    Raises:
-        ModelError: it stands elsewhere than at both ends.
-    """
-    targets = [path(float(s)) for s in places]
-    for target in targets:
-        checks.instance(target, Target, "time_path: path: what it returns")
-    still = _standing([target.twist for target in targets])
-    if isinstance(joints, State):
-        at = _continued(chain, joints, places, targets, bool(still[0] and still[-1]))
-    else:
-        at = GivenJoints(path_function(joints, "time_path: joints"), chain.joint_count)
-        still &= _standing([at(float(s))[1] for s in places])
-    rests = bool(still[0] and still[-1])
-    if still[1:-1].any() or still[0] != still[-1]:
-        s = places[1:-1][still[1:-1]][0] if still[1:-1].any() else places[0 if still[0] else -1]
-        raise ModelError(
-            f"time_path: path: expected one that moves everywhere, or rests at both ends only; it stands at s = {s:g}."
-            " Try one path from rest to rest after the other"
-        )
-    return Route(path, at, float(places[0]), float(places[-1] - places[0]), rests)
-
-
-def _standing(rates: list[Array]) -> Array:
-    """Return where a path stands, (m,) booleans."""
-    speeds = np.linalg.norm(rates, axis=1)
-    return ~(speeds > STANDING * speeds.mean())
-
-
-def _continued(chain: ClosedChain, start: State, places: Array, targets: list[Target], rests: bool) -> JointSpline:
-    """Return the joint path through the closed states nearest to each other."""
-    from scipy.interpolate import make_interp_spline  # imported here because it takes half a second
-
-    require_fit(chain, start)
-    q, found = start.q, []
-    for target in targets:
-        q = _closed(chain, q, np.zeros_like(q), target).q
-        found.append(q)
-    still = [(1, np.zeros_like(q)), (2, np.zeros_like(q))]
-    whole = make_interp_spline(places, np.array(found), k=5, bc_type=(still, still) if rests else None)
-    return JointSpline((whole, whole.derivative(), whole.derivative(2)))
-
-
-def _closed(chain: ClosedChain, q: Array, qd: Array, target: Target) -> State:
-    """Return the closed state nearest to joint positions and rates, with the object on its path."""
-    guess = State(q, qd, target.pose.wxyz_xyz, target.twist)
-    return close(chain, guess, hold_object=True, hold_trunk=False)
-
-
-def _inverse_quintic(u: float) -> float:
-    """Return x with quintic(x) = u in 0..1, by Newton steps from the side of the nearer end."""
-    if u > 0.5:
-        return 1.0 - _inverse_quintic(1.0 - u)
-    x = float(np.cbrt(0.1 * u))  # below the solution, where the quintic is convex
-    for _ in range(INVERSE_STEPS):
-        value, rate, _ = quintic(x)
-        x = min(x - (value - u) / rate, 0.5) if rate > 0.0 else 0.0
-    return float(x)
-
-
 def _require_even(chain: ClosedChain, state: State) -> None:
     """Refuse torques that are not even in the velocities."""
     opposite = State(state.q, -state.qd, state.object_pose, -state.object_twist)
@@ -350,13 +206,13 @@ def _require_even(chain: ClosedChain, state: State) -> None:
         )
 
 
-def _state(chain: ClosedChain, route: Route, u: float) -> State:
+def _state(chain: ClosedChain, route: PathByShare, u: float) -> State:
     """Return the closed state at a share of the path with u' = 1."""
     q, slope, _ = route.joints_at(u)
-    return _closed(chain, q, slope, route.object_at(u))
+    return closed_along(chain, q, slope, route.object_at(u))
 
 
-def _point(chain: ClosedChain, route: Route, u: float, limits: ForceLimits) -> PathPoint:
+def point_on_path(chain: ClosedChain, route: PathByShare, u: float, limits: ForceLimits) -> PathPoint:
     """Return the limits at a share of the path; an error names the place."""
     curve, acceleration = route.joints_at(u)[2], route.object_at(u).acceleration
     s = route.place(u)[0]

@@ -54,7 +54,7 @@ SLOWEST, LEAST_CHANGE = 0.5, 1e-3  # smallest lambda of a round, and smallest ch
 HALVED_BELOW, HALVED_BELOW_WIDTH = 0.99, 1 / 16  # lambda, and least share of the width, of intervals that are halved
 BELOW_TOP = 1.0 - 1e-7  # share of the largest b that is used: at it, the only choice left is hard to find
 NO_COST = Costs(np.zeros((0, 0)), np.zeros(0))
-RATE, LATER = "rate", "later speed"
+JOINT_RATE, LATER = "rate", "later speed"
 
 
 class PathPoint(NamedTuple):
@@ -82,7 +82,7 @@ class PathPoint(NamedTuple):
     @property
     def forces(self) -> list[Limit]:
         """The limits without that of rates."""
-        return [limit for limit in self.limits if limit.what != RATE]
+        return [limit for limit in self.limits if limit.what != JOINT_RATE]
 
 
 def path_point(
@@ -139,7 +139,9 @@ def _rate_limit(chain: ClosedChain, slopes: Array, force: float, free: int) -> l
     j = int(np.argmin(most))
     if not np.isfinite(most[j]):
         return []
-    return [Limit(chain.joint_names()[j], RATE, "", most[j] / force, np.eye(1, free + 2, free + 1), most[j : j + 1])]
+    return [
+        Limit(chain.joint_names()[j], JOINT_RATE, "", most[j] / force, np.eye(1, free + 2, free + 1), most[j : j + 1])
+    ]
 
 
 class Timing(NamedTuple):
@@ -199,7 +201,7 @@ class Interval(NamedTuple):
                 G = np.zeros((len(limit.h), self.size))
                 G[:, x] = limit.G[:, :-2] if x.stop > x.start else 0.0
                 G[:, -2:] = limit.G[:, -2:] @ np.array([[1.0, 0.0], [along, 1.0]])
-                G[:, -2:] /= 1.0 if limit.what == RATE else self.slower
+                G[:, -2:] /= 1.0 if limit.what == JOINT_RATE else self.slower
                 found.append(limit._replace(G=G))
         return found
 
@@ -261,6 +263,7 @@ def fastest_timing(point_at: Callable[[float], PathPoint], nodes: Array) -> Timi
     point_at = functools.cache(point_at)
     parts = [_interval(point_at, float(u), float(v)) for u, v in pairwise(nodes)]
     least = HALVED_BELOW_WIDTH * float(np.diff(nodes).min())
+    why = ""
     for _ in range(MOST_ROUNDS):
         b, a, top, limited_by = _reached(parts)
         passed = [part.violations(*start) for part, *start in zip(parts, a, b[:-1], strict=True)]
@@ -278,12 +281,12 @@ def fastest_timing(point_at: Callable[[float], PathPoint], nodes: Array) -> Timi
                 refined += [_interval(point_at, first, middle), _interval(point_at, middle, last)]
             else:
                 refined.append(part._replace(slower=slower))
-        worst = parts[int(np.argmax(peaks))]
-        parts = refined
-    raise StateError(
-        f"time_path: between s = {worst.points[0].s:g} and {worst.points[-1].s:g} limits are passed by"
-        f" {peaks.max():.2g} N; try more nodes"
-    )
+        worst, parts = parts[int(np.argmax(peaks))], refined
+        why = (
+            f"time_path: between s = {worst.points[0].s:g} and {worst.points[-1].s:g} limits are passed by"
+            f" {peaks.max():.2g} N; try more nodes"
+        )
+    raise StateError(why)
 
 
 def _interval(point_at: Callable[[float], PathPoint], first: float, last: float) -> Interval:
