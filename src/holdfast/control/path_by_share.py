@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from holdfast.control.paths import Target, path_function, quintic
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closing import close
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_fit
 
@@ -130,13 +133,24 @@ def _standing(rates: list[Array]) -> Array:
 
 
 def _continued(chain: ClosedChain, start: State, places: Array, targets: list[Target], rests: bool) -> JointSpline:
-    """Return the joint path through the closed states nearest to each other."""
+    """Return the joint path through the closed states nearest to each other, in which soft fingers do not roll.
+
+    No spin of a soft finger follows from positions, and a bushing would leave its arm behind; both are held rigidly.
+    """
     from scipy.interpolate import make_interp_spline  # imported here because it takes half a second
 
     require_fit(chain, start)
+    tips, inverse = chain_at_rest(chain, start).arms, start.object_frame.inverse()
+    grasps = {
+        name: Grasp("rigid", inverse @ tips[name].at.tip)
+        if grasp.of_kind.rate_rows or grasp.of_kind.compliant
+        else grasp
+        for name, grasp in chain.grasps.items()
+    }
+    held = replace(chain, grasps=grasps)
     q, found = start.q, []
     for target in targets:
-        q = closed_along(chain, q, np.zeros_like(q), target).q
+        q = closed_along(held, q, np.zeros_like(q), target).q
         found.append(q)
     still = [(1, np.zeros_like(q)), (2, np.zeros_like(q))]
     whole = make_interp_spline(places, np.array(found), k=5, bc_type=(still, still) if rests else None)

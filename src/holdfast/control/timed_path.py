@@ -21,6 +21,7 @@ from holdfast.spatial.frozen import ArrayField, Frozen, frozen
 from holdfast.state import State, shaped_inputs
 
 EVEN = 1e-6  # relative difference of torques at opposite velocities from which on there are dampers
+CONSISTENT = 1e-3  # largest relative difference between the rates of a joint path and those its grasps demand
 MOST_TIMED_NODES = 10_000
 SAMPLES_PER_NODE = 4  # of the joint path per node
 
@@ -207,9 +208,21 @@ def _require_even(chain: ClosedChain, state: State) -> None:
 
 
 def _state(chain: ClosedChain, route: PathByShare, u: float) -> State:
-    """Return the closed state at a share of the path with u' = 1."""
+    """Return the closed state at a share of the path with u' = 1.
+
+    Raises:
+        StateError: the rates of the joint path are not those of its grasps.
+    """
     q, slope, _ = route.joints_at(u)
-    return closed_along(chain, q, slope, route.object_at(u))
+    state = closed_along(chain, q, slope, route.object_at(u))
+    if not np.abs(state.qd - slope).max() <= CONSISTENT * np.abs(state.qd).max():
+        j = int(np.argmax(np.abs(state.qd - slope)))
+        raise StateError(
+            f"time_path: joints: at s = {route.place(u)[0]:g} the grasps demand other rates than the joint path has:"
+            f" {state.qd[j]:.4g} of {chain.joint_names()[j]}, got {slope[j]:.4g}; try the state at the beginning"
+            " instead of joints"
+        )
+    return state
 
 
 def point_on_path(chain: ClosedChain, route: PathByShare, u: float, limits: ForceLimits) -> PathPoint:
