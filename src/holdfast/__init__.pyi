@@ -21,6 +21,7 @@ from .assembly.assemble import assemble as assemble
 from .compiled.chain import compile as compile
 from .control.controller import ControlLaw as ControlLaw
 from .control.holding_torques import holding_torques as holding_torques
+from .control.timed_path import time_path as time_path
 from .dynamics.closing import close as close
 from .dynamics.derivatives import forward_dynamics as forward_dynamics
 from .dynamics.derivatives import forward_dynamics_jacobian as forward_dynamics_jacobian
