@@ -13,6 +13,7 @@ from holdfast.forces.acceleration_map import (
     AccelerationMap,
     ObjectTask,
     acceleration_map,
+    force_scale,
     motion_without_torques,
     scaled_map,
 )
@@ -32,6 +33,7 @@ KEPT = 1e-7  # violations below this, relative to F0, are rounding
 DEARER = 10.0  # factor of a price at which a violation that is not necessary was cheaper
 MOST_RISES = 4
 FORMS = ("elastic", "effort", "margin")
+NOTHING = ObjectTask(np.zeros((0, 6)), np.zeros(0))
 
 
 class ForceQuestion(NamedTuple):
@@ -115,6 +117,8 @@ def distribute(
         raise StateError(f"form: expected one of {', '.join(FORMS)}, got {checks.short(form)}")
     if form == "margin" and limits is not None and limits.least_margin is not None:
         raise StateError("limits: least_margin: expected none with form='margin', which asks for the largest one")
+    if form == "margin":
+        _exactly_asked(cost, "a largest margin")
     question = force_question(chain, state, acceleration, task, cost, limits, inputs)
     if form == "elastic":
         return _elastic(question, (cost or ForceCost()).price)
@@ -149,6 +153,7 @@ def least_peak(
     Raises:
         StateError: as in `distribute`.
     """
+    _exactly_asked(cost, "a least peak")
     return distribution(force_question(chain, state, acceleration, task, cost, limits, inputs), "peak")
 
 
@@ -185,6 +190,7 @@ def lift_margin(
     if acceleration is None and not payload:
         raise StateError("acceleration: expected one to scale, got None; try payload=True for the largest payload")
     checks.flag(payload, "payload", StateError)
+    _exactly_asked(cost, "a lift margin")
     motion, wanted = _motion(chain, state, inputs), _asked(acceleration, None)
     held = wanted if payload else wanted._replace(values=np.zeros(6))
     found, v1 = scaled_map(motion, held, np.zeros(6) if payload else wanted.values, payload=payload)
@@ -229,17 +235,34 @@ def force_question(
 ) -> ForceQuestion:
     """Return the question of `distribute`; arguments as there."""
     motion = _motion(chain, state, inputs)
-    found = acceleration_map(motion, _asked(acceleration, task))
-    return _with_limits(state, found, limits, cost)
+    wanted = _asked(acceleration, task)
+    checks.instance(cost, (ForceCost, type(None)), "cost")
+    exact = NOTHING if cost is not None and cost.task is not None else wanted
+    found = acceleration_map(motion, exact, force=force_scale(motion, wanted.smallest))
+    return _with_limits(state, found, limits, cost, wanted)
+
+
+def _exactly_asked(cost: ForceCost | None, what: str) -> None:
+    """Refuse a cost of the distance from what is asked where only limits count.
+
+    Raises:
+        StateError: there is one.
+    """
+    if isinstance(cost, ForceCost) and cost.task is not None:
+        raise StateError(f"cost: task: expected None, got {cost.task:g}: {what} is that of an acceleration kept exactly")
 
 
 def _with_limits(
-    state: State, found: AccelerationMap, limits: ForceLimits | None, cost: ForceCost | None
+    state: State,
+    found: AccelerationMap,
+    limits: ForceLimits | None,
+    cost: ForceCost | None,
+    asked: ObjectTask | None = None,
 ) -> ForceQuestion:
     checks.instance(limits, (ForceLimits, type(None)), "limits")
     checks.instance(cost, (ForceCost, type(None)), "cost")
     rows = limit_rows(found, state, limits or ForceLimits())
-    return ForceQuestion(state, found, rows, costs(found, cost or ForceCost()))
+    return ForceQuestion(state, found, rows, costs(found, cost or ForceCost(), asked))
 
 
 def _elastic(question: ForceQuestion, price: float) -> Distribution:

@@ -207,13 +207,18 @@ def distribution_parameters(
         cost: the cost.
 
     Raises:
-        MethodNotApplicable: a change from the last wrenches is limited.
+        MethodNotApplicable: a change from the last wrenches is limited, or the cost lets the asked acceleration give way.
         ModelError, StateError: a name is unknown, or a shape is wrong.
     """
     limits, cost = limits or ForceLimits(), cost or ForceCost()
     if limits.last_wrench is not None:
         raise MethodNotApplicable(
             "distribute: machine code has no limit on the change of wrenches; try least_normal and most_normal, or"
+            " holdfast.forces.distribute"
+        )
+    if cost.task is not None:
+        raise MethodNotApplicable(
+            "distribute: machine code keeps the asked acceleration exactly; try cost: task=None, or"
             " holdfast.forces.distribute"
         )
     found = {"effort_share": np.array(NO_LIMIT if limits.effort is None else limits.effort)}

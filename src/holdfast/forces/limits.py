@@ -90,6 +90,7 @@ class ForceCost(Frozen):
     """The cost of a distribution of forces.
 
     1/2 sum w_j tau_j^2 + 1/2 wrench^2 sum |(lambda - wish) / F0|^2 + 1/2 acceleration^2 sum ((qdd_j - wished) / 10)^2
+        + 1/2 task^2 |S alpha - s|^2
 
     with F0, the size of the force that the object needs, and moments divided by the distance of the contacts from their
     centroid. It is strictly convex, so that the torques are unique and change continuously with the state.
@@ -100,6 +101,8 @@ class ForceCost(Frozen):
         acceleration: weight of the joints' accelerations, in units of 10 rad/s^2 or m/s^2, > 0.
         wish: (arms, 6) wished wrench of each arm on the object about its contact, contact axes [N m, N]; 0 by default.
         joint_acceleration: (n,) wished accelerations of the joints, for what the object leaves free; 0 by default.
+        task: weight of the object's distance from what is asked of it, S alpha = s, which then gives way to the limits,
+            > 0 [s^2/rad or s^2/m]; None asks for it exactly.
         price: cost of passing the limits by F0 (`distribute`).
     """
 
@@ -108,12 +111,15 @@ class ForceCost(Frozen):
     acceleration: float = 0.01
     wish: OptionalArrayField = NOT_GIVEN
     joint_acceleration: OptionalArrayField = NOT_GIVEN
+    task: float | None = None
     price: float = 1e3
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         for name in ("wrench", "acceleration", "price"):
             put(self, name, checks.number(getattr(self, name), f"cost: {name}", above=0.0))
+        if self.task is not None:
+            put(self, "task", checks.number(self.task, "cost: task", above=0.0))
         for name in ("effort", "wish", "joint_acceleration"):
             if (given := getattr(self, name)) is not None:
                 put(self, name, checks.numbers(given, None, f"cost: {name}", StateError))

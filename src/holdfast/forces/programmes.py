@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from holdfast.errors import StateError
-from holdfast.forces.acceleration_map import ACCELERATION_SCALE, UNREACHED, AccelerationMap
+from holdfast.forces.acceleration_map import ACCELERATION_SCALE, UNREACHED, AccelerationMap, ObjectTask
 from holdfast.forces.cone_solver import ConeAnswer, ConeProgramme, Cones, Verdict, solve
 from holdfast.forces.limit_rows import Limit
 from holdfast.forces.limits import ForceCost
@@ -63,12 +63,13 @@ class Costs(NamedTuple):
     r: Array
 
 
-def costs(found: AccelerationMap, cost: ForceCost) -> Costs:
+def costs(found: AccelerationMap, cost: ForceCost, asked: ObjectTask | None = None) -> Costs:
     """Return the rows of a cost.
 
     Args:
         found: the map.
         cost: the cost.
+        asked: what is asked of the object, for a cost of the distance from it.
 
     Raises:
         StateError: a shape is wrong.
@@ -90,6 +91,11 @@ def costs(found: AccelerationMap, cost: ForceCost) -> Costs:
     moving = np.eye(found.qdd.stop, size)  # a floating base, too
     rows.append(cost.acceleration / ACCELERATION_SCALE * moving)
     rest.append(-cost.acceleration / ACCELERATION_SCALE * np.r_[np.zeros(found.base.stop), wished])
+    if cost.task is not None and asked is not None:
+        of_object = np.zeros((len(asked.rows), size))
+        of_object[:, found.alpha] = cost.task * asked.rows
+        rows.append(of_object)
+        rest.append(-cost.task * asked.values)
     return Costs(np.vstack(rows), np.concatenate(rest))
 
 
