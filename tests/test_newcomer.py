@@ -92,6 +92,18 @@ risen = record["object_pose"][-1, :, 6] - state.object_pose[6]
 counts, *_ = plt.hist(1e3 * risen, bins=40)
 plt.savefig("risen.png")
 """,
+    "a box lifted by friction within limits, and the largest payload": """
+left = hf.load_urdf("left.urdf", mount=[1, 0, 0, 0, -0.55, 0, 0])
+right = hf.load_urdf("right.urdf", mount=[0, 0, 0, 1, 0.55, 0, 0])
+box = hf.HeldObject.box(mass=3.0, x=0.3, y=0.2, z=0.2)
+rubber = hf.Friction(mu=0.8, torsion_radius=0.02)
+pads = {"left": hf.Grasp("softfinger", hf.contact_frame([-0.15, 0, 0], into=[1, 0, 0]), contact=rubber)}
+pads["right"] = hf.Grasp("softfinger", hf.contact_frame([0.15, 0, 0], into=[-1, 0, 0]), contact=rubber)
+gripped, still = hf.assemble({"left": left, "right": right}, box, pads, object_pose=hf.Pose.translation(0, 0, 0.72))
+limits = hf.forces.ForceLimits(effort=0.8, least_margin=2.0)
+lift = hf.forces.distribute(gripped, still, [0, 0, 0, 0, 0, 1.0], limits=limits)
+payload = hf.forces.lift_margin(gripped, still, payload=True, limits=limits)
+""",
     "a look at number 17 of them": """
 run = record.trajectory(17)
 run.page("number_17.html")
@@ -219,6 +231,20 @@ def test_a_thousand_rollouts(place, names):
     assert ((risen < 0) == (masses > 3.0)).all()
     assert names["counts"].sum() == 1000
     assert (place / "risen.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_a_box_lifted_by_friction(names):
+    """Forward dynamics lifts it with 2 N of margin at 80 % of the drives; at the payload, that share or margin is used up."""
+    gripped, still, lift, payload = (names[name] for name in ("gripped", "still", "lift", "payload"))
+    most = 0.8 * np.array([joint.effort_limit for joint in gripped.all_joints])
+    back = hf.forward_dynamics(gripped, still, lift.tau)
+    assert back.object_acceleration == pytest.approx([0, 0, 0, 0, 0, 1.0], abs=1e-10)
+    margins = hf.forces.grasp_margins(gripped, still, back.grasp_wrench)
+    assert margins.min() == pytest.approx(2.0, abs=1e-6)
+    assert (np.abs(lift.tau) <= most * (1 + 1e-9)).all()
+    assert payload.value > 1.0 and payload.margin == pytest.approx(2.0, abs=1e-3)
+    assert (np.abs(payload.tau) / most).max() == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.slow

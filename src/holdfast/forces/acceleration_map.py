@@ -210,6 +210,21 @@ def scaled_map(
     return AccelerationMap(motion, v0, N, equations.T, equations.t, length, force), v1
 
 
+def towards_task(found: AccelerationMap, asked: ObjectTask, weight: float) -> AccelerationMap:
+    """Return the same set of motions in coordinates in which a task weighs about as much as everything else.
+
+    With B = weight S N = U s V^T and d, weight times what v0 misses, v0 moves on by N V s / (1 + s^2) U^T d, and N becomes
+    N V / sqrt(1 + s^2). Otherwise a large weight would hide all other costs in rounding.
+    """
+    U, s, Vt = np.linalg.svd(weight * asked.rows @ found.N[found.alpha])
+    missing = weight * (asked.values - asked.rows @ found.v0[found.alpha])
+    gains = np.zeros(len(Vt))
+    gains[: len(s)] = s
+    y = np.zeros(len(Vt))
+    y[: len(s)] = s / (1.0 + s * s) * (U.T @ missing)[: len(s)]
+    return found._replace(v0=found.v0 + found.N @ (Vt.T @ y), N=found.N @ (Vt.T / np.sqrt(1.0 + gains**2)))
+
+
 def _equations(motion: ChainMotion, asked: ObjectTask, force: float, free_unfelt: bool) -> ScaledEquations:
     chain, rows = motion.chain, constraint_rows(motion)
     length = float(length_scale([c.offset for c in motion.contacts]))

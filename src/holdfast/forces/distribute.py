@@ -16,6 +16,7 @@ from holdfast.forces.acceleration_map import (
     force_scale,
     motion_without_torques,
     scaled_map,
+    towards_task,
 )
 from holdfast.forces.certificate import Certificate, certificate, kept
 from holdfast.forces.cone_solver import Verdict
@@ -237,8 +238,11 @@ def force_question(
     motion = _motion(chain, state, inputs)
     wanted = _asked(acceleration, task)
     checks.instance(cost, (ForceCost, type(None)), "cost")
-    exact = NOTHING if cost is not None and cost.task is not None else wanted
+    weight = None if cost is None else cost.task
+    exact = wanted if weight is None else NOTHING
     found = acceleration_map(motion, exact, force=force_scale(motion, wanted.smallest))
+    if weight is not None:
+        found = towards_task(found, wanted, weight)
     return _with_limits(state, found, limits, cost, wanted)
 
 
