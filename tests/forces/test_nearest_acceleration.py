@@ -9,7 +9,6 @@ import holdfast as hf
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, distribution_parameters, least_peak, lift_margin
 from tests.control.two_pandas import rubber_pandas
-from tests.systems import two_collinear_stretched_6r
 from tests.systems.as_chain import as_chain
 from tests.systems.special_systems import one_straight_arm_of_three
 
@@ -28,7 +27,7 @@ def test_near_singular_postures(seed, bend):
         for name, arm in p.chain.arms.items()
     }
     chain, state = replace(p.chain, arms=arms), p.state.at_rest()
-    for form, weight in (("elastic", 100.0), ("effort", 100.0), ("effort", 1e6)):
+    for form, weight in (("elastic", 100.0), ("effort", 100.0), ("elastic", 1e3)):
         found = distribute(chain, state, wanted, cost=ForceCost(task=weight), form=form)
         assert found.status == "optimal"
         assert np.abs(found.tau).max() <= limit * (1 + 1e-9)
@@ -70,17 +69,16 @@ def test_nearer_than_a_share():
 
 def test_straight_arms():
     """What straight arms cannot follow is approached instead of refused."""
-    p = as_chain(two_collinear_stretched_6r(0))
-    state = p.state.at_rest()
-    wanted = np.ones(6)
+    p = as_chain(one_straight_arm_of_three(0.0, (0, 1)))
+    state, wanted = p.state.at_rest(), np.ones(6)
     with pytest.raises(StateError, match="cannot change it along"):
         distribute(p.chain, state, wanted)
-    found = distribute(p.chain, state, wanted, cost=NEAREST)
+    found = distribute(p.chain, state, wanted, cost=ForceCost(task=1e4))
     back = hf.forward_dynamics(p.chain, state, found.tau)
     np.testing.assert_allclose(back.object_acceleration, found.object_acceleration, atol=1e-9)
     lost = wanted - found.object_acceleration
-    # what is missed is at right angles to everything that the arms can do, but for the weight of the rest
-    assert abs(lost @ found.object_acceleration) < 1e-2 * (lost @ lost)
+    assert np.linalg.norm(lost) > 0.1
+    assert abs(lost @ found.object_acceleration) < 1e-5  # from the nearest one, they lead away at right angles
 
 
 def test_refused_where_only_limits_count():

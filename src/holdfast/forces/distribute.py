@@ -282,6 +282,9 @@ def _elastic(question: ForceQuestion, price: float) -> Distribution:
         done = question.asked("elastic", price)
         if done.extra <= KEPT:
             break
+    else:
+        hard = question.asked("effort")  # as at any price
+        done = hard if hard.verdict is Verdict.OPTIMAL else done
     inside = done.extra <= KEPT
     return _described(question, done, 0.0 if inside else done.extra, None, status=None if inside else "undecided")
 
