@@ -174,7 +174,9 @@ def bends() -> Iterator[Bar]:
         missed.append(float(np.abs(back - nearest.object_acceleration).max()))
         distance = np.linalg.norm(nearest.object_acceleration - WANTED) / np.linalg.norm(WANTED)
         exact = excess(chain, distribute(chain, state, WANTED)) + 1.0
-        print(f"      (bent by {bend:g}: exactly {exact:.3g} limits, nearest misses {distance:.2g}, share {share.value:.2g})")
+        print(
+            f"      (bent by {bend:g}: exact {exact:.3g} limits, nearest off by {distance:.2g}, share {share.value:.2g})"
+        )
     yield Bar("bends: torques of the nearest acceleration beyond their limits [limits]", max(yielding), 1e-9)
     yield Bar("bends: torques of the largest share beyond their limits [limits]", max(shares), 1e-9)
     yield Bar("bends: forward dynamics misses the nearest acceleration by [m/s^2]", max(missed), 1e-10)
@@ -214,7 +216,9 @@ def tray() -> Iterator[Bar]:
     yield Bar("tray: miss of its 300 mm at the end [mm]", 1e3 * abs(way - WAY), 1.0)
     yield Bar("tray: torques [limits]", float((np.abs(run.tau) / efforts(chain)).max()), 1.0)
     yield Bar("tray: joint rates [limits]", float((np.abs(run.qd) / rates).max()), 1.0)
-    yield Bar("tray: joint positions beyond their limits [rad]", float(np.maximum(low - run.q, run.q - high).max()), 0.0)
+    yield Bar(
+        "tray: joint positions beyond their limits [rad]", float(np.maximum(low - run.q, run.q - high).max()), 0.0
+    )
 
 
 def main() -> int:

@@ -235,7 +235,7 @@ def test_a_thousand_rollouts(place, names):
 
 @pytest.mark.slow
 def test_a_box_lifted_by_friction(names):
-    """Forward dynamics lifts it with 2 N of margin at 80 % of the drives; at the payload, that share or margin is used up."""
+    """Forward dynamics lifts it with 2 N of margin at 80 % of the drives; both are used up at the payload."""
     gripped, still, lift, payload = (names[name] for name in ("gripped", "still", "lift", "payload"))
     most = 0.8 * np.array([joint.effort_limit for joint in gripped.all_joints])
     back = hf.forward_dynamics(gripped, still, lift.tau)

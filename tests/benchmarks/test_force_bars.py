@@ -1,7 +1,6 @@
 """The numbers of `benchmarks/force_bars.py` are as required; the long ones in the long checks."""
 
 import pytest
-
 from benchmarks import force_bars
 
 

@@ -213,8 +213,8 @@ def scaled_map(
 def towards_task(found: AccelerationMap, asked: ObjectTask, weight: float) -> AccelerationMap:
     """Return the same set of motions in coordinates in which a task weighs about as much as everything else.
 
-    With B = weight S N = U s V^T and d, weight times what v0 misses, v0 moves on by N V s / (1 + s^2) U^T d, and N becomes
-    N V / sqrt(1 + s^2). Otherwise a large weight would hide all other costs in rounding.
+    With B = weight S N = U s V^T and d, weight times what v0 misses, v0 moves on by N V s / (1 + s^2) U^T d, and N
+    becomes N V / sqrt(1 + s^2). Otherwise a large weight would hide all other costs in rounding.
     """
     U, s, Vt = np.linalg.svd(weight * asked.rows @ found.N[found.alpha])
     missing = weight * (asked.values - asked.rows @ found.v0[found.alpha])

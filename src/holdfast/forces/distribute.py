@@ -253,7 +253,9 @@ def _exactly_asked(cost: ForceCost | None, what: str) -> None:
         StateError: there is one.
     """
     if isinstance(cost, ForceCost) and cost.task is not None:
-        raise StateError(f"cost: task: expected None, got {cost.task:g}: {what} is that of an acceleration kept exactly")
+        raise StateError(
+            f"cost: task: expected None, got {cost.task:g}: {what} is that of an acceleration kept exactly"
+        )
 
 
 def _with_limits(

@@ -207,7 +207,7 @@ def distribution_parameters(
         cost: the cost.
 
     Raises:
-        MethodNotApplicable: a change from the last wrenches is limited, or the cost lets the asked acceleration give way.
+        MethodNotApplicable: a change from the last wrenches is limited, or the asked acceleration may give way.
         ModelError, StateError: a name is unknown, or a shape is wrong.
     """
     limits, cost = limits or ForceLimits(), cost or ForceCost()
