@@ -175,20 +175,22 @@ def bends() -> Iterator[Bar]:
         distance = np.linalg.norm(nearest.object_acceleration - WANTED) / np.linalg.norm(WANTED)
         exact = excess(chain, distribute(chain, state, WANTED)) + 1.0
         print(
-            f"      (bent by {bend:g}: exact {exact:.3g} limits, nearest off by {distance:.2g}, share {share.value:.2g})"
+            f"      (bend {bend:g}: exact {exact:.3g} limits, nearest off by {distance:.2g}, share {share.value:.2g})"
         )
     yield Bar("bends: torques of the nearest acceleration beyond their limits [limits]", max(yielding), 1e-9)
     yield Bar("bends: torques of the largest share beyond their limits [limits]", max(shares), 1e-9)
     yield Bar("bends: forward dynamics misses the nearest acceleration by [m/s^2]", max(missed), 1e-10)
 
 
-def carried(time: float = TIME) -> tuple[hf.ClosedChain, hf.Trajectory]:
+def carried(time: float = TIME) -> tuple[hf.ClosedChain, hf.simulation.Trajectory]:
     """Return a mobile manipulator that carries its tray forwards, and what it did."""
     chain, state = mobile_manipulator()
+    trunk = chain.trunk
+    assert trunk is not None
     limits = ((500.0, 0.5), (500.0, 0.5), (300.0, 1.0))
-    drives = zip(chain.trunk.joints, limits, strict=True)
+    drives = zip(trunk.joints, limits, strict=True)
     wheels = [replace(joint, effort_limit=effort, rate_limit=rate) for joint, (effort, rate) in drives]
-    chain = replace(chain, trunk=replace(chain.trunk, joints=wheels))
+    chain = replace(chain, trunk=replace(trunk, joints=wheels))
     path = hf.control.RestToRest(state.object_frame, [WAY, 0, 0], duration=TIME)
     kept, arms = ForceLimits(sample_time=SAMPLE), np.arange(chain.joint_count) >= len(wheels)
 
