@@ -1,0 +1,117 @@
+"""Derivatives of the elastic programme's central point: optimality, differences, and tangent against adjoint."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from holdfast.errors import MethodNotApplicable
+from holdfast.forces.elastic_derivatives import CentralPointRule, central_point, numbers_of, taken
+from holdfast.forces.elastic_distribution import Programme, programme
+from holdfast.forces.elastic_programme import Distributed, solve
+from holdfast.spatial.differentiation import gradient
+from holdfast.spatial.scalar import Array
+from tests.forces.force_cases import force_cases
+from tests.forces.test_elastic_distribution import case_of
+from tests.longer import mostly_long
+
+BARRIER, PRICE = 1e-5, 1e3
+NAMES = [*force_cases()]
+SOME = mostly_long(NAMES, ["two_soft_effort", "two_rigid_tight", "three_mixed_effort", "hinge_soft_overloaded"])
+STEP = 1e-4  # of differences, relative to the programme's numbers
+NINE_POINTS = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+
+
+@cache
+def made(name: str) -> Programme:
+    """Return the programme of a stored question."""
+    case = force_cases()[name]
+    return programme(case_of(case.chain, case.state, case.arguments[4], **case.call))
+
+
+@cache
+def found(name: str) -> Distributed:
+    """Return its central point."""
+    return solve(made(name).blocks, made(name).e, PRICE, barrier=BARRIER)
+
+
+def numbers(name: str) -> list[Array]:
+    """Return the programme's numbers."""
+    return numbers_of(made(name).blocks, made(name).e, PRICE, BARRIER)
+
+
+def flat(x: list[Array], v: float) -> Array:
+    """Return x of all blocks and v."""
+    return np.concatenate([*x, [v]])
+
+
+def directions(name: str, random: np.random.Generator) -> list[Array]:
+    """Return random rates of the programme's numbers, relative to their size; costs stay convex."""
+    rates = [np.asarray(random.normal(size=x.shape) * (np.minimum(abs(x), 1.0) + 0.01)) for x in numbers(name)]
+    blocks, e, *_ = taken(made(name).blocks, rates)
+    turns = [0.1 * random.normal(size=block.P.shape) @ block.P for block in made(name).blocks]
+    blocks = [block._replace(P=turn + turn.T) for block, turn in zip(blocks, turns, strict=True)]
+    return numbers_of(blocks, e, PRICE * random.normal(), BARRIER * random.normal())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_sixteen_iterations_reach_the_central_point(name):
+    """s o z = mu [1, 0, ..] for every limit, and the gradient of the Lagrangian is zero."""
+    at = found(name).last
+    for block, own in zip(made(name).blocks, at.points, strict=True):
+        np.testing.assert_allclose(own.s * own.z, BARRIER, rtol=1e-9)
+        for s, z in own.of_cones:
+            assert s @ z == pytest.approx(BARRIER, rel=1e-6)
+            np.testing.assert_allclose(s[0] * z[1:] + z[0] * s[1:], 0.0, atol=1e-6 * BARRIER)
+        slope = block.P @ own.x + block.c + block.pull(own.z, [z for _, z in own.of_cones]) + block.E.T @ at.nu
+        np.testing.assert_allclose(slope, 0.0, atol=1e-12 * PRICE)
+    assert at.v * at.z == pytest.approx(BARRIER, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_tangent_against_differences(name):
+    """Rates by all numbers of the programme, its price and mu are differences of solutions."""
+    rates = directions(name, np.random.default_rng(1))
+    rule = CentralPointRule(made(name).blocks, BARRIER, found(name))
+    *dx, dv = rule.rates(*rates)
+    expected = flat(dx, float(dv))
+
+    def at(far: float) -> Array:
+        moved = [x + far * d for x, d in zip(numbers(name), rates, strict=True)]
+        blocks, e, price, mu = taken(made(name).blocks, moved)
+        there = solve(blocks, e, price[()], 40, mu[()])
+        return flat(there.x, there.v)
+
+    measured = sum(w * (at(k * STEP) - at(-k * STEP)) for k, w in NINE_POINTS.items()) / STEP
+    assert np.abs(measured - expected).max() < 1e-7 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_adjoint_against_tangent(name):
+    """A gradient times a direction is a cotangent times the rates."""
+    random = np.random.default_rng(2)
+    rule, rates = CentralPointRule(made(name).blocks, BARRIER, found(name)), directions(name, random)
+    bars = [random.normal(size=np.shape(x)) for x in (*found(name).x, found(name).v)]
+    tangents, gradients = rule.rates(*rates), rule.gradient(*bars)
+    left = [float(np.sum(a * b)) for a, b in zip(bars, tangents, strict=True)]
+    right = [float(np.sum(a * b)) for a, b in zip(gradients, rates, strict=True)]
+    assert sum(left) == pytest.approx(sum(right), abs=1e-11 * max(np.abs(left).max(), np.abs(right).max()))
+
+
+def test_one_derivative_alone():
+    """Numbers that vary have the rule's gradient, and a derivative within a derivative is refused."""
+    name = "two_soft_effort"
+    given, bar = numbers(name), [np.ones(x.shape) for x in found(name).x]
+
+    def summed(*varied: Array) -> float:
+        blocks, e, price, mu = taken(made(name).blocks, varied)
+        at = central_point(blocks, e, price[()], barrier=mu[()])
+        return sum(x.sum() for x in at.x) + at.v
+
+    expected = CentralPointRule(made(name).blocks, BARRIER, found(name)).gradient(*bar, np.ones(()))
+    for x, y in zip(gradient(summed, *given), expected, strict=True):
+        np.testing.assert_allclose(x, y, atol=1e-12 * np.abs(y).max(initial=1.0))
+    with pytest.raises(MethodNotApplicable, match="a derivative within another"):
+        gradient(lambda *x: gradient(summed, *x)[0].sum(), *given)
