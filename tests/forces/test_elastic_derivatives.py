@@ -6,11 +6,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from holdfast.errors import MethodNotApplicable
 from holdfast.forces.elastic_derivatives import CentralPointRule, central_point, numbers_of, taken
-from holdfast.forces.elastic_distribution import Programme, programme
+from holdfast.forces.elastic_distribution import DISTRIBUTE, Programme, distributed, programme
 from holdfast.forces.elastic_programme import Distributed, solve
+from holdfast.questions.arrays import DISTRIBUTED, POSES
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import argument_shapes, function_jvp, function_vjp
 from holdfast.spatial.differentiation import gradient
 from holdfast.spatial.scalar import Array
 from tests.forces.force_cases import force_cases
@@ -74,7 +78,7 @@ def test_sixteen_iterations_reach_the_central_point(name):
 def test_tangent_against_differences(name):
     """Rates by all numbers of the programme, its price and mu are differences of solutions."""
     rates = directions(name, np.random.default_rng(1))
-    rule = CentralPointRule(made(name).blocks, BARRIER, found(name))
+    rule = CentralPointRule(made(name).blocks, found(name))
     *dx, dv = rule.rates(*rates)
     expected = flat(dx, float(dv))
 
@@ -92,7 +96,7 @@ def test_tangent_against_differences(name):
 def test_adjoint_against_tangent(name):
     """A gradient times a direction is a cotangent times the rates."""
     random = np.random.default_rng(2)
-    rule, rates = CentralPointRule(made(name).blocks, BARRIER, found(name)), directions(name, random)
+    rule, rates = CentralPointRule(made(name).blocks, found(name)), directions(name, random)
     bars = [random.normal(size=np.shape(x)) for x in (*found(name).x, found(name).v)]
     tangents, gradients = rule.rates(*rates), rule.gradient(*bars)
     left = [float(np.sum(a * b)) for a, b in zip(bars, tangents, strict=True)]
@@ -110,8 +114,54 @@ def test_one_derivative_alone():
         at = central_point(blocks, e, price[()], barrier=mu[()])
         return sum(x.sum() for x in at.x) + at.v
 
-    expected = CentralPointRule(made(name).blocks, BARRIER, found(name)).gradient(*bar, np.ones(()))
+    expected = CentralPointRule(made(name).blocks, found(name)).gradient(*bar, np.ones(()))
     for x, y in zip(gradient(summed, *given), expected, strict=True):
         np.testing.assert_allclose(x, y, atol=1e-12 * np.abs(y).max(initial=1.0))
     with pytest.raises(MethodNotApplicable, match="a derivative within another"):
         gradient(lambda *x: gradient(summed, *x)[0].sum(), *given)
+
+
+def varied(case: VariedCase, along: dict[str, Array], far: float) -> VariedCase:
+    """Return a case with arguments that are moved along a direction; poses turn and shift."""
+    moved: dict[str, Array] = {}
+    for name, rate in along.items():
+        if name in POSES:
+            of = name.removesuffix("_pose")
+            R, p = case.numbers((f"{of}_R", f"{of}_p")).values()
+            turns = Rotation.from_rotvec(far * rate[..., :3].reshape(-1, 3)).as_matrix().reshape(R.shape)
+            moved |= {f"{of}_R": turns @ R, f"{of}_p": p + far * rate[..., 3:]}
+        else:
+            moved |= {name: x + far * rate for name, x in case.numbers((name,)).items()}
+    return case.varied(moved)
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_distribution_against_differences(name):
+    """Rates by state, acceleration, chain and run-time parameters are differences; gradients are their adjoint."""
+    case, random = force_cases()[name], np.random.default_rng(3)
+    of = case_of(case.chain, case.state, case.arguments[4], **(case.call | {"barrier": BARRIER}))
+    along: dict[str, Array] = {}
+    for by in DISTRIBUTE.arguments_at(case.chain):
+        shape = argument_shapes(of)[by]
+        size = 1.0 if by in POSES else np.minimum(np.abs(of.numbers((by,))[by]), 1.0)
+        along[by] = np.asarray(random.normal(size=shape) * (size if by in DISTRIBUTED else 1.0))
+    along |= {by: 0.01 * x for by, x in along.items() if by.startswith(("link", "object_m", "object_c", "object_i"))}
+    for by in ("link_inertia", "object_inertia"):
+        along[by] = along[by] + np.swapaxes(along[by], -1, -2)
+    rates = function_jvp(DISTRIBUTE, of, 0.0, along).parts
+    names = ("tau", "qdd", "grasp_wrench", "violation")
+
+    def at(far: float) -> dict[str, Array]:
+        return dict(zip(DISTRIBUTE.names, distributed(varied(of, along, far), 40), strict=True))
+
+    far = {k: (at(k * STEP), at(-k * STEP)) for k in NINE_POINTS}
+    for result in names:
+        measured = sum(w * (far[k][0][result] - far[k][1][result]) for k, w in NINE_POINTS.items()) / STEP
+        size = max(1.0, np.abs(rates[result]).max())
+        np.testing.assert_allclose(measured, rates[result], rtol=0, atol=1e-7 * size, err_msg=result)
+
+    bars = {result: random.normal(size=np.shape(rates[result])) for result in names}
+    gradients = function_vjp(DISTRIBUTE, of, 0.0, tuple(along), bars).parts
+    parts = [float(np.sum(gradients[by] * x)) for by, x in along.items()]
+    forward = sum(float(np.sum(bar * rates[result])) for result, bar in bars.items())
+    assert sum(parts) == pytest.approx(forward, abs=1e-9 * np.abs(parts).sum())

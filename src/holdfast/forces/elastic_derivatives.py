@@ -52,18 +52,17 @@ class CentralPointRule:
 
     Args:
         blocks: the blocks.
-        barrier: mu.
         found: the central point.
     """
 
-    def __init__(self, blocks: Sequence[Block], barrier: Scalar, found: Distributed) -> None:
+    def __init__(self, blocks: Sequence[Block], found: Distributed) -> None:
         self._given, self._used, last = blocks, found.used, found.last
         self._blocks = [block.with_rows(found.used) for block in blocks]
         self._points, self._v, self._nu = last.points, last.v, last.nu
         self._of = each(factorised, self._blocks, self._points)
         self._stiffness = 1.0 + last.z * reciprocal(last.v)
         self._border = border_of(self._of, self._stiffness, found.used)
-        self._per_barrier = reciprocal(barrier)
+        self._per_barrier = reciprocal(last.v * last.z)
         self._prices = last.z + total(f.price for f in self._of)
 
     def rates(self, *rates: Any) -> list[Array]:
@@ -164,12 +163,14 @@ def central_point(
     def made(*numbers: Array) -> tuple[list[Array], CentralPointRule]:
         if any(map(is_recorded, numbers)):
             raise MethodNotApplicable(
+                
                 "distribute: expected one derivative, got a derivative within another, which it does not have"
+            
             )
         own, rows, cost, mu = taken(blocks, numbers)
         found = solve(own, rows, cost[()], iterations, mu[()])
         at.append(found)
-        return [*found.x, np.asarray(found.v)], CentralPointRule(own, mu[()], found)
+        return [*found.x, np.asarray(found.v)], CentralPointRule(own, found)
 
     *x, v = by_rule_below(made, *given)
     return at[0]._replace(x=x, v=v[()])
