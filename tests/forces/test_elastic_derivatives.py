@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from holdfast.errors import MethodNotApplicable
-from holdfast.forces.elastic_derivatives import CentralPointRule, central_point, numbers_of, taken
+from holdfast.forces.elastic_derivatives import central_point, numbers_of, rule_at, taken
 from holdfast.forces.elastic_distribution import DISTRIBUTE, Programme, distributed, programme
 from holdfast.forces.elastic_programme import Distributed, solve
 from holdfast.questions.arrays import DISTRIBUTED, POSES
@@ -78,7 +78,7 @@ def test_sixteen_iterations_reach_the_central_point(name):
 def test_tangent_against_differences(name):
     """Rates by all numbers of the programme, its price and mu are differences of solutions."""
     rates = directions(name, np.random.default_rng(1))
-    rule = CentralPointRule(made(name).blocks, found(name))
+    rule = rule_at(made(name).blocks, found(name))
     *dx, dv = rule.rates(*rates)
     expected = flat(dx, float(dv))
 
@@ -96,7 +96,7 @@ def test_tangent_against_differences(name):
 def test_adjoint_against_tangent(name):
     """A gradient times a direction is a cotangent times the rates."""
     random = np.random.default_rng(2)
-    rule, rates = CentralPointRule(made(name).blocks, found(name)), directions(name, random)
+    rule, rates = rule_at(made(name).blocks, found(name)), directions(name, random)
     bars = [random.normal(size=np.shape(x)) for x in (*found(name).x, found(name).v)]
     tangents, gradients = rule.rates(*rates), rule.gradient(*bars)
     left = [float(np.sum(a * b)) for a, b in zip(bars, tangents, strict=True)]
@@ -114,7 +114,7 @@ def test_one_derivative_alone():
         at = central_point(blocks, e, price[()], barrier=mu[()])
         return sum(x.sum() for x in at.x) + at.v
 
-    expected = CentralPointRule(made(name).blocks, found(name)).gradient(*bar, np.ones(()))
+    expected = rule_at(made(name).blocks, found(name)).gradient(*bar, np.ones(()))
     for x, y in zip(gradient(summed, *given), expected, strict=True):
         np.testing.assert_allclose(x, y, atol=1e-12 * np.abs(y).max(initial=1.0))
     with pytest.raises(MethodNotApplicable, match="a derivative within another"):

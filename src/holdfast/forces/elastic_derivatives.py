@@ -22,7 +22,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.errors import MethodNotApplicable
-from holdfast.forces.elastic_programme import ITERATIONS, Distributed, border_of, direction, solve
+from holdfast.forces.elastic_programme import (
+    ITERATIONS,
+    Border,
+    Distributed,
+    Iterate,
+    border_of,
+    direction,
+    solve,
+)
 from holdfast.forces.programme_block import Block, BlockFactors, BlockPoint, Cone, Ends, factorised, total
 from holdfast.spatial.differentiation import by_rule_below, is_recorded
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, reciprocal
@@ -47,61 +55,64 @@ class Solved(NamedTuple):
     nu: Array
 
 
-class CentralPointRule:
+class CentralPointRule(NamedTuple):
     """The rule for derivatives of the central point by the numbers of the programme, in the order of `numbers_of`.
 
-    Args:
-        blocks: the blocks.
-        found: the central point.
+    Attributes:
+        blocks: the blocks, with the coupling rows that are imposed.
+        at: the central point.
+        used: (rows,) 1 for the coupling rows that are imposed.
+        of: factors of the blocks.
+        border: the equations that these leave.
+        stiffness: of v, without the blocks.
+        prices: B' z + z_v.
     """
 
-    def __init__(self, blocks: Sequence[Block], found: Distributed) -> None:
-        self._given, self._used, last = blocks, found.used, found.last
-        self._blocks = [block.with_rows(found.used) for block in blocks]
-        self._points, self._v, self._nu = last.points, last.v, last.nu
-        self._of = each(factorised, self._blocks, self._points)
-        self._stiffness = 1.0 + last.z * reciprocal(last.v)
-        self._border = border_of(self._of, self._stiffness, found.used)
-        self._per_barrier = reciprocal(last.v * last.z)
-        self._prices = last.z + total(f.price for f in self._of)
+    blocks: list[Block]
+    at: Iterate
+    used: Array
+    of: list[BlockFactors]
+    border: Border
+    stiffness: Scalar
+    prices: Scalar
 
     def rates(self, *rates: Any) -> list[Array]:
         """Return the rates of x of every block, and of v, for rates of the numbers."""
-        changes, de, price, barrier = taken(self._given, rates)
-        share = barrier[()] * self._per_barrier
+        changes, de, price, barrier = taken(self.blocks, rates)
+        share, used, nu = barrier[()] * reciprocal(self.at.v * self.at.z), self.used, self.at.nu
 
         def changed(block: Block, at: BlockPoint, f: BlockFactors, by: Block) -> tuple[Array, OfLimits, Array]:
-            by, along = by.with_rows(self._used), by.R @ at.x
-            less = by.P @ at.x + by.c + by.pull(at.z, [z for _, z in at.of_cones]) + by.E.T @ self._nu
+            by, along = by.with_rows(used), by.R @ at.x
+            less = by.P @ at.x + by.c + by.pull(at.z, [z for _, z in at.of_cones]) + by.E.T @ nu
             shift = concatenate([by.high - along, along - by.low]), [cone.h - cone.G @ at.x for cone in by.cones]
             return -less - share * f.pull, shift, by.E @ at.x
 
-        found = each(changed, self._blocks, self._points, self._of, changes)
-        missing = total(of_rows for *_, of_rows in found) - self._used * de
-        of_v = share * self._prices - price[()]
-        solved = self._solved([x for x, *_ in found], missing, of_v, [x for _, x, _ in found])
+        found = each(changed, self.blocks, self.at.points, self.of, changes)
+        missing = total(of_rows for *_, of_rows in found) - used * de
+        of_v = share * self.prices - price[()]
+        solved = self.solved([x for x, *_ in found], missing, of_v, [x for _, x, _ in found])
         return [*(dx for dx, _ in solved.of_blocks), np.asarray(solved.v)]
 
     def gradient(self, *cotangents: Any) -> list[Array]:
         """Return the gradients by the numbers of sum(x_bar . x) + v_bar v."""
         *of_x, of_v = cotangents
-        still = [(0.0 * at.s, [0.0 * s for s, _ in at.of_cones]) for at in self._points]
-        solved = self._solved(of_x, np.zeros(len(self._nu)), of_v[()], still)
-        n = solved.nu
+        still = [(0.0 * at.s, [0.0 * s for s, _ in at.of_cones]) for at in self.at.points]
+        solved = self.solved(of_x, np.zeros(len(self.at.nu)), of_v[()], still)
+        used, nu, n = self.used, self.at.nu, solved.nu
 
         def gradients(block: Block, at: BlockPoint, f: BlockFactors, step: BlockStep) -> tuple[Block, Scalar]:
             (p, (r, of_cones)), x, m = step, at.x, len(block.low)
             R = -(outer(at.z[:m] - at.z[m:], p) + outer(r[:m] - r[m:], x))
             pairs = zip(at.of_cones, of_cones, strict=True)
             cones = tuple([Cone(-(outer(z, p) + outer(r, x)), r) for (_, z), r in pairs])
-            E = -(outer(self._nu, p) + outer(n, x))
-            return Block(-outer(p, x), -p, R, -r[m:], r[:m], cones, E).with_rows(self._used), p @ f.pull
+            E = -(outer(nu, p) + outer(n, x))
+            return Block(-outer(p, x), -p, R, -r[m:], r[:m], cones, E).with_rows(used), p @ f.pull
 
-        found = each(gradients, self._blocks, self._points, self._of, solved.of_blocks)
-        barrier = (solved.v * self._prices - total(x for _, x in found)) * self._per_barrier
-        return numbers_of([block for block, _ in found], self._used * n, -solved.v, barrier)
+        found = each(gradients, self.blocks, self.at.points, self.of, solved.of_blocks)
+        barrier = (solved.v * self.prices - total(x for _, x in found)) * reciprocal(self.at.v * self.at.z)
+        return numbers_of([block for block, _ in found], used * n, -solved.v, barrier)
 
-    def _solved(self, right: Sequence[Array], missing: Array, of_v: Scalar, shifts: Sequence[OfLimits]) -> Solved:
+    def solved(self, right: Sequence[Array], missing: Array, of_v: Scalar, shifts: Sequence[OfLimits]) -> Solved:
         """Return the solution, once improved, of the equations with the multipliers among the unknowns.
 
             P dx + E' dnu + G' dz = right,             E dx = -missing
@@ -110,17 +121,17 @@ class CentralPointRule:
         W^-2 magnifies the rounding of dz, the more the larger multipliers are: to all digits where limits conflict.
         That is missing in the other rows, so they are solved once more for what they miss.
         """
-        first = self._once(right, missing, of_v, shifts)
+        first = self.once(right, missing, of_v, shifts)
 
         def left(block: Block, b: Array, step: BlockStep) -> tuple[Array, Scalar, Array]:
             dx, (dz, of_cones) = step
             own = block.P @ dx + block.E.T @ first.nu + block.pull(dz, of_cones)
             return b - own, total(dz) + total(x[0] for x in of_cones), block.E @ dx
 
-        found = each(left, self._blocks, right, first.of_blocks)
-        rest = of_v - self._stiffness * first.v + total(price for _, price, _ in found)
+        found = each(left, self.blocks, right, first.of_blocks)
+        rest = of_v - self.stiffness * first.v + total(price for _, price, _ in found)
         still = [(0.0 * s, [0.0 * x for x in of_cones]) for s, of_cones in shifts]
-        more = self._once([x for x, *_ in found], missing + total(x for *_, x in found), rest, still)
+        more = self.once([x for x, *_ in found], missing + total(x for *_, x in found), rest, still)
 
         def added(a: BlockStep, b: BlockStep) -> BlockStep:
             (dx, (dz, of_cones)), (mx, (mz, more_cones)) = a, b
@@ -128,23 +139,32 @@ class CentralPointRule:
 
         return Solved(each(added, first.of_blocks, more.of_blocks), first.v + more.v, first.nu + more.nu)
 
-    def _once(self, right: Sequence[Array], missing: Array, of_v: Scalar, shifts: Sequence[OfLimits]) -> Solved:
-        """Return the solution by the factors of H; see `_solved`."""
+    def once(self, right: Sequence[Array], missing: Array, of_v: Scalar, shifts: Sequence[OfLimits]) -> Solved:
+        """Return the solution by the factors of H; see `solved`."""
 
         def pulled(block: Block, at: BlockPoint, f: BlockFactors, b: Array, shift: OfLimits) -> tuple[Array, Scalar]:
             pulls, of_cones = _pulls(at, f, *shift)
             return b + block.pull(pulls, of_cones), total(pulls) + total(x[0] for x in of_cones)
 
-        found = each(pulled, self._blocks, self._points, self._of, right, shifts)
+        found = each(pulled, self.blocks, self.at.points, self.of, right, shifts)
         of_v = of_v - total(price for _, price in found)
-        steps, dv, nu = direction(self._blocks, self._of, self._border, [x for x, _ in found], missing, of_v)
+        steps, dv, nu = direction(self.blocks, self.of, self.border, [x for x, _ in found], missing, of_v)
 
         def with_multipliers(at: BlockPoint, f: BlockFactors, ends: Ends, shift: OfLimits) -> BlockStep:
             dx, ds, of_cones = ends
             along = [-(a + b) for a, b in zip(shift[1], of_cones, strict=True)]
             return dx, _pulls(at, f, -(shift[0] + ds), along)
 
-        return Solved(each(with_multipliers, self._points, self._of, steps, shifts), dv, nu)
+        return Solved(each(with_multipliers, self.at.points, self.of, steps, shifts), dv, nu)
+
+
+def rule_at(blocks: Sequence[Block], found: Distributed) -> CentralPointRule:
+    """Return the rule at a central point."""
+    imposed = [block.with_rows(found.used) for block in blocks]
+    last, of = found.last, each(factorised, imposed, found.last.points)
+    stiffness = 1.0 + last.z * reciprocal(last.v)
+    border, prices = border_of(of, stiffness, found.used), last.z + total(f.price for f in of)
+    return CentralPointRule(imposed, last, found.used, of, border, stiffness, prices)
 
 
 def central_point(
@@ -163,14 +183,12 @@ def central_point(
     def made(*numbers: Array) -> tuple[list[Array], CentralPointRule]:
         if any(map(is_recorded, numbers)):
             raise MethodNotApplicable(
-                
                 "distribute: expected one derivative, got a derivative within another, which it does not have"
-            
             )
         own, rows, cost, mu = taken(blocks, numbers)
         found = solve(own, rows, cost[()], iterations, mu[()])
         at.append(found)
-        return [*found.x, np.asarray(found.v)], CentralPointRule(own, found)
+        return [*found.x, np.asarray(found.v)], rule_at(own, found)
 
     *x, v = by_rule_below(made, *given)
     return at[0]._replace(x=x, v=v[()])
