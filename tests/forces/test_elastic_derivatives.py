@@ -18,8 +18,8 @@ from holdfast.questions.derivatives import argument_shapes, function_jvp, functi
 from holdfast.spatial.differentiation import gradient
 from holdfast.spatial.scalar import Array
 from tests.forces.force_cases import force_cases
-from tests.forces.test_elastic_distribution import case_of
-from tests.longer import mostly_long
+from tests.forces.test_elastic_distribution import case_of, fast
+from tests.longer import mostly_long, mostly_slow
 
 BARRIER, PRICE = 1e-5, 1e3
 NAMES = [*force_cases()]
@@ -165,3 +165,31 @@ def test_distribution_against_differences(name):
     parts = [float(np.sum(gradients[by] * x)) for by, x in along.items()]
     forward = sum(float(np.sum(bar * rates[result])) for result, bar in bars.items())
     assert sum(parts) == pytest.approx(forward, abs=1e-9 * np.abs(parts).sum())
+
+
+@pytest.mark.parametrize(
+    "name", mostly_slow(["two_soft_effort", "two_rigid_tight", "one_contact"], ["two_soft_effort"])
+)
+def test_machine_code(name):
+    """Its derivatives are those of the text on floats, single and in a batch."""
+    case, code, random = force_cases()[name], fast(name).distribute, np.random.default_rng(4)
+    call = case.call | {"barrier": BARRIER}
+    of = case_of(case.chain, case.state, case.arguments[4], **call)
+    by = ("q", "qd", "object_pose", "object_twist", "acceleration", "grasp_pose", "demanded_margin", "price", "barrier")
+    shapes = {result: DISTRIBUTE.shape(case.chain, result) for result in ("tau", "grasp_wrench")}
+    bars = {result: random.normal(size=shape) for result, shape in shapes.items()}
+    found, expected = (
+        code.vjp(*case.arguments, **call, by=by, **bars), function_vjp(DISTRIBUTE, of, 0.0, by, bars)
+    )  # fmt: skip
+    for one in by:
+        np.testing.assert_allclose(
+            found[one], expected[one], rtol=0, atol=1e-8 * np.abs(expected[one]).max(), err_msg=one
+        )
+    along = {one: random.normal(size=argument_shapes(of)[one]) for one in ("q", "acceleration", "object_pose")}
+    rates, expected = code.jvp(*case.arguments, **call, along=along), function_jvp(DISTRIBUTE, of, 0.0, along)
+    np.testing.assert_allclose(rates.tau, expected.tau, atol=1e-8 * np.abs(expected.tau).max())
+    matrix = code.jacobian(*case.arguments, **call, of=["tau"], by=["q"])["tau", "q"]
+    gradients = code.vjp(*case.arguments, **call, by=["q"], tau=bars["tau"]).q
+    np.testing.assert_allclose(bars["tau"] @ matrix, gradients, atol=1e-10 * np.abs(gradients).max())
+    many = code.vjp(*(np.array([x] * 5) for x in case.arguments), **call, by=by, **bars)
+    assert all(np.array_equal(many[one][k], found[one]) for one in by for k in range(5))

@@ -205,9 +205,9 @@ def taken(like: Sequence[Block], arrays: Sequence[Any]) -> tuple[list[Block], Ar
     found, rest = [], [np.asarray(x) for x in arrays]
     for block in like:
         count = _ARRAYS + 2 * len(block.cones)
-        own, rest = rest[:count], rest[count:]
-        cones = tuple([Cone(G, h) for G, h in zip(own[_ARRAYS::2], own[_ARRAYS + 1 :: 2], strict=True)])
-        found.append(Block(*own[:5], cones, own[5]))
+        (P, c, R, low, high, E, *own), rest = rest[:count], rest[count:]
+        cones = tuple([Cone(G, h) for G, h in zip(own[::2], own[1::2], strict=True)])
+        found.append(Block(P, c, R, low, high, cones, E))
     e, price, barrier = rest
     return found, e, price, barrier
 
