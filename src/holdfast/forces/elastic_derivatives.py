@@ -41,7 +41,7 @@ OfLimits = tuple[Array, list[Array]]  # of bounds, and of each cone
 BlockStep = tuple[Array, OfLimits]  # dx and dz
 
 
-class Solved(NamedTuple):
+class CentralChange(NamedTuple):
     """A change of the central point.
 
     Attributes:
@@ -112,7 +112,7 @@ class CentralPointRule(NamedTuple):
         barrier = (solved.v * self.prices - total(x for _, x in found)) * reciprocal(self.at.v * self.at.z)
         return numbers_of([block for block, _ in found], used * n, -solved.v, barrier)
 
-    def solved(self, right: Sequence[Array], missing: Array, of_v: Scalar, shifts: Sequence[OfLimits]) -> Solved:
+    def solved(self, right: Sequence[Array], missing: Array, of_v: Scalar, shifts: Sequence[OfLimits]) -> CentralChange:
         """Return the solution, once improved, of the equations with the multipliers among the unknowns.
 
             P dx + E' dnu + G' dz = right,             E dx = -missing
@@ -137,9 +137,9 @@ class CentralPointRule(NamedTuple):
             (dx, (dz, of_cones)), (mx, (mz, more_cones)) = a, b
             return dx + mx, (dz + mz, [x + y for x, y in zip(of_cones, more_cones, strict=True)])
 
-        return Solved(each(added, first.of_blocks, more.of_blocks), first.v + more.v, first.nu + more.nu)
+        return CentralChange(each(added, first.of_blocks, more.of_blocks), first.v + more.v, first.nu + more.nu)
 
-    def once(self, right: Sequence[Array], missing: Array, of_v: Scalar, shifts: Sequence[OfLimits]) -> Solved:
+    def once(self, right: Sequence[Array], missing: Array, of_v: Scalar, shifts: Sequence[OfLimits]) -> CentralChange:
         """Return the solution by the factors of H; see `solved`."""
 
         def pulled(block: Block, at: BlockPoint, f: BlockFactors, b: Array, shift: OfLimits) -> tuple[Array, Scalar]:
@@ -155,7 +155,7 @@ class CentralPointRule(NamedTuple):
             along = [-(a + b) for a, b in zip(shift[1], of_cones, strict=True)]
             return dx, _pulls(at, f, -(shift[0] + ds), along)
 
-        return Solved(each(with_multipliers, self.at.points, self.of, steps, shifts), dv, nu)
+        return CentralChange(each(with_multipliers, self.at.points, self.of, steps, shifts), dv, nu)
 
 
 def rule_at(blocks: Sequence[Block], found: Distributed) -> CentralPointRule:
