@@ -75,9 +75,9 @@ class _Distribute(Function):
                 object_wrench (6,), base_pose (arms, 7), base_twist (arms, 6), base_acceleration (arms, 6), grasp_pose
                 (grasps, 7), effort_share (), demanded_margin (grasps,), least_normal (grasps,), most_normal
                 (grasps,), effort_weight (n,), wish (arms, 6), wished_qdd (n,), force_scale (), wrench_weight (),
-                acceleration_weight (), price (); those of the links, if `compile` was asked for them; with a floating
-                base, required, floating_pose and what moves with it; with a trunk that stands trunk_base_twist and
-                trunk_base_acceleration.
+                acceleration_weight (), price (), barrier (); those of the links, if `compile` was asked for them;
+                with a floating base, required, floating_pose and what moves with it; with a trunk that stands
+                trunk_base_twist and trunk_base_acceleration.
 
         Returns:
             tau: (n,) torques of the drives [N m or N]; qdd: (n,) joint accelerations [rad/s^2 or m/s^2];

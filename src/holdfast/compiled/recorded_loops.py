@@ -78,7 +78,9 @@ class RecordedLoops:
         return own + shared, (body, *arguments)
 
     def scan(self, f: Callable[..., Any], carry: Any, items: list[tuple[Any, ...]]) -> tuple[Any, list[Any]]:
-        """Return the last carry and what was found on the way, item after item, outside of every loop."""
+        """Return the last carry and what was found on the way; in a loop only if nothing varies."""
+        if not _without(self._varied, (f, carry, items))[0]:
+            return self.traced.scan(f, carry, items)
         found = []
         for item in items:
             carry, one = f(carry, *item)

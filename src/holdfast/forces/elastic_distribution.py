@@ -23,7 +23,8 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces.acceleration_map import SMALLEST_FORCE_SCALE
 from holdfast.forces.block_columns import NULL_UNIT, BlockColumn, block_column
-from holdfast.forces.elastic_programme import ITERATIONS, solve
+from holdfast.forces.elastic_derivatives import central_point
+from holdfast.forces.elastic_programme import ITERATIONS
 from holdfast.forces.limit_rows import acceleration_ranges
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programme_block import Block, Cone
@@ -34,6 +35,7 @@ from holdfast.model.grasp_kinds import contact_axes
 from holdfast.model.wrench_condition import NORMAL, Condition, largest_force_and_moment
 from holdfast.questions.arrays import (
     ACCELERATION_LIMITS,
+    ARGUMENTS,
     ARRAYS,
     CONTACTS,
     DISTRIBUTED,
@@ -180,7 +182,8 @@ def distributed(case: VariedCase, iterations: int = ITERATIONS) -> tuple[Array, 
 def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS) -> ElasticDistribution:
     """Return the torques, accelerations and wrenches; see `programme`."""
     made = programme(motion, own)
-    found = solve(made.blocks, made.e, own["price"][()], iterations)
+    price, barrier = (own[name][()] for name in ("price", "barrier"))
+    found = central_point(made.blocks, made.e, price, iterations, barrier)
     answers = each(_answer, made.arms, made.held, made.columns, found.x)
     return ElasticDistribution(
         concatenate([tau for tau, *_ in answers]),
@@ -246,7 +249,11 @@ def _of_arm(chain: ClosedChain, own: Numbers, row: int, name: str) -> OfArm:
         bounds = array([own[what][k] for what in ("demanded_margin", "least_normal", "most_normal")])
     accelerations = own[ACCELERATION_LIMITS][:, part] if ACCELERATION_LIMITS in own else np.zeros((2, 0))
     of_joints = own["effort_weight"][part], own["wished_qdd"][part]
-    return OfArm(own[LIMITS][3][part], *of_joints, own["wish"][row], contact, bounds, accelerations)
+    # a derivative has no products of 0 with infinity
+    effort, bounds, accelerations = (
+        clip(x, -NO_LIMIT, NO_LIMIT) for x in (own[LIMITS][3][part], bounds, accelerations)
+    )
+    return OfArm(effort, *of_joints, own["wish"][row], contact, bounds, accelerations)
 
 
 def _block(
@@ -362,6 +369,8 @@ DISTRIBUTE = declare(
             *("gravity", *OBJECT, "object_wrench", "base_R", "base_p", "base_twist", "base_acceleration"),
             *("grasp_R", "grasp_p", LIMITS, CONTACTS, *DISTRIBUTED),
         ),
+        arguments=(*STATE, "acceleration", *(name for name in ARGUMENTS if name not in (*STATE, "tau")), *DISTRIBUTED),
+        by=(*STATE, "acceleration"),
         depends_on=("grasps", "links", "forces", "bushings", "limits"),
         returns="ElasticDistribution",
         shown=lambda chain: lambda found: ElasticDistribution(**found),

@@ -45,6 +45,7 @@ from holdfast.spatial.scalar import (
     concatenate,
     each,
     maximum,
+    minimum,
     reciprocal,
     scan,
     select,
@@ -86,11 +87,15 @@ class Distributed(NamedTuple):
         v: by how much limits give way.
         residual: the largest residual of the optimality conditions: that of the gradient relative to 1 + rho, that of
             the coupling rows, and the gap of the objective relative to 1 + rho v.
+        last: the point with its multipliers.
+        used: (rows,) 1 for the coupling rows that are imposed, 0 for those that depend on others.
     """
 
     x: list[Array]
     v: Scalar
     residual: Scalar
+    last: Iterate
+    used: Array
 
 
 class CoupledRows(NamedTuple):
@@ -100,12 +105,14 @@ class CoupledRows(NamedTuple):
         e: (rows,) right-hand side of the coupling rows.
         used: (rows,) 1 for those that are imposed, 0 for those that depend on others.
         price: rho.
+        barrier: mu.
         first: size of the dual residual at the start, all of which every step reduces by the same factor.
     """
 
     e: Array
     used: Array
     price: Scalar
+    barrier: Scalar
     first: Scalar
 
 
@@ -138,28 +145,31 @@ class Border(NamedTuple):
         return dv, through - dv * self.column
 
 
-def solve(blocks: Sequence[Block], e: Array, price: Scalar, iterations: int = ITERATIONS) -> Distributed:
-    """Return the solution of the elastic programme. O(blocks).
+def solve(
+    blocks: Sequence[Block], e: Array, price: Scalar, iterations: int = ITERATIONS, barrier: Scalar = 0.0
+) -> Distributed:
+    """Return the solution of the elastic programme, or its central point at mu, s o z = mu [1, 0, ..]. O(blocks).
 
     Args:
         blocks: the blocks.
         e: (rows,) right-hand side of the coupling rows.
         price: rho.
         iterations: how many.
+        barrier: mu; 0 for the solution.
     """
     known = total(block.E @ block.E.T for block in blocks)
     factors = ldl(known, np.diag(known))
     used = array([where(pivot > 0.0, 1.0, 0.0) for pivot in factors.pivots])
-    chosen = [block._replace(E=(block.E.T * used).T) for block in blocks]
+    chosen = [block.with_rows(used) for block in blocks]
     begin = _start(chosen, len(e), price)
     first = maximum(begin.v, greatest(each(gradient_sizes, chosen, begin.points)))
-    coupling = CoupledRows(used * e, used, price, first)
+    coupling = CoupledRows(used * e, used, price, barrier, first)
     last, _ = scan(lambda at, _: (_advanced(chosen, coupling, at), None), begin, [None] * iterations)
     # what is left of the coupling rows is taken off with the smallest change
     left = ldl_solve(factors, e - total(block.E @ at.x for block, at in zip(blocks, last.points, strict=True)))
     points = each(lambda block, at: at._replace(x=at.x + block.E.T @ left), blocks, last.points)
     last = last._replace(points=points)
-    return Distributed([at.x for at in points], last.v, _residual(blocks, e, price, last))
+    return Distributed([at.x for at in points], last.v, _residual(blocks, e, price, last), last, used)
 
 
 def _start(blocks: Sequence[Block], rows: int, price: Scalar) -> Iterate:
@@ -192,36 +202,33 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
     degree = 1 + sum(2 * len(block.low) + len(block.cones) for block in blocks)
     gap = total(f.gap for f in of) + v * z
     product = reciprocal(v * z)
-    border = _border(of, 1.0 + z * z * product, coupling.used)
-
-    def direction(part: Scalar, right: list[Array], of_v: Scalar) -> tuple[list[Ends], Scalar, Array]:
-        """Return dx and ds of every block, dv, and the multipliers after the step."""
-        halves = each(lambda f, b: forward_substitution(f.C, b), of, right)
-        sums = total(f.V.T @ y for f, y in zip(of, halves, strict=True))
-        dv, after = border.solved(sums, part * missing, of_v)
-        return each(lambda block, f, y: step_ends(block, f, y, dv, after), blocks, of, halves), dv, after
+    border = border_of(of, 1.0 + z * z * product, coupling.used)
 
     # predictor: u = z takes G' z off the gradient
-    steps, dv, _ = direction(1.0, [-f.gradient for f in of], -(v + price))
+    steps, dv, _ = direction(blocks, of, border, [-f.gradient for f in of], missing, -(v + price))
     ratio = dv * product * z
     ahead = each(predicted, points, of, steps)
     longest = reciprocal(greatest([1.0, -ratio, 1.0 + ratio, *(rate for *_, rate in ahead)]))
     less = 1.0 - longest
     sigma = less * less * less
-    centre, part = sigma * gap * (1.0 / degree), 1.0 - sigma
+    centre, part = maximum(sigma * gap * (1.0 / degree), coupling.barrier), 1.0 - sigma
 
-    # corrector
-    factor = 1.0 - ratio * (1.0 + ratio) - centre * product
-    wanted = each(lambda *of_block: right_side(centre, *of_block), blocks, points, of, ahead)
+    # corrector: the predictor aims at mu = 0, and its second order goes with the square of the way to the barrier's mu
+    less = 1.0 - minimum(coupling.barrier * degree * reciprocal(gap), 1.0)
+    second = less * less
+    factor = 1.0 - second * (ratio * (1.0 + ratio)) - centre * product
+    wanted = each(lambda *of_block: right_side(centre, second, *of_block), blocks, points, of, ahead)
     right = [u.pull - part * (f.gradient + f.pull) for u, f in zip(wanted, of, strict=True)]
     own = v + price - z - total(f.price for f in of)
-    steps, dv, after = direction(part, right, -part * own - z * factor - total(u.price for u in wanted))
+    of_v = -part * own - z * factor - total(u.price for u in wanted)
+    steps, dv, after = direction(blocks, of, border, right, part * missing, of_v)
     ratio = dv * product * z
     found = each(corrected, points, of, wanted, steps)
     length = FRACTION * reciprocal(greatest([FRACTION, -ratio, ratio + factor, *(rate for _, rate in found)]))
 
     scaled = maximum(coupling.first * left * reciprocal(1.0 + price), gap * reciprocal(1.0 + price * v))
-    still = where(maximum(scaled, greatest([abs(missing)])) < SOLVED, 0.0, still)
+    solved = where(coupling.barrier > 0.0, 0.0, SOLVED)
+    still = where(maximum(scaled, greatest([abs(missing)])) < solved, 0.0, still)
     still = where(border.factors.kept < len(missing), 0.0, still)  # a pivot is lost in rounding: a step would be noise
     moves = still * length > 0.0  # not where a number is not finite
     made = each(lambda own, step: own.moved(length, step, moves), points, [step for step, _ in found])
@@ -230,7 +237,33 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
     return Iterate(made, v, z, select(moves, nu + length * (after - part * nu), nu), left, still)
 
 
-def _border(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Border:
+def direction(
+    blocks: Sequence[Block],
+    of: Sequence[BlockFactors],
+    border: Border,
+    right: Sequence[Array],
+    missing: Array,
+    of_v: Scalar,
+) -> tuple[list[Ends], Scalar, Array]:
+    """Return dx and ds of every block, dv, and the multipliers nu after the step.
+
+        H_i dx_i + E_i' nu + H_v dv = right_i,      sum E_i dx_i = -missing,      sum H_v' dx_i + H_vv dv = of_v
+
+    Args:
+        blocks: the blocks.
+        of: their factors.
+        border: the equations that these leave.
+        right: (n,) right-hand side of every block.
+        missing: (rows,) what the step takes off the coupling rows.
+        of_v: right-hand side of v.
+    """
+    halves = each(lambda f, b: forward_substitution(f.C, b), of, right)
+    sums = total(f.V.T @ y for f, y in zip(of, halves, strict=True))
+    dv, after = border.solved(sums, missing, of_v)
+    return each(lambda block, f, y: step_ends(block, f, y, dv, after), blocks, of, halves), dv, after
+
+
+def border_of(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Border:
     """Return the equations that the factorised blocks leave.
 
     Args:

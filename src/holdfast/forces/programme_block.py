@@ -48,6 +48,10 @@ class Block(NamedTuple):
     cones: tuple[Cone, ...]
     E: Array
 
+    def with_rows(self, used: Array) -> Block:
+        """Return the block with those coupling rows alone that are 1 in `used`, (rows,)."""
+        return self._replace(E=(self.E.T * used).T)
+
     def pull(self, z: Array, of_cones: Iterable[Array]) -> Array:
         """Return G' z, (n,), for multipliers of bounds and of cones."""
         m = len(self.low)
@@ -191,12 +195,17 @@ def _cone_rates(at: BlockPoint, f: BlockFactors, steps: Iterable[tuple[Array, Ar
     return found
 
 
-def right_side(centre: Scalar, block: Block, at: BlockPoint, f: BlockFactors, ahead: Predicted) -> Wanted:
-    """Return the corrector's right-hand side u = z + W^-1 (W^-1 ds o W dz - centre [1, 0, ..]) / (W z) of a block."""
+def right_side(
+    centre: Scalar, second: Scalar, block: Block, at: BlockPoint, f: BlockFactors, ahead: Predicted
+) -> Wanted:
+    """Return the corrector's right-hand side of a block.
+
+    u = z + W^-1 (second W^-1 ds o W dz - centre [1, 0, ..]) / (W z)
+    """
     ratio, steps, _ = ahead
-    factor = 1.0 - ratio * (1.0 + ratio) - centre * f.product
+    factor = 1.0 - second * (ratio * (1.0 + ratio)) - centre * f.product
     pairs = zip(f.scalings, at.of_cones, steps, strict=True)
-    of_cones = [z + w.corrected(ds, dz, centre) for w, (_, z), (ds, dz) in pairs]
+    of_cones = [z + w.corrected(second * ds, dz, centre) for w, (_, z), (ds, dz) in pairs]
     u = at.z * factor
     return Wanted(factor, of_cones, block.pull(u, of_cones), total(u) + total(u[0] for u in of_cones))
 

@@ -240,6 +240,8 @@ _ROWS = (
     _of_model("acceleration_weight", (), "", "weight of the joint accelerations, in units of 10 rad/s^2 or m/s^2",
         lambda chain: 0.01),
     _of_model("price", (), "", "cost of passing the limits by the force scale", lambda chain: 1e3),
+    _of_model("barrier", (), "", "slack times multiplier of every limit at the end, which smooths the answer; 0: none",
+        lambda chain: 0.0),
     Row("generic_rank", (), "", "rank of the grasp constraint away from singular configurations; -1: not known",
         "parameter"),
     Row("units", (), "", "the identity matrix", "parameter"),
@@ -299,6 +301,7 @@ ACCELERATION_LIMITS = "acceleration_limits"
 DISTRIBUTED = (
     *("effort_share", "demanded_margin", "least_normal", "most_normal"),
     *("effort_weight", "wish", "wished_qdd", "force_scale", "wrench_weight", "acceleration_weight", "price"),
+    "barrier",
 )  # what the distribution of forces is asked
 # Users pass poses as wxyz_xyz; machine code reads rotation matrices, and origins if they matter.
 POSE_ARRAYS = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
