@@ -54,7 +54,7 @@ SLOWEST, LEAST_CHANGE = 0.5, 1e-3  # smallest lambda of a round, and smallest ch
 HALVED_BELOW, HALVED_BELOW_WIDTH = 0.99, 1 / 16  # lambda, and least share of the width, of intervals that are halved
 BELOW_TOP = 1.0 - 1e-7  # share of the largest b that is used: at it, the only choice left is hard to find
 NO_COST = Costs(np.zeros((0, 0)), np.zeros(0))
-JOINT_RATE, LATER = "rate", "later speed"
+OF_RATE, LATER = "rate", "later speed"
 
 
 class PathPoint(NamedTuple):
@@ -82,7 +82,7 @@ class PathPoint(NamedTuple):
     @property
     def forces(self) -> list[Limit]:
         """The limits without that of rates."""
-        return [limit for limit in self.limits if limit.what != JOINT_RATE]
+        return [limit for limit in self.limits if limit.what != OF_RATE]
 
 
 def path_point(
@@ -140,7 +140,7 @@ def _rate_limit(chain: ClosedChain, slopes: Array, force: float, free: int) -> l
     if not np.isfinite(most[j]):
         return []
     return [
-        Limit(chain.joint_names()[j], JOINT_RATE, "", most[j] / force, np.eye(1, free + 2, free + 1), most[j : j + 1])
+        Limit(chain.joint_names()[j], OF_RATE, "", most[j] / force, np.eye(1, free + 2, free + 1), most[j : j + 1])
     ]
 
 
@@ -201,7 +201,7 @@ class Interval(NamedTuple):
                 G = np.zeros((len(limit.h), self.size))
                 G[:, x] = limit.G[:, :-2] if x.stop > x.start else 0.0
                 G[:, -2:] = limit.G[:, -2:] @ np.array([[1.0, 0.0], [along, 1.0]])
-                G[:, -2:] /= 1.0 if limit.what == JOINT_RATE else self.slower
+                G[:, -2:] /= 1.0 if limit.what == OF_RATE else self.slower
                 found.append(limit._replace(G=G))
         return found
 
