@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ def cost(blocks: Sequence[Block], x: list[Array], v: float, price: float) -> flo
 
 def solved(blocks: Sequence[Block], e: Array, price: float) -> tuple[list[Array], float]:
     """Return Clarabel's x of every block, and v."""
-    import clarabel  # pyright: ignore[reportMissingImports]
+    clarabel: Any = import_module("clarabel")
 
     settings = clarabel.DefaultSettings()
     settings.verbose = False
@@ -33,7 +34,7 @@ def solved(blocks: Sequence[Block], e: Array, price: float) -> tuple[list[Array]
 
 def arguments(blocks: Sequence[Block], e: Array, price: float) -> tuple[Any, ...]:
     """Return P, c, A, b and cones for Clarabel's solver, and the places of the blocks' unknowns; v is the last."""
-    import clarabel  # pyright: ignore[reportMissingImports]
+    clarabel: Any = import_module("clarabel")
 
     sizes = [len(block.c) for block in blocks]
     places = np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])

@@ -15,6 +15,7 @@ from holdfast.forces import ForceLimits, distribute
 from holdfast.robots import ur5e
 from holdfast.spatial import rotation
 from tests.control.two_pandas import rubber_pandas
+from tests.longer import mostly_slow
 
 WIDTH, RADIUS = 0.2, 0.12
 
@@ -75,7 +76,7 @@ def arc_timed(nodes: int, rates: bool = True):
     return hf.time_path(chain, state, Arc(state.object_frame), GRIP, nodes=nodes)
 
 
-@pytest.mark.parametrize(("rates", "nodes"), [(True, 21), (False, 11), (False, 41)])
+@pytest.mark.parametrize(("rates", "nodes"), mostly_slow([(True, 21), (False, 11), (False, 41)], [(False, 11)]))
 def test_limits_between_nodes(rates, nodes):
     """At ten places of every interval, with forces of their own, limits are passed by 1e-3 N at most, rates by none."""
     timed = arc_timed(nodes, rates)
@@ -91,6 +92,7 @@ def test_limits_between_nodes(rates, nodes):
     assert timed.room.min() >= -5e-4
 
 
+@pytest.mark.slow
 def test_forward_dynamics_follows():
     """Torques found anew along the path give the object and the joints the accelerations of the timed path."""
     timed = arc_timed(21)
@@ -128,6 +130,7 @@ def from_rest_to_rest(nodes, **path):
     return hf.time_path(chain, state, given, GRIP, span=(0.0, 2.0), nodes=nodes)
 
 
+@pytest.mark.slow
 def test_speed_of_the_given_path_does_not_matter():
     """A straight line takes the same time at constant speed, from rest to rest, or through poses."""
     chain, state = two_ur5e()
@@ -199,6 +202,7 @@ def test_time_scales():
     assert fast.duration == pytest.approx(slow.duration / 1.3, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_reversal():
     """The same way back takes the same time, at the same speeds."""
     chain, state = two_ur5e()
@@ -209,6 +213,7 @@ def test_reversal():
     assert back.duration == pytest.approx(there.duration, rel=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rates", [True, False])
 def test_beside_a_joint_programme(rates):
     """Not faster than a fine programme over all nodes together, and at 40 intervals slower by less than 1 %."""
@@ -229,6 +234,7 @@ def test_given_joints():
     assert again.duration == pytest.approx(first.duration, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_tracking():
     """Computed torque follows the timed path, and a law of its own keeps the box at the end."""
     chain, state = two_ur5e()

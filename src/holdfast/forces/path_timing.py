@@ -48,7 +48,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State, shaped_inputs
 
 INSIDE = 3  # places between two nodes at which limits are measured
-PASSED = 5e-4  # N by which limits may be passed there
+PASSED_BETWEEN = 5e-4  # N by which limits may be passed there
 MOST_ROUNDS = 20
 SLOWEST, LEAST_CHANGE = 0.5, 1e-3  # smallest lambda of a round, and smallest change
 HALVED_BELOW, HALVED_BELOW_WIDTH = 0.99, 1 / 16  # lambda, and least share of the width, of intervals that are halved
@@ -139,9 +139,7 @@ def _rate_limit(chain: ClosedChain, slopes: Array, force: float, free: int) -> l
     j = int(np.argmin(most))
     if not np.isfinite(most[j]):
         return []
-    return [
-        Limit(chain.joint_names()[j], OF_RATE, "", most[j] / force, np.eye(1, free + 2, free + 1), most[j : j + 1])
-    ]
+    return [Limit(chain.joint_names()[j], OF_RATE, "", most[j] / force, np.eye(1, free + 2, free + 1), most[j : j + 1])]
 
 
 class Timing(NamedTuple):
@@ -218,7 +216,7 @@ class Interval(NamedTuple):
     def possible_share(self, passed: Array) -> float:
         """Return lambda for violations (places,) at lambda = 1."""
         above = np.pad(_above(passed), 1)
-        goal = np.minimum(0.0, 0.5 * PASSED - np.maximum(above[:-1], above[1:]))
+        goal = np.minimum(0.0, 0.5 * PASSED_BETWEEN - np.maximum(above[:-1], above[1:]))
         at_rest = np.array([point.at_rest for point in self.points])
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(passed > goal, (goal - at_rest) / (passed - at_rest), 1.0).min()
@@ -268,12 +266,12 @@ def fastest_timing(point_at: Callable[[float], PathPoint], nodes: Array) -> Timi
         b, a, top, limited_by = _reached(parts)
         passed = [part.violations(*start) for part, *start in zip(parts, a, b[:-1], strict=True)]
         peaks = np.array([(np.maximum(one[:-1], one[1:]) + _above(one)).max() for one in passed])
-        if peaks.max() <= PASSED:
+        if peaks.max() <= PASSED_BETWEEN:
             ends = np.array([parts[0].points[0].u, *(part.points[-1].u for part in parts)])
             return Timing(ends, b, a, top, limited_by, -peaks)
         refined = []
         for part, one, peak in zip(parts, passed, peaks, strict=True):
-            slower = part.slower if peak <= PASSED else part.slower * part.possible_share(one)
+            slower = part.slower if peak <= PASSED_BETWEEN else part.slower * part.possible_share(one)
             if slower < HALVED_BELOW and part.width > least:
                 first, middle, last = (
                     point.u for point in (part.points[0], part.points[len(part.points) // 2], part.points[-1])
@@ -363,7 +361,7 @@ def _held(point: PathPoint) -> float:
         return -np.inf
     done, force = _least_violation(point, 0.0, 0.0), point.found.force
     lack = -np.inf if done.verdict is Verdict.UNBOUNDED else done.extra * force
-    if lack > PASSED:
+    if lack > PASSED_BETWEEN:
         words = [limit.words for limit in point.forces]
         proof = certificate(words, done.parts, lack, done.dual_residual * force)
         raise StateError(f"the object cannot even be held there: {proof.words}")
