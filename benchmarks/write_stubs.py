@@ -16,17 +16,23 @@ from holdfast.questions.question import QUESTIONS
 ROOT = Path(__file__).parents[1]
 
 
-def public_names() -> dict[str, str]:
-    """Return where users find the functions that answer questions on floats, by question."""
+def public_names() -> tuple[dict[str, str], set[str]]:
+    """Return where users find the functions that answer questions on floats, by question, and which have derivatives."""
     homes = {"holdfast": holdfast, "holdfast.dynamics": holdfast.dynamics, "holdfast.forces": holdfast.forces}
-    return {name: f"{home}.{name}" for home, of in reversed(homes.items()) for name in QUESTIONS if name in dir(of)}
+    found, differentiable = {}, set[str]()
+    for home, of in reversed(homes.items()):
+        for name in QUESTIONS:
+            if name in dir(of):
+                found[name] = f"{home}.{name}"
+                differentiable |= {name} if hasattr(getattr(of, name), "vjp") else set()
+    return found, differentiable
 
 
 def written() -> dict[Path, str]:
     """Return the text of every file that is made; importing `compiled.chain` has loaded all declarations."""
     return {
         Path(chain.__file__).with_name("answers.pyi"): stub(),
-        ROOT / "docs" / "api" / "questions.md": page(public_names()),
+        ROOT / "docs" / "api" / "questions.md": page(*public_names()),
     }
 
 

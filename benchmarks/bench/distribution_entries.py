@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ def entries(kind: str) -> Iterator[Timed]:
 def by_clarabel(chain: hf.ClosedChain, state: hf.State, acceleration: Array) -> Iterator[Timed]:
     """Yield Clarabel's solution of the same programme, which is made beforehand, if it is installed."""
     try:
-        import clarabel  # pyright: ignore[reportMissingImports]
+        clarabel: Any = import_module("clarabel")
 
         from benchmarks.clarabel_peer import arguments
     except ImportError:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.errors import MethodNotApplicable
 from holdfast.forces.elastic_derivatives import central_point, numbers_of, rule_at, taken
 from holdfast.forces.elastic_distribution import DISTRIBUTE, Programme, distributed, programme
@@ -33,7 +34,8 @@ NINE_POINTS = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 def made(name: str) -> Programme:
     """Return the programme of a stored question."""
     case = force_cases()[name]
-    return programme(case_of(case.chain, case.state, case.arguments[4], **case.call))
+    asked = case_of(case.chain, case.state, case.arguments[4], **case.call)
+    return programme(chain_motion(case.chain, case.state, 0.0 * case.state.q, asked.inputs), asked.own)
 
 
 @cache

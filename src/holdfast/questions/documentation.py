@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 
 from holdfast.questions.arrays import ARRAYS, BASE_MOTION, INTERNAL, POSE_ARRAYS, TRUNK_BASE_MOTION, Row
 from holdfast.questions.question import QUESTIONS, Question
@@ -116,11 +116,12 @@ def stub() -> str:
 _CALLS = ("vjp(*given, by=..., **cotangents)", "jvp(*given, along)", "jacobian(*given, of=..., by=...)")
 
 
-def page(public: Mapping[str, str]) -> str:
+def page(public: Mapping[str, str], differentiable: Container[str]) -> str:
     """Return the page of all questions, in Markdown.
 
     Args:
         public: public names of the functions that answer them on floats, by question.
+        differentiable: the questions whose functions on floats have derivatives.
     """
     lines = [
         "# Questions",
@@ -150,7 +151,7 @@ def page(public: Mapping[str, str]) -> str:
         ]
         lines += [f"| {what} | {text.replace('|', chr(92) + '|')} |" for what, text in rows.items()]
         if (path := public.get(name)) is not None:
-            calls = _CALLS if question.by else ()
+            calls = _CALLS if name in differentiable else ()
             documented = [f".. autofunction:: {path}", *(f".. automethod:: {path}.{call}" for call in calls)]
             lines += ["", "```{eval-rst}", *documented, "```"]
     return "\n".join([*lines, ""])
