@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def public_names() -> tuple[dict[str, str], set[str]]:
-    """Return where users find the functions that answer questions on floats, by question, and which have derivatives."""
+    """Return where users find the functions that answer questions on floats, and which of these have derivatives."""
     homes = {"holdfast": holdfast, "holdfast.dynamics": holdfast.dynamics, "holdfast.forces": holdfast.forces}
     found, differentiable = {}, set[str]()
     for home, of in reversed(homes.items()):
