@@ -174,6 +174,7 @@ def test_no_windup():
     assert errors[30:] == pytest.approx(-10.0 * 0.5 ** np.arange(20), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_simulated_sensor():
     """A run whose controller believes in another box reaches the wished force by the sensor of the true one."""
     believed = replace(CHAIN, grasps={**CHAIN.grasps, "left": replace(

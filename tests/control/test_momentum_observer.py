@@ -74,6 +74,7 @@ def simulated(inputs):
     return observation(law, systems.memory[0])
 
 
+@pytest.mark.slow
 def test_which_arm_is_pushed():
     """With wrist sensors, a push on a link of the right arm is its own: J^T w on its joints; the rest feels nothing."""
     push = np.zeros((N, 6))

@@ -192,6 +192,7 @@ def test_acceleration_limits():
     assert timed.duration == pytest.approx(np.sqrt(2.0 * 0.5 * (1.0 / 3.0 + 1.0)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_time_scales():
     """Without gravity, limits on forces times k^2, and rates times k, divide the time by k."""
     chain, state = two_ur5e()

@@ -44,7 +44,10 @@ def lift(state, height=0.1, duration=0.5):
 @pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("softfinger", "ball"), ("hinge", "softfinger")])
 @pytest.mark.parametrize("sample_time", [None, 1e-3])
 def test_the_same_as_compiled_distribute(kinds, sample_time):
-    """Asked for the same acceleration, wrenches and posture, `distribute` gives the same, to 1e-12 of the limits."""
+    """Asked for the same acceleration, wrenches and posture, `distribute` gives the same, to 1e-8 of the limits.
+
+    The iterate is kept from a residual of 1e-9 on, so rounding may decide which iterate that is.
+    """
     chain, state = two_pandas(*kinds)
     wish = np.random.default_rng(2).normal(scale=20.0, size=(2, 6))
     limits = ForceLimits(0.3, least_margin={"left": 1.0}, most_normal=50.0, sample_time=sample_time)
@@ -64,8 +67,8 @@ def test_the_same_as_compiled_distribute(kinds, sample_time):
         given |= {"wish": wish, "wished_qdd": 16.0 * (state.q + 0.1 - now.q) - 8.0 * now.qd}
         expected = fast.distribute(*arrays, command, **given)
         found = compiled.torques(0.0, *arrays, **NOTHING)
-        assert found.tau / EFFORT == pytest.approx(expected.tau / EFFORT, rel=0.0, abs=1e-12)
-        assert found.memory[0] == pytest.approx(float(expected.violation), abs=1e-12)
+        assert found.tau / EFFORT == pytest.approx(expected.tau / EFFORT, rel=0.0, abs=1e-8)
+        assert found.memory[0] == pytest.approx(float(expected.violation), abs=1e-8)
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ from tests.codegen import problems as exported
 from tests.codegen import test_export as export
 from tests.control.two_pandas import two_pandas
 from tests.forces.force_cases import Asked, force_cases
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 
 NAMES = [*force_cases()]
 APEX, UNLIMITED = "no_weight_apex", "no_effort_limits"
@@ -200,7 +200,7 @@ def test_singular_postures(turn):
     assert np.abs(found.tau).max() < 1e12
 
 
-@pytest.mark.parametrize("name", COMPILED)
+@pytest.mark.parametrize("name", mostly_slow(COMPILED, ["two_soft_effort"]))
 def test_machine_code(name):
     """Its numbers are those of the text on floats, its bits those of schedule, batches, threads and bound calls."""
     case, code = force_cases()[name], fast(name).distribute

@@ -247,6 +247,7 @@ def test_a_function_is_called_at_the_stages(options):
         np.testing.assert_allclose(mine[finite], theirs[finite], rtol=1e-4, err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["wrench of time", "wrench of state", "wrench, sampled, delayed"])
 def test_wrenches_by_functions(name):
     """The motion, its forces and its balances are those that the reference finds; the function is called at stages."""
@@ -262,7 +263,7 @@ def test_constant_wrenches_on_links():
     """Are machine code as well, and do what the reference says."""
     chain, state = facing_pandas()
     acting = hf.Inputs(link_wrenches=np.linspace(-0.5, 0.5, 84).reshape(14, 6))
-    given = chain, state, springs(chain, state), STEPS * STEP, STEP
+    given = chain, state, springs(chain, state), 12 * STEP, STEP
     mine, theirs = (hf.simulate(*given, inputs=acting, make_stepper=make) for make in (None, ReferenceStepper))
     calm = hf.simulate(*given)
     for array in ("q", "qd", "grasp_wrench", "work"):
