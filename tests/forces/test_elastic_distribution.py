@@ -62,7 +62,9 @@ def answered(name: str) -> ElasticDistribution:
 def fast(name: str) -> CompiledChain:
     """Return machine code of the chain of a stored question."""
     case = force_cases()[name]
-    return CompiledChain(case.chain, Options(acceleration_limits="acceleration_limits" in case.call), None)
+    return CompiledChain(
+        case.chain, Options(further=("acceleration_limits",) if "acceleration_limits" in case.call else ()), None
+    )
 
 
 def cost(case: Asked, found: ElasticDistribution) -> float:

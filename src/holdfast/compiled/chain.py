@@ -28,7 +28,6 @@ from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called, unknown_attribute
-from holdfast.questions.arrays import ACCELERATION_LIMITS
 from holdfast.questions.question import QUESTIONS
 
 if TYPE_CHECKING:
@@ -89,7 +88,8 @@ def compile(
             " method='auto', 'recursive' or 'mass_matrix'"
         )
     route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
-    options = optional_parameters(parameters, "compile", route, (*OPTIONAL, ACCELERATION_LIMITS))
+    further = dict.fromkeys(name for question in QUESTIONS.values() for name in question.optional)
+    options = optional_parameters(parameters, "compile", route, (*OPTIONAL, *further))
     made = CompiledChain(chain, options, generic_rank, progress)
     _ = made.forward_dynamics.calls
     return made

@@ -12,7 +12,7 @@ from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, externals, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.questions.arrays import ACCELERATION_LIMITS, TRUNK_BASE_MOTION, Shape, link_parameters, shapes
+from holdfast.questions.arrays import TRUNK_BASE_MOTION, Shape, link_parameters, shapes
 from holdfast.questions.case import VariedCase
 from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array
@@ -50,7 +50,8 @@ class Computation:
 
 def traced_case(question: Question, chain: ClosedChain, x: Given) -> VariedCase:
     """Return the traced arguments of a question."""
-    own = {name: x[name] for name in (*question.own(chain), ACCELERATION_LIMITS) if name in x}
+    given = (*question.own(chain), *(name for name in question.optional if name in x))
+    own = {name: x[name] for name in given}
     return VariedCase(chain, traced_state(chain, x), traced_inputs(chain, x), own)
 
 
@@ -62,7 +63,7 @@ def structure_of(question: Question, chain: ClosedChain, options: Options) -> St
         options.link_inertia and "links" in needs,
         options.link_wrenches and "forces" in needs,
         base_motion=True,
-        acceleration_limits=options.acceleration_limits and "limits" in needs,
+        further=tuple(name for name in question.optional if name in options.further),
     )
     by_grasp = "grasps" in needs or _by_bushings(question, chain)
     return Structure(chain, own, by_grasp, "links" in needs, "limits" in needs)
@@ -110,7 +111,7 @@ def arrays_of(
     if options.link_wrenches:
         inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
     parameters += link_parameters(chain) if options.link_inertia else ()
-    parameters += (ACCELERATION_LIMITS,) if options.acceleration_limits else ()
+    parameters += options.further
     parameters += ("grasp_R", "grasp_p") if _by_bushings(question, chain) else ()
     inputs += question.by_name(chain)
     parameters += ("base_p",) if question.by_place(chain) else ()

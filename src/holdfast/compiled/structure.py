@@ -20,7 +20,6 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import digest_of, exact_fingerprint, fingerprint
 from holdfast.model.grasp import WrenchLimits
 from holdfast.model.grasp_kinds import GraspKind
-from holdfast.questions.arrays import ACCELERATION_LIMITS
 
 OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that exist only on request
 
@@ -38,7 +37,7 @@ class Options:
         implicit: whether additional joint armatures and torques are inputs, for the stages of implicit steps.
         resolution: whether steps notice that they may not follow the motion (`simulation.resolution`).
         stages: number of stages of a step with given values (`rollout.stage_values`); 0 if a law computes torques.
-        acceleration_limits: whether limits of the joints' accelerations are run-time parameters of `distribute`.
+        further: names of further run-time parameters, of the questions that have them as `optional`.
     """
 
     route: Route = "auto"
@@ -49,7 +48,7 @@ class Options:
     implicit: bool = False
     resolution: bool = False
     stages: int = 0
-    acceleration_limits: bool = False
+    further: tuple[str, ...] = ()
 
 
 def require_rank(generic_rank: Any, chain: ClosedChain, what: str) -> None:
@@ -90,7 +89,7 @@ def optional_parameters(
         route,
         "link_inertia" in parameters,
         "link_wrench" in parameters,
-        acceleration_limits=ACCELERATION_LIMITS in parameters,
+        further=tuple(name for name in known if name in parameters and name not in OPTIONAL),
     )
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmMotion
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, needed_wrench, pseudo_gravity
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable, StateError
@@ -160,7 +160,7 @@ def programme(motion: ChainMotion, own: Numbers) -> Programme:
     alpha = own["acceleration"] - pseudo_gravity(chain)
     length = length_scale([c.offset for c in motion.contacts])
     to_force = concatenate([np.full(3, 1.0) * reciprocal(length), np.ones(3)])
-    needed = to_force * (motion.body.inertia.apply(alpha) + motion.body.bias - motion.body.wrench)
+    needed = to_force * needed_wrench(motion, own["acceleration"])
     given = own["force_scale"][()]
     force = where(given > 0.0, given, maximum(SMALLEST_FORCE_SCALE, sqrt(needed @ needed)))
     weights = (own[name][()] for name in ("effort_share", "wrench_weight", "acceleration_weight"))
@@ -369,6 +369,7 @@ DISTRIBUTE = declare(
             *("gravity", *OBJECT, "object_wrench", "base_R", "base_p", "base_twist", "base_acceleration"),
             *("grasp_R", "grasp_p", LIMITS, CONTACTS, *DISTRIBUTED),
         ),
+        optional=(ACCELERATION_LIMITS,),
         arguments=(*STATE, "acceleration", *(name for name in ARGUMENTS if name not in (*STATE, "tau")), *DISTRIBUTED),
         by=(*STATE, "acceleration"),
         depends_on=("grasps", "links", "forces", "bushings", "limits"),

@@ -70,6 +70,7 @@ class Question:
         summary: what it returns, as a phrase that begins with a noun.
         inputs: names of the arrays that compiled calls take, in order.
         parameters: names of the run-time parameters of machine code.
+        optional: names of those that exist only on request.
         arguments: names of all arrays by which it can be differentiated, for any chain; none if it cannot.
         by: those by which it is differentiated unless others are requested.
         of: the results whose Jacobian is returned unless others are requested; all if there are none here.
@@ -97,6 +98,7 @@ class Question:
     summary: str = ""
     inputs: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()
     arguments: tuple[str, ...] = ()
     by: tuple[str, ...] = ()
     of: tuple[str, ...] = ()
