@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from tests.planning.examples import mobile
 from tests.systems.as_chain import as_chain
 from tests.systems.special_systems import one_straight_arm_of_three
 
 import holdfast as hf
-from benchmarks.joint_path_figure import mobile_manipulator
 from holdfast.control.paths import pose_error
 from holdfast.forces import Distribution, ForceCost, ForceLimits, distribute, lift_margin
 from holdfast.spatial.scalar import Array
@@ -184,7 +184,7 @@ def bends() -> Iterator[Bar]:
 
 def carried(time: float = TIME) -> tuple[hf.ClosedChain, hf.simulation.Trajectory]:
     """Return a mobile manipulator that carries its tray forwards, and what it did."""
-    chain, state = mobile_manipulator()
+    chain, state = mobile()
     trunk = chain.trunk
     assert trunk is not None
     limits = ((500.0, 0.5), (500.0, 0.5), (300.0, 1.0))

@@ -8,9 +8,14 @@ Right: two Pandas on a platform carry a tray 0.3 m forward.
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from tests.planning.examples import mobile, nearest_states, two_arms
 
 import holdfast as hf
 from holdfast.spatial.scalar import Array
@@ -18,48 +23,6 @@ from holdfast.view import figure_style
 from holdfast.view.figure_style import BLUE, COLUMN, ORANGE, STYLE, TRUNK_COLOUR, VERMILLION
 
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "joint_path.png"
-TRAY = hf.HeldObject.box(4.0, 0.3, 0.5, 0.1)
-GRASPS = {
-    name: hf.Grasp("rigid", hf.contact_frame([0, y, 0.05], into=[0, 0, -1]))
-    for name, y in (("left", 0.2), ("right", -0.2))
-}
-
-
-def two_iiwas() -> tuple[hf.ClosedChain, hf.State]:
-    """Return two arms in the world that hold the tray."""
-    arms = {name: hf.robots.iiwa14(hf.Pose.translation(0, y, 0)) for name, y in (("left", 0.3), ("right", -0.3))}
-    chain, state = hf.assemble(arms, TRAY, GRASPS, object_pose=hf.Pose.translation(0.5, 0, 0.35))
-    return chain, state
-
-
-def mobile_manipulator() -> tuple[hf.ClosedChain, hf.State]:
-    """Return two arms on a platform that drives and turns, in their cheapest posture."""
-    axes = [
-        hf.Joint("prismatic", axis=[1, 0, 0], name="x"),
-        hf.Joint("prismatic", axis=[0, 1, 0], name="y"),
-        hf.Joint("revolute", name="yaw"),
-    ]
-    frame, body = hf.Link(1.0, inertia=0.01 * np.eye(3)), hf.Link(60.0, inertia=np.diag([2.0, 2.0, 3.0]), name="deck")
-    arms = {name: hf.robots.panda(hf.Pose.translation(0, y, 0.4)) for name, y in (("left", 0.3), ("right", -0.3))}
-    chain, state = hf.assemble(
-        arms,
-        TRAY,
-        GRASPS,
-        object_pose=hf.Pose.translation(0.5, 0, 0.8),
-        trunk=hf.Trunk(axes, [frame, frame, body]),
-        mounts={"left": "deck", "right": "deck"},
-        posture=hf.dynamics.Posture(),
-    )
-    return chain, state
-
-
-def nearest_configurations(chain: hf.ClosedChain, state: hf.State, path: hf.control.RestToRest, t: Array) -> Array:
-    """Return the joint positions (m, n) nearest to the sample before, whatever the limits."""
-    found = [state.q]
-    for time in t[1:]:
-        guess = hf.State(found[-1], 0 * state.q, path.at(float(time)).pose)
-        found.append(hf.close(chain, guess, hold_object=True, limits=False).q)
-    return np.array(found)
 
 
 def least_room(chain: hf.ClosedChain, q: Array) -> Array:
@@ -75,15 +38,16 @@ def main() -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    chain, state = two_iiwas()
+    chain, state = two_arms("iiwa14")
     path = hf.control.RestToRest(
         state.object_frame, [0.175, -0.068, 0.076], turn=[-0.907, -0.753, -0.007], duration=2.0
     )
     plan = hf.follow(chain, state, path, 2.0, 0.05)
-    nearest, planned = least_room(chain, nearest_configurations(chain, state, path, plan.t)), least_room(chain, plan.q)
+    plainly = np.array([one.q for one in nearest_states(chain, state, path, plan.t)])
+    nearest, planned = least_room(chain, plainly), least_room(chain, plan.q)
     print(f"nearest configurations: {nearest.min():.1f} % of the range; planned: {planned.min():.1f} %")
 
-    deck, start = mobile_manipulator()
+    deck, start = mobile()
     forward = hf.control.RestToRest(start.object_frame, [0.3, 0.0, 0.0], duration=3.0)
     drive = hf.follow(deck, start, forward, 3.0, 0.05)
     base = 1e3 * (drive.q[:, 0] - drive.q[0, 0])

@@ -63,10 +63,15 @@ def plainly_followed(chain: hf.ClosedChain, state: hf.State, path: RestToRest, c
     Each sample is the closed configuration nearest to the one before, whatever the limits.
     """
     low, high = chain.position_limits.T
-    room, strength = np.inf, 1.0
-    for t in np.linspace(0.0, path.duration, count)[1:]:
-        guess = hf.State(state.q, 0 * state.q, path.at(float(t)).pose)
-        state = hf.close(chain, guess, hold_object=True, hold_trunk=False, limits=False)
-        room = min(room, float(np.min(np.minimum(state.q - low, high - state.q) / (high - low))))
-        strength = min(strength, weakest_strength(chain, state))
-    return room, strength
+    states = nearest_states(chain, state, path, np.linspace(0.0, path.duration, count))[1:]
+    rooms = [float(np.min(np.minimum(one.q - low, high - one.q) / (high - low))) for one in states]
+    return min(rooms), min(weakest_strength(chain, one) for one in states)
+
+
+def nearest_states(chain: hf.ClosedChain, state: hf.State, path: RestToRest, times: np.ndarray) -> list[hf.State]:
+    """Return closed states at some times, the first as given, each the nearest to the one before."""
+    found = [state]
+    for t in times[1:]:
+        guess = hf.State(found[-1].q, 0 * state.q, path.at(float(t)).pose)
+        found.append(hf.close(chain, guess, hold_object=True, hold_trunk=False, limits=False))
+    return found

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.control.balanced_torques import internal_part, needed_wrench, pushes, sum_at_object
+from holdfast.control.balanced_torques import internal_part, pushes, sum_at_object
 from holdfast.control.controller import ControlLaw, Torque
 from holdfast.control.gains import gain_matrix, require_stable
 from holdfast.control.paths import ObjectPath, Target, path_function, pose_error
 from holdfast.control.posture_control import PostureControl
 from holdfast.dynamics.arm.forward_kinematics import jacobian
-from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_motion, needed_wrench
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain

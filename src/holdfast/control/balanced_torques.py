@@ -8,7 +8,7 @@ import numpy as np
 
 from holdfast.control.computed_torque import joint_accelerations
 from holdfast.dynamics.arm.forward_kinematics import jacobian
-from holdfast.dynamics.closed.chain_motion import ChainMotion, pseudo_gravity
+from holdfast.dynamics.closed.chain_motion import ChainMotion, needed_wrench, pseudo_gravity
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.inverse import torques
 from holdfast.spatial.linalg import least_solution
@@ -58,12 +58,6 @@ def bearing_wrenches(motion: ChainMotion, alpha: Array, wished: Array) -> tuple[
         wished: (arms, 6) wished wrenches about the contacts, world axes.
     """
     return nearest_wrenches(motion, needed_wrench(motion, alpha), wished)
-
-
-def needed_wrench(motion: ChainMotion, alpha: Array) -> Array:
-    """Return the wrench of all grasps on the object about C that moves it, M(C) (alpha - [0; g]) + b(C) - w, (6,)."""
-    body = motion.body
-    return body.inertia.apply(alpha - pseudo_gravity(motion.chain)) + body.bias - body.wrench
 
 
 def nearest_wrenches(motion: ChainMotion, net: Array, wished: Array) -> tuple[Array, Scalar, Scalar]:

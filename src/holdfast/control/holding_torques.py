@@ -14,7 +14,7 @@ import numpy as np
 from holdfast.control.balanced_torques import FEASIBLE, Missed, balanced, missed_accelerations, pushes
 from holdfast.control.computed_torque import joint_accelerations
 from holdfast.dynamics.arm.forward_kinematics import jacobian
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, needed_wrench, pseudo_gravity
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
@@ -51,7 +51,7 @@ def balancing_wrenches(
     chain = motion.chain
     holding = [chain.names.index(name) for name in chain.grasps]
     length = length_scale([c.offset for c in motion.contacts])
-    needed = motion.body.inertia.apply(alpha - pseudo_gravity(chain)) + motion.body.bias - motion.body.wrench
+    needed = needed_wrench(motion, alpha)
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
     torque_unit = np.array([1 / length if joint.turns else 1.0 for joint in chain.all_joints])
     base_load = np.zeros(0) if base is None else unit * base

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.control.balanced_torques import needed_wrench, pushes
+from holdfast.control.balanced_torques import pushes
 from holdfast.control.law_parts import GraspForces, LawInput
 from holdfast.dynamics.arm.forward_kinematics import jacobian
+from holdfast.dynamics.closed.chain_motion import needed_wrench
 from holdfast.dynamics.inverse import torques
 from holdfast.errors import ModelError
 from holdfast.forces.margins import joint_limits

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.control.balanced_torques import needed_wrench, sum_at_object
+from holdfast.control.balanced_torques import sum_at_object
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw, Torque
 from holdfast.control.digital_law import evaluated
 from holdfast.control.gains import require_stable
 from holdfast.control.traced_law import law_key, law_of
-from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_motion, needed_wrench
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.sequential import rest_response, sequential
 from holdfast.dynamics.constraint import length_scale

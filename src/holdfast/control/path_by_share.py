@@ -133,21 +133,11 @@ def _standing(rates: list[Array]) -> Array:
 
 
 def _continued(chain: ClosedChain, start: State, places: Array, targets: list[Target], rests: bool) -> JointSpline:
-    """Return the joint path through the closed states nearest to each other, in which soft fingers do not roll.
-
-    No spin of a soft finger follows from positions, and a bushing would leave its arm behind; both are held rigidly.
-    """
+    """Return the joint path through the closed states nearest to each other, in which soft fingers do not roll."""
     from scipy.interpolate import make_interp_spline  # imported here because it takes half a second
 
     require_fit(chain, start)
-    tips, inverse = chain_at_rest(chain, start).arms, start.object_frame.inverse()
-    grasps = {
-        name: Grasp("rigid", inverse @ tips[name].at.tip)
-        if grasp.of_kind.rate_rows or grasp.of_kind.compliant
-        else grasp
-        for name, grasp in chain.grasps.items()
-    }
-    held = replace(chain, grasps=grasps)
+    held = held_steadily(chain, start)
     q, found = start.q, []
     for target in targets:
         q = closed_along(held, q, np.zeros_like(q), target).q
@@ -157,10 +147,28 @@ def _continued(chain: ClosedChain, start: State, places: Array, targets: list[Ta
     return JointSpline((whole, whole.derivative(), whole.derivative(2)))
 
 
-def closed_along(chain: ClosedChain, q: Array, qd: Array, target: Target) -> State:
-    """Return the closed state nearest to joint positions and rates, with the object on its path."""
+def held_steadily(chain: ClosedChain, state: State) -> ClosedChain:
+    """Return the chain with rigid grasps, where the tips are, in place of soft fingers and bushings.
+
+    No spin of a soft finger follows from positions, and a bushing would leave its arm behind.
+    """
+    tips, inverse = chain_at_rest(chain, state).arms, state.object_frame.inverse()
+    grasps = {
+        name: Grasp("rigid", inverse @ tips[name].at.tip)
+        if grasp.of_kind.rate_rows or grasp.of_kind.compliant
+        else grasp
+        for name, grasp in chain.grasps.items()
+    }
+    return replace(chain, grasps=grasps)
+
+
+def closed_along(chain: ClosedChain, q: Array, qd: Array, target: Target, *, limits: bool = True) -> State:
+    """Return the closed state nearest to joint positions and rates, with the object on its path.
+
+    Trunk and arms may move.
+    """
     guess = State(q, qd, target.pose.wxyz_xyz, target.twist)
-    return close(chain, guess, hold_object=True, hold_trunk=False)
+    return close(chain, guess, hold_object=True, hold_trunk=False, limits=limits)
 
 
 def _inverse_quintic(u: float) -> float:

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, needed_wrench, pseudo_gravity
 from holdfast.dynamics.closed.stacked import block_diagonal
 from holdfast.dynamics.constraint import constraint_rows, free_wrenches, length_scale
 from holdfast.dynamics.inverse import torques
@@ -134,12 +134,6 @@ class ScaledEquations(NamedTuple):
 def motion_without_torques(chain: ClosedChain, state: State, inputs: Inputs) -> ChainMotion:
     """Return the chain's motion for shaped inputs, of which the torques are asked."""
     return chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
-
-
-def needed_wrench(motion: ChainMotion, alpha: Array) -> Array:
-    """Return M(C) (alpha - [0; g]) + b(C) - w, (6,), what the grasps must exert on the object about C."""
-    body = motion.body
-    return body.inertia.apply(alpha - pseudo_gravity(motion.chain)) + body.bias - body.wrench
 
 
 def force_scale(motion: ChainMotion, alpha: Array) -> float:

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.control.path_by_share import closed_along, held_steadily
 from holdfast.control.paths import ObjectPath, Target, path_function
 from holdfast.dynamics.closed.chain_motion import chain_at_rest, chain_motion
-from holdfast.dynamics.closing import close
 from holdfast.dynamics.consistency import closure, require_closed
 from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.dynamics.near_singular import arm_strength, chain_strength
@@ -20,7 +20,6 @@ from holdfast.dynamics.rank import constraint_pivots
 from holdfast.errors import ClosureError, MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import Grasp
 from holdfast.planning.configuration_cost import ConfigurationCost
 from holdfast.planning.joint_path import JointPath
 from holdfast.planning.whole_path import WEAKEST, Smoothness, WholePath, self_motions
@@ -93,7 +92,7 @@ def follow(
         what = "a floating base, whose motion depends on forces" if chain.floats else "no grasp, or no joint"
         raise MethodNotApplicable(f"follow: the chain has {what}; try a trunk with a base in the world, or an arm")
     places = [_target(place_at, t) for t in times]
-    held = _held_steadily(chain, state)
+    held = held_steadily(chain, state)
     first = _first(chain, held, state, places[0])
     wish = (Posture() if posture is None else posture).cost(held, first)
     cost = ConfigurationCost(held, wish, *zones)
@@ -135,21 +134,6 @@ def _times(duration: Any, step: Any, begin: Any) -> Array:
     return times
 
 
-def _held_steadily(chain: ClosedChain, state: State) -> ClosedChain:
-    """Return the chain with rigid grasps, where the tips are, in place of soft fingers and bushings.
-
-    No spin of a soft finger follows from positions, and a bushing would leave its arm behind.
-    """
-    tips, inverse = chain_at_rest(chain, state).arms, state.object_frame.inverse()
-    grasps = {
-        name: Grasp("rigid", inverse @ tips[name].at.tip)
-        if grasp.of_kind.rate_rows or grasp.of_kind.compliant
-        else grasp
-        for name, grasp in chain.grasps.items()
-    }
-    return replace(chain, grasps=grasps)
-
-
 def _first(chain: ClosedChain, held: ClosedChain, state: State, place: Target) -> State:
     """Return the state with the object exactly at the beginning of its path, in motion with it.
 
@@ -175,13 +159,7 @@ def _first(chain: ClosedChain, held: ClosedChain, state: State, place: Target) -
     if beyond.max() > PASSED:
         k = int(np.argmax(beyond))
         raise StateError(f"follow: state: {chain.joint_names()[k]} is {beyond[k]:.3g} (rad or m) beyond its limit")
-    return _closed_at(held, replace(state, q=np.clip(state.q, low, high)), place)
-
-
-def _closed_at(chain: ClosedChain, state: State, place: Target, *, limits: bool = True) -> State:
-    """Return the state closed with the object on its path; trunk and arms may move."""
-    guess = State(state.q, state.qd, place.pose.wxyz_xyz, place.twist)
-    return close(chain, guess, hold_object=True, hold_trunk=False, limits=limits)
+    return closed_along(held, np.clip(state.q, low, high), state.qd, place)
 
 
 def _continued(
@@ -237,7 +215,7 @@ def _next(cost: ConfigurationCost, before: State, place: Target, share: float) -
     terms, N = cost.terms(before.q, motion), self_motions(motion)
     curvature = N.T @ terms.curvature @ N + WEAKEST * np.eye(N.shape[1])
     q = before.q - min(1.0, share) * N @ np.linalg.solve(curvature, N.T @ terms.slope)
-    return _closed_at(cost.chain, replace(before, q=q), place, limits=False)
+    return closed_along(cost.chain, q, before.qd, place, limits=False)
 
 
 def _at_limits(chain: ClosedChain, state: State) -> str:
@@ -278,7 +256,7 @@ def _with_rates(
     spline = CubicSpline(times, np.array([state.q for state in states]), bc_type=ends)
     found = []
     for t, state, place in zip(times, states, places, strict=True):
-        moving = _closed_at(chain, replace(state, qd=spline(t, 1)), place, limits=False)
+        moving = closed_along(chain, state.q, spline(t, 1), place, limits=False)
         found.append((moving, _accelerations(chain, moving, place.acceleration, spline(t, 2))))
     return found
 

@@ -118,6 +118,12 @@ def pseudo_gravity(chain: ClosedChain) -> Array:
     return concatenate([np.zeros(3), chain.gravity])
 
 
+def needed_wrench(motion: ChainMotion, alpha: Array) -> Array:
+    """Return the wrench of all grasps on the object about C that moves it, M(C) (alpha - [0; g]) + b(C) - w, (6,)."""
+    body = motion.body
+    return body.inertia.apply(alpha - pseudo_gravity(motion.chain)) + body.bias - body.wrench
+
+
 def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> ChainMotion:
     """Return the motion of every arm, of the grasps and of the object. O(n) + O(l).
 

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.structure import Options
+from holdfast.compiler.program import Shape
 from holdfast.control.controller import ControlLaw, Controller, torques_and_memory
 from holdfast.errors import HoldfastError, StateError
 from holdfast.model import checks
@@ -78,8 +80,8 @@ class PythonLawStepper(FusedStepper):
         """
         chain, stages = environment.chain, len(scheme.c)
         options = replace(options_for(environment), stages=stages)
-        taken = acting_on(chain, options) if callable(environment.inputs) else {}
-        given, motions = with_stage_values(law, chain, stages, taken), environment.base_motion
+        given = with_stage_values(law, chain, stages, varying(environment, options))
+        motions = environment.base_motion
         kernel = StepKernel(chain, given, scheme, generic_rank, motions=motions, options=options, quick=True)
         values = by_name({} if law is None else getattr(controller, "values", {}))
         return cls(environment, kernel, scheme, generic_rank, values, controller=controller if law is None else None)
@@ -93,7 +95,7 @@ class PythonLawStepper(FusedStepper):
         systems = self.start_of(now, len(ends))
         try:
             start = self._asking.numbers_of({name: x[:1] for name, x in systems.items()})
-            first = self._values(now.tau, now.inputs)
+            first = self._first(now)
             values, memory = self._asking.values(start, now.t, ends[-1], first, partial(self._ask, now.memory))
         except HoldfastError as cause:
             return [Advance(end, None, NO_GAPS, np.zeros(4), failure=cause) for end in ends]
@@ -119,9 +121,12 @@ class PythonLawStepper(FusedStepper):
         return given, kept
 
     def _driven(self, now: Instant, times: Array) -> Driven:
-        first = self._values(now.tau, now.inputs)
-        traced = self.controller is None
+        traced, first = self.controller is None, self._first(now)
         return _CalledAhead(self._asking, self._ask, self.scheme, times, first, None if traced else now.memory, traced)
+
+    def _first(self, now: Instant) -> Array:
+        """Return the values at an instant; inputs that are not used are not asked for, for that would evaluate it."""
+        return self._values(now.tau, now.inputs if self._varying else self._acting)
 
     def _ask(self, memory: Any, t: float, state: State) -> tuple[Array, Any]:
         """Return the values at a time and state, and the memory of the controller.
@@ -129,18 +134,21 @@ class PythonLawStepper(FusedStepper):
         Raises:
             StateError: torques or wrenches have a wrong shape, or are not finite; the wrenches contain base motions.
         """
-        acting = self._wrenches(t, state) if callable(self.environment.inputs) else None
+        acting = self._wrenches(t, state) if self._varying else self._acting
         if self.controller is None:
             return self._values(np.zeros(0), acting), memory
         tau, kept = torques_and_memory(self.controller(t, state, memory))
         return self._values(checks.numbers(tau, (len(state.q),), "controller: torques", StateError), acting), kept
 
-    def _values(self, tau: Array, acting: Inputs | None) -> Array:
+    def _values(self, tau: Array, acting: Inputs) -> Array:
         """Return the values for torques and wrenches, of which only those that are not known otherwise are used."""
-        parts = [] if self.controller is None else [tau]
-        if acting is not None and callable(self.environment.inputs):
-            parts += [x.ravel() for x in wrench_arrays(self._taken, acting).values()]
-        return np.concatenate(parts)
+        torques = [] if self.controller is None else [tau]
+        return np.concatenate([*torques, *(x.ravel() for x in wrench_arrays(self._varying, acting).values())])
+
+    @cached_property
+    def _varying(self) -> Mapping[str, Shape]:
+        """The shapes of the external wrenches that are among the values."""
+        return varying(self.environment, self.kernel.structure.options)
 
     def _wrenches(self, t: float, state: State) -> Inputs:
         """Return the external wrenches at a time and state."""
@@ -150,11 +158,12 @@ class PythonLawStepper(FusedStepper):
 
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""
-        if not callable(self.environment.inputs):
+        if not self._varying:
             return super().accounts(t, arrays)
         systems = systems_at(self.kernel, arrays)
         found = [
-            wrench_arrays(self._taken, self._wrenches(at, state_of(systems, row))) for row, at in enumerate(t.tolist())
+            wrench_arrays(self._varying, self._wrenches(at, state_of(systems, row)))
+            for row, at in enumerate(t.tolist())
         ]
         acting = {name: np.array([one[name] for one in found]) for name in found[0]}
         return self.kernel.ask(ACCOUNTS, systems, self._inputs(t, np.array(0.0), True) | acting, {})
@@ -162,6 +171,11 @@ class PythonLawStepper(FusedStepper):
     @cached_property
     def _asking(self) -> StageByStage:
         return StageByStage(self.kernel, self.scheme, self._given)
+
+
+def varying(environment: Environment, options: Options) -> Mapping[str, Shape]:
+    """Return the shapes of the external wrenches that are a function, by name."""
+    return acting_on(environment.chain, options) if callable(environment.inputs) else {}
 
 
 class StageByStage:
