@@ -46,6 +46,23 @@ def test_goes_to_the_rest_posture():
     assert np.abs(run.object_pose - STATE.object_pose).max() < 1e-9
 
 
+def test_follows_a_path_of_joints():
+    """The difference from the path decays as (1 + w t) exp(-w t): its acceleration is -2 w e' - w^2 e."""
+    w, later = 4.0, np.linspace(-1.0, 1.0, N)
+
+    def swing(t):
+        return STATE.q + t**3 * later, 3.0 * t**2 * later, 6.0 * t * later
+
+    null = PostureControl(swing, w)
+    for t in (0.0, 0.3):
+        q, qd, qdd = swing(t)
+        off, rate = 0.1 * np.cos(np.arange(N)), 0.2 * np.sin(np.arange(N))
+        state = hf.State(q + off, qd + rate, STATE.object_pose)
+        motion = chain_motion(CHAIN, state, np.zeros(N), hf.Inputs().shaped(CHAIN))
+        found = null.joint_acceleration(LawInput(t, state, motion, np.zeros(0), {}))
+        assert found == pytest.approx(qdd - 2.0 * w * rate - w * w * off, abs=1e-12)
+
+
 def test_repulsion_begins_softly():
     """Zero beyond the clearance, inwards within it, as steep as the text says; joints without limits feel nothing."""
     joint = CHAIN.all_joints[3]

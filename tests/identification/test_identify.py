@@ -188,6 +188,7 @@ def test_grasp_frames(model, short):
     assert "'right' 0.02" in unaware.notes[-1] and "grasp_frames=True" in unaware.notes[-1]
 
 
+@pytest.mark.slow
 def test_what_is_not_recorded(model):
     """Rates and accelerations from positions, and the object's motion from the tips."""
     whole = recorded(*two_pandas(), duration=1.0, rate=100.0, tau=False)

@@ -168,6 +168,17 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
 }
 
 
+SOON = [
+    "soft fingers",
+    "sampled, delayed",
+    "recorded violations",
+    "flat linkage",
+    "pendulum",
+    "function, an arm lets go",
+    "wrench of state",
+]
+
+
 @contextmanager
 def together(monkeypatch: pytest.MonkeyPatch, allowed: bool) -> Iterator[list[int]]:
     """Within this context, count the samples of steps taken together, or let none be taken together."""
@@ -183,7 +194,7 @@ def together(monkeypatch: pytest.MonkeyPatch, allowed: bool) -> Iterator[list[in
         yield counts
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", mostly_slow(RUNS, SOON))
 def test_same_bits(name, monkeypatch):
     """Samples, log, and every checkpoint, whatever happens; and most steps are indeed taken together."""
     run, least = RUNS[name]
@@ -221,7 +232,7 @@ def test_a_sample_is_asked_for_once(monkeypatch):
     np.testing.assert_allclose(asked, STEP * np.arange(STEPS), atol=1e-15)
 
 
-@pytest.mark.parametrize("options", [{}, {"scheme": "midpoint"}, {"breakpoints": [0.0205]}])
+@pytest.mark.parametrize("options", mostly_slow([{}, {"scheme": "midpoint"}, {"breakpoints": [0.0205]}], [{}]))
 def test_a_function_is_called_at_the_stages(options):
     """Once at each, if no margin needs a closer look; the motion is that of the traced law, and so are the margins."""
     chain, state = facing_pandas("softfinger", RUBBER)
@@ -259,6 +270,7 @@ def test_wrenches_by_functions(name):
         np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-11 * max(1.0, np.abs(b).max()), err_msg=array)
 
 
+@pytest.mark.slow
 def test_constant_wrenches_on_links():
     """Are machine code as well, and do what the reference says."""
     chain, state = facing_pandas()

@@ -127,7 +127,8 @@ class AdmittanceRates(Frozen):
         away = np.linalg.inv(self.inertia + T * self.damping) @ (self.inertia @ memory[:6] + T * pull)
         twist = target.twist + away
         excess = internal_part(motion, f - pushes(motion, self.force))
-        wished, rates = self.posture.frequency * self.posture.displacement(chain, state.q), []
+        off, ahead, _ = self.posture.departure(chain, t, state.q)
+        wished, rates = ahead + self.posture.frequency * off, []
         contacts = dict(zip(chain.grasps, motion.contacts, strict=True))
         for i, (name, arm) in enumerate(motion.arms.items()):
             own = wished[chain.joints[name]]

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.control.controller import ControlLaw, Controller, Torque, require_controller, torques_and_memory
+from holdfast.control.controller import (
+    ControlLaw,
+    Controller,
+    Torque,
+    known_breakpoints,
+    require_controller,
+    torques_and_memory,
+)
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -61,7 +68,7 @@ class Clipped(Frozen):
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which its torques jump [s], as far as they are known in advance."""
-        return tuple(getattr(self.controller, "breakpoints", ()))
+        return known_breakpoints(self.controller)
 
     def for_chain(self, chain: ClosedChain) -> Controller:
         """Return the controller for a chain whose grasps have changed."""

@@ -129,6 +129,11 @@ class ControlLaw(Frozen):
         found = by_machine_code(self, t, state, memory)
         return self.given({}).on_floats(t, state, memory) if found is None else found
 
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which its torques jump [s], as far as they are known in advance."""
+        return known_breakpoints(self.torque)
+
     def given(self, values: Mapping[str, ArrayLike]) -> GivenLaw:
         """Return the law with values of its parameters, which is a complete controller.
 
@@ -159,6 +164,12 @@ class ControlLaw(Frozen):
         """Return the law for a chain whose grasps have changed; another one only if its controller has one."""
         for_chain = getattr(self.torque, "for_chain", None)
         return self if for_chain is None else replace(self, torque=for_chain(chain), key="")
+
+
+def known_breakpoints(*parts: Any) -> tuple[float, ...]:
+    """Return the times at which controllers, laws, or paths (also as their methods) say that something jumps [s]."""
+    owners = (part if hasattr(part, "breakpoints") else getattr(part, "__self__", None) for part in parts)
+    return tuple(sorted({float(t) for owner in owners for t in getattr(owner, "breakpoints", ())}))
 
 
 class LawParameters(FrozenDict):
@@ -193,6 +204,11 @@ class GivenLaw(Frozen):
         checks.instance(state, State, "control law: state", StateError)
         found = by_machine_code(self, t, state, memory)
         return self.on_floats(t, state, memory) if found is None else found
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which its torques jump [s], as far as they are known in advance."""
+        return known_breakpoints(self.law)
 
     def for_chain(self, chain: Any) -> GivenLaw:
         """Return the law with the same values for a chain whose grasps have changed."""

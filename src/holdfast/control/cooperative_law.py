@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from holdfast.control.commanded_torques import Command, WithinLimits, commanded_torques
-from holdfast.control.controller import ControlLaw
+from holdfast.control.controller import ControlLaw, known_breakpoints
 from holdfast.control.internal_force import InternalForce
 from holdfast.control.law_parts import CommandedMotion, GraspForces, LawInput, NullMotion
 from holdfast.control.posture_control import PostureControl
@@ -99,6 +99,11 @@ class CooperativeTorques(Frozen):
     forces: GraspForces
     posture: NullMotion
     within: WithinLimits | None = None
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which its torques jump [s], as far as they are known in advance."""
+        return known_breakpoints(self.motion, self.posture)
 
     def for_chain(self, chain: ClosedChain) -> CooperativeTorques:
         """Return the torques for a chain whose grasps have changed."""

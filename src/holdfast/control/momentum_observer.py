@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.control.balanced_torques import sum_at_object
-from holdfast.control.controller import ControlLaw, Controller, GivenLaw, Torque
+from holdfast.control.controller import ControlLaw, Controller, GivenLaw, Torque, known_breakpoints
 from holdfast.control.digital_law import evaluated
 from holdfast.control.gains import require_stable
 from holdfast.control.traced_law import law_key, law_of
@@ -148,6 +148,11 @@ class ObservedTorques(Frozen):
         n, arms = self.chain.joint_count, len(self.chain.arms)
         r, flags, last = (6 + n, 1 + arms, 6 + 2 * n + 1) if self.measured else (6, 1, 6 + 1)
         return len(self.law.memory), r, flags, last
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which its torques jump [s], as far as they are known in advance."""
+        return known_breakpoints(self.law)
 
     def memory(self) -> Array:
         """Return the initial memory."""

@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 
 from holdfast.compiler.program import Shape
+from holdfast.control.controller import known_breakpoints
 from holdfast.control.gains import gain_matrix
 from holdfast.control.law_parts import CommandedMotion, LawInput
 from holdfast.control.paths import ObjectPath, Target, path_function, pose_error
@@ -55,6 +56,11 @@ class ObjectImpedance(CommandedMotion):
         put(self, "damping", gain_matrix(self.damping, "object impedance: damping"))
         if self.inertia is not None:
             put(self, "inertia", gain_matrix(self.inertia, "object impedance: inertia", definite=True))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which its path accelerates by leaps [s], as far as they are known in advance."""
+        return known_breakpoints(self.path)
 
     def parameters(self, chain: ClosedChain) -> dict[str, Shape]:
         """Return the shape of the external wrench if it must be known."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.control.balanced_torques import pushes
 from holdfast.control.commanded_torques import Command, commanded_torques
-from holdfast.control.controller import by_machine_code
+from holdfast.control.controller import by_machine_code, known_breakpoints
 from holdfast.control.paths import ObjectPath, Target, path_function, pose_error
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.model import checks
@@ -53,6 +53,11 @@ class ObjectTracking(Frozen):
         object.__setattr__(self, "path", path_function(self.path, "object tracking: path"))
         for name in ("internal_force", "stiffness", "damping", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"object tracking: {name}"))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which its path accelerates by leaps [s], as far as they are known in advance."""
+        return known_breakpoints(self.path)
 
     def for_chain(self, chain: ClosedChain) -> Self:
         """Return the controller for a chain whose grasps have changed."""

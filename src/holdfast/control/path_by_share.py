@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -9,18 +10,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.control.paths import Target, path_function, quintic
+from holdfast.control.piecewise import polynomial, row_at
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closing import close
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar, clip, maximum, minimum, sqrt, where
 from holdfast.state import State, require_fit
 
 STANDING_SHARE = 1e-6  # of the path's mean speed, below which it stands
 OFF_REST = 1e-3  # share of the span by which derivatives stay away from the ends of a path that rests there
 INVERSE_STEPS = 12
+SMALLEST_RATE = 1e-300
 
 Joints = tuple[Array, Array, Array]
 
@@ -45,28 +48,30 @@ class PathByShare(NamedTuple):
     length: float
     rests: bool
 
-    def place(self, u: float) -> tuple[float, float, float, float]:
+    def place(self, u: Scalar) -> tuple[Scalar, Scalar, Scalar, Scalar]:
         """Return s, and ds/du and d2s/du2 with the s they belong to, which stays off the ends if the path rests."""
         if not self.rests:
-            return self.first + self.length * u, self.first + self.length * u, self.length, 0.0
+            s = self.first + self.length * u
+            return s, s, self.length, 0.0
         x = _inverse_quintic(u)
-        near = min(max(x, OFF_REST), 1.0 - OFF_REST)
+        near = clip(x, OFF_REST, 1.0 - OFF_REST)
         _, rate, second = quintic(near)
         slope = self.length / rate
-        return self.first + self.length * x, self.first + self.length * near, slope, -slope * second / rate**2
+        return self.first + self.length * x, self.first + self.length * near, slope, -slope * second / (rate * rate)
 
-    def object_at(self, u: float) -> Target:
+    def object_at(self, u: Scalar) -> Target:
         """Return the object's target with u as time."""
         s, near, slope, curve = self.place(u)
         at = self.path(near)
-        acceleration = slope**2 * at.acceleration + curve * at.twist
-        return Target(at.pose if s == near else self.path(s).pose, slope * at.twist, acceleration)
+        acceleration = slope * slope * at.acceleration + curve * at.twist
+        return Target(at.pose if s is near else self.path(s).pose, slope * at.twist, acceleration)
 
-    def joints_at(self, u: float) -> Joints:
+    def joints_at(self, u: Scalar) -> Joints:
         """Return joint positions and their derivatives by u."""
         s, near, slope, curve = self.place(u)
         q, first, second = self.joints(near)
-        return (q if s == near else self.joints(s)[0]), slope * first, slope**2 * second + curve * first
+        q = q if s is near else self.joints(s)[0]
+        return q, slope * first, slope * slope * second + curve * first
 
 
 class GivenJoints(NamedTuple):
@@ -91,14 +96,20 @@ class GivenJoints(NamedTuple):
 
 
 class JointSpline(NamedTuple):
-    """Joint positions and two derivatives from a spline through closed states."""
+    """Joint positions and two derivatives from a spline through closed states.
 
-    pieces: tuple[Any, Any, Any]
+    Attributes:
+        begins: (k,) where the pieces begin.
+        coefficients: (k, n, 6) of each piece by powers of s - begin.
+    """
 
-    def __call__(self, s: float) -> Joints:
+    begins: Array
+    coefficients: Array
+
+    def __call__(self, s: Scalar) -> Joints:
         """Return them at s."""
-        q, slope, curve = (piece(s) for piece in self.pieces)
-        return q, slope, curve
+        row = row_at(s, self.begins, np.column_stack([self.coefficients.reshape(len(self.begins), -1), self.begins]))
+        return polynomial(row[:-1].reshape(-1, 6), s - row[-1])
 
 
 def path_by_share(chain: ClosedChain, joints: Any, path: Callable[[float], Any], places: Array) -> PathByShare:
@@ -144,7 +155,8 @@ def _continued(chain: ClosedChain, start: State, places: Array, targets: list[Ta
         found.append(q)
     still = [(1, np.zeros_like(q)), (2, np.zeros_like(q))]
     whole = make_interp_spline(places, np.array(found), k=5, bc_type=(still, still) if rests else None)
-    return JointSpline((whole, whole.derivative(), whole.derivative(2)))
+    begins = np.unique(whole.t)[:-1]
+    return JointSpline(begins, np.stack([whole(begins, j) / math.factorial(j) for j in range(6)], axis=-1))
 
 
 def held_steadily(chain: ClosedChain, state: State) -> ClosedChain:
@@ -171,12 +183,15 @@ def closed_along(chain: ClosedChain, q: Array, qd: Array, target: Target, *, lim
     return close(chain, guess, hold_object=True, hold_trunk=False, limits=limits)
 
 
-def _inverse_quintic(u: float) -> float:
+def _inverse_quintic(u: Scalar) -> Scalar:
     """Return x with quintic(x) = u in 0..1, by Newton steps from the side of the nearer end."""
-    if u > 0.5:
-        return 1.0 - _inverse_quintic(1.0 - u)
-    x = float(np.cbrt(0.1 * u))  # below the solution, where the quintic is convex
+    upper = u > 0.5
+    near = where(upper, 1.0 - u, u)
+    x, root = 1.0, 0.1 * near
+    for _ in range(4):  # about the cube root of near / 10: 1/4 + 1/16 + ... = 1/3
+        root = sqrt(sqrt(root))
+        x = x * root
     for _ in range(INVERSE_STEPS):
         value, rate, _ = quintic(x)
-        x = min(x - (value - u) / rate, 0.5) if rate > 0.0 else 0.0
-    return float(x)
+        x = where(rate > 0.0, minimum(x - (value - near) / maximum(rate, SMALLEST_RATE), 0.5), 0.0)
+    return where(upper, 1.0 - x, x)

@@ -91,6 +91,11 @@ class RestToRest(Frozen):
         put(self, "begin", checks.number(self.begin, "path: begin", at_least=0.0))
         put(self, "duration", checks.number(self.duration, "path: duration", above=0.0))
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times at which the motion begins and ends [s]."""
+        return self.begin, self.begin + self.duration
+
     def at(self, t: Scalar) -> Target:
         """Return the target at time t [s].
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.control.paths import Target
+from holdfast.control.piecewise import polynomial, quintics_between, row_at
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.names import called
@@ -18,7 +19,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.frozen import REQUIRED, ArrayField, Converted, Frozen, frozen_property
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.rotation import exp_curve
-from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, minimum, select, where
+from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, minimum, where
 
 HALF_TURN = np.pi - 1e-6  # [rad]: the direction of a larger rotation is ambiguous
 EQUAL_POSES = 1e-12  # [m, rad]: poses that differ by less are equal
@@ -98,6 +99,11 @@ class PoseSpline(Frozen):
         )
         return PoseSpline(given, begin + float(fastest) * unscaled.times)
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times at which the motion begins and ends [s]."""
+        return float(self.times[0]), float(self.times[-1])
+
     def at(self, t: Scalar) -> Target:
         """Return the target at time t [s].
 
@@ -105,12 +111,8 @@ class PoseSpline(Frozen):
             ModelError: no finite number.
         """
         t = checks.number(t, "path: t")
-        begins, spans = self.times[:-1], np.diff(self.times)
-        c, R, begin, span = self._pieces[0], self.poses[0].R, begins[0], spans[0]
-        for k in range(1, len(spans)):
-            here = t >= begins[k]
-            c, R = select(here, self._pieces[k], c), select(here, self.poses[k].R, R)
-            begin, span = where(here, begins[k], begin), where(here, spans[k], span)
+        row = row_at(t, self.times[:-1], self._rows)
+        c, R, begin, span = row[:36].reshape(6, 6), row[36:45].reshape(3, 3), row[45], row[46]
         x = minimum(maximum((t - begin) / span, 0.0), 1.0)
         y, rate, second = polynomial(c, x)
         moves = where(t < self.times[-1], 1.0, 0.0)  # removes rounding errors at the end
@@ -118,6 +120,12 @@ class PoseSpline(Frozen):
         turned, omega, omega_dot = exp_curve(y[:3], rate[:3], second[:3])
         twist, acceleration = concatenate([R @ omega, rate[3:]]), concatenate([R @ omega_dot, second[3:]])
         return Target(Pose(R @ turned, y[3:]), twist, acceleration)
+
+    @frozen_property
+    def _rows(self) -> Array:
+        """Coefficients, rotation at the beginning, begin and span of each piece, (pieces, 47)."""
+        R = [pose.R.ravel() for pose in self.poses[:-1]]
+        return np.column_stack([self._pieces.reshape(-1, 36), R, self.times[:-1], np.diff(self.times)])
 
     @frozen_property
     def _pieces(self) -> Array:
@@ -134,7 +142,7 @@ class PoseSpline(Frozen):
                 h * np.r_[theta_rate, rate[k + 1, 3:]],
                 h**2 * np.r_[theta_second, second[k + 1, 3:]],
             )
-            found.append(_quintic_between(first, last))
+            found.append(quintics_between(first, last))
         return np.array(found)
 
     def _require_short_ways(self) -> None:
@@ -153,16 +161,6 @@ class PoseSpline(Frozen):
                     f" {swing / (2 * np.pi):.3g} turns and back, as times are so uneven; try PoseSpline.at_speed(poses,"
                     " speed, turn_rate)"
                 )
-
-
-def polynomial(c: Array, x: Scalar) -> tuple[Array, Array, Array]:
-    """Return sum_j c_j x^j and its first two derivatives for coefficients c, (coordinates, 6)."""
-    value, rate, half = c[:, 5], 0.0 * c[:, 5], 0.0 * c[:, 5]
-    for j in range(4, -1, -1):
-        half = half * x + rate
-        rate = rate * x + value
-        value = value * x + c[:, j]
-    return value, rate, 2.0 * half
 
 
 def _poses(given: Any) -> tuple[Pose, ...]:
@@ -220,19 +218,3 @@ def _theta_derivatives(phi: Array, omega: Array, omega_dot: Array) -> tuple[Arra
     J = np.column_stack([exp_curve(phi, unit, none)[1] for unit in np.eye(3)])
     rate = np.linalg.solve(J, R @ omega)
     return rate, np.linalg.solve(J, R @ omega_dot - exp_curve(phi, rate, none)[2])
-
-
-def _quintic_between(first: Sequence[Array], last: Sequence[Array]) -> Array:
-    """Return the coefficients of quintics with given values and derivatives at x = 0 and 1, (coordinates, 6)."""
-    (y0, v0, a0), (y1, v1, a1) = first, last
-    d = y1 - y0
-    return np.column_stack(
-        [
-            y0,
-            v0,
-            0.5 * a0,
-            10 * d - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1,
-            -15 * d + 8 * v0 + 7 * v1 + 1.5 * a0 - a1,
-            6 * d - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1,
-        ]
-    )

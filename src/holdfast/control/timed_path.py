@@ -10,6 +10,7 @@ import numpy as np
 
 from holdfast.control.path_by_share import Joints, PathByShare, closed_along, path_by_share
 from holdfast.control.paths import ObjectPath, Target, path_function
+from holdfast.control.piecewise import row_at
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.forces.acceleration_map import ObjectTask, acceleration_map, motion_without_torques
 from holdfast.forces.limits import ForceLimits
@@ -17,7 +18,8 @@ from holdfast.forces.path_timing import PathPoint, fastest_timing, path_point
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.frozen import ArrayField, Frozen, frozen
+from holdfast.spatial.frozen import ArrayField, Frozen, frozen, frozen_property
+from holdfast.spatial.scalar import Array, Scalar, minimum, where
 from holdfast.state import State, shaped_inputs
 
 EVEN = 1e-6  # relative difference of torques at opposite velocities from which on there are dampers
@@ -63,7 +65,12 @@ class TimedPath(Frozen):
         """The time that the path takes [s]."""
         return float(self.t[-1])
 
-    def at(self, t: float) -> Target:
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """The nodes' times, at which accelerations jump [s]."""
+        return tuple(self.t.tolist())
+
+    def at(self, t: Scalar) -> Target:
         """Return the object's target at time t [s]; it rests before and after the path.
 
         Raises:
@@ -73,7 +80,7 @@ class TimedPath(Frozen):
         place = self.route.object_at(u)
         return Target(place.pose, rate * place.twist, rate**2 * place.acceleration + second * place.twist)
 
-    def joints_at(self, t: float) -> Joints:
+    def joints_at(self, t: Scalar) -> Joints:
         """Return the joints' positions, rates and accelerations at time t [s], (n,) each.
 
         Raises:
@@ -92,20 +99,22 @@ class TimedPath(Frozen):
         q, qd, _ = self.joints_at(t)
         return closed_along(self.chain, q, qd, self.at(t))
 
-    def share_at(self, t: float) -> tuple[float, float, float]:
+    def share_at(self, t: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """Return u, u' and u'' at time t [s].
 
         Raises:
             ModelError: no finite number.
         """
         t = checks.number(t, "timed path: t")
-        if not 0.0 <= t <= self.duration:
-            return float(t > 0.0), 0.0, 0.0
-        i = min(int(np.searchsorted(self.t, t, side="right")), len(self.t) - 1) - 1
-        after, span = t - self.t[i], self.t[i + 1] - self.t[i]
-        second = float(self.rate[i + 1] - self.rate[i]) / span
-        u = self.u[i] + after * (self.rate[i] + 0.5 * second * after)
-        return float(min(u, 1.0)), float(self.rate[i] + second * after), second
+        begin, u, rate, second = row_at(t, self.t[:-1], self._rows)
+        after, moves = t - begin, where(t < 0.0, 0.0, where(t <= self.duration, 1.0, 0.0))
+        u = where(t < self.duration, minimum(u + after * (rate + 0.5 * second * after), 1.0), 1.0)
+        return where(t > 0.0, u, 0.0), moves * (rate + second * after), moves * second
+
+    @frozen_property
+    def _rows(self) -> Array:
+        """Time, u, u' and u'' at the beginning of each interval, (m - 1, 4)."""
+        return np.column_stack([self.t[:-1], self.u[:-1], self.rate[:-1], np.diff(self.rate) / np.diff(self.t)])
 
     def __repr__(self) -> str:
         """Return the duration and the number of nodes, on one line."""
@@ -119,7 +128,7 @@ def time_path(
     path: Callable[[float], Target] | ObjectPath,
     limits: ForceLimits | None = None,
     *,
-    span: tuple[float, float] = (0.0, 1.0),
+    span: tuple[float, float] | None = None,
     nodes: int = 100,
 ) -> TimedPath:
     """Return the fastest timing of a given path, from rest to rest, within limits on torques, rates and grasps.
@@ -136,7 +145,7 @@ def time_path(
             then follow by the smallest steps.
         path: function of s that returns the object's target at s' = 1, s'' = 0, or a path object; it must not stand.
         limits: the limits; rates are those of the joints.
-        span: first and last s.
+        span: first and last s; None for the times between which a `RestToRest` or a `PoseSpline` moves, else 0 to 1.
         nodes: number of nodes; intervals in which limits bend much are halved.
 
     Raises:
@@ -155,7 +164,7 @@ def time_path(
     if not chain.grasps or chain.floats:
         what = "a floating base, whose motion depends on forces" if chain.floats else "no grasp"
         raise MethodNotApplicable(f"time_path: the chain has {what}; try a base in the world, or a grasp")
-    first, length = _span(span)
+    first, length = _span(getattr(path, "span", (0.0, 1.0)) if span is None else span)
     if not isinstance(nodes, int) or isinstance(nodes, bool) or not 4 <= nodes <= MOST_TIMED_NODES:
         raise ModelError(
             f"time_path: nodes: expected a whole number from 4 to {MOST_TIMED_NODES}, got {checks.short(nodes)}"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.control.controller import Controller, require_controller, torques_and_memory
+from holdfast.control.controller import Controller, known_breakpoints, require_controller, torques_and_memory
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -106,7 +106,7 @@ class TorqueSchedule(Frozen):
     def breakpoints(self) -> Array:
         """Knots, times of the torques' extrema, and breakpoints of the other controller, increasing [s]."""
         ends = np.append(self.knots[1:], np.inf)
-        found = [*self.knots, *getattr(self.beside, "breakpoints", ())]
+        found = [*self.knots, *known_breakpoints(self.beside)]
         for begin, end, table in zip(self.knots, ends, self.coefficients, strict=True):
             for row in table:
                 found += [begin + x for x in _turning_points(row) if 0.0 < x < end - begin]

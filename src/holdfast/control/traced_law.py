@@ -12,7 +12,7 @@ import numpy as np
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
-from holdfast.control.controller import ControlLaw, Controller, GivenLaw, LawParameters
+from holdfast.control.controller import ControlLaw, Controller, GivenLaw, LawParameters, known_breakpoints
 from holdfast.errors import HoldfastError, ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
@@ -52,6 +52,11 @@ class ControllerTorque(Frozen):
     """
 
     controller: Controller
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which its torques jump [s], as far as they are known in advance."""
+        return known_breakpoints(self.controller)
 
     def for_chain(self, chain: ClosedChain) -> ControllerTorque:
         """Return the torques for a chain whose grasps have changed."""

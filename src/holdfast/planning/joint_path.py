@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.control.paths import Target
+from holdfast.control.piecewise import polynomial, quintics_between, row_at
 from holdfast.dynamics.closing import close
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.spatial.frozen import ArrayField, Frozen, frozen_property
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar, maximum, minimum, where
 from holdfast.state import State
 
 
@@ -83,7 +84,7 @@ class JointPath(Frozen):
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, name, checks.read_only(value))
 
-    def at(self, t: float) -> JointTarget:
+    def at(self, t: Scalar) -> JointTarget:
         """Return the joints' target at time t [s]; they rest before and after the path.
 
         Between samples each joint follows the quintic polynomial through its positions, rates and accelerations.
@@ -92,10 +93,12 @@ class JointPath(Frozen):
             ModelError: no finite number.
         """
         t = checks.number(t, "joint path: t")
-        inside = float(np.clip(t, self.t[0], self.t[-1]))
-        moves = 1.0 if inside == t else 0.0
-        q, qd, qdd = (np.asarray(piece(inside)) for piece in self._pieces)
-        return JointTarget(q, moves * qd, moves * qdd)
+        row = row_at(t, self.t[:-1], self._rows)
+        begin, span = row[-2], row[-1]
+        x = minimum(maximum((t - begin) / span, 0.0), 1.0)
+        q, rate, second = polynomial(row[:-2].reshape(-1, 6), x)
+        moves = where(t < self.t[0], 0.0, where(t <= self.t[-1], 1.0, 0.0))
+        return JointTarget(q, moves / span * rate, moves / span / span * second)
 
     def state_at(self, t: float) -> State:
         """Return the closed state at time t [s], with the object on its path.
@@ -108,11 +111,12 @@ class JointPath(Frozen):
         return close(self.chain, guess, hold_object=True, hold_trunk=False)
 
     @frozen_property
-    def _pieces(self) -> tuple[Any, Any, Any]:
-        from scipy.interpolate import BPoly  # imported here because it takes half a second
-
-        whole = BPoly.from_derivatives(self.t, np.stack([self.q, self.qd, self.qdd], axis=1))
-        return whole, whole.derivative(), whole.derivative(2)
+    def _rows(self) -> Array:
+        """Coefficients of the joints by (t - begin) / span, then begin and span, for each interval of samples."""
+        spans = np.diff(self.t)
+        h = spans[:, None]
+        ends = [(self.q[k], h * self.qd[k], h**2 * self.qdd[k]) for k in (slice(None, -1), slice(1, None))]
+        return np.column_stack([quintics_between(*ends).reshape(len(spans), -1), self.t[:-1], spans])
 
     @property
     def nearest_limit(self) -> Worst:

@@ -15,7 +15,15 @@ from numpy.typing import ArrayLike
 from holdfast import outer
 from holdfast.control.clipped import clipped
 from holdfast.control.compiled_law import CompiledLaws
-from holdfast.control.controller import ControlLaw, Controller, GivenLaw, given_law, machine_code, require_controller
+from holdfast.control.controller import (
+    ControlLaw,
+    Controller,
+    GivenLaw,
+    given_law,
+    known_breakpoints,
+    machine_code,
+    require_controller,
+)
 from holdfast.control.traced_law import require_function
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
@@ -160,7 +168,7 @@ def simulate(
     controller, sample_time, delay = at_samples(controller, sample_time, delay)
     hold = zero_order_hold(sample_time, delay, float(grid[-1]), [*jumps, *happening])
     if hold is None:
-        ends = stops(grid, [*jumps, *getattr(controller, "breakpoints", ())], happening, ALIKE * step)
+        ends = stops(grid, [*jumps, *known_breakpoints(controller)], happening, ALIKE * step)
     else:
         ends = stops(grid, [*jumps, *hold.jumps], happening, ALIKE * step, hold.asked.tolist())
     environment = Environment(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
