@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.control.paths import Target, path_function, quintic
+from holdfast.control.paths import Joints, Target, path_function, quintic
 from holdfast.control.piecewise import polynomial, row_at
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closing import close
@@ -24,8 +24,6 @@ STANDING_SHARE = 1e-6  # of the path's mean speed, below which it stands
 OFF_REST = 1e-3  # share of the span by which derivatives stay away from the ends of a path that rests there
 INVERSE_STEPS = 12
 SMALLEST_RATE = 1e-300
-
-Joints = tuple[Array, Array, Array]
 
 
 class PathByShare(NamedTuple):

@@ -32,6 +32,9 @@ class Target(NamedTuple):
     acceleration: Array
 
 
+Joints = tuple[Array, Array, Array]  # positions and their first two derivatives, (n,) each
+
+
 class ObjectPath(Protocol):
     """The desired motion of the object over time, such as `RestToRest` or `PoseSpline`."""
 

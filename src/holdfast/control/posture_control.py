@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.control.controller import known_breakpoints
 from holdfast.control.law_parts import LawInput, NullMotion
-from holdfast.control.paths import Target, path_function
+from holdfast.control.paths import Joints, Target, path_function
 from holdfast.errors import ModelError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
@@ -19,8 +19,6 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.spatial.frozen import NOT_GIVEN, Converted
 from holdfast.spatial.scalar import Array, Scalar, array, maximum
-
-Joints = tuple[Array, Array, Array]
 
 
 class PathOfJoints(Protocol):

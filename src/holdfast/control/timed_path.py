@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.control.path_by_share import Joints, PathByShare, closed_along, path_by_share
-from holdfast.control.paths import ObjectPath, Target, path_function
+from holdfast.control.path_by_share import PathByShare, closed_along, path_by_share
+from holdfast.control.paths import Joints, ObjectPath, Target, path_function
 from holdfast.control.piecewise import row_at
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.forces.acceleration_map import ObjectTask, acceleration_map, motion_without_torques
