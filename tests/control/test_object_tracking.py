@@ -2,22 +2,27 @@
 
 import pickle
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from holdfast import Pose, State, close, forward_dynamics
+from holdfast import Pose, State, close, follow, forward_dynamics
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest, Target
+from holdfast.control.posture_control import PostureControl
 from holdfast.dynamics import project_velocity
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.force_split import split
+from holdfast.forces.limits import ForceCost, ForceLimits
+from holdfast.forces.margins import grasp_margins
 from holdfast.simulation.simulate import simulate
 from holdfast.spatial import rotation
-from tests.control.two_pandas import pushes, two_pandas
+from tests.control.two_pandas import pushes, rubber_pandas, two_pandas
+from tests.planning.examples import carried, mobile
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 
@@ -183,3 +188,68 @@ def test_commands_half_a_turn(axis, angle):
     found = controller.commanded_acceleration(0.0, still)[:3] / 2.0
     assert np.linalg.norm(found) == pytest.approx(Rotation.from_matrix(R).magnitude(), abs=1e-9)
     assert np.linalg.norm(Rotation.from_rotvec(found).as_matrix() - R) < 1e-9
+
+
+@pairs
+def test_within_limits(kinds):
+    """The acceleration is the commanded one, and torques are within what is allowed; wishes are followed within it."""
+    chain, state = two_pandas(*kinds)
+    path = RestToRest(state.object_frame, displacement=[0.0, 0.0, 0.1], duration=0.6)
+    most = 0.5 * np.array([joint.effort_limit for joint in chain.all_joints])
+    free = ObjectTracking(chain, path, internal_force=5.0)
+    bound = ObjectTracking(chain, path, internal_force=5.0, limits=ForceLimits(effort=0.5))
+    wished = ObjectTracking(
+        chain, path, 5.0, limits=ForceLimits(effort=0.8), cost=ForceCost(wrench=100.0, acceleration=100.0, price=1e7)
+    )
+    for t in (0.0, 0.2):
+        tau, memory = bound(t, state, "kept")
+        assert memory == "kept" and (np.abs(tau) <= most * (1 + 1e-9)).all()
+        found = forward_dynamics(chain, state, tau)
+        assert found.object_acceleration == pytest.approx(free.commanded_acceleration(t, state), abs=1e-9)
+    fine, near = (one(0.2, state, None)[0] for one in (free, wished))
+    assert (np.abs(fine) < 1.6 * most).all()
+    assert near == pytest.approx(fine, abs=2e-3 * np.abs(fine).max())
+    loose = bound.for_chain(replace(chain, grasps={"left": chain.grasps["left"]}))
+    assert loose.limits is not None and [*loose.chain.grasps] == ["left"]
+
+
+def test_friction_holds_within_limits():
+    """A box between fingers is lifted with the margin that is demanded."""
+    chain, state = rubber_pandas(0.8)
+    path = RestToRest(state.object_frame, displacement=[0.0, 0.0, 0.1], duration=0.5)
+    track = ObjectTracking(chain, path, limits=ForceLimits(effort=0.8, least_margin=40.0))
+    for t in (0.1, 0.3):
+        found = forward_dynamics(chain, state, track(t, state, None)[0])
+        assert min(grasp_margins(chain, state, found.grasp_wrench)) == pytest.approx(40.0, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_mobile_base_drives():
+    """A tray is carried 0.3 m; the base, which is only damped without a posture, goes most of the way with a plan."""
+    chain, start = mobile()
+    path = carried(start, [0.3, 0.0, 0.0], duration=3.0)
+    plan = follow(chain, start, path, 3.0, 0.1)
+    track = ObjectTracking(chain, path, posture=PostureControl(plan, 5.0))
+    run = simulate(chain, plan.state_at(0.0), track, 3.0, 0.01)
+    assert run.stopped is None
+    assert run.object_pose[-1, 4] - run.object_pose[0, 4] == pytest.approx(0.3, abs=1e-5)
+    assert run.q[-1, 0] - run.q[0, 0] > 0.2
+    assert run.q[-1] == pytest.approx(plan.q[-1], abs=1e-5)
+    damped = simulate(chain, plan.state_at(0.0), replace(track, posture=None), 3.0, 0.01)
+    assert "nearly singular" in str(damped.stopped)  # of arms that reach for the tray
+    assert np.abs(damped.q[-1, 0] - damped.q[0, 0]) < 0.02
+
+
+def test_refused_parts():
+    """A posture of another chain, a cost without limits, and what is no limit are named."""
+    chain, state = two_pandas()
+    path = RestToRest(state.object_frame)
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"posture": PostureControl(np.zeros(3))}, "posture: rest: expected shape"),
+        ({"posture": 1.0}, "object tracking: posture"),
+        ({"cost": ForceCost()}, "object tracking: expected limits with a cost"),
+        ({"limits": 0.8}, "object tracking: limits"),
+    ]
+    for wrong, said in cases:
+        with pytest.raises(ModelError, match=said):
+            ObjectTracking(chain, path, **wrong)

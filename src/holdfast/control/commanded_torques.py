@@ -14,6 +14,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.errors import MethodNotApplicable, ModelError
 from holdfast.forces.elastic_distribution import DISTRIBUTE, ElasticDistribution, distribution, distribution_parameters
 from holdfast.forces.limits import ForceCost, ForceLimits
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import value_of
 from holdfast.spatial.frozen import Frozen
@@ -22,6 +23,7 @@ from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State
 
+CALM = ForceCost(acceleration=1.0)  # redundant joints follow their wish rather than fall where effort is least
 PER_GRASP = ("least_margin", "least_normal", "most_normal")
 
 
@@ -112,6 +114,21 @@ class WithinLimits(Frozen):
         """Return the parameters of `distribute`."""
         usual = {name: value_of(name, chain) for name in DISTRIBUTE.own(chain) if name != "acceleration"}
         return usual | distribution_parameters(chain, state, self.limits, self.cost)
+
+
+def within_limits(
+    chain: ClosedChain, limits: ForceLimits | None, cost: ForceCost | None, what: str
+) -> WithinLimits | None:
+    """Return checked limits and their cost; None without limits. A message begins with `what`."""
+    checks.instance(limits, (ForceLimits, type(None)), f"{what}: limits")
+    checks.instance(cost, (ForceCost, type(None)), f"{what}: cost")
+    if limits is None:
+        if cost is not None:
+            raise ModelError(f"{what}: expected limits with a cost, got none; try limits=ForceLimits()")
+        return None
+    within = WithinLimits(limits, CALM if cost is None else cost)
+    within.require(chain)
+    return within
 
 
 def _of_grasps(given: float | Mapping[str, float] | None, chain: ClosedChain) -> float | dict[str, float] | None:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.control.commanded_torques import Command, WithinLimits, commanded_torques
+from holdfast.control.commanded_torques import Command, WithinLimits, commanded_torques, within_limits
 from holdfast.control.controller import ControlLaw, known_breakpoints
 from holdfast.control.internal_force import InternalForce
 from holdfast.control.law_parts import CommandedMotion, GraspForces, LawInput, NullMotion
 from holdfast.control.posture_control import PostureControl
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.errors import MethodNotApplicable, ModelError
+from holdfast.errors import MethodNotApplicable
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -21,8 +21,6 @@ from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, concatenate
 from holdfast.state import Inputs, State
-
-CALM = ForceCost(acceleration=1.0)  # redundant joints follow their wish rather than fall where effort is least
 
 
 def cooperative_law(
@@ -72,22 +70,9 @@ def cooperative_law(
     for part, _ in parts.values():
         part.require(chain)
         parameters |= part.parameters(chain)
-    torque = CooperativeTorques(chain, motion, forces, posture, _within(chain, limits, cost))
+    torque = CooperativeTorques(chain, motion, forces, posture, within_limits(chain, limits, cost, "cooperative law"))
     memory = concatenate([forces.memory(chain), np.zeros(0 if limits is None else 1)])
     return ControlLaw(torque, memory, parameters, exact_fingerprint(torque) or "")
-
-
-def _within(chain: ClosedChain, limits: ForceLimits | None, cost: ForceCost | None) -> WithinLimits | None:
-    """Return checked limits and their cost; None without limits."""
-    checks.instance(limits, (ForceLimits, type(None)), "cooperative law: limits")
-    checks.instance(cost, (ForceCost, type(None)), "cooperative law: cost")
-    if limits is None:
-        if cost is not None:
-            raise ModelError("cooperative_law: expected limits with a cost, got none; try limits=ForceLimits()")
-        return None
-    within = WithinLimits(limits, CALM if cost is None else cost)
-    within.require(chain)
-    return within
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,14 +9,16 @@ from typing import Any, ClassVar, Self, cast
 import numpy as np
 
 from holdfast.control.balanced_torques import pushes
-from holdfast.control.commanded_torques import Command, commanded_torques
+from holdfast.control.commanded_torques import Command, WithinLimits, commanded_torques, within_limits
 from holdfast.control.controller import by_machine_code, known_breakpoints
+from holdfast.control.law_parts import LawInput, NullMotion
 from holdfast.control.paths import ObjectPath, Target, path_function, pose_error
 from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit
 
@@ -28,8 +30,9 @@ class ObjectTracking(Frozen):
 
     The commanded acceleration is that of the path plus a correction,
     alpha = alpha_d + damping (V_d - V) + stiffness [log(R_d R^T); p_d - p]. The error then satisfies
-    e'' + damping e' + stiffness e = 0. Bases are assumed to stand still. The joints of a trunk are only damped, and its
-    floating base moves as the wrenches on it require.
+    e'' + damping e' + stiffness e = 0. Bases are assumed to stand still. Redundant joints, and those of a trunk, are
+    damped or follow a `posture`; a floating base moves as the wrenches on it require. Within `limits` the torques are
+    those of `cooperative_law`, and the internal force is a wish.
 
     Attributes:
         chain: the controller's model of the chain.
@@ -38,6 +41,9 @@ class ObjectTracking(Frozen):
         stiffness: gain of the pose error [1/s^2].
         damping: gain of the twist error [1/s]; 2 sqrt(stiffness) is critical.
         joint_damping: damping of joint motions that do not move the object, and of the joints of a trunk [1/s].
+        posture: motion that moves no grasp, such as `PostureControl`, in place of this damping.
+        limits: limits that the torques keep; None for none.
+        cost: the cost within limits, as of `cooperative_law`.
     """
 
     chain: ClosedChain
@@ -46,6 +52,9 @@ class ObjectTracking(Frozen):
     stiffness: float = 100.0
     damping: float = 20.0
     joint_damping: float = 10.0
+    posture: NullMotion | None = None
+    limits: ForceLimits | None = None
+    cost: ForceCost | None = None
     traceable: ClassVar[bool] = True  # can be compiled to machine code if the path is traceable
 
     def __post_init__(self) -> None:
@@ -53,15 +62,20 @@ class ObjectTracking(Frozen):
         object.__setattr__(self, "path", path_function(self.path, "object tracking: path"))
         for name in ("internal_force", "stiffness", "damping", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"object tracking: {name}"))
+        checks.instance(self.posture, (NullMotion, type(None)), "object tracking: posture")
+        if self.posture is not None:
+            self.posture.require(self.chain)
+        _ = self._within  # which refuses what does not fit
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times at which its path accelerates by leaps [s], as far as they are known in advance."""
-        return known_breakpoints(self.path)
+        """Times at which its torques jump [s], as far as they are known in advance."""
+        return known_breakpoints(self.path, self.posture)
 
     def for_chain(self, chain: ClosedChain) -> Self:
         """Return the controller for a chain whose grasps have changed."""
-        return replace(self, chain=chain)
+        within = self._within
+        return replace(self, chain=chain, limits=None if within is None else within.for_chain(chain).limits)
 
     @np.errstate(all="ignore")  # what overflows is refused
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
@@ -75,9 +89,20 @@ class ObjectTracking(Frozen):
         if found is not None:
             return found
         motion = chain_motion(self.chain, state, np.zeros(self.chain.joint_count), Inputs().shaped(self.chain))
-        wished, acceleration = pushes(motion, self.internal_force), self.commanded_acceleration(t, state)
-        tau, _ = commanded_torques(motion, Command(acceleration, wished, -self.joint_damping * state.qd))
+        joints = -self.joint_damping * state.qd
+        if self.posture is not None:
+            joints = self.posture.joint_acceleration(LawInput(t, state, motion, np.zeros(0), {}))
+        command = Command(self.commanded_acceleration(t, state), pushes(motion, self.internal_force), joints)
+        if (within := self._within) is None:
+            tau, _ = commanded_torques(motion, command)
+        else:
+            tau = within.torques(motion, state, command).tau
         return checks.finite(tau, "object tracking"), memory
+
+    @frozen_property
+    def _within(self) -> WithinLimits | None:
+        """The limits with their cost."""
+        return within_limits(self.chain, self.limits, self.cost, "object tracking")
 
     @np.errstate(all="ignore")  # what overflows is refused
     def commanded_acceleration(self, t: float, state: State) -> Array:
