@@ -62,26 +62,6 @@ class BlockColumn(NamedTuple):
     stuck: Array
     on_base: Array
 
-    def from_shared(self, start: Array, units: Array) -> BlockColumn:
-        """Return the columns for other shared unknowns y, of which the present ones are start + units y.
-
-        Args:
-            start: (shared,).
-            units: (shared, shared).
-        """
-        s = len(start)
-        if not s:
-            return self
-
-        def moved(A: Array, a: Array) -> tuple[Array, Array]:
-            first = A.shape[1] - s
-            return np.concatenate([A[:, :first], A[:, first:] @ units], 1), a + A[:, first:] @ start
-
-        T, t = moved(self.T, self.t)
-        by_shared, q0 = moved(self.by_shared, self.q0)
-        missed_by, missed = moved(self.missed_by, self.missed)
-        return self._replace(T=T, t=t, by_shared=by_shared, q0=q0, missed_by=missed_by, missed=missed)
-
 
 NULL_UNIT = 10.0  # of null motions [rad/s^2 or m/s^2]
 
@@ -94,17 +74,20 @@ def block_column(
     by_shared: Array,
     length: Scalar,
     force: Scalar,
+    holds: bool = False,
 ) -> BlockColumn:
     """Return the columns of one arm.
 
     Args:
         motion: its motion.
         held: its grasp; None if it holds nothing.
-        under: (6, shared) acceleration of its base per shared unknown, world axes; (0, shared) for one in the world.
+        under: (6, shared + 1) acceleration of a mounted base per shared unknown, and last the one without them, in
+            addition to that in `motion`, world axes; (0, ..) for a base in the world.
         alpha: (6,) acceleration of C minus [0; g], world axes.
         by_shared: (6, shared) changes of it.
         length: unit of length of the grasps [m].
         force: unit of force [N].
+        holds: whether directions that the arm all but lost are held rather than left out.
     """
     N, none, mounted = motion.arm.joint_count, np.zeros(6), len(under) > 0
     s, rows = by_shared.shape[1], 0 if held is None else len(held.rows)
@@ -117,13 +100,16 @@ def block_column(
         K = held.K
         wanted = shift_twist(held.offset, alpha) + held.a - held.g - motion.bias.tip_acceleration
         felt = (K @ J).T * scales
-        follower = follower_of(felt)
+        if mounted:
+            wanted = wanted - shift_twist(motion.base_to_tip, under[:, s])
+        follower = follower_of(felt, holds)
         b = (K @ wanted) * scales
         q0, null = follower.smallest(b), follower.null
         missed = felt.T @ q0 - b
         if s:
             tips = [shift_twist(held.offset, column) for column in by_shared.T]
-            tips = [x - shift_twist(motion.base_to_tip, y) for x, y in zip(tips, under.T, strict=True)] if mounted else tips
+            if mounted:
+                tips = [x - shift_twist(motion.base_to_tip, y) for x, y in zip(tips, under.T[:s], strict=True)]
             changes = [(K @ x) * scales for x in tips]
             found = [follower.smallest(x) for x in changes]
             more = array(found).reshape(s, N).T
@@ -139,8 +125,10 @@ def block_column(
     of_shared, base = M @ more, np.zeros((0, E.shape[1] + s + 1))
     if mounted:
         B, inertia, w = on_base(motion)
-        of_shared = of_shared + B.T @ under
-        base = np.concatenate([B @ null, loads, B @ more + inertia @ under, (w + B @ q0)[:, None]], 1)
+        of_shared, t = of_shared + B.T @ under[:, :s], t + B.T @ under[:, s]
+        by_base = inertia @ under
+        base = [B @ null, loads, B @ more + by_base[:, :s], (w + B @ q0 + by_base[:, s])[:, None]]
+        base = np.concatenate(base, 1)
     T = np.concatenate([M @ null, felt, of_shared], 1)
     return BlockColumn(T, t, E, q0, null, more, units, missed, missed_by, stuck, base)
 
@@ -148,13 +136,14 @@ def block_column(
 class Follower(NamedTuple):
     """The factors with which an arm's joints follow accelerations of its contact.
 
-    Rows that all but depend on others are left out, so that the numbers are bounded at singular postures.
+    Rows that all but depend on others are left out, so that the numbers are bounded at singular postures. If they are
+    held instead, accelerations along them take `LOST`^-1 times as large ones of joints, and so cost more than any other.
 
     Attributes:
         rows, joints: number of accelerations and of joints.
         reflections: those of Q, (K J)^T = Q R, or K J = Q R if there are more rows than joints.
         R: upper triangular.
-        inverse: of its diagonal; 0 for what is left out.
+        inverse: of its diagonal; 0 for what is left out, and that of the smallest entry for what is held.
     """
 
     rows: int
@@ -195,14 +184,15 @@ class Follower(NamedTuple):
         return b
 
 
-def follower_of(felt: Array) -> Follower:
-    """Return the factors for an arm with (K J)^T = felt, (joints, rows)."""
+def follower_of(felt: Array, holds: bool = False) -> Follower:
+    """Return the factors for an arm with (K J)^T = felt, (joints, rows); rows that are lost are held if it `holds`."""
     N, rows = felt.shape
     tall = felt if rows <= N else felt.T
     reflections, R = householder(tall)
     size = concatenate([np.zeros(1), [x @ x for x in tall.T]])
     bound = LOST * sqrt(largest(size))
-    inverse = [where(less_equal(abs(R[k, k]), bound), 0.0, reciprocal(R[k, k])) for k in range(len(R))]
+    lost = reciprocal(maximum(bound, 1e-300)) if holds else 0.0
+    inverse = [where(less_equal(abs(R[k, k]), bound), lost, reciprocal(R[k, k])) for k in range(len(R))]
     return Follower(rows, N, reflections, R, inverse)
 
 

@@ -30,12 +30,12 @@ from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programme_block import Block
 from holdfast.forces.programme_border import (
     Asked,
+    JoinedRows,
     Shared,
-    SharedUnits,
     border_block,
     joined_rows,
+    scaled,
     shared_accelerations,
-    shared_units,
 )
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -100,7 +100,6 @@ class Programme(NamedTuple):
         e: (rows,) right-hand side of the coupling rows: the wrench that the object needs, and what is shared.
         force: F0 [N].
         shared: the accelerations that arms share.
-        at: their start and units; None without any.
         asked: what is asked of trunk and object.
     """
 
@@ -111,7 +110,6 @@ class Programme(NamedTuple):
     e: Array
     force: Scalar
     shared: Shared
-    at: SharedUnits | None
     asked: Asked
 
 
@@ -134,21 +132,30 @@ def programme(motion: ChainMotion, own: Numbers) -> Programme:
     common = Weights(length, force, *weights)
     held = [contacts.get(name) for name in chain.names]
     arms, of = list(motion.arms.values()), [of_arm(chain, own, k, name) for k, name in enumerate(chain.names)]
-    shared, asked = shared_accelerations(motion, TASK in own or TASK_WEIGHT in own), _asked(chain, own, common)
+    free = TASK in own or TASK_WEIGHT in own
+    shared, asked = shared_accelerations(motion, free), _asked(chain, own, common)
+    per_force, needed = to_force * reciprocal(force), needed * reciprocal(force)
 
-    def column(arm: ArmMotion, c: Contact | None, under: Array) -> BlockColumn:
-        return block_column(arm, c, under, alpha, shared.object, length, force)
+    def joined_columns(shared: Shared) -> tuple[list[BlockColumn], JoinedRows]:
+        by_shared = shared.object[:, :-1]
+        moving = alpha + shared.object[:, -1] if free else alpha
+        columns = each(
+            lambda arm, c, under: block_column(arm, c, under, moving, by_shared, length, force, free),
+            arms,
+            held,
+            shared.under,
+        )
+        return columns, joined_rows(motion, shared, columns, asked, per_force, needed)
 
-    columns = each(column, arms, held, shared.under)
-    per_force = to_force * reciprocal(force)
-    joined, at, of_shared = joined_rows(motion, shared, columns, asked, per_force, needed * reciprocal(force)), None, []
-    e = joined.e
+    columns, joined = joined_columns(shared)
+    of_shared: list[Block] = []
     if shared.count:
-        at = shared_units(shared, columns, [one.weight for one in of], [one.wished for one in of], asked, joined)
-        columns, of_shared = [one.from_shared(*at) for one in columns], [border_block(shared, at, asked, joined)]
-        e = e - joined.by_shared @ at.start
+        weights, wishes = [one.weight for one in of], [one.wished for one in of]
+        shared = scaled(shared, columns, weights, wishes, asked, joined)
+        columns, joined = joined_columns(shared)
+        of_shared = [border_block(shared, asked, joined)]
     blocks = each(lambda *of_arm: arm_block(common, *of_arm), arms, held, columns, of, joined.of_arms)
-    return Programme(arms, held, columns, [*blocks, *of_shared], e, force, shared, at, asked)
+    return Programme(arms, held, columns, [*blocks, *of_shared], joined.e, force, shared, asked)
 
 
 def _asked(chain: ClosedChain, own: Numbers, common: Weights) -> Asked:
@@ -177,17 +184,15 @@ def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS
     made = programme(motion, own)
     price, barrier = (own[name][()] for name in ("price", "barrier"))
     found = central_point(made.blocks, made.e, price, iterations, barrier)
-    count = len(made.arms)
-    answers = each(arm_answer, made.arms, made.held, made.columns, found.x[:count])
+    arms, shared = len(made.arms), made.shared
+    answers = each(arm_answer, made.arms, made.held, made.columns, found.x[:arms])
     tau, qdd, y = [tau for tau, *_ in answers], [qdd for _, qdd, _ in answers], np.zeros(0)
     acceleration, base, missed = own["acceleration"], None, []
-    if made.at is not None:
-        shared, n = made.shared, made.shared.joints
-        y = found.x[count][n:]
-        u = made.at.start + made.at.units @ y
-        tau, qdd = [made.asked.units * found.x[count][:n], *tau], [u[shared.of_joints], *qdd]
-        beyond = shared.object @ u
-        acceleration, base, missed = acceleration + beyond, u[: shared.floating], [made.asked.task @ beyond]
+    if shared.count:
+        drives, y = found.x[arms][: shared.joints], found.x[arms][shared.joints :]
+        moving, beyond = (A[:, :-1] @ y + A[:, -1] for A in (shared.own, shared.object))
+        tau, qdd = [made.asked.units * drives, *tau], [moving[shared.floating :], *qdd]
+        acceleration, base, missed = acceleration + beyond, moving[: shared.floating], [made.asked.task @ beyond]
     missed += [column.missed + column.missed_by @ y if len(y) else column.missed for column in made.columns]
     return ElasticDistribution(
         concatenate(tau),

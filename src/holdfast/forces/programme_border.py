@@ -8,9 +8,9 @@ of arms (`block_columns`) are joined by the rows
     S u_C = 0                                                    what is asked of the object, unless it gives way
     what no joint of an arm moves = 0                            arms with fewer joints than rows
 
-The torques tau_t have limits and costs like those of arms. u = start + units y: y = 0 costs least without limits where
-arms exert no forces, and one unit of each y costs about as much. So near singular postures, where small accelerations
-of the object take large ones of joints, the numbers remain of a size.
+The torques tau_t have limits and costs like those of arms. The unknowns are y, u = start + units y: without limits and
+grasp forces, y = 0 costs least, and one unit of each y costs about as much. So near singular postures, where small
+accelerations of the object take large ones of joints, the numbers remain of a size.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion
+from holdfast.dynamics.closed.stacked import block_diagonal
 from holdfast.dynamics.trunk.whole_chain import of_trunk
 from holdfast.forces.block_columns import NULL_UNIT, BlockColumn
 from holdfast.forces.programme_block import Block
@@ -32,35 +33,43 @@ class Shared(NamedTuple):
     """The accelerations that all arms share: those of a floating base, of a trunk's joints, and of the object.
 
     Attributes:
-        under: by arm, the acceleration of its base, (6, shared); (0, shared) in the world.
-        object: (6, shared) acceleration of C.
+        mounts: by arm, the acceleration of its base by those of base and joints, (6, k); (0, k) in the world.
+        own: (k, shared + 1) those of base and joints by the shared unknowns, and last without them.
+        object: (6, shared + 1) that of the object beyond what is asked, likewise.
         floating: 6 with a floating base, or 0.
-        joints: number of the trunk's joints.
-        inertia: (floating + joints,) * 2 mass matrix of the trunk alone.
-        torque: (floating + joints,) its torques minus bias torques.
+        inertia: (k, k) mass matrix of the trunk alone.
+        torque: (k,) its torques minus bias torques.
     """
 
-    under: list[Array]
+    mounts: list[Array]
+    own: Array
     object: Array
     floating: int
-    joints: int
     inertia: Array
     torque: Array
 
     @property
     def count(self) -> int:
-        """Number of these accelerations."""
-        return self.object.shape[1]
+        """Number of the shared unknowns."""
+        return self.own.shape[1] - 1
 
     @property
-    def of_trunk(self) -> int:
-        """Number of those of base and joints, the first ones."""
-        return self.floating + self.joints
+    def joints(self) -> int:
+        """Number of the trunk's joints."""
+        return len(self.own) - self.floating
 
     @property
-    def of_joints(self) -> slice:
-        """Place of those of the trunk's joints."""
-        return slice(self.floating, self.of_trunk)
+    def under(self) -> list[Array]:
+        """By arm, the acceleration of its base, (6, shared + 1); (0, shared + 1) in the world."""
+        return [S @ self.own for S in self.mounts]
+
+    def moved(self, start: Array, units: Array) -> Shared:
+        """Return the same for unknowns y of which the present ones are start + units y."""
+        own, of_object = (
+            np.concatenate([A[:, :-1] @ units, (A[:, :-1] @ start + A[:, -1])[:, None]], 1)
+            for A in (self.own, self.object)
+        )
+        return self._replace(own=own, object=of_object)
 
 
 def shared_accelerations(motion: ChainMotion, free: bool) -> Shared:
@@ -69,12 +78,10 @@ def shared_accelerations(motion: ChainMotion, free: bool) -> Shared:
     M, T, S = np.zeros((0, 0)), np.zeros(0), {}
     if trunk is not None:
         S, M, T = of_trunk(trunk)
-    first, of_object = len(T), 6 if free else 0
-    beyond, none = np.zeros((6, of_object)), np.zeros((0, first + of_object))
-    under = [np.concatenate([S[name], beyond], 1) if name in S else none for name in names]
-    floating = 6 if motion.chain.floats else 0
-    by_object = np.concatenate([np.zeros((6, first)), np.eye(6)[:, :of_object]], 1)
-    return Shared(under, by_object, floating, first - floating, M, T)
+    k, more = len(T), 6 if free else 0
+    mounts = [S.get(name, np.zeros((0, k))) for name in names]
+    of_object = np.concatenate([np.zeros((6, k)), np.eye(6, more + 1)], 1) if free else np.zeros((6, k + 1))
+    return Shared(mounts, np.eye(k, k + more + 1), of_object, 6 if motion.chain.floats else 0, M, T)
 
 
 class Asked(NamedTuple):
@@ -124,13 +131,6 @@ class JoinedRows(NamedTuple):
     e: Array
 
 
-class SharedUnits(NamedTuple):
-    """The accelerations u = start + units y; see the module's docstring."""
-
-    start: Array
-    units: Array
-
-
 def joined_rows(
     motion: ChainMotion, shared: Shared, columns: Sequence[BlockColumn], asked: Asked, to_force: Array, needed: Array
 ) -> JoinedRows:
@@ -142,91 +142,81 @@ def joined_rows(
         columns: the arms' columns.
         asked: what is asked of trunk and object.
         to_force: (6,) what makes a wrench newtons, in units of F0.
-        needed: (6,) wrench that the object needs, in units of F0.
+        needed: (6,) wrench that the object needs for what is asked, in units of F0.
     """
-    s, n_t = shared.count, shared.of_trunk
+    s, k = shared.count, len(shared.own)
     per_unit = concatenate([to_force[: shared.floating], reciprocal(asked.units)])
-    of_trunk = np.concatenate([per_unit[:, None] * shared.inertia, np.zeros((n_t, s - n_t))], 1)
-    at_rest, loads = per_unit * shared.torque, []
-    for column, under in zip(columns, shared.under, strict=True):
+    of_trunk, loads = shared.inertia @ shared.own, []
+    of_trunk = np.concatenate([of_trunk[:, :s], (of_trunk[:, s] - shared.torque)[:, None]], 1)
+    for column, S in zip(columns, shared.mounts, strict=True):
         own = column.E.shape[1]
-        pulls = np.zeros((n_t, own))
-        if len(column.on_base):
-            wrenches = per_unit[:, None] * (under.T[:n_t] @ column.on_base)
-            pulls, at_rest = wrenches[:, :own], at_rest - wrenches[:, -1]
-            of_trunk = of_trunk + wrenches[:, own:-1]
-        loads.append(pulls)
-    stuck = np.concatenate([np.zeros((0, s + 1)), *((1.0 / NULL_UNIT) * column.stuck for column in columns if s)])
-    task = (1.0 / NULL_UNIT) * (asked.exact @ shared.object)
-    rest = len(stuck) + len(task)
+        wrenches = S.T @ column.on_base if len(column.on_base) else np.zeros((k, own + s + 1))
+        of_trunk = of_trunk + wrenches[:, own:]
+        loads.append(per_unit[:, None] * wrenches[:, :own])
+    stuck = np.concatenate([np.zeros((0, s + 1)), *(column.stuck for column in columns if s)])
+    rest = (1.0 / NULL_UNIT) * np.concatenate([stuck, asked.exact @ shared.object])
     of_arms = [
-        np.concatenate([(column.E.T * to_force).T, pulls, np.zeros((rest, pulls.shape[1]))])
+        np.concatenate([(column.E.T * to_force).T, pulls, np.zeros((len(rest), pulls.shape[1]))])
         for column, pulls in zip(columns, loads, strict=True)
     ]
-    of_object = -to_force[:, None] * (motion.body.inertia.dense() @ shared.object)
     drives = np.concatenate([np.zeros((6 + shared.floating, shared.joints)), -np.eye(shared.joints)])
-    return JoinedRows(
-        of_arms,
-        np.concatenate([of_object, of_trunk, stuck[:, :s], task]),
-        np.concatenate([drives, np.zeros((rest, shared.joints))]),
-        concatenate([needed, at_rest, -stuck[:, s], np.zeros(len(task))]),
-    )
+    drives = np.concatenate([drives, np.zeros((len(rest), shared.joints))])
+    if not s:
+        return JoinedRows(of_arms, np.zeros((6, 0)), drives, needed)
+    of_object = -to_force[:, None] * (motion.body.inertia.dense() @ shared.object)
+    all_rows = np.concatenate([of_object, per_unit[:, None] * of_trunk, rest])
+    e = concatenate([needed, np.zeros(k + len(rest))]) - all_rows[:, s]
+    return JoinedRows(of_arms, all_rows[:, :s], drives, e)
 
 
-def shared_units(
+def scaled(
     shared: Shared,
     columns: Sequence[BlockColumn],
     weights: Sequence[Array],
     wishes: Sequence[Array],
     asked: Asked,
     joined: JoinedRows,
-) -> SharedUnits:
-    """Return start and units of the shared accelerations.
+) -> Shared:
+    """Return the accelerations by unknowns of one size; see the module's docstring.
 
     Args:
-        shared: what arms share.
+        shared: the accelerations, by themselves.
         columns: the arms' columns.
         weights: (N,) of squared torques, of every arm.
         wishes: (N,) accelerations, of every arm.
         asked: what is asked of trunk and object.
         joined: the coupling rows.
     """
-    s, n_t, slow = shared.count, shared.of_trunk, asked.slow
-    H = joined.by_shared.T @ joined.by_shared + slow * np.diag([*[1.0] * n_t, *[0.0] * (s - n_t)])
-    slope = -(joined.by_shared.T @ joined.e)
+    s, own = shared.count, _own_cost(shared, asked)
+    H, slope = own[0] + joined.by_shared.T @ joined.by_shared, own[1] - joined.by_shared.T @ joined.e
     for column, weight, wish in zip(columns, weights, wishes, strict=True):
-        first = column.T.shape[1] - s
-        T, follow = column.T[:, first:], column.by_shared
-        H = H + (T.T * weight) @ T + slow * (follow.T @ follow)
-        slope = slope + T.T @ (weight * column.t) + slow * (follow.T @ (column.q0 - wish))
-    if asked.task_weight is not None:
-        rows = asked.task_weight * (asked.task @ shared.object)
-        H = H + rows.T @ rows
-    slope = slope - slow * concatenate([np.zeros(shared.floating), asked.wished, np.zeros(s - n_t)])
+        T, follow = column.T[:, column.T.shape[1] - s :], column.by_shared
+        H = H + (T.T * weight) @ T + asked.slow * (follow.T @ follow)
+        slope = slope + T.T @ (weight * column.t) + asked.slow * (follow.T @ (column.q0 - wish))
     C = cholesky(H)
-    return SharedUnits(
-        -back_substitution(C, forward_substitution(C, slope)), back_substitution(C, np.eye(s)),
-    )
+    return shared.moved(-back_substitution(C, forward_substitution(C, slope)), back_substitution(C, np.eye(s)))
 
 
-def border_block(shared: Shared, at: SharedUnits, asked: Asked, joined: JoinedRows) -> Block:
-    """Return the block of the trunk's torques and of the shared accelerations."""
-    n, s, k = shared.joints, shared.count, shared.of_trunk
-    moving, still = at.units[:k], at.start[:k]
-    wished = concatenate([np.zeros(shared.floating), asked.wished])
-    P, c = asked.slow * (moving.T @ moving), asked.slow * (moving.T @ (still - wished))
+def _own_cost(shared: Shared, asked: Asked) -> tuple[Array, Array]:
+    """Return P (shared, shared) and c (shared,) of the cost of the trunk's accelerations and of the object's."""
+    s, wished = shared.count, concatenate([np.zeros(shared.floating), asked.wished])
+    moving, still = shared.own[:, :s], shared.own[:, s] - wished
+    P, c = asked.slow * (moving.T @ moving), asked.slow * (moving.T @ still)
     if asked.task_weight is not None:
         rows = asked.task_weight * (asked.task @ shared.object)
-        missed = rows @ at.units
-        P, c = P + missed.T @ missed, c + missed.T @ (rows @ at.start)
-    of_drives = np.concatenate([np.diag(asked.weight).reshape(n, n), np.zeros((n, s))], 1)
-    P = np.concatenate([of_drives, np.concatenate([np.zeros((s, n)), P], 1)])
+        P, c = P + rows[:, :s].T @ rows[:, :s], c + rows[:, :s].T @ rows[:, s]
+    return P, c
+
+
+def border_block(shared: Shared, asked: Asked, joined: JoinedRows) -> Block:
+    """Return the block of the trunk's torques and of the shared accelerations."""
+    n, s, (P, c) = shared.joints, shared.count, _own_cost(shared, asked)
+    P = block_diagonal([np.diag(asked.weight), P])
     R, low, high = [np.eye(n, n + s)], [-asked.effort], [asked.effort]
     if asked.ranges.shape[1]:
-        joints = shared.of_joints
-        R.append(np.concatenate([np.zeros((n, n)), asked.per_force * at.units[joints]], 1))
-        low.append(asked.ranges[0] - asked.per_force * at.start[joints])
-        high.append(asked.ranges[1] - asked.per_force * at.start[joints])
-    E = np.concatenate([joined.by_drives, joined.by_shared @ at.units], 1)
-    c = concatenate([np.zeros(n), c])
+        of_joints = asked.per_force * shared.own[shared.floating :]
+        R.append(np.concatenate([np.zeros((n, n)), of_joints[:, :s]], 1))
+        low.append(asked.ranges[0] - of_joints[:, s])
+        high.append(asked.ranges[1] - of_joints[:, s])
+    E, c = np.concatenate([joined.by_drives, joined.by_shared], 1), concatenate([np.zeros(n), c])
     return Block(P, c, np.concatenate(R), concatenate(low), concatenate(high), (), E, s)
