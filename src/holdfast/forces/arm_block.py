@@ -73,6 +73,7 @@ class OfArm(NamedTuple):
 
 
 def of_arm(chain: ClosedChain, own: Numbers, row: int, name: str) -> OfArm:
+    """Return the limits and wishes of an arm, the row-th of the chain; `own` as in `programme`."""
     part, contact, bounds = chain.joints[name], np.zeros(0), np.zeros(0)
     if name in chain.grasps:
         k = list(chain.grasps).index(name)
@@ -87,9 +88,7 @@ def of_arm(chain: ClosedChain, own: Numbers, row: int, name: str) -> OfArm:
     return OfArm(effort, *of_joints, own["wish"][row], contact, bounds, accelerations)
 
 
-def arm_block(
-    common: Weights, arm: ArmMotion, held: Contact | None, column: BlockColumn, of: OfArm, E: Array
-) -> Block:
+def arm_block(common: Weights, arm: ArmMotion, held: Contact | None, column: BlockColumn, of: OfArm, E: Array) -> Block:
     """Return one arm's block of the programme, in units of F0.
 
     Args:
@@ -115,7 +114,8 @@ def arm_block(
     c = column.T.T @ (of.weight * column.t)
     less = -faster * ((of.wished - column.q0) @ column.null) * (1.0 / NULL_UNIT)
     if of.acceleration.shape[1]:
-        R.append(reciprocal(common.force) * np.concatenate([column.null, np.zeros((len(column.null), rows)), column.by_shared], 1))
+        motions = [column.null, np.zeros((len(column.null), rows)), column.by_shared]
+        R.append(reciprocal(common.force) * np.concatenate(motions, 1))
         offset.append(reciprocal(common.force) * column.q0)
         low.append(reciprocal(common.force) * of.acceleration[0])
         high.append(reciprocal(common.force) * of.acceleration[1])

@@ -137,7 +137,7 @@ class Follower(NamedTuple):
     """The factors with which an arm's joints follow accelerations of its contact.
 
     Rows that all but depend on others are left out, so that the numbers are bounded at singular postures. If they are
-    held instead, accelerations along them take `LOST`^-1 times as large ones of joints, and so cost more than any other.
+    held instead, accelerations along them take 1 / `LOST` times as large ones of joints, so they cost more than others.
 
     Attributes:
         rows, joints: number of accelerations and of joints.

@@ -3,7 +3,9 @@
     min   1/2 sum w_j tau_j^2 + 1/2 wrench_weight^2 sum |(lambda - wish) / F0|^2
           + 1/2 acceleration_weight^2 sum ((qdd_j - wished_qdd_j) / 10)^2 + price v / F0 + 1/2 (v / F0)^2
 
-over all accelerations and wrenches that give the object its acceleration, where every limit gives way by v [N]: torques
+over all accelerations and wrenches that give the object its acceleration, or those of its rows that are asked, S alpha
+= S alpha_asked. With a task_weight W, what is asked gives way at the cost 1/2 W^2 |S (alpha - alpha_asked)|^2, and the
+price is 1 + W^2 times as high, so that it gives way before the limits. Every limit gives way by v [N]: torques
 of turning joints by v L, conditions of grasps and forces of sliding joints by v. L is the rms distance of the contact
 points from their centroid; F0 is the size of the wrench that the object needs, with moments divided by L.
 Limits of joint accelerations give way by 1 rad/s^2 or m/s^2 for each newton.
@@ -14,13 +16,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, needed_wrench, pseudo_gravity
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable, StateError
-from holdfast.forces.acceleration_map import SMALLEST_FORCE_SCALE
+from holdfast.forces.acceleration_map import SMALLEST_FORCE_SCALE, asked_rows
 from holdfast.forces.arm_block import FARTHEST, NO_LIMIT, Weights, arm_answer, arm_block, of_arm, per_torque
 from holdfast.forces.block_columns import BlockColumn, block_column
 from holdfast.forces.elastic_derivatives import central_point
@@ -45,6 +48,7 @@ from holdfast.questions.arrays import (
     ARRAYS,
     CONTACTS,
     DISTRIBUTED,
+    FLOATING,
     FLOATING_RESULT,
     LIMITS,
     OBJECT,
@@ -53,6 +57,8 @@ from holdfast.questions.arrays import (
     TASK,
     TASK_WEIGHT,
     TORQUE,
+    TRUNK_BASE_MOTION,
+    TRUNK_LINKS,
     Row,
     value_of,
 )
@@ -133,7 +139,7 @@ def programme(motion: ChainMotion, own: Numbers) -> Programme:
     held = [contacts.get(name) for name in chain.names]
     arms, of = list(motion.arms.values()), [of_arm(chain, own, k, name) for k, name in enumerate(chain.names)]
     free = TASK in own or TASK_WEIGHT in own
-    shared, asked = shared_accelerations(motion, free), _asked(chain, own, common)
+    shared, asked = shared_accelerations(motion, free), _asked(chain, own, common, alpha)
     per_force, needed = to_force * reciprocal(force), needed * reciprocal(force)
 
     def joined_columns(shared: Shared) -> tuple[list[BlockColumn], JoinedRows]:
@@ -149,7 +155,7 @@ def programme(motion: ChainMotion, own: Numbers) -> Programme:
 
     columns, joined = joined_columns(shared)
     of_shared: list[Block] = []
-    if shared.count:
+    if shared.size:
         weights, wishes = [one.weight for one in of], [one.wished for one in of]
         shared = scaled(shared, columns, weights, wishes, asked, joined)
         columns, joined = joined_columns(shared)
@@ -158,8 +164,8 @@ def programme(motion: ChainMotion, own: Numbers) -> Programme:
     return Programme(arms, held, columns, [*blocks, *of_shared], joined.e, force, shared, asked)
 
 
-def _asked(chain: ClosedChain, own: Numbers, common: Weights) -> Asked:
-    """Return what is asked of trunk and object."""
+def _asked(chain: ClosedChain, own: Numbers, common: Weights, alpha: Array) -> Asked:
+    """Return what is asked of trunk and object; alpha (6,) is the object's acceleration minus [0; g]."""
     part, joints = chain.joints.get(TRUNK, slice(0, 0)), chain.trunk.joints if chain.trunk is not None else ()
     per_unit, ranges = per_torque(common, joints), np.zeros((2, 0))
     units, per_force = reciprocal(per_unit), reciprocal(common.force)
@@ -168,27 +174,33 @@ def _asked(chain: ClosedChain, own: Numbers, common: Weights) -> Asked:
         ranges = clip(per_force * clip(own[ACCELERATION_LIMITS][:, part], -NO_LIMIT, NO_LIMIT), -FARTHEST, FARTHEST)
     weight = own["effort_weight"][part] * (units * units)
     task = own.get(TASK, np.eye(6)) if TASK in own or TASK_WEIGHT in own else np.zeros((0, 6))
-    task_weight = own[TASK_WEIGHT][()] if TASK_WEIGHT in own else None
-    return Asked(units, effort, weight, own["wished_qdd"][part], ranges, per_force, common.slow, task, task_weight)
+    task_weight, dearer = None, 1.0
+    if TASK_WEIGHT in own:
+        task_weight, falling = own[TASK_WEIGHT][()], task @ alpha
+        dearer = 1.0 + task_weight * task_weight * (falling @ falling)
+    wished, slow = own["wished_qdd"][part], common.slow
+    return Asked(units, effort, weight, wished, ranges, per_force, slow, task, task_weight, dearer)
 
 
 def distributed(case: VariedCase, iterations: int = ITERATIONS) -> tuple[Array, ...]:
     """Return the results in the order of `ElasticDistribution`."""
     none = np.zeros(case.chain.joint_count)
     found = distribution(chain_motion(case.chain, case.state, none, case.inputs), case.own, iterations)
-    return found if case.chain.floats else found[:-1]
+    return tuple(x for x in found if x is not None)
 
 
 def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS) -> ElasticDistribution:
     """Return the torques, accelerations and wrenches; see `programme`."""
     made = programme(motion, own)
     price, barrier = (own[name][()] for name in ("price", "barrier"))
+    if made.asked.task_weight is not None:  # limits are dearer than what is asked
+        price = price * (1.0 + made.asked.task_weight * made.asked.task_weight)
     found = central_point(made.blocks, made.e, price, iterations, barrier)
     arms, shared = len(made.arms), made.shared
     answers = each(arm_answer, made.arms, made.held, made.columns, found.x[:arms])
     tau, qdd, y = [tau for tau, *_ in answers], [qdd for _, qdd, _ in answers], np.zeros(0)
     acceleration, base, missed = own["acceleration"], None, []
-    if shared.count:
+    if shared.size:
         drives, y = found.x[arms][: shared.joints], found.x[arms][shared.joints :]
         moving, beyond = (A[:, :-1] @ y + A[:, -1] for A in (shared.own, shared.object))
         tau, qdd = [made.asked.units * drives, *tau], [moving[shared.floating :], *qdd]
@@ -207,32 +219,33 @@ def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS
 
 
 def distribution_parameters(
-    chain: ClosedChain, state: State, limits: ForceLimits | None = None, cost: ForceCost | None = None
+    chain: ClosedChain,
+    state: State,
+    limits: ForceLimits | None = None,
+    cost: ForceCost | None = None,
+    task: ArrayLike | None = None,
 ) -> dict[str, Array]:
     """Return the run-time parameters with which compiled `distribute` has these limits and this cost.
 
-    Limits of accelerations are among them only if there are any; the chain is then compiled with
-    `parameters=["acceleration_limits"]`. Those of a sampled controller are of the given state. O(n).
+    Some are among them only if they are needed, and the chain is then compiled with them:
+    `parameters=["acceleration_limits", "task", "task_weight"]` if accelerations are limited, if only some rows of the
+    object's acceleration are asked, and if that gives way. Limits of a sampled controller are of the given state. O(n).
 
     Args:
         chain: the chain.
         state: positions and rates, for the limits of a sampled controller.
         limits: the limits.
         cost: the cost.
+        task: (r, 6) rows on the object's acceleration; what they leave out is free. None asks for all six.
 
     Raises:
-        MethodNotApplicable: a change from the last wrenches is limited, or the asked acceleration may give way.
+        MethodNotApplicable: a change from the last wrenches is limited, or a task has more than six rows.
         ModelError, StateError: a name is unknown, or a shape is wrong.
     """
     limits, cost = limits or ForceLimits(), cost or ForceCost()
     if limits.last_wrench is not None:
         raise MethodNotApplicable(
             "distribute: machine code has no limit on the change of wrenches; try least_normal and most_normal, or"
-            " holdfast.forces.distribute"
-        )
-    if cost.task is not None:
-        raise MethodNotApplicable(
-            "distribute: machine code keeps the asked acceleration exactly; try cost: task=None, or"
             " holdfast.forces.distribute"
         )
     found = {"effort_share": np.array(NO_LIMIT if limits.effort is None else limits.effort)}
@@ -244,6 +257,13 @@ def distribution_parameters(
         found[name] = clip(np.array(every), -NO_LIMIT, NO_LIMIT)
     if limits.acceleration or limits.sample_time is not None:
         found[ACCELERATION_LIMITS] = clip(acceleration_ranges(chain, state, limits), -NO_LIMIT, NO_LIMIT)
+    if cost.task is not None:
+        found[TASK_WEIGHT] = np.array(cost.task)
+    if task is not None:
+        rows = asked_rows(task)
+        if len(rows) > 6:
+            raise MethodNotApplicable(f"distribute: task: machine code takes up to six rows, got {len(rows)}")
+        found[TASK] = np.concatenate([rows, np.zeros((6 - len(rows), 6))])
     found |= {"effort_weight": cost.effort_weights(chain), "price": np.array(cost.price)}
     found |= {"wrench_weight": np.array(cost.wrench), "acceleration_weight": np.array(cost.acceleration)}
     for name, x in (("wish", cost.wish), ("wished_qdd", cost.joint_acceleration)):
@@ -283,7 +303,10 @@ DISTRIBUTE = declare(
             *("grasp_R", "grasp_p", LIMITS, CONTACTS, *DISTRIBUTED),
         ),
         optional=(ACCELERATION_LIMITS, TASK, TASK_WEIGHT),
-        arguments=(*STATE, "acceleration", *(name for name in ARGUMENTS if name not in (*STATE, "tau")), *DISTRIBUTED),
+        arguments=(
+            *(*STATE, "acceleration", *(name for name in ARGUMENTS if name not in (*STATE, "tau")), *DISTRIBUTED),
+            *(*TRUNK_LINKS, "trunk_link_wrench", *FLOATING, *TRUNK_BASE_MOTION),
+        ),
         by=(*STATE, "acceleration"),
         depends_on=("grasps", "links", "forces", "bushings", "limits"),
         returns="ElasticDistribution",

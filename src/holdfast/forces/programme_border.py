@@ -49,7 +49,7 @@ class Shared(NamedTuple):
     torque: Array
 
     @property
-    def count(self) -> int:
+    def size(self) -> int:
         """Number of the shared unknowns."""
         return self.own.shape[1] - 1
 
@@ -97,6 +97,8 @@ class Asked(NamedTuple):
         slow: weight of squared accelerations.
         task: (r, 6) rows of what is asked of the object; none if nothing of it is free.
         task_weight: weight of the distance from it; None if it is asked exactly.
+        dearer: factor of costs of torques in the start of the unknowns. With it, torques at their limits cost as much
+            as an object that falls instead of doing what is asked.
     """
 
     units: Array
@@ -108,6 +110,7 @@ class Asked(NamedTuple):
     slow: Scalar
     task: Array
     task_weight: Scalar | None
+    dearer: Scalar
 
     @property
     def exact(self) -> Array:
@@ -144,7 +147,7 @@ def joined_rows(
         to_force: (6,) what makes a wrench newtons, in units of F0.
         needed: (6,) wrench that the object needs for what is asked, in units of F0.
     """
-    s, k = shared.count, len(shared.own)
+    s, k = shared.size, len(shared.own)
     per_unit = concatenate([to_force[: shared.floating], reciprocal(asked.units)])
     of_trunk, loads = shared.inertia @ shared.own, []
     of_trunk = np.concatenate([of_trunk[:, :s], (of_trunk[:, s] - shared.torque)[:, None]], 1)
@@ -187,10 +190,11 @@ def scaled(
         asked: what is asked of trunk and object.
         joined: the coupling rows.
     """
-    s, own = shared.count, _own_cost(shared, asked)
+    s, own = shared.size, _own_cost(shared, asked)
     H, slope = own[0] + joined.by_shared.T @ joined.by_shared, own[1] - joined.by_shared.T @ joined.e
     for column, weight, wish in zip(columns, weights, wishes, strict=True):
         T, follow = column.T[:, column.T.shape[1] - s :], column.by_shared
+        weight = asked.dearer * weight
         H = H + (T.T * weight) @ T + asked.slow * (follow.T @ follow)
         slope = slope + T.T @ (weight * column.t) + asked.slow * (follow.T @ (column.q0 - wish))
     C = cholesky(H)
@@ -199,7 +203,7 @@ def scaled(
 
 def _own_cost(shared: Shared, asked: Asked) -> tuple[Array, Array]:
     """Return P (shared, shared) and c (shared,) of the cost of the trunk's accelerations and of the object's."""
-    s, wished = shared.count, concatenate([np.zeros(shared.floating), asked.wished])
+    s, wished = shared.size, concatenate([np.zeros(shared.floating), asked.wished])
     moving, still = shared.own[:, :s], shared.own[:, s] - wished
     P, c = asked.slow * (moving.T @ moving), asked.slow * (moving.T @ still)
     if asked.task_weight is not None:
@@ -209,8 +213,8 @@ def _own_cost(shared: Shared, asked: Asked) -> tuple[Array, Array]:
 
 
 def border_block(shared: Shared, asked: Asked, joined: JoinedRows) -> Block:
-    """Return the block of the trunk's torques and of the shared accelerations."""
-    n, s, (P, c) = shared.joints, shared.count, _own_cost(shared, asked)
+    """Return the block of the trunk's torques and of the shared unknowns."""
+    n, s, (P, c) = shared.joints, shared.size, _own_cost(shared, asked)
     P = block_diagonal([np.diag(asked.weight), P])
     R, low, high = [np.eye(n, n + s)], [-asked.effort], [asked.effort]
     if asked.ranges.shape[1]:

@@ -227,8 +227,8 @@ _ROWS = (
         lambda chain: np.full(len(chain.grasps), np.inf)),
     _of_model("acceleration_limits", (2, "n"), RATE_2, "lowest and highest joint accelerations",
         lambda chain: [[-np.inf] * chain.joint_count, [np.inf] * chain.joint_count]),
-    _of_model("task", (6, 6), "", "rows S on the object's acceleration, of which S acceleration is asked; a row of zeros"
-        " asks nothing", lambda chain: np.eye(6)),
+    _of_model("task", (6, 6), "", "rows S on the object's acceleration, of which S acceleration is asked; a row of"
+        " zeros asks nothing", lambda chain: np.eye(6)),
     _of_model("task_weight", (), "s^2/rad or s^2/m", "weight of the distance from what is asked of the object, which"
         " then gives way to the limits", lambda chain: 100.0),
     _of_model("effort_weight", ("n",), "1/(N m)^2 or 1/N^2", "weights of squared torques",
