@@ -29,6 +29,9 @@ from holdfast.spatial.linalg import back_substitution, cholesky, forward_substit
 from holdfast.spatial.scalar import Array, Scalar, concatenate, reciprocal
 
 
+ROUNDING = 1e-14  # a pivot below this, relative to the trace, is lost in rounding
+
+
 class Shared(NamedTuple):
     """The accelerations that all arms share: those of a floating base, of a trunk's joints, and of the object.
 
@@ -197,7 +200,7 @@ def scaled(
         weight = asked.dearer * weight
         H = H + (T.T * weight) @ T + asked.slow * (follow.T @ follow)
         slope = slope + T.T @ (weight * column.t) + asked.slow * (follow.T @ (column.q0 - wish))
-    C = cholesky(H)
+    C = cholesky(H + ROUNDING * np.trace(H) * np.eye(s))
     return shared.moved(-back_substitution(C, forward_substitution(C, slope)), back_substitution(C, np.eye(s)))
 
 
