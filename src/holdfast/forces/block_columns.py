@@ -156,7 +156,7 @@ class Follower(NamedTuple):
     def null(self) -> Array:
         """Orthonormal N with K J N = 0, (joints, max(joints - rows, 0))."""
         null = [reflected(self.reflections, unit) for unit in np.eye(self.joints)[self.rows :]]
-        return array(null).reshape(-1, self.joints).T
+        return array(null).reshape(len(null), self.joints).T
 
     def smallest(self, wanted: Array) -> Array:
         """Return the smallest q0 with K J q0 = wanted, (joints,); with too few joints, the least-squares solution."""

@@ -49,7 +49,6 @@ from holdfast.questions.arrays import (
     CONTACTS,
     DISTRIBUTED,
     FLOATING,
-    FLOATING_RESULT,
     LIMITS,
     OBJECT,
     RATE_2,
@@ -64,7 +63,7 @@ from holdfast.questions.arrays import (
 )
 from holdfast.questions.case import Numbers, VariedCase
 from holdfast.questions.derivatives import declare
-from holdfast.questions.question import Found, Question, Show
+from holdfast.questions.question import Question
 from holdfast.spatial.scalar import Array, Scalar, array, clip, concatenate, each, maximum, reciprocal, sqrt, where
 from holdfast.spatial.vector import largest
 from holdfast.state import State
@@ -82,7 +81,6 @@ class ElasticDistribution(NamedTuple):
         missed: largest acceleration of a contact that its arm cannot follow, with turns multiplied by L [m/s^2], or
             largest entry by which an asked acceleration that may give way is missed [rad/s^2 or m/s^2].
         residual: of the optimality conditions, relative.
-        base_acceleration: (6,) as in `ForwardResult`; None without a floating base.
     """
 
     tau: Array
@@ -92,7 +90,6 @@ class ElasticDistribution(NamedTuple):
     violation: Array
     missed: Array
     residual: Array
-    base_acceleration: Array | None = None
 
 
 class Programme(NamedTuple):
@@ -185,8 +182,7 @@ def _asked(chain: ClosedChain, own: Numbers, common: Weights, alpha: Array) -> A
 def distributed(case: VariedCase, iterations: int = ITERATIONS) -> tuple[Array, ...]:
     """Return the results in the order of `ElasticDistribution`."""
     none = np.zeros(case.chain.joint_count)
-    found = distribution(chain_motion(case.chain, case.state, none, case.inputs), case.own, iterations)
-    return tuple(x for x in found if x is not None)
+    return distribution(chain_motion(case.chain, case.state, none, case.inputs), case.own, iterations)
 
 
 def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS) -> ElasticDistribution:
@@ -199,12 +195,12 @@ def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS
     arms, shared = len(made.arms), made.shared
     answers = each(arm_answer, made.arms, made.held, made.columns, found.x[:arms])
     tau, qdd, y = [tau for tau, *_ in answers], [qdd for _, qdd, _ in answers], np.zeros(0)
-    acceleration, base, missed = own["acceleration"], None, []
+    acceleration, missed = own["acceleration"], []
     if shared.size:
         drives, y = found.x[arms][: shared.joints], found.x[arms][shared.joints :]
         moving, beyond = (A[:, :-1] @ y + A[:, -1] for A in (shared.own, shared.object))
         tau, qdd = [made.asked.units * drives, *tau], [moving[shared.floating :], *qdd]
-        acceleration, base, missed = acceleration + beyond, moving[: shared.floating], [made.asked.task @ beyond]
+        acceleration, missed = acceleration + beyond, [made.asked.task @ beyond]
     missed += [column.missed + column.missed_by @ y if len(y) else column.missed for column in made.columns]
     return ElasticDistribution(
         concatenate(tau),
@@ -214,7 +210,6 @@ def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS
         array(made.force * found.v),
         array(largest(concatenate(missed))),
         array(found.residual),
-        base if motion.chain.floats else None,
     )
 
 
@@ -272,14 +267,6 @@ def distribution_parameters(
     return found
 
 
-def _shown(chain: ClosedChain) -> Show:
-    def shown(found: Found) -> ElasticDistribution:
-        own = {ElasticDistribution._fields[-1] if name == FLOATING_RESULT else name: x for name, x in found.items()}
-        return ElasticDistribution(**own)
-
-    return shown
-
-
 DISTRIBUTE = declare(
     Question(
         "distribute",
@@ -294,7 +281,6 @@ DISTRIBUTE = declare(
             Row("missed", (), "m/s^2", "largest acceleration of a contact that its arm cannot follow, or of the object"
                 " that gives way"),
             Row("residual", (), "", "of the optimality conditions, relative"),
-            FLOATING_RESULT,
         ),
         "the torques and grasp wrenches for an acceleration of the object under limits, with the least effort",
         inputs=(*STATE, "acceleration"),
@@ -310,6 +296,6 @@ DISTRIBUTE = declare(
         by=(*STATE, "acceleration"),
         depends_on=("grasps", "links", "forces", "bushings", "limits"),
         returns="ElasticDistribution",
-        shown=_shown,
+        shown=lambda chain: lambda found: ElasticDistribution(**found),
     ),
 )  # fmt: skip

@@ -60,7 +60,8 @@ ITERATIONS = 16
 SOLVED = 1e-9  # residual at which the iterate is kept
 FRACTION = 0.99  # of the way to the boundary
 NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
-UNFELT = 1e-9  # curvature of steps along shared unknowns that neither costs nor limits feel
+NOISE = 1e-13  # of pivots of shared unknowns, relative to their own curvature
+UNFELT = 1e-5  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
 
 
 class Iterate(NamedTuple):
@@ -294,7 +295,8 @@ def border_of(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Bor
     S, rows = total(f.V.T @ f.V for f in of), len(used)
     kept = [*range(rows), len(S) - 1]
     left = total(f.of_shared for f in of) - S[rows:-1]
-    C = cholesky(left[:, rows:-1] + UNFELT * np.eye(len(left)))
+    felt = np.diag(total(f.of_shared for f in of)[:, rows:-1])
+    C = cholesky(left[:, rows:-1], UNFELT + NOISE * felt)
     V = forward_substitution(C, left[:, kept])
     S = S[np.ix_(kept, kept)] + V.T @ V if len(left) else S
     own = S[:rows, :rows] + np.diag(1.0 - used)
