@@ -61,7 +61,7 @@ SOLVED = 1e-9  # residual at which the iterate is kept
 FRACTION = 0.99  # of the way to the boundary
 NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
 NOISE = 1e-13  # of pivots of shared unknowns, relative to their own curvature
-UNFELT = 1e-5  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
+UNFELT = 1e-7  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
 
 
 class Iterate(NamedTuple):

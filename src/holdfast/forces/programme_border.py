@@ -193,15 +193,21 @@ def scaled(
         asked: what is asked of trunk and object.
         joined: the coupling rows.
     """
-    s, own = shared.size, _own_cost(shared, asked)
-    H, slope = own[0] + joined.by_shared.T @ joined.by_shared, own[1] - joined.by_shared.T @ joined.e
+    s, (P, c) = shared.size, _own_cost(shared, asked)
+    P, c = P + joined.by_shared.T @ joined.by_shared, c - joined.by_shared.T @ joined.e
+    H, slope = np.zeros((s, s)), np.zeros(s)
     for column, weight, wish in zip(columns, weights, wishes, strict=True):
         T, follow = column.T[:, column.T.shape[1] - s :], column.by_shared
-        weight = asked.dearer * weight
-        H = H + (T.T * weight) @ T + asked.slow * (follow.T @ follow)
-        slope = slope + T.T @ (weight * column.t) + asked.slow * (follow.T @ (column.q0 - wish))
-    C = cholesky(H + ROUNDING * np.trace(H) * np.eye(s))
-    return shared.moved(-back_substitution(C, forward_substitution(C, slope)), back_substitution(C, np.eye(s)))
+        H, slope = H + (T.T * weight) @ T, slope + T.T @ (weight * column.t)
+        P, c = P + asked.slow * (follow.T @ follow), c + asked.slow * (follow.T @ (column.q0 - wish))
+    near, one = (_factor(P + times * H) for times in (asked.dearer, 1.0))
+    start = -back_substitution(near, forward_substitution(near, c + asked.dearer * slope))
+    return shared.moved(start, back_substitution(one, np.eye(s)))
+
+
+def _factor(H: Array) -> Array:
+    """Return the Cholesky factor of a matrix that may have lost its smallest pivots in rounding."""
+    return cholesky(H + ROUNDING * np.trace(H) * np.eye(len(H)))
 
 
 def _own_cost(shared: Shared, asked: Asked) -> tuple[Array, Array]:
