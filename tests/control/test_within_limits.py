@@ -27,7 +27,6 @@ from holdfast.forces import ForceCost, ForceLimits, distribution_parameters, spl
 from holdfast.spatial import rotation
 from tests.control.kit import CHAIN, DAMPER, HERE, MASS, SPRING, STATE, STIFF, N, moving
 from tests.control.two_pandas import pushes, rubber_pandas, two_pandas
-from tests.systems.trunk_runs import still_base
 
 EFFORT = np.array([joint.effort_limit for joint in CHAIN.all_joints])
 FOLLOWING = ForceCost(wrench=1.0, acceleration=1.0)  # wishes outweigh effort
@@ -197,11 +196,8 @@ def test_hand_over():
 
 
 def test_refused():
-    """Trunks, limits of changes, wishes that belong to parts, and a cost without limits."""
-    law, arms = cooperative_law, {"arms": 3, "grasps": "rigid", "joints": 7}
-    trunk = still_base(0, 2, floating=False, arms=arms).chain
-    with pytest.raises(MethodNotApplicable, match="limits: expected arms whose bases are in the world, got a"):
-        law(trunk, STIFF, limits=ForceLimits())
+    """Limits of changes, wishes that belong to parts, and a cost without limits."""
+    law = cooperative_law
     with pytest.raises(MethodNotApplicable, match="no limit on the change of wrenches"):
         law(CHAIN, STIFF, limits=ForceLimits(last_wrench=np.zeros((2, 6)), wrench_change=1.0))
     with pytest.raises(ModelError, match="cost: expected no wish, got one; it is that of `forces`"):
