@@ -28,7 +28,6 @@ from holdfast.forces.programme_block import Block
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, Scalar, concatenate, reciprocal
 
-
 ROUNDING = 1e-14  # a pivot below this, relative to the trace, is lost in rounding
 
 
