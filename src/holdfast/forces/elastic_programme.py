@@ -59,6 +59,7 @@ from holdfast.spatial.scalar import (
 ITERATIONS = 16
 SOLVED = 1e-9  # residual at which the iterate is kept
 FRACTION = 0.99  # of the way to the boundary
+LARGEST = 1e100  # step of v that is taken
 NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
 NOISE = 1e-13  # of pivots of shared unknowns, relative to their own curvature
 UNFELT = 1e-7  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
@@ -250,7 +251,8 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
     solved = where(coupling.barrier > 0.0, 0.0, SOLVED)
     still = where(maximum(scaled, greatest([abs(missing)])) < solved, 0.0, still)
     still = where(border.factors.kept < len(missing), 0.0, still)  # a pivot is lost in rounding: a step would be noise
-    moves = still * length > 0.0  # not where a number is not finite
+    still = where(abs(dv) < LARGEST, still, 0.0)  # nor is a step that is not finite
+    moves = still * length > 0.0
     made = each(lambda own, step: own.moved(length, step, moves), points, [step for step, _ in found])
     changed = array([v + length * dv, z - length * z * (ratio + factor), left * (1.0 - length * part)])
     v, z, left = select(moves, changed, array([v, z, left]))
