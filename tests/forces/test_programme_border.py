@@ -111,7 +111,7 @@ def test_random_questions(seed):
     assert found.residual < (1e-6 if cost.task is None else 1e-4)
     assert_given_back(p, found)
     back = hf.forward_dynamics(p.chain, p.state, found.tau, inputs=p.inputs)
-    base = back.base_acceleration if p.chain.floats else np.zeros(0)
+    base = np.zeros(0) if back.base_acceleration is None else back.base_acceleration
     contacts = zip(p.chain.grasps, question.found.motion.contacts, strict=True)
     forces = [c.K @ found.grasp_wrench[p.chain.names.index(name)] for name, c in contacts]
     v = np.concatenate([base, found.qdd, found.object_acceleration, *forces])

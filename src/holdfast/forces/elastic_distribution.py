@@ -32,7 +32,7 @@ from holdfast.forces.limit_rows import acceleration_ranges
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programme_block import Block
 from holdfast.forces.programme_border import (
-    Asked,
+    Demand,
     JoinedRows,
     Shared,
     border_block,
@@ -113,7 +113,7 @@ class Programme(NamedTuple):
     e: Array
     force: Scalar
     shared: Shared
-    asked: Asked
+    asked: Demand
 
 
 def programme(motion: ChainMotion, own: Numbers) -> Programme:
@@ -161,7 +161,7 @@ def programme(motion: ChainMotion, own: Numbers) -> Programme:
     return Programme(arms, held, columns, [*blocks, *of_shared], joined.e, force, shared, asked)
 
 
-def _asked(chain: ClosedChain, own: Numbers, common: Weights, alpha: Array) -> Asked:
+def _asked(chain: ClosedChain, own: Numbers, common: Weights, alpha: Array) -> Demand:
     """Return what is asked of trunk and object; alpha (6,) is the object's acceleration minus [0; g]."""
     part, joints = chain.joints.get(TRUNK, slice(0, 0)), chain.trunk.joints if chain.trunk is not None else ()
     per_unit, ranges = per_torque(common, joints), np.zeros((2, 0))
@@ -176,7 +176,7 @@ def _asked(chain: ClosedChain, own: Numbers, common: Weights, alpha: Array) -> A
         task_weight, falling = own[TASK_WEIGHT][()], task @ alpha
         dearer = 1.0 + task_weight * task_weight * (falling @ falling)
     wished, slow = own["wished_qdd"][part], common.slow
-    return Asked(units, effort, weight, wished, ranges, per_force, slow, task, task_weight, dearer)
+    return Demand(units, effort, weight, wished, ranges, per_force, slow, task, task_weight, dearer)
 
 
 def distributed(case: VariedCase, iterations: int = ITERATIONS) -> tuple[Array, ...]:

@@ -61,7 +61,7 @@ SOLVED = 1e-9  # residual at which the iterate is kept
 FRACTION = 0.99  # of the way to the boundary
 LARGEST = 1e100  # step of v that is taken
 NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
-NOISE = 1e-13  # of pivots of shared unknowns, relative to their own curvature
+LOST_PIVOT = 1e-13  # of pivots of shared unknowns, relative to their own curvature
 UNFELT = 1e-7  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
 
 
@@ -298,7 +298,7 @@ def border_of(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Bor
     kept = [*range(rows), len(S) - 1]
     left = total(f.of_shared for f in of) - S[rows:-1]
     felt = np.diag(total(f.of_shared for f in of)[:, rows:-1])
-    C = cholesky(left[:, rows:-1], UNFELT + NOISE * felt)
+    C = cholesky(left[:, rows:-1], UNFELT + LOST_PIVOT * felt)
     V = forward_substitution(C, left[:, kept])
     S = S[np.ix_(kept, kept)] + V.T @ V if len(left) else S
     own = S[:rows, :rows] + np.diag(1.0 - used)

@@ -28,7 +28,7 @@ from holdfast.forces.programme_block import Block
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, Scalar, concatenate, reciprocal
 
-ROUNDING = 1e-14  # a pivot below this, relative to the trace, is lost in rounding
+SMALLEST_PIVOT = 1e-14  # relative to the trace; below, rounding has lost it
 
 
 class Shared(NamedTuple):
@@ -86,7 +86,7 @@ def shared_accelerations(motion: ChainMotion, free: bool) -> Shared:
     return Shared(mounts, np.eye(k, k + more + 1), of_object, 6 if motion.chain.floats else 0, M, T)
 
 
-class Asked(NamedTuple):
+class Demand(NamedTuple):
     """What is asked of trunk and object, in units of F0.
 
     Attributes:
@@ -137,7 +137,7 @@ class JoinedRows(NamedTuple):
 
 
 def joined_rows(
-    motion: ChainMotion, shared: Shared, columns: Sequence[BlockColumn], asked: Asked, to_force: Array, needed: Array
+    motion: ChainMotion, shared: Shared, columns: Sequence[BlockColumn], asked: Demand, to_force: Array, needed: Array
 ) -> JoinedRows:
     """Return the coupling rows.
 
@@ -179,7 +179,7 @@ def scaled(
     columns: Sequence[BlockColumn],
     weights: Sequence[Array],
     wishes: Sequence[Array],
-    asked: Asked,
+    asked: Demand,
     joined: JoinedRows,
 ) -> Shared:
     """Return the accelerations by unknowns of one size; see the module's docstring.
@@ -206,10 +206,10 @@ def scaled(
 
 def _factor(H: Array) -> Array:
     """Return the Cholesky factor of a matrix that may have lost its smallest pivots in rounding."""
-    return cholesky(H + ROUNDING * np.trace(H) * np.eye(len(H)))
+    return cholesky(H + SMALLEST_PIVOT * np.trace(H) * np.eye(len(H)))
 
 
-def _own_cost(shared: Shared, asked: Asked) -> tuple[Array, Array]:
+def _own_cost(shared: Shared, asked: Demand) -> tuple[Array, Array]:
     """Return P (shared, shared) and c (shared,) of the cost of the trunk's accelerations and of the object's."""
     s, wished = shared.size, concatenate([np.zeros(shared.floating), asked.wished])
     moving, still = shared.own[:, :s], shared.own[:, s] - wished
@@ -220,7 +220,7 @@ def _own_cost(shared: Shared, asked: Asked) -> tuple[Array, Array]:
     return P, c
 
 
-def border_block(shared: Shared, asked: Asked, joined: JoinedRows) -> Block:
+def border_block(shared: Shared, asked: Demand, joined: JoinedRows) -> Block:
     """Return the block of the trunk's torques and of the shared unknowns."""
     n, s, (P, c) = shared.joints, shared.size, _own_cost(shared, asked)
     P = block_diagonal([np.diag(asked.weight), P])
