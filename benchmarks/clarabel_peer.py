@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -36,11 +37,17 @@ def arguments(blocks: Sequence[Block], e: Array, price: float) -> tuple[Any, ...
     """Return P, c, A, b and cones for Clarabel's solver, and the places of the blocks' unknowns; v is the last."""
     clarabel: Any = import_module("clarabel")
 
-    sizes = [len(block.c) for block in blocks]
-    places = np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])
-    n = sum(sizes) + 1
-    P = scipy.sparse.triu(scipy.sparse.block_diag([*(block.P for block in blocks), [[1.0]]]), format="csc")
-    rows, right, cones = [np.hstack([*(block.E for block in blocks), np.zeros((len(e), 1))])], [e], []
+    ends = np.cumsum([0, *(block.own for block in blocks)])
+    shared = np.arange(ends[-1], ends[-1] + blocks[-1].shared)
+    places = [np.r_[np.arange(a, b), shared] for a, b in pairwise(ends)]
+    n = ends[-1] + len(shared) + 1
+    P, c, E = np.zeros((n, n)), np.zeros(n), np.zeros((len(e), n))
+    P[-1, -1], c[-1] = 1.0, price
+    for block, place in zip(blocks, places, strict=True):
+        P[np.ix_(place, place)] += block.P
+        c[place] += block.c
+        E[:, place] += block.E
+    rows, right, cones = [E], [e], []
     cones.append(clarabel.ZeroConeT(len(e)))
 
     def put(G: Array, h: Array, place: Array, by_v: Array) -> None:
@@ -59,5 +66,5 @@ def arguments(blocks: Sequence[Block], e: Array, price: float) -> tuple[Any, ...
             cones.append(clarabel.SecondOrderConeT(len(cone.h)))
     put(np.zeros((1, 0)), np.zeros(1), np.zeros(0, dtype=int), np.ones(1))
     cones.append(clarabel.NonnegativeConeT(1))
-    c = np.concatenate([*(block.c for block in blocks), [price]])
+    P = scipy.sparse.triu(scipy.sparse.csc_matrix(P), format="csc")
     return P, c, scipy.sparse.csc_matrix(np.vstack(rows)), np.concatenate(right), cones, places

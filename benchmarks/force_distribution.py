@@ -12,7 +12,7 @@ import numpy as np
 
 import holdfast as hf
 from benchmarks.bench.clock import Effort
-from benchmarks.bench.distribution_entries import KINDS, chain_of, compare
+from benchmarks.bench.distribution_entries import KINDS, SOFT_FINGERS, STANDS, chain_of, compare
 from holdfast.compiled import CompiledChain
 from holdfast.compiled.structure import Options
 
@@ -33,12 +33,15 @@ def counts(kind: str) -> list[int]:
 
 def main() -> None:
     """Print microseconds and multiples of F, and operations by number of arms."""
-    for kind in KINDS:
-        print(f"{kind:30}{'us':>10}{'F':>8}")
-        for row in compare(kind, EFFORT, time.process_time):
+    listed = [*((kind, STANDS[0]) for kind in KINDS), *((SOFT_FINGERS, stand) for stand in STANDS[1:])]
+    for kind, stand in listed:
+        print(f"{f'{kind}, {stand}':30}{'us':>10}{'F':>8}")
+        for row in compare(kind, EFFORT, time.process_time, stand):
             print(f"{row['name']:30}{row['microseconds']:10.2f}{row['ratio']:8.2f}")
-        found = counts(kind)
-        print(f"operations of 2, 3, 4, 5 arms: {found}; second differences {np.diff(found, 2).tolist()}\n")
+        if stand == STANDS[0]:
+            found = counts(kind)
+            print(f"operations of 2, 3, 4, 5 arms: {found}; second differences {np.diff(found, 2).tolist()}")
+        print()
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ KINDS = {
     SOFT_FINGERS: ("softfinger", hf.Friction(0.8, torsion_radius=0.02), None),
     "rigid, rated": ("rigid", None, hf.WrenchLimits(moment=20.0, force=200.0)),
 }
+STANDS = ("in the world", "on a trunk of 3", "floating", "giving way")  # the last: what is asked may
 
 
 def shorter(iterations: int) -> Any:
@@ -39,37 +40,52 @@ def shorter(iterations: int) -> Any:
     return replace(DISTRIBUTE, name=f"distribute_{iterations}", compute=compute)
 
 
-def chain_of(kind: str) -> tuple[hf.ClosedChain, hf.State]:
-    """Return two Pandas that hold a box."""
+def chain_of(kind: str, stand: str = STANDS[0]) -> tuple[hf.ClosedChain, hf.State]:
+    """Return two Pandas that hold a box, on their stand."""
     name, contact, limits = KINDS[kind]
     chain, state = facing_pandas(name, contact)
     grasps = {arm: replace(grasp, wrench_limits=limits) for arm, grasp in chain.grasps.items()}
-    return replace(chain, grasps=grasps), state
+    chain, deck = replace(chain, grasps=grasps), hf.Link(60.0, inertia=np.diag([2.0, 2.0, 3.0]))
+    if stand == "floating":
+        floating = replace(chain, trunk=hf.Trunk(floating=deck), mounts=dict.fromkeys(chain.arms, "base"))
+        return floating, replace(state, base_pose=hf.Pose.identity(), base_twist=np.zeros(6))
+    if stand == "on a trunk of 3":
+        axes = [hf.Joint("prismatic", axis) for axis in np.eye(3)[:2]]
+        slide = hf.Link(1.0, inertia=0.01 * np.eye(3))
+        trunk = hf.Trunk([*axes, hf.Joint("revolute")], [slide, slide, deck])
+        none = np.zeros(3)
+        state = replace(state, q=np.r_[none, state.q], qd=np.r_[none, state.qd])
+        return replace(chain, trunk=trunk, mounts=dict.fromkeys(chain.arms, 2)), state
+    return chain, state
 
 
-def entries(kind: str) -> Iterator[Timed]:
-    """Yield bound calls of forward dynamics and of the distribution, and then batches of them, for a kind of grasps."""
-    chain, state = chain_of(kind)
-    fast = hf.compile(chain)
+def entries(kind: str, stand: str = STANDS[0]) -> Iterator[Timed]:
+    """Yield bound calls of forward dynamics and of the distribution, and then batches of them."""
+    chain, state = chain_of(kind, stand)
+    fast = hf.compile(chain, parameters=["task_weight"] if stand == "giving way" else [])
     random = np.random.default_rng(0)
     one = [state.q, state.qd, state.object_pose, state.object_twist, np.array([0.3, 0.2, -0.1, 0.5, 0.4, 1.0])]
     many = [np.array([x] * SYSTEMS) for x in one]
     many[0] += 0.01 * random.normal(size=many[0].shape)
     many[4] += random.normal(size=many[4].shape)
     names, torques = DISTRIBUTE.inputs[:4], np.zeros(chain.joint_count)
-    given = {name: np.array(x) for name, x in zip(names, one, strict=False)}
+    base = {"floating_pose": state.base_pose, "floating_twist": state.base_twist} if chain.floats else {}
+    given = {name: np.array(x) for name, x in [*zip(names, one, strict=False), *base.items()]}
+    bases = {name: np.array([x] * SYSTEMS) for name, x in base.items()}
     yield Timed("forward dynamics, bound", LIBRARY, fast.bind(**given, tau=torques), 1)
     asked = [("16 iterations", fast.distribute), *((f"{k} iterations", Function(fast, shorter(k))) for k in (12, 0))]
     for name, function in asked:
         yield Timed(f"{name}, bound", LIBRARY, function.bind(**given, acceleration=one[4]), 1)
     zeros = np.zeros((SYSTEMS, chain.joint_count))
     q, qd, pose, twist, _ = many
-    out = fast.forward_dynamics(q, qd, zeros, pose, twist)
-    again = partial(fast.forward_dynamics, q, qd, zeros, pose, twist, out=out, threads=1)
+    out = fast.forward_dynamics(q, qd, zeros, pose, twist, **bases)
+    again = partial(fast.forward_dynamics, q, qd, zeros, pose, twist, **bases, out=out, threads=1)
     yield Timed("forward dynamics, batch", LIBRARY, again, SYSTEMS)
     for name, function in asked:
-        yield Timed(f"{name}, batch", LIBRARY, partial(function, *many, out=function(*many), threads=1), SYSTEMS)
-    yield from by_clarabel(chain, state, one[4])
+        out = function(*many, **bases)
+        yield Timed(f"{name}, batch", LIBRARY, partial(function, *many, **bases, out=out, threads=1), SYSTEMS)
+    if stand == STANDS[0]:
+        yield from by_clarabel(chain, state, one[4])
 
 
 def by_clarabel(chain: hf.ClosedChain, state: hf.State, acceleration: Array) -> Iterator[Timed]:
@@ -89,15 +105,18 @@ def by_clarabel(chain: hf.ClosedChain, state: hf.State, acceleration: Array) -> 
     yield Timed("Clarabel, without the map", "Clarabel", lambda: clarabel.DefaultSolver(*given, settings).solve(), 1)
 
 
-def compare(kind: str, effort: Effort, now: Callable[[], float] = time.perf_counter) -> list[dict[str, Any]]:
+def compare(
+    kind: str, effort: Effort, now: Callable[[], float] = time.perf_counter, stand: str = STANDS[0]
+) -> list[dict[str, Any]]:
     """Time the distribution, relative to a bound call of forward dynamics of the same chain in the same rounds.
 
     Args:
         kind: a kind of grasps.
         effort: duration of the measurement.
         now: the clock [s].
+        stand: of the arms.
     """
-    listed = list(entries(kind))
+    listed = list(entries(kind, stand))
     seconds = timed(listed, effort, now)
     return [
         {

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.force_bars import nearly_straight
 from scipy.linalg import expm
 
 import holdfast as hf
@@ -23,14 +24,15 @@ from holdfast.control import (
 )
 from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable, ModelError
-from holdfast.forces import ForceCost, ForceLimits, distribution_parameters, split
+from holdfast.forces import ForceCost, ForceLimits, distribute, distribution_parameters, split
 from holdfast.spatial import rotation
 from tests.control.kit import CHAIN, DAMPER, HERE, MASS, SPRING, STATE, STIFF, N, moving
 from tests.control.two_pandas import pushes, rubber_pandas, two_pandas
-from tests.systems.trunk_runs import still_base
+from tests.planning.examples import mobile
 
 EFFORT = np.array([joint.effort_limit for joint in CHAIN.all_joints])
 FOLLOWING = ForceCost(wrench=1.0, acceleration=1.0)  # wishes outweigh effort
+FAR = ForceLimits(effort=None)
 NOTHING: dict[str, Any] = {"external_wrench": np.zeros(6)}
 
 
@@ -69,6 +71,66 @@ def test_the_same_as_compiled_distribute(kinds, sample_time):
         found = compiled.torques(0.0, *arrays, **NOTHING)
         assert found.tau / EFFORT == pytest.approx(expected.tau / EFFORT, rel=0.0, abs=1e-8)
         assert found.memory[0] == pytest.approx(float(expected.violation), abs=1e-8)
+
+
+@pytest.mark.parametrize("weight", [None, 100.0])
+def test_trunk(weight):
+    """On a platform too, a law says what `distribute` says: arms and platform share the motion."""
+    chain, state = mobile()
+    cost = replace(FOLLOWING, task=weight)
+    law = cooperative_law(
+        chain, ObjectImpedance(HERE, SPRING, DAMPER, MASS), posture=PostureControl(state.q), limits=FAR, cost=cost
+    )
+    speeds = 0.3 * np.random.default_rng(1).normal(size=len(state.q))
+    now = hf.dynamics.project_velocity(chain, replace(state, qd=speeds))
+    turn = rotation.log(HERE.at(0.0).pose.R @ now.object_frame.R.T)
+    command = (SPRING * np.r_[turn, HERE.at(0.0).pose.p - now.object_frame.p] - DAMPER * now.object_twist) / MASS
+    tau, memory = law.given(NOTHING)(0.0, now, None)
+    wished = replace(cost, joint_acceleration=25.0 * (state.q - now.q) - 10.0 * now.qd)
+    expected = distribute(chain, now, command, limits=FAR, cost=wished)
+    assert expected.status == "optimal"
+    assert tau == pytest.approx(expected.tau, abs=1e-6 * np.abs(expected.tau).max())
+    assert len(memory) == (1 if weight is None else 2)
+    assert memory[0] < 1e-8
+    if weight is not None:
+        assert memory[1] == pytest.approx(np.abs(expected.object_acceleration - command).max(), abs=1e-8)
+
+
+@pytest.mark.parametrize("bend", [1e-3, 1e-5, 1e-7])
+def test_near_singular_postures(bend):
+    """However little elbows are bent, torques keep their limits; the memory says what the object's motion lacks."""
+    chain, state = nearly_straight(bend)
+    law = cooperative_law(chain, lift(state), limits=ForceLimits(), cost=ForceCost(acceleration=1.0, task=100.0))
+    tau, (gave_way, missed) = law(0.05, state, None)
+    efforts = np.array([joint.effort_limit for joint in chain.all_joints])
+    assert (np.abs(tau) / efforts).max() <= 1.0 + 1e-9
+    assert gave_way < 1e-9
+    exact, _ = cooperative_law(chain, lift(state), limits=ForceLimits())(0.05, state, None)
+    assert (np.abs(exact) / efforts).max() > 1.0
+    found = hf.forward_dynamics(chain, state, tau).object_acceleration
+    asked = hf.forward_dynamics(chain, state, exact).object_acceleration
+    assert missed == pytest.approx(np.abs(found - asked).max(), rel=1e-4)
+    assert missed > 0.1
+
+
+@pytest.mark.slow
+def test_a_mobile_manipulator_moves_its_tray():
+    """Machine code takes most of the way with the platform, and keeps efforts, rates and ranges of joints."""
+    chain, state = mobile()
+    trunk, T = chain.trunk, 0.01
+    assert trunk is not None
+    wheels = [replace(joint, effort_limit=500.0, rate_limit=0.5) for joint in trunk.joints]
+    chain = replace(chain, trunk=replace(trunk, joints=wheels))
+    path = RestToRest(state.object_frame, [0.3, 0, 0], duration=3.0)
+    motion = ObjectImpedance(path, 100.0 * np.ones(6), 20.0 * np.ones(6))
+    limits, cost = ForceLimits(sample_time=T), ForceCost(acceleration=10.0)
+    law = cooperative_law(chain, motion, posture=PostureControl(state.q, 5.0), limits=limits, cost=cost)
+    run = hf.simulate(chain, state, sampled(law, chain, sample_time=T), 3.0, T)
+    efforts, rates = np.array([(joint.effort_limit, joint.rate_limit) for joint in chain.all_joints]).T
+    assert run.stopped is None
+    assert run.q[-1, 0] - run.q[0, 0] > 0.2
+    assert run.object_pose[-1, 4] - run.object_pose[0, 4] == pytest.approx(0.3, abs=1e-3)
+    assert (np.abs(run.tau) <= efforts * (1.0 + 1e-9)).all() and (np.abs(run.qd) <= rates).all()
 
 
 @pytest.mark.slow
@@ -197,11 +259,8 @@ def test_hand_over():
 
 
 def test_refused():
-    """Trunks, limits of changes, wishes that belong to parts, and a cost without limits."""
-    law, arms = cooperative_law, {"arms": 3, "grasps": "rigid", "joints": 7}
-    trunk = still_base(0, 2, floating=False, arms=arms).chain
-    with pytest.raises(MethodNotApplicable, match="limits: expected arms whose bases are in the world, got a"):
-        law(trunk, STIFF, limits=ForceLimits())
+    """Limits of changes, wishes that belong to parts, and a cost without limits."""
+    law = cooperative_law
     with pytest.raises(MethodNotApplicable, match="no limit on the change of wrenches"):
         law(CHAIN, STIFF, limits=ForceLimits(last_wrench=np.zeros((2, 6)), wrench_change=1.0))
     with pytest.raises(ModelError, match="cost: expected no wish, got one; it is that of `forces`"):

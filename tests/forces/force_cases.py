@@ -1,4 +1,4 @@
-"""Questions with answers in 50 digits that machine code can be asked: least effort of arms in the world."""
+"""Questions with answers in 50 digits that machine code can be asked: those of least effort."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FILE = Path(__file__).parents[1] / "data" / "cases_forces.json"
 
 
 class Asked(NamedTuple):
-    """A question about arms in the world.
+    """A question of least effort.
 
     Attributes:
         chain, state: the chain and its state.
@@ -38,6 +38,11 @@ class Asked(NamedTuple):
         return s.q, s.qd, s.object_pose, s.object_twist, self.acceleration
 
     @property
+    def rows(self) -> np.ndarray:
+        """The rows on the object's acceleration that are asked, (6, 6)."""
+        return self.call.get("task", np.eye(6))
+
+    @property
     def efforts(self) -> np.ndarray:
         """Effort limits, 1 without one."""
         limits = np.array([joint.effort_limit for joint in self.chain.all_joints])
@@ -45,13 +50,26 @@ class Asked(NamedTuple):
 
 
 @cache
-def force_cases() -> dict[str, Asked]:
-    """Return by name the questions of least effort about arms in the world whose whole acceleration is asked."""
+def all_cases() -> dict[str, Asked]:
+    """Return the questions of least effort by name."""
     found = {}
     for case in hf.io.load_cases(FILE):
         assert isinstance(case, ForceCase)
-        if case.form == "effort" and case.chain.trunk is None and np.array_equal(case.asked.rows, np.eye(6)):
-            call = distribution_parameters(case.chain, case.state, case.limits, case.cost)
+        if case.form == "effort":
+            task = None if np.array_equal(case.asked.rows, np.eye(6)) else case.asked.rows
+            call = distribution_parameters(case.chain, case.state, case.limits, case.cost, task)
             call["force_scale"] = np.array(case.force)
-            found[case.name] = Asked(case.chain, case.state, call, case.asked.values, case.expected)
+            found[case.name] = Asked(case.chain, case.state, call, case.asked.smallest, case.expected)
     return found
+
+
+@cache
+def force_cases() -> dict[str, Asked]:
+    """Return by name those about arms in the world whose whole acceleration is asked."""
+    return {name: of for name, of in all_cases().items() if of.chain.trunk is None and "task" not in of.call}
+
+
+@cache
+def border_cases() -> dict[str, Asked]:
+    """Return by name the others, in which arms share accelerations of a trunk or of the object."""
+    return {name: of for name, of in all_cases().items() if name not in force_cases()}

@@ -15,7 +15,7 @@ from holdfast.compiled.structure import Options
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import length_scale
-from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.errors import StateError
 from holdfast.forces import ForceCost, ForceLimits, distribution_parameters, grasp_margins
 from holdfast.forces.elastic_distribution import DISTRIBUTE, ElasticDistribution, distributed, programme
 from holdfast.forces.elastic_programme import solve
@@ -286,12 +286,8 @@ def test_cost_is_linear_in_arms():
     assert np.ptp(np.diff(counts)) == 0
 
 
-def test_trunks_and_overflow_are_refused():
-    """A trunk has no machine code yet; inputs that are not finite are named."""
-    p = chain_with("a trunk")
-    s = p.state
-    with pytest.raises(MethodNotApplicable, match="got a chain with a trunk"):
-        CompiledChain(p.chain, Options(), None).distribute(s.q, s.qd, s.object_pose, s.object_twist, np.zeros(6))
+def test_overflow_is_refused():
+    """Inputs that are not finite are named."""
     s = force_cases()["two_soft_effort"].state
     with pytest.raises(StateError, match="acceleration: expected finite numbers"):
         fast("two_soft_effort").distribute(s.q, s.qd, s.object_pose, s.object_twist, np.full(6, np.nan))

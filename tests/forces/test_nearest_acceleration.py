@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.errors import MethodNotApplicable, ModelError, StateError
-from holdfast.forces import ForceCost, ForceLimits, distribute, distribution_parameters, least_peak, lift_margin
+from holdfast.errors import ModelError, StateError
+from holdfast.forces import ForceCost, distribute, least_peak, lift_margin
 from tests.control.two_pandas import rubber_pandas
 from tests.systems.as_chain import as_chain
 from tests.systems.special_systems import one_straight_arm_of_three
@@ -82,7 +82,7 @@ def test_straight_arms():
 
 
 def test_refused_where_only_limits_count():
-    """A largest margin or share, a least peak, and machine code are those of an acceleration that is kept."""
+    """A largest margin or share and a least peak are those of an acceleration that is kept."""
     chain, state = rubber_pandas(0.8)
     for asked in (
         lambda: distribute(chain, state, UP, cost=NEAREST, form="margin"),
@@ -91,7 +91,5 @@ def test_refused_where_only_limits_count():
     ):
         with pytest.raises(StateError, match="cost: task: expected None, got 100"):
             asked()
-    with pytest.raises(MethodNotApplicable, match="task=None"):
-        distribution_parameters(chain, state, ForceLimits(), NEAREST)
     with pytest.raises(ModelError, match="cost: task"):
         ForceCost(task=0.0)

@@ -83,9 +83,10 @@ class _Distribute(Function):
         Returns:
             tau: (n,) torques of the drives [N m or N]; qdd: (n,) joint accelerations [rad/s^2 or m/s^2];
             grasp_wrench: (arms, 6) wrench [moment; force] of each arm on the object about the contact point, world
-            axes [N m, N]; violation: by how much limits give way; all but 0 where they can be kept [N]; missed:
-            largest acceleration of a contact that its arm cannot follow [m/s^2]; residual: of the optimality
-            conditions, relative. As ElasticDistribution, with a leading axis for a batch.
+            axes [N m, N]; object_acceleration: (6,) [omega_dot; v_dot of C] of the object, world axes [rad/s^2,
+            m/s^2]; violation: by how much limits give way; all but 0 where they can be kept [N]; missed: largest
+            acceleration of a contact that its arm cannot follow, or of the object that gives way [m/s^2]; residual:
+            of the optimality conditions, relative. As ElasticDistribution, with a leading axis for a batch.
 
         Raises:
             StateError: A name, shape or number is wrong, or the question has no answer.

@@ -11,7 +11,7 @@ import numpy as np
 from holdfast.control.balanced_torques import bearing_wrenches
 from holdfast.control.computed_torque import following_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion
-from holdfast.errors import MethodNotApplicable, ModelError
+from holdfast.errors import ModelError
 from holdfast.forces.elastic_distribution import DISTRIBUTE, ElasticDistribution, distribution, distribution_parameters
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.model import checks
@@ -61,8 +61,9 @@ def commanded_torques(motion: ChainMotion, command: Command) -> tuple[Array, Arr
 class WithinLimits(Frozen):
     """The torques of a command within limits.
 
-    The object's acceleration comes first, then the limits, which give way only where it needs that; of what is left,
-    the least cost is chosen, in which the wishes have the weights of `ForceCost`.
+    The object's acceleration comes first, then the limits, which give way only where it needs that; with a weight
+    `cost.task` it is the other way round. Of what is left, the least cost is chosen, in which the wishes have the
+    weights of `ForceCost`.
 
     Attributes:
         limits: the limits.
@@ -76,14 +77,9 @@ class WithinLimits(Frozen):
         """Refuse a chain, limits and costs for which there is no machine code.
 
         Raises:
-            MethodNotApplicable: the chain has a trunk, or a change from the last wrenches is limited.
+            MethodNotApplicable: a change from the last wrenches is limited.
             ModelError, StateError: the cost has wishes, a name is unknown, or a shape is wrong.
         """
-        if chain.trunk is not None:
-            raise MethodNotApplicable(
-                "cooperative_law: limits: expected arms whose bases are in the world, got a chain with a trunk; try the"
-                " law without limits, or holdfast.forces.distribute in a controller of your own"
-            )
         for name, part in (("wish", "forces"), ("joint_acceleration", "posture")):
             if getattr(self.cost, name) is not None:
                 raise ModelError(f"cooperative_law: cost: expected no {name}, got one; it is that of `{part}`")
@@ -96,7 +92,7 @@ class WithinLimits(Frozen):
         return replace(self, limits=replace(self.limits, **kept))
 
     def torques(self, motion: ChainMotion, state: State, command: Command) -> ElasticDistribution:
-        """Return the torques of a command, the wrenches that they give, and by how much limits give way.
+        """Return the torques of a command, the wrenches that they give, and what gives way.
 
         Args:
             motion: the chain's motion, without torques; external wrenches in it count as known.
@@ -109,6 +105,15 @@ class WithinLimits(Frozen):
         wish = array([unrotate(frames[name], f) if name in frames else f for name, f in wishes])
         asked = {"acceleration": command.acceleration, "wish": wish, "wished_qdd": command.joint_acceleration}
         return distribution(motion, self._parameters(chain, state) | asked)
+
+    def given_way(self, found: ElasticDistribution) -> list[Array]:
+        """Return by how much limits give way, and with a weight of it the object's acceleration; see `memory`."""
+        return [found.violation[()], *([] if self.cost.task is None else [found.missed[()]])]
+
+    @property
+    def memory(self) -> Array:
+        """Zeros for the numbers that a law keeps of what gave way."""
+        return np.zeros(1 if self.cost.task is None else 2)
 
     def _parameters(self, chain: ClosedChain, state: State) -> dict[str, Array]:
         """Return the parameters of `distribute`."""

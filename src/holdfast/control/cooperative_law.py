@@ -41,7 +41,9 @@ def cooperative_law(
     With `limits`, torques and wrenches are those of `forces.distribute` instead: they give the object the same
     acceleration and keep friction cones and limits, with the least cost, in which f and qdd have the weights
     `cost.wrench` and `cost.acceleration`. The last number of the law's memory is then by how much limits gave way [N],
-    all but 0 unless the acceleration needs more.
+    all but 0 unless the acceleration needs more. With a weight `cost.task`, the acceleration gives way to the limits
+    instead, near singular postures too, where an arm would need any torque to follow; another number then comes last,
+    the largest entry of the object's acceleration that is missed [rad/s^2 or m/s^2].
 
     Args:
         chain: the controller's model of the chain.
@@ -54,7 +56,7 @@ def cooperative_law(
 
     Raises:
         ModelError: a part is of another kind, or does not fit the chain, or there is a cost without limits.
-        MethodNotApplicable: no arm has a grasp; or with limits, the chain has a trunk, or limits of changes are given.
+        MethodNotApplicable: no arm has a grasp; or limits of changes are given.
 
     Reference:
         Caccavale and Uchiyama, Cooperative Manipulation, Springer Handbook of Robotics, 2016.
@@ -70,8 +72,9 @@ def cooperative_law(
     for part, _ in parts.values():
         part.require(chain)
         parameters |= part.parameters(chain)
-    torque = CooperativeTorques(chain, motion, forces, posture, within_limits(chain, limits, cost, "cooperative law"))
-    memory = concatenate([forces.memory(chain), np.zeros(0 if limits is None else 1)])
+    within = within_limits(chain, limits, cost, "cooperative law")
+    torque = CooperativeTorques(chain, motion, forces, posture, within)
+    memory = concatenate([forces.memory(chain), np.zeros(0) if within is None else within.memory])
     return ControlLaw(torque, memory, parameters, exact_fingerprint(torque) or "")
 
 
@@ -101,7 +104,7 @@ class CooperativeTorques(Frozen):
         chain = self.chain
         known = Inputs(object_wrench=given.get("external_wrench", np.zeros(6)))
         motion = chain_motion(chain, state, np.zeros(chain.joint_count), known.shaped(chain))
-        x = LawInput(t, state, motion, memory if self.within is None else memory[:-1], given)
+        x = LawInput(t, state, motion, memory if self.within is None else memory[: -len(self.within.memory)], given)
         acceleration = self.motion.acceleration(x)
         wished, joints = self.forces.wished(x, acceleration), self.posture.joint_acceleration(x)
         command, gave_way = Command(acceleration, wished, joints), []
@@ -109,6 +112,6 @@ class CooperativeTorques(Frozen):
             tau, wrenches = commanded_torques(motion, command)
         else:
             found = self.within.torques(motion, state, command)
-            tau, wrenches, gave_way = found.tau, found.grasp_wrench, [found.violation[()]]
+            tau, wrenches, gave_way = found.tau, found.grasp_wrench, self.within.given_way(found)
         kept = concatenate([self.forces.kept(x, acceleration, wrenches, tau), gave_way])
         return checks.finite(tau, "cooperative law"), checks.finite(kept, "cooperative law: memory")

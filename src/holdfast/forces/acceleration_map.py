@@ -18,6 +18,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, needed_wrench, pseudo_gravity
@@ -105,6 +106,18 @@ class ObjectTask(NamedTuple):
     def smallest(self) -> Array:
         """The smallest acceleration that has these values, (6,)."""
         return np.linalg.pinv(self.rows) @ self.values if len(self.rows) else np.zeros(6)
+
+
+def asked_rows(task: ArrayLike | None) -> Array:
+    """Return the checked rows (r, 6) of what is asked of an object; all six for None.
+
+    Raises:
+        StateError: the shape is wrong.
+    """
+    rows = np.eye(6) if task is None else checks.numbers(task, None, "task", StateError)
+    if rows.ndim != 2 or rows.shape[1] != 6:
+        raise StateError(f"task: expected shape (r, 6), got shape {rows.shape}")
+    return rows
 
 
 class ScaledEquations(NamedTuple):

@@ -13,6 +13,7 @@ from holdfast.forces.acceleration_map import (
     AccelerationMap,
     ObjectTask,
     acceleration_map,
+    asked_rows,
     force_scale,
     motion_without_torques,
     scaled_map,
@@ -218,9 +219,7 @@ def _motion(chain: ClosedChain, state: State, inputs: Inputs | None):
 
 def _asked(acceleration: ArrayLike | None, task: ArrayLike | None) -> ObjectTask:
     """Return what is asked, checked."""
-    rows = np.eye(6) if task is None else checks.numbers(task, None, "task", StateError)
-    if rows.ndim != 2 or rows.shape[1] != 6:
-        raise StateError(f"task: expected shape (r, 6), got shape {rows.shape}")
+    rows = asked_rows(task)
     given = np.zeros(len(rows)) if acceleration is None else acceleration
     return ObjectTask(rows, checks.numbers(given, (len(rows),), "acceleration", StateError))
 

@@ -207,7 +207,7 @@ def taken(like: Sequence[Block], arrays: Sequence[Any]) -> tuple[list[Block], Ar
         count = _ARRAYS + 2 * len(block.cones)
         (P, c, R, low, high, E, *own), rest = rest[:count], rest[count:]
         cones = tuple([Cone(G, h) for G, h in zip(own[::2], own[1::2], strict=True)])
-        found.append(Block(P, c, R, low, high, cones, E))
+        found.append(Block(P, c, R, low, high, cones, E, block.shared))
     e, price, barrier = rest
     return found, e, price, barrier
 

@@ -3,9 +3,11 @@
     min   sum_i (1/2 x_i' P_i x_i + c_i' x_i) + rho v + 1/2 v^2
     s.t.  sum_i E_i x_i = e,   low_i - v <= R_i x_i <= high_i + v,   h_ij - G_ij x_i + v [1, 0, ..] in a cone,   v >= 0
 
-Blocks i are arms. They are coupled in the rows of E and in v only, so each is factorised alone, and what is left are as
-many equations as E has rows, and one for v. Every limit gives way by v at the price rho, so there is always a solution;
-v = 0 where the limits can be kept, as long as rho exceeds the sum of their multipliers (exact penalty).
+Blocks i are arms. They are coupled in the rows of E, in v, and in the last unknowns of every x_i if the blocks share
+some, such as the accelerations of a trunk. Each block is factorised alone, then the shared unknowns with what the
+blocks leave of them, and what is left are as many equations as E has rows, and one for v: this is the border. Every
+limit gives way by v at the price rho, so there is always a solution; v = 0 where the limits can be kept, as long as rho
+exceeds the sum of their multipliers (exact penalty).
 
 Slacks are s = h - G x + v from the start, and steps keep that. In the right-hand sides, W^-2 s is z by the definition
 of the scaling W. It is used as known: computed, it would lose the digits that W^-2 magnifies.
@@ -29,6 +31,7 @@ from holdfast.forces.programme_block import (
     Ends,
     corrected,
     factorised,
+    gradient,
     gradient_sizes,
     greatest,
     predicted,
@@ -37,7 +40,7 @@ from holdfast.forces.programme_block import (
     total,
 )
 from holdfast.forces.second_order_cone import cone_inverse
-from holdfast.spatial.linalg import MaskedLDL, forward_substitution, ldl, ldl_solve
+from holdfast.spatial.linalg import MaskedLDL, back_substitution, cholesky, forward_substitution, ldl, ldl_solve
 from holdfast.spatial.scalar import (
     Array,
     Scalar,
@@ -56,7 +59,10 @@ from holdfast.spatial.scalar import (
 ITERATIONS = 16
 SOLVED = 1e-9  # residual at which the iterate is kept
 FRACTION = 0.99  # of the way to the boundary
+LARGEST = 1e100  # step of v that is taken
 NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
+LOST_PIVOT = 1e-13  # of pivots of shared unknowns, relative to their own curvature
+UNFELT = 1e-7  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
 
 
 class Iterate(NamedTuple):
@@ -117,32 +123,42 @@ class CoupledRows(NamedTuple):
 
 
 class Border(NamedTuple):
-    """The equations for v and the multipliers of the coupling rows that the factorised blocks leave.
+    """The equations for shared unknowns, v and the multipliers of the coupling rows that the factorised blocks leave.
 
     Attributes:
-        S: (rows + 1, rows + 1) sum of V' V.
+        C: (shared, shared) Cholesky factor of what the blocks leave for the shared unknowns.
+        V: (shared, rows + 1) its inverse times what they leave of the columns of multipliers and of v.
+        S: (rows + 1, rows + 1) sum of V' V, also over the blocks.
         factors: those of its first rows.
         column: (rows,) the multipliers that v brings with it.
         pivot: the inverse of what is left for v.
     """
 
+    C: Array
+    V: Array
     S: Array
     factors: MaskedLDL
     column: Array
     pivot: Scalar
 
-    def solved(self, sums: Array, missing: Array, right: Scalar) -> tuple[Scalar, Array]:
-        """Return dv, and the multipliers after the step.
+    def solved(self, sums: Array, missing: Array, of_shared: Array, right: Scalar) -> tuple[Scalar, Array, Array]:
+        """Return dv, the multipliers after the step, and the step of the shared unknowns.
 
         Args:
-            sums: (rows + 1,) sum of V' y over the blocks' half-solved right-hand sides y.
+            sums: (rows + shared + 1,) sum of V' y over the blocks' half-solved right-hand sides y.
             missing: (rows,) what the step takes off the coupling rows.
+            of_shared: (shared,) right-hand side of the shared unknowns.
             right: right-hand side of v.
         """
-        r = len(missing)
+        r, k = len(missing), len(of_shared)
+        half = forward_substitution(self.C, of_shared - sums[r : r + k])
+        sums = concatenate([sums[:r], sums[r + k :]])
+        if k:
+            sums = sums + self.V.T @ half
         through = ldl_solve(self.factors, sums[:r] + missing)
         dv = self.pivot * (right - sums[r] + self.S[r, :r] @ through)
-        return dv, through - dv * self.column
+        after = through - dv * self.column
+        return dv, after, back_substitution(self.C, half - self.V @ concatenate([after, [dv]]))
 
 
 def solve(
@@ -162,12 +178,17 @@ def solve(
     used = array([where(pivot > 0.0, 1.0, 0.0) for pivot in factors.pivots])
     chosen = [block.with_rows(used) for block in blocks]
     begin = _start(chosen, len(e), price)
-    first = maximum(begin.v, greatest(each(gradient_sizes, chosen, begin.points)))
+    first = maximum(begin.v, greatest(gradient_sizes(chosen, each(gradient, chosen, begin.points))))
     coupling = CoupledRows(used * e, used, price, barrier, first)
     last, _ = scan(lambda at, _: (_advanced(chosen, coupling, at), None), begin, [None] * iterations)
     # what is left of the coupling rows is taken off with the smallest change
     left = ldl_solve(factors, e - total(block.E @ at.x for block, at in zip(blocks, last.points, strict=True)))
-    points = each(lambda block, at: at._replace(x=at.x + block.E.T @ left), blocks, last.points)
+    shared = total(block.E.T[block.own :] @ left for block in blocks)
+    points = each(
+        lambda block, at: at._replace(x=at.x + concatenate([block.E.T[: block.own] @ left, shared])),
+        blocks,
+        last.points,
+    )
     last = last._replace(points=points)
     return Distributed([at.x for at in points], last.v, _residual(blocks, e, price, last), last, used)
 
@@ -230,7 +251,8 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
     solved = where(coupling.barrier > 0.0, 0.0, SOLVED)
     still = where(maximum(scaled, greatest([abs(missing)])) < solved, 0.0, still)
     still = where(border.factors.kept < len(missing), 0.0, still)  # a pivot is lost in rounding: a step would be noise
-    moves = still * length > 0.0  # not where a number is not finite
+    still = where(abs(dv) < LARGEST, still, 0.0)  # nor is a step that is not finite
+    moves = still * length > 0.0
     made = each(lambda own, step: own.moved(length, step, moves), points, [step for step, _ in found])
     changed = array([v + length * dv, z - length * z * (ratio + factor), left * (1.0 - length * part)])
     v, z, left = select(moves, changed, array([v, z, left]))
@@ -253,14 +275,15 @@ def direction(
         blocks: the blocks.
         of: their factors.
         border: the equations that these leave.
-        right: (n,) right-hand side of every block.
+        right: (n,) right-hand side of every block; those of shared unknowns add up.
         missing: (rows,) what the step takes off the coupling rows.
         of_v: right-hand side of v.
     """
-    halves = each(lambda f, b: forward_substitution(f.C, b), of, right)
+    halves = each(lambda block, f, b: forward_substitution(f.C, b[: block.own]), blocks, of, right)
     sums = total(f.V.T @ y for f, y in zip(of, halves, strict=True))
-    dv, after = border.solved(sums, missing, of_v)
-    return each(lambda block, f, y: step_ends(block, f, y, dv, after), blocks, of, halves), dv, after
+    of_shared = total(b[block.own :] for block, b in zip(blocks, right, strict=True))
+    dv, after, shared = border.solved(sums, missing, of_shared, of_v)
+    return each(lambda block, f, y: step_ends(block, f, y, dv, after, shared), blocks, of, halves), dv, after
 
 
 def border_of(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Border:
@@ -272,25 +295,31 @@ def border_of(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Bor
         used: (rows,) 1 for the coupling rows that are imposed.
     """
     S, rows = total(f.V.T @ f.V for f in of), len(used)
+    kept = [*range(rows), len(S) - 1]
+    left = total(f.of_shared for f in of) - S[rows:-1]
+    felt = np.diag(total(f.of_shared for f in of)[:, rows:-1])
+    C = cholesky(left[:, rows:-1], UNFELT + LOST_PIVOT * felt)
+    V = forward_substitution(C, left[:, kept])
+    S = S[np.ix_(kept, kept)] + V.T @ V if len(left) else S
     own = S[:rows, :rows] + np.diag(1.0 - used)
     factors = ldl(own, np.diag(own), NULL)
     column = ldl_solve(factors, S[rows, :rows])
-    left = stiffness + total(f.stiffness for f in of) - S[rows, rows] + S[rows, :rows] @ column
-    return Border(S, factors, column, reciprocal(left))
+    of_v = stiffness + total(f.stiffness for f in of) - S[rows, rows] + S[rows, :rows] @ column
+    return Border(C, V, S, factors, column, reciprocal(of_v))
 
 
 def _residual(blocks: Sequence[Block], e: Array, price: Scalar, at: Iterate) -> Scalar:
     """Return the largest residual of the optimality conditions; see `Distributed`."""
 
-    def of_block(block: Block, own: BlockPoint) -> tuple[Scalar, Scalar, Scalar]:
-        z = [z for _, z in own.of_cones]
-        gradient = block.P @ own.x + block.c + block.pull(own.z, z) + block.E.T @ at.nu
+    def of_block(block: Block, own: BlockPoint) -> tuple[Array, Scalar, Scalar]:
         gap = own.s @ own.z + total(s @ z for s, z in own.of_cones)
-        return greatest([abs(gradient)]), total(own.z) + total(x[0] for x in z), gap
+        price = total(own.z) + total(z[0] for _, z in own.of_cones)
+        return gradient(block, own) + block.E.T @ at.nu, price, gap
 
     found = each(of_block, blocks, at.points)
     gap = total(gap for *_, gap in found) + at.v * at.z
     of_v = at.v + price - at.z - total(price for _, price, _ in found)
-    dual = greatest([*(gradient for gradient, *_ in found), abs(of_v)]) * reciprocal(1.0 + price)
+    sizes = gradient_sizes(blocks, [left for left, *_ in found])
+    dual = greatest([*sizes, abs(of_v)]) * reciprocal(1.0 + price)
     missing = total(block.E @ own.x for block, own in zip(blocks, at.points, strict=True)) - e
     return greatest([dual, gap * reciprocal(1.0 + price * at.v), abs(missing)])

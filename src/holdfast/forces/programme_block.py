@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -31,13 +31,16 @@ class Cone(NamedTuple):
 class Block(NamedTuple):
     """The unknowns of one arm: their cost, their limits and their part in the coupling rows.
 
+    The last of them may be shared by all blocks: what they cost is the sum over the blocks.
+
     Attributes:
-        P: (n, n) positive definite.
+        P: (n, n) positive semidefinite; the sum over the blocks is definite.
         c: (n,).
         R: (m, n) rows with bounds.
         low, high: (m,) the bounds.
         cones: the limits that are cones.
         E: (rows, n).
+        shared: number of the unknowns that all blocks share, the last ones.
     """
 
     P: Array
@@ -47,6 +50,12 @@ class Block(NamedTuple):
     high: Array
     cones: tuple[Cone, ...]
     E: Array
+    shared: int = 0
+
+    @property
+    def own(self) -> int:
+        """Number of the unknowns that it does not share."""
+        return len(self.c) - self.shared
 
     def with_rows(self, used: Array) -> Block:
         """Return the block with those coupling rows alone that are 1 in `used`, (rows,)."""
@@ -90,8 +99,9 @@ class BlockFactors(NamedTuple):
         squares: W^-2 of each cone.
         gradient: (n,) P x + c.
         pull: (n,) G' z.
-        C: (n, n) Cholesky factor of H = P + G' W^-2 G.
-        V: (n, rows + 1) C^-1 [E', H_v].
+        C: (own, own) Cholesky factor of H = P + G' W^-2 G without the shared unknowns.
+        V: (own, rows + shared + 1) C^-1 [E', H_shared, H_v].
+        of_shared: (shared, rows + shared + 1) these columns in the rows of the shared unknowns.
         stiffness: of v, B' W^-2 B.
         price: B' z.
         gap: s' z.
@@ -105,6 +115,7 @@ class BlockFactors(NamedTuple):
     pull: Array
     C: Array
     V: Array
+    of_shared: Array
     stiffness: Scalar
     price: Scalar
     gap: Scalar
@@ -140,9 +151,15 @@ def greatest(values: Iterable[Any]) -> Scalar:
     return found[0]
 
 
-def gradient_sizes(block: Block, at: BlockPoint) -> Array:
-    """Return |P x + c + G' z|, (n,)."""
-    return abs(block.P @ at.x + block.c + block.pull(at.z, [z for _, z in at.of_cones]))
+def gradient(block: Block, at: BlockPoint) -> Array:
+    """Return P x + c + G' z, (n,)."""
+    return block.P @ at.x + block.c + block.pull(at.z, [z for _, z in at.of_cones])
+
+
+def gradient_sizes(blocks: Sequence[Block], gradients: Sequence[Array]) -> list[Array]:
+    """Return the sizes of all entries of gradients (n,); those of shared unknowns add up."""
+    shared = total(g[block.own :] for block, g in zip(blocks, gradients, strict=True))
+    return [*(abs(g[: block.own]) for block, g in zip(blocks, gradients, strict=True)), abs(shared)]
 
 
 def factorised(block: Block, at: BlockPoint) -> BlockFactors:
@@ -156,7 +173,9 @@ def factorised(block: Block, at: BlockPoint) -> BlockFactors:
     pairs = [(cone.G, W) for cone, W in zip(block.cones, squares, strict=True)]
     H = block.P + (block.R.T * (up + down)) @ block.R + total(G.T @ (W @ G) for G, W in pairs)
     of_v = block.R.T @ (down - up) - total(G.T @ W[0] for G, W in pairs)
-    C = cholesky(H)
+    own = block.own
+    C = cholesky(H[:own, :own])
+    columns = np.concatenate([block.E, H[own:], [of_v]]).T
     return BlockFactors(
         product,
         slack,
@@ -165,16 +184,26 @@ def factorised(block: Block, at: BlockPoint) -> BlockFactors:
         block.P @ x + block.c,
         block.pull(z, [z for _, z in of_cones]),
         C,
-        forward_substitution(C, np.concatenate([block.E, [of_v]]).T),
+        forward_substitution(C, columns[:own]),
+        columns[own:],
         total(up + down) + total(W[0, 0] for W in squares),
         total(z) + total(z[0] for _, z in of_cones),
         s @ z + total(s @ z for s, z in of_cones),
     )
 
 
-def step_ends(block: Block, f: BlockFactors, half: Array, dv: Scalar, after: Array) -> tuple[Array, Array, list[Array]]:
-    """Return dx, and ds of bounds and of cones."""
-    dx = back_substitution(f.C, half - f.V @ concatenate([after, [dv]]))
+def step_ends(block: Block, f: BlockFactors, half: Array, dv: Scalar, after: Array, shared: Array) -> Ends:
+    """Return dx, and ds of bounds and of cones.
+
+    Args:
+        block: the block.
+        f: its factors.
+        half: (own,) its half-solved right-hand side.
+        dv: step of v.
+        after: (rows,) multipliers of the coupling rows after the step.
+        shared: (shared,) step of the shared unknowns.
+    """
+    dx = concatenate([back_substitution(f.C, half - f.V @ concatenate([after, shared, [dv]])), shared])
     along, by_v = block.R @ dx, [-(cone.G @ dx) for cone in block.cones]
     return dx, concatenate([dv - along, dv + along]), [concatenate([[ds[0] + dv], ds[1:]]) for ds in by_v]
 

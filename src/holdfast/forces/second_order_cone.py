@@ -12,7 +12,7 @@ import numpy as np
 from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, reciprocal, sqrt
 from holdfast.spatial.vector import outer
 
-_LEAST = 1e-300  # of a determinant, which is positive inside of the cone
+_LEAST = 1e-100  # of a determinant, which is positive inside of the cone; products of its inverse remain finite
 
 
 class ConeScaling(NamedTuple):

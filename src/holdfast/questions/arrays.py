@@ -227,6 +227,10 @@ _ROWS = (
         lambda chain: np.full(len(chain.grasps), np.inf)),
     _of_model("acceleration_limits", (2, "n"), RATE_2, "lowest and highest joint accelerations",
         lambda chain: [[-np.inf] * chain.joint_count, [np.inf] * chain.joint_count]),
+    _of_model("task", (6, 6), "", "rows S on the object's acceleration, of which S acceleration is asked; a row of"
+        " zeros asks nothing", lambda chain: np.eye(6)),
+    _of_model("task_weight", (), "s^2/rad or s^2/m", "weight of the distance from what is asked of the object, which"
+        " then gives way to the limits", lambda chain: 100.0),
     _of_model("effort_weight", ("n",), "1/(N m)^2 or 1/N^2", "weights of squared torques",
         lambda chain: [joint.effort_limit**-2.0 if math.isfinite(joint.effort_limit) else 1.0
             for joint in chain.all_joints]),
@@ -298,6 +302,7 @@ TRUNK_LINKS = tuple(f"trunk_{name}" for name in LINKS)
 OBJECT = ("object_mass", "object_com", "object_inertia")
 LIMITS, CONTACTS = "joint_limits", "contact"  # `forces.margins.joint_limits`, `contacts_of`
 ACCELERATION_LIMITS = "acceleration_limits"
+TASK, TASK_WEIGHT = "task", "task_weight"
 DISTRIBUTED = (
     *("effort_share", "demanded_margin", "least_normal", "most_normal"),
     *("effort_weight", "wish", "wished_qdd", "force_scale", "wrench_weight", "acceleration_weight", "price"),

@@ -22,8 +22,8 @@ from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkMotion
 from holdfast.model.closed_chain import TRUNK
-from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift
+from holdfast.spatial.scalar import Array, array
+from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, twist_shift
 
 
 class WholeChain(NamedTuple):
@@ -56,7 +56,7 @@ def whole_chain(motion: ChainMotion) -> WholeChain:
     """
     chain, trunk = motion.chain, motion.trunk
     assert trunk is not None
-    S, M_t, T_t = _of_trunk(trunk)
+    S, M_t, T_t = of_trunk(trunk)
     first = 6 if trunk.floats else 0
     size = first + chain.joint_count
     M, T, J = np.zeros((size, size)), np.zeros(size), np.zeros((6 * len(chain.grasps), size))
@@ -70,7 +70,7 @@ def whole_chain(motion: ChainMotion) -> WholeChain:
         if name in rows:
             J[rows[name], own] = jacobian(arm.arm, arm.at)
         if name in trunk.mounts:
-            at_base, columns = _on_base(arm), S[name]
+            at_base, columns = on_base(arm), S[name]
             M[u, u] += columns.T @ at_base.I @ columns
             M[u, own] = columns.T @ at_base.B
             M[own, u] = M[u, own].T
@@ -102,27 +102,28 @@ def of_whole_chain(motion: ChainMotion, u: Array, f: Array, W_dot: Array, alpha_
     )
 
 
-def _of_trunk(trunk: TrunkMotion) -> tuple[dict[str, Array], Array, Array]:
+def of_trunk(trunk: TrunkMotion) -> tuple[dict[str, Array], Array, Array]:
     """Return beta = S u at the base of each mounted arm, and the trunk's own mass matrix and torques."""
     S = {name: np.hstack(trunk.jacobian(name, np.zeros(3))[::-1]) for name in trunk.mounts}
     joints = [body.joint for body in trunk.bodies if body.joint is not None]
     first = 6 if trunk.floats else 0
     size = first + len(joints)
     M = np.diag([*[0.0] * first, *(joint.armature for joint in joints)])
-    T = np.array([*[0.0] * first, *(body.torque for body in trunk.bodies if body.joint is not None)])
-    columns = np.zeros((6, size))
+    T = array([*[0.0] * first, *(body.torque for body in trunk.bodies if body.joint is not None)])
+    moved = [np.zeros(6)] * size
     for k, body in enumerate(trunk.bodies):
-        columns = twist_shift(body.reach) @ columns
+        moved = [shift_twist(body.reach, column) for column in moved]
         if body.H is None:
-            columns[:, :6] = np.eye(6)
+            moved[:6] = list(np.eye(6))
         else:
-            columns[:, k if not trunk.floats else k + 5] = body.H
+            moved[first + k - trunk.floats] = body.H
+        columns = array(moved).T
         M = M + columns.T @ body.inertia.symmetric().dense() @ columns
         T = T - columns.T @ body.wrench
     return S, M, T
 
 
-def _on_base(arm: ArmMotion) -> OnBase:
+def on_base(arm: ArmMotion) -> OnBase:
     """Return the matrices of the wrench at the base of an arm."""
     at, base = arm.at, arm.arm.base.R
     if not arm.arm.joints:
@@ -131,5 +132,5 @@ def _on_base(arm: ArmMotion) -> OnBase:
     _, per_joint, locked = mass_matrix(arm.arm, at)
     _, at_rest = bias_torque(arm.arm, at, arm.bias.wrenches)
     first = base @ at.l[0]
-    B = np.array([shift_wrench(first, rotate(at.R[0], column)) for column in per_joint.T]).T
+    B = array([shift_wrench(first, rotate(at.R[0], column)) for column in per_joint.T]).T
     return OnBase(B, locked.symmetric().rotated(base).dense(), shift_wrench(first, rotate(at.R[0], at_rest)))
