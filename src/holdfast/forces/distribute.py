@@ -20,12 +20,16 @@ from holdfast.forces.acceleration_map import (
 )
 from holdfast.forces.certificate import Certificate, certificate, kept
 from holdfast.forces.cone_solver import Verdict
+from holdfast.forces.elastic_distribution import DISTRIBUTE
 from holdfast.forces.limit_rows import Limit, limit_rows
 from holdfast.forces.limits import Distribution, ForceCost, ForceLimits
 from holdfast.forces.margins import grasp_margins
 from holdfast.forces.programmes import Costs, Form, Posed, Solved, answer, at_value, costs, posed
+from holdfast.forces.smooth_distribution import smooth_parameters, smooth_solution
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import asked, asked_case, attach
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -73,6 +77,7 @@ class ForceQuestion(NamedTuple):
         return at_value(form, extra, self.found, self.limits, self.costs, v1=self.v1)
 
 
+@asked
 @np.errstate(all="ignore")  # what overflows is refused
 def distribute(
     chain: ClosedChain,
@@ -110,6 +115,7 @@ def distribute(
     Raises:
         StateError: a shape is wrong, or the arms cannot give the object this acceleration.
         ModelError: a limit names no joint or grasp of the chain.
+        MethodNotApplicable: with `cost.barrier`, something is asked that machine code is not.
 
     Reference:
         S. Boyd, B. Wegbreit, Fast computation of optimal contact forces, IEEE Transactions on Robotics, 2007.
@@ -121,6 +127,10 @@ def distribute(
     if form == "margin":
         _exactly_asked(cost, "a largest margin")
     question = force_question(chain, state, acceleration, task, cost, limits, inputs)
+    if cost is not None and cost.barrier:
+        given: dict[str, Any] = {"chain": chain, "state": state, "acceleration": acceleration, "task": task}
+        given |= {"cost": cost, "limits": limits, "inputs": inputs, "form": form}
+        return _smooth(question, asked_case(DISTRIBUTE, given, smooth_parameters))
     if form == "elastic":
         return _elastic(question, (cost or ForceCost()).price)
     return distribution(question, form)
@@ -247,15 +257,19 @@ def force_question(
 
 
 def _exactly_asked(cost: ForceCost | None, what: str) -> None:
-    """Refuse a cost of the distance from what is asked where only limits count.
+    """Refuse a cost of the distance from what is asked, and a barrier, where only limits count.
 
     Raises:
         StateError: there is one.
     """
-    if isinstance(cost, ForceCost) and cost.task is not None:
+    if not isinstance(cost, ForceCost):
+        return
+    if cost.task is not None:
         raise StateError(
             f"cost: task: expected None, got {cost.task:g}: {what} is that of an acceleration kept exactly"
         )
+    if cost.barrier:
+        raise StateError(f"cost: barrier: expected 0, got {cost.barrier:g}: {what} lies on the limits")
 
 
 def _with_limits(
@@ -289,6 +303,14 @@ def _elastic(question: ForceQuestion, price: float) -> Distribution:
         done = hard if hard.verdict is Verdict.OPTIMAL else done
     inside = done.extra <= KEPT
     return _described(question, done, 0.0 if inside else done.extra, None, status=None if inside else "undecided")
+
+
+def _smooth(question: ForceQuestion, case: VariedCase) -> Distribution:
+    """Return the elastic distribution at a barrier, and the certificate where limits conflict."""
+    done, proven = smooth_solution(case, question.found, question.limits, question.costs), None
+    if done.extra > KEPT and (least := question.asked("violation")).extra > KEPT:
+        proven = proof(question, least)
+    return _described(question, done, done.extra, proven)
 
 
 def distribution(question: ForceQuestion, form: Form) -> Distribution:
@@ -368,3 +390,6 @@ def _prices(limits: Sequence[Limit], parts: Sequence[Array], force: float) -> di
         if part[0] > max(rounding, ROUNDING):
             prices[limit.name] += float(part[0]) / (limit.weight * force)
     return prices
+
+
+attach(DISTRIBUTE, distribute, smooth_parameters)

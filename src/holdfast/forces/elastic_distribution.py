@@ -23,7 +23,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces.acceleration_map import SMALLEST_FORCE_SCALE
 from holdfast.forces.block_columns import NULL_UNIT, BlockColumn, block_column
-from holdfast.forces.elastic_derivatives import central_point
+from holdfast.forces.elastic_derivatives import central_point, require_barrier
 from holdfast.forces.elastic_programme import ITERATIONS
 from holdfast.forces.limit_rows import acceleration_ranges
 from holdfast.forces.limits import ForceCost, ForceLimits
@@ -234,6 +234,7 @@ def distribution_parameters(
     if limits.acceleration or limits.sample_time is not None:
         found[ACCELERATION_LIMITS] = clip(acceleration_ranges(chain, state, limits), -NO_LIMIT, NO_LIMIT)
     found |= {"effort_weight": cost.effort_weights(chain), "price": np.array(cost.price)}
+    found["barrier"] = np.array(cost.barrier)
     found |= {"wrench_weight": np.array(cost.wrench), "acceleration_weight": np.array(cost.acceleration)}
     for name, x in (("wish", cost.wish), ("wished_qdd", cost.joint_acceleration)):
         if x is not None:
@@ -373,6 +374,7 @@ DISTRIBUTE = declare(
         arguments=(*STATE, "acceleration", *(name for name in ARGUMENTS if name not in (*STATE, "tau")), *DISTRIBUTED),
         by=(*STATE, "acceleration"),
         depends_on=("grasps", "links", "forces", "bushings", "limits"),
+        differentiable=require_barrier,
         returns="ElasticDistribution",
         shown=lambda chain: lambda found: ElasticDistribution(**found),
     ),

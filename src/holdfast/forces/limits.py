@@ -104,6 +104,9 @@ class ForceCost(Frozen):
         task: weight of the object's distance from what is asked of it, S alpha = s, which then gives way to the limits,
             > 0 [s^2/rad or s^2/m]; None asks for it exactly.
         price: cost of passing the limits by F0 (`distribute`).
+        barrier: slack times multiplier of every limit in the answer of `distribute`. With a positive one, such as 1e-5,
+            torques change smoothly with the state also where a limit becomes active, and have derivatives; they cost
+            more than the least by at most this for each condition. 0 for the least cost.
     """
 
     effort: OptionalArrayField = NOT_GIVEN
@@ -113,11 +116,13 @@ class ForceCost(Frozen):
     joint_acceleration: OptionalArrayField = NOT_GIVEN
     task: float | None = None
     price: float = 1e3
+    barrier: float = 0.0
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         for name in ("wrench", "acceleration", "price"):
             put(self, name, checks.number(getattr(self, name), f"cost: {name}", above=0.0))
+        put(self, "barrier", checks.number(self.barrier, "cost: barrier", at_least=0.0))
         if self.task is not None:
             put(self, "task", checks.number(self.task, "cost: task", above=0.0))
         for name in ("effort", "wish", "joint_acceleration"):

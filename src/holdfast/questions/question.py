@@ -86,6 +86,8 @@ class Question:
         restricted: returns a case in which arguments on which the answer does not depend are constants; it is what is
             differentiated.
         require: refuses inputs, of one system or a batch, that the question does not admit; None if it admits all.
+        differentiable: refuses parameters, of one system or a batch, at which there are no derivatives; it takes what
+            is asked, for the message. None if there always are some.
         settle: takes the given inputs and the results with the arrays of `feasibility`, of one system or a batch;
             returns the results, and raises a StateError or writes NaN where there is no answer.
         returns: the type of that, for type checkers and documentation.
@@ -109,6 +111,7 @@ class Question:
     feasibility: Callable[[ClosedChain], Mapping[str, Shape]] = lambda chain: {}
     restricted: Callable[[VariedCase], VariedCase] = lambda case: case
     require: Callable[[ClosedChain, Found], None] | None = None
+    differentiable: Callable[[str, Found], None] | None = None
     settle: Callable[[ClosedChain, Found, Found], Found] = _settled
     returns: str = "Array"
     shown: Callable[[ClosedChain], Show] = _first
