@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.constraint import free_wrenches
 from holdfast.errors import StateError
 from holdfast.forces.acceleration_map import (
     AccelerationMap,
@@ -95,9 +96,9 @@ def distribute(
     minimise cost(tau, lambda, qdd) + price v + v^2 / 2 subject to the equations of motion of the whole chain, and
     every limit gives way by v >= 0 times its weight. v is 0 wherever the limits can be kept. The torques exist for
     every acceleration that the arms can give, are unique, and depend continuously on the state. Redundant joints and a
-    trunk move as the cost prefers. `forward_dynamics` with the torques returns the accelerations and the wrenches.
-    Forces that no joint feels are the smallest, as there; `margin_range` bounds the others. The torques do not include
-    joint friction. A convex programme, some 12 steps of O(n^3).
+    trunk move as the cost prefers. `forward_dynamics` with the torques returns the accelerations and the wrenches,
+    unless the configuration is singular. Forces that no joint feels are the smallest, as there; `Distribution.unfelt`
+    counts them. The torques do not include joint friction. A convex programme, some 12 steps of O(n^3).
 
     Args:
         chain: the chain.
@@ -132,7 +133,7 @@ def distribute(
         given |= {"cost": cost, "limits": limits, "inputs": inputs, "form": form}
         return _smooth(question, asked_case(DISTRIBUTE, given, smooth_parameters))
     if form == "elastic":
-        return _elastic(question, (cost or ForceCost()).price)
+        return elastic(question, (cost or ForceCost()).price)
     return distribution(question, form)
 
 
@@ -285,7 +286,7 @@ def _with_limits(
     return ForceQuestion(state, found, rows, costs(found, cost or ForceCost(), asked))
 
 
-def _elastic(question: ForceQuestion, price: float) -> Distribution:
+def elastic(question: ForceQuestion, price: float) -> Distribution:
     """Return the elastic distribution; if it passes limits that could be kept, at a price that keeps them."""
     done = question.asked("elastic", price)
     if done.extra <= KEPT:
@@ -365,6 +366,8 @@ def _described(
         why = "no limit bounds the value"
     elif status == "undecided":
         why = f"rounding hides whether the limits can be kept (residual {done.residual:.1g})"
+    unfelt = free_wrenches(found.motion, found.length).shape[1]
+    why += f"; forces that no joint feels ({unfelt}) are taken as the smallest" if unfelt else ""
     return Distribution(
         found.T @ v + found.t,
         v[found.qdd],
@@ -379,6 +382,7 @@ def _described(
         why,
         proof,
         done.residual,
+        unfelt,
     )
 
 

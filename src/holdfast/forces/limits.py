@@ -165,7 +165,10 @@ class Distribution(Frozen):
         value: the cost; or what a report asks for: the largest margin [N], least peak, or largest share.
         why: the reason in words.
         certificate: the proof that no torques keep the limits; None unless the status is "infeasible".
-        residual: largest relative residual of the optimality conditions.
+        residual: largest relative residual of the optimality conditions; with a barrier also what that costs.
+        unfelt: number of independent forces that no joint feels. The torques do not decide them: wrenches and margins
+            are those of the smallest, and `margin_range` bounds the others. In a singular configuration there are more
+            of them than nearby; `forward_dynamics` and `diagnose` tell.
     """
 
     tau: Array
@@ -181,6 +184,7 @@ class Distribution(Frozen):
     why: str
     certificate: Certificate | None
     residual: float
+    unfelt: int = 0
 
     def __repr__(self) -> str:
         """Return the status, the margin and the reason."""

@@ -211,6 +211,12 @@ class Tape:
                 f" system {idle[0]}, which took none; try zeros for it"
             )
         self._through_start(cotangents, totals, parameters, threads)
+        found = (*totals.values(), *cotangents.values())
+        if all(any(np.isnan(x[i]).any() for x in found) for i in range(count)):
+            raise StateError(
+                "tape: vjp: expected a law with derivatives, got gradients that are not numbers. Usually its torques are"
+                " within limits, and have kinks: try cooperative_law(..., cost=ForceCost(barrier=1e-5))"
+            )
         whole = totals | stepwise | {name: cotangents[name] for name in carried}
         return Derivatives(self.systems, {name: whole[key] for name, key in by.items()})
 
