@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.errors import MethodNotApplicable
+from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces.elastic_derivatives import central_point, numbers_of, rule_at, taken
 from holdfast.forces.elastic_distribution import DISTRIBUTE, Programme, distributed, programme
 from holdfast.forces.elastic_programme import Distributed, solve
@@ -81,7 +81,7 @@ def test_sixteen_iterations_reach_the_central_point(name):
 def test_tangent_against_differences(name):
     """Rates by all numbers of the programme, its price and mu are differences of solutions."""
     rates = directions(name, np.random.default_rng(1))
-    rule = rule_at(made(name).blocks, found(name))
+    rule = rule_at(made(name).blocks, found(name), BARRIER)
     *dx, dv = rule.rates(*rates)
     expected = flat(dx, float(dv))
 
@@ -99,7 +99,7 @@ def test_tangent_against_differences(name):
 def test_adjoint_against_tangent(name):
     """A gradient times a direction is a cotangent times the rates."""
     random = np.random.default_rng(2)
-    rule, rates = rule_at(made(name).blocks, found(name)), directions(name, random)
+    rule, rates = rule_at(made(name).blocks, found(name), BARRIER), directions(name, random)
     bars = [random.normal(size=np.shape(x)) for x in (*found(name).x, found(name).v)]
     tangents, gradients = rule.rates(*rates), rule.gradient(*bars)
     left = [float(np.sum(a * b)) for a, b in zip(bars, tangents, strict=True)]
@@ -117,7 +117,7 @@ def test_one_derivative_alone():
         at = central_point(blocks, e, price[()], barrier=mu[()])
         return sum(x.sum() for x in at.x) + at.v
 
-    expected = rule_at(made(name).blocks, found(name)).gradient(*bar, np.ones(()))
+    expected = rule_at(made(name).blocks, found(name), BARRIER).gradient(*bar, np.ones(()))
     for x, y in zip(gradient(summed, *given), expected, strict=True):
         np.testing.assert_allclose(x, y, atol=1e-12 * np.abs(y).max(initial=1.0))
     with pytest.raises(MethodNotApplicable, match="a derivative within another"):
@@ -168,6 +168,48 @@ def test_distribution_against_differences(name):
     parts = [float(np.sum(gradients[by] * x)) for by, x in along.items()]
     forward = sum(float(np.sum(bar * rates[result])) for result, bar in bars.items())
     assert sum(parts) == pytest.approx(forward, abs=1e-9 * np.abs(parts).sum())
+
+
+@pytest.mark.parametrize("name", ["two_rigid_effort", "three_soft_effort", "six_mixed_effort"])
+def test_none_without_a_barrier(name):
+    """Where cones are active, the last iterate has other derivatives than the solution: they are NaN instead."""
+    at = solve(made(name).blocks, made(name).e, PRICE)
+    rule, rates = rule_at(made(name).blocks, at, 0.0), directions(name, np.random.default_rng(1))
+    assert all(np.isnan(x).all() for x in rule.rates(*rates))
+    off = []
+    for mu in (1e-7, 1e-8):
+        near = solve(made(name).blocks, made(name).e, PRICE, 40, mu)
+        central = flat(*_parted(rule_at(made(name).blocks, near, mu).rates(*rates)))
+        last = flat(*_parted(rule_at(made(name).blocks, at, mu).rates(*rates)))
+        off.append(np.abs(last - central).max() / np.abs(central).max())
+    assert min(off) > 1e-3
+
+
+def _parted(rates: list[Array]) -> tuple[list[Array], float]:
+    *x, v = rates
+    return x, float(v)
+
+
+@pytest.mark.parametrize("name", mostly_slow(["two_soft_effort"], []))
+def test_machine_code_refuses_without_a_barrier(name):
+    """A call by name; in a bound call, which raises nothing, derivatives are NaN."""
+    case, code = force_cases()[name], fast(name).distribute
+    bars: dict[str, Any] = {"tau": np.ones(case.chain.joint_count)}
+    pairs = [np.array([x, x]) for x in case.arguments]
+    for given, barrier in ((case.arguments, 0.0), (pairs, 0.0), (pairs, np.array([BARRIER, 0.0]))):
+        with pytest.raises(StateError, match=r"distribute\.vjp: barrier: expected one above 0, got 0.*barrier=1e-5"):
+            code.vjp(*given, **(case.call | {"barrier": barrier}), by=["q"], **bars)
+    with pytest.raises(StateError, match=r"distribute\.jvp: barrier"):
+        code.jvp(*case.arguments, along={"q": np.ones(len(case.arguments[0]))})
+    names = dict(zip(DISTRIBUTE.inputs, map(np.array, case.arguments), strict=True))
+    bound = code.bind("vjp", of=["tau"], by=["q"], **names, **case.call)
+    bound.given["tau"][...] = 1.0
+    bound()
+    assert np.isnan(bound.found.q).all()
+    bound.set(barrier=BARRIER)
+    bound()
+    expected = code.vjp(*case.arguments, **(case.call | {"barrier": BARRIER}), by=["q"], **bars).q
+    np.testing.assert_array_equal(bound.found.q, expected)
 
 
 @pytest.mark.parametrize("name", mostly_slow(["two_soft_effort", "two_rigid_tight", "one_contact"], []))
