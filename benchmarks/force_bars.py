@@ -237,7 +237,7 @@ def tape() -> Iterator[Bar]:
     limits, cost = ForceLimits(0.335, least_margin=2.0), ForceCost(acceleration=1.0, barrier=1e-5)
     rollout = hf.compile_rollout(chain, hf.control.cooperative_law(chain, motion, limits=limits, cost=cost))
     random = np.random.default_rng(0)
-    bar, begin = random.normal(size=chain.joint_count), np.r_[0.05 * random.normal(size=3), 0.02 * random.normal(size=3)]
+    bar, begin = random.normal(size=chain.joint_count), np.repeat([0.05, 0.02], 3) * random.normal(size=6)
 
     def rolled(twist: Array) -> tuple[Any, float]:
         systems = rollout.start(state.q, state.qd, state.object_pose, twist)

@@ -140,10 +140,10 @@ def text(seed: int) -> Text:
     """
     p = limited_problem(seed, trunks=False)
     wanted = 2.0 * np.random.default_rng([seed, 43]).normal(size=6)
-    call = {"chain": p.chain, "state": p.state, "acceleration": wanted, "task": None, "inputs": p.inputs}
-    call |= {"cost": None, "limits": None, "form": "elastic"}
-    asked = force_question(*(call[name] for name in ("chain", "state", "acceleration", "task", "cost", "limits", "inputs")))
-    found = smooth_solution(asked_case(DISTRIBUTE, call, smooth_parameters), asked.found, asked.limits, asked.costs)
+    call = {"chain": p.chain, "state": p.state, "acceleration": wanted, "task": None, "cost": None, "limits": None}
+    call |= {"inputs": p.inputs}
+    asked, case = force_question(**call), asked_case(DISTRIBUTE, call | {"form": "elastic"}, smooth_parameters)
+    found = smooth_solution(case, asked.found, asked.limits, asked.costs)
     expected = asked.asked("elastic", PRICE)
     return Text(seed, found.residual, abs(found.value - expected.value) / max(1.0, abs(expected.value)))
 

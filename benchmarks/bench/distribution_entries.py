@@ -15,11 +15,11 @@ import holdfast as hf
 from benchmarks.bench.clock import Effort, summary, timed
 from benchmarks.bench.entries import LIBRARY, Timed
 from benchmarks.bench.systems import facing_pandas
-from holdfast.compiled.function import Function
+from holdfast.compiled import CompiledChain
+from holdfast.compiled.structure import Options
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.forces.elastic_distribution import DISTRIBUTE, distributed, programme
+from holdfast.forces.elastic_distribution import DISTRIBUTE, programme
 from holdfast.questions.arrays import value_of
-from holdfast.questions.case import VariedCase
 from holdfast.spatial.scalar import Array
 
 SYSTEMS = 128
@@ -28,15 +28,6 @@ KINDS = {
     SOFT_FINGERS: ("softfinger", hf.Friction(0.8, torsion_radius=0.02), None),
     "rigid, rated": ("rigid", None, hf.WrenchLimits(moment=20.0, force=200.0)),
 }
-
-
-def shorter(iterations: int) -> Any:
-    """Return the question with another number of iterations."""
-
-    def compute(case: VariedCase) -> tuple[Array, ...]:
-        return distributed(case, iterations)
-
-    return replace(DISTRIBUTE, name=f"distribute_{iterations}", compute=compute)
 
 
 def chain_of(kind: str) -> tuple[hf.ClosedChain, hf.State]:
@@ -59,15 +50,17 @@ def entries(kind: str) -> Iterator[Timed]:
     names, torques = DISTRIBUTE.inputs[:4], np.zeros(chain.joint_count)
     given = {name: np.array(x) for name, x in zip(names, one, strict=False)}
     yield Timed("forward dynamics, bound", LIBRARY, fast.bind(**given, tau=torques), 1)
-    asked = [("16 iterations", fast.distribute), *((f"{k} iterations", Function(fast, shorter(k))) for k in (12, 0))]
-    for name, function in asked:
+    asked: dict[str, Any] = {
+        f"{k} iterations": CompiledChain(chain, Options(iterations=k), None).distribute for k in (16, 12, 0)
+    }
+    for name, function in asked.items():
         yield Timed(f"{name}, bound", LIBRARY, function.bind(**given, acceleration=one[4]), 1)
     zeros = np.zeros((SYSTEMS, chain.joint_count))
     q, qd, pose, twist, _ = many
     out = fast.forward_dynamics(q, qd, zeros, pose, twist)
     again = partial(fast.forward_dynamics, q, qd, zeros, pose, twist, out=out, threads=1)
     yield Timed("forward dynamics, batch", LIBRARY, again, SYSTEMS)
-    for name, function in asked:
+    for name, function in asked.items():
         yield Timed(f"{name}, batch", LIBRARY, partial(function, *many, out=function(*many), threads=1), SYSTEMS)
     yield from by_clarabel(chain, state, one[4])
 

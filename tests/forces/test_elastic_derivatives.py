@@ -202,7 +202,7 @@ def test_machine_code_refuses_without_a_barrier(name):
     with pytest.raises(StateError, match=r"distribute\.jvp: barrier"):
         code.jvp(*case.arguments, along={"q": np.ones(len(case.arguments[0]))})
     names = dict(zip(DISTRIBUTE.inputs, map(np.array, case.arguments), strict=True))
-    bound = code.bind("vjp", of=["tau"], by=["q"], **names, **case.call)
+    bound: Any = code.bind("vjp", of=["tau"], by=["q"], **names, **case.call)
     bound.given["tau"][...] = 1.0
     bound()
     assert np.isnan(bound.found.q).all()

@@ -135,7 +135,11 @@ def test_refused():
 
 @pytest.mark.parametrize(
     ("case", "unfelt", "singular"),
-    [(planar_parallelogram(0.5), 3, False), (planar_parallelogram(0.0), 4, True), (two_collinear_stretched_6r(0), 1, True)],
+    [
+        (planar_parallelogram(0.5), 3, False),
+        (planar_parallelogram(0.0), 4, True),
+        (two_collinear_stretched_6r(0), 1, True),
+    ],
 )
 def test_forces_that_no_joint_feels(case, unfelt, singular):
     """They are counted; a singular configuration, which forward dynamics refuses, has more of them than nearby ones."""

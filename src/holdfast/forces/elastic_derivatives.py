@@ -14,7 +14,8 @@ The matrix is symmetric. With (p, n, p_v) its solution for cotangents (x_bar, 0,
     rho_bar = -p_v,   mu_bar = (p_v (B' z + z_v) - p' G' z) / mu
 
 At mu = 0 there is no derivative where a limit becomes active, and elsewhere the last iterate does not have it: it is on
-no central path, and the scaling of a cone changes as much as s o z differs from mu [1, 0, ..]. Derivatives are NaN then.
+no central path, and the scaling of an active cone is off by as much as s o z is from a multiple of [1, 0, ..]. What is
+returned then is NaN.
 """
 
 from __future__ import annotations

@@ -371,6 +371,7 @@ DISTRIBUTE = declare(
             *("grasp_R", "grasp_p", LIMITS, CONTACTS, *DISTRIBUTED),
         ),
         optional=(ACCELERATION_LIMITS,),
+        iterative=True,
         arguments=(*STATE, "acceleration", *(name for name in ARGUMENTS if name not in (*STATE, "tau")), *DISTRIBUTED),
         by=(*STATE, "acceleration"),
         depends_on=("grasps", "links", "forces", "bushings", "limits"),

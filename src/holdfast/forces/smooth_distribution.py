@@ -17,7 +17,6 @@ from holdfast.forces.programmes import Costs, Solved
 from holdfast.forces.second_order_cone import cone_inverse
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.case import VariedCase
-from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 

@@ -71,6 +71,7 @@ class Question:
         inputs: names of the arrays that compiled calls take, in order.
         parameters: names of the run-time parameters of machine code.
         optional: names of those that exist only on request.
+        iterative: whether `compute` takes the number of its iterations, `iterations`.
         arguments: names of all arrays by which it can be differentiated, for any chain; none if it cannot.
         by: those by which it is differentiated unless others are requested.
         of: the results whose Jacobian is returned unless others are requested; all if there are none here.
@@ -101,6 +102,7 @@ class Question:
     inputs: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
+    iterative: bool = False
     arguments: tuple[str, ...] = ()
     by: tuple[str, ...] = ()
     of: tuple[str, ...] = ()

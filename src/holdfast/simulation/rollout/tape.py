@@ -214,8 +214,8 @@ class Tape:
         found = (*totals.values(), *cotangents.values())
         if all(any(np.isnan(x[i]).any() for x in found) for i in range(count)):
             raise StateError(
-                "tape: vjp: expected a law with derivatives, got gradients that are not numbers. Usually its torques are"
-                " within limits, and have kinks: try cooperative_law(..., cost=ForceCost(barrier=1e-5))"
+                "tape: vjp: expected a law with derivatives, got gradients that are not numbers. Usually its torques"
+                " are within limits, and have kinks: try cooperative_law(..., cost=ForceCost(barrier=1e-5))"
             )
         whole = totals | stepwise | {name: cotangents[name] for name in carried}
         return Derivatives(self.systems, {name: whole[key] for name, key in by.items()})
