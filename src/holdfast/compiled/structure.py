@@ -21,7 +21,7 @@ from holdfast.model.fingerprint import digest_of, exact_fingerprint, fingerprint
 from holdfast.model.grasp import WrenchLimits
 from holdfast.model.grasp_kinds import GraspKind
 
-MOST_ITERATIONS = 100
+MOST_SOLVER_ITERATIONS = 100
 OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that exist only on request
 
 
@@ -73,9 +73,9 @@ def require_iterations(iterations: Any) -> None:
     Raises:
         StateError: naming what could be one.
     """
-    if not _whole_or_none(iterations, 1, MOST_ITERATIONS):
+    if not _whole_or_none(iterations, 1, MOST_SOLVER_ITERATIONS):
         raise StateError(
-            f"compile: iterations: expected an integer from 1 to {MOST_ITERATIONS}, or None, got"
+            f"compile: iterations: expected an integer from 1 to {MOST_SOLVER_ITERATIONS}, or None, got"
             f" {checks.short(iterations)}"
         )
 

@@ -67,5 +67,5 @@ def smooth_solution(case: VariedCase, found: AccelerationMap, limits: Sequence[L
         s = (limit.h - limit.G @ v) / (limit.weight * size)
         parts.append(float(case.own["barrier"]) * cone_inverse(s + extra * np.eye(len(s))[0]))
     left = of.Q @ v + of.r
-    value = 0.5 * float(left @ left) + float(case.own["price"]) * extra + 0.5 * extra**2
+    value = 0.5 * float(left @ left) + (float(case.own["price"]) + 0.5 * extra) * extra
     return Solved(Verdict.OPTIMAL, v, extra, value, parts, 0.0, float(at.residual))
