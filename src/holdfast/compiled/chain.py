@@ -65,7 +65,8 @@ def compile(
         parameters: further run-time parameters: `link_inertia` (adds link_mass, link_com and link_inertia, and
             with a trunk trunk_link_mass, trunk_link_com and trunk_link_inertia of its bodies, a floating base first),
             `link_wrench` (external wrenches on the links) and `acceleration_limits` (of `distribute`).
-        iterations: the number of iterations of `distribute`, by default 16; 12 take three quarters of the time.
+        iterations: the number of iterations of `distribute`, by default 16; fewer take less time, and leave more
+            residual.
         generic_rank: the rank of the grasp constraint away from singular configurations. If it is None, it is
             determined when it first matters.
         progress: whether to show that machine code is made, also that of derivatives, batches and other functions,

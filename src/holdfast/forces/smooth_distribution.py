@@ -55,13 +55,12 @@ def smooth_solution(case: VariedCase, found: AccelerationMap, limits: Sequence[L
         limits: the limits.
         of: the cost.
     """
-    at = ElasticDistribution(*distributed(case))
-    v, size = np.zeros(len(found.v0)), found.force
-    v[found.qdd], v[found.alpha] = at.qdd, case.own["acceleration"]
-    contacts = zip(found.motion.chain.grasps, found.motion.contacts, found.wrenches, strict=True)
-    for name, contact, part in contacts:
-        v[part] = contact.K @ at.grasp_wrench[found.motion.chain.names.index(name)]
-    extra = float(at.violation) / size
+    at, chain = ElasticDistribution(*distributed(case)), found.motion.chain
+    lambdas = zip(chain.grasps, found.motion.contacts, strict=True)
+    known = np.concatenate([at.qdd, *(c.K @ at.grasp_wrench[chain.names.index(name)] for name, c in lambdas)])
+    own = np.r_[found.qdd, found.alpha.stop : len(found.v0)]  # the others follow from these
+    v = found.v0 + found.N @ np.linalg.lstsq(found.N[own], known - found.v0[own])[0]
+    size, extra = found.force, float(at.violation) / found.force
     parts = []
     for limit in limits:
         s = (limit.h - limit.G @ v) / (limit.weight * size)
