@@ -14,6 +14,7 @@ from holdfast.forces.distribute import force_question
 from holdfast.forces.second_order_cone import cone_inverse
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
+from tests.capabilities.chains import chain_with
 from tests.control.two_pandas import two_pandas
 from tests.longer import mostly_long, mostly_slow
 from tests.systems.as_chain import Problem, as_chain
@@ -71,6 +72,19 @@ def test_further_from_the_least_cost_by_mu():
     costly = {name for name, price in exact.prices.items() if price > 1e-3}
     assert costly
     assert all(near[1].prices[name] == pytest.approx(exact.prices[name], rel=1e-2) for name in costly)
+
+
+def test_limits_that_could_be_kept():
+    """Without a barrier the price is raised until they are; with one, the answer says what to raise."""
+    case = chain_with("friction cones and wrench limits")
+    kept = distribute(case.chain, case.state, np.zeros(6), inputs=case.inputs)
+    assert (kept.status, kept.violation) == ("optimal", 0.0)
+    low, high = (
+        distribute(case.chain, case.state, np.zeros(6), cost=ForceCost(price=price, barrier=MU), inputs=case.inputs)
+        for price in (1e3, 1e7)
+    )
+    assert low.violation > 1.0 and "limits give way, but could be kept: try a higher price" in low.why
+    assert high.violation < 1e-3 and "all limits are kept" in high.why
 
 
 @pytest.mark.parametrize("seed", DIFFERENCES)

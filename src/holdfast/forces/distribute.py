@@ -360,12 +360,11 @@ def _described(
     prices = _prices(question.limits, done.parts, found.force)
     status = status or ("infeasible" if proof is not None else done.verdict.value)
     why = kept(prices, {limit.name: limit.unit for limit in question.limits})
-    if proof is not None:
-        why = proof.words
-    elif status == "unbounded":
-        why = "no limit bounds the value"
-    elif status == "undecided":
-        why = f"rounding hides whether the limits can be kept (residual {done.residual:.1g})"
+    if violation > KEPT:  # at a barrier; otherwise the price is raised
+        why = "limits give way, but could be kept: try a higher price, or a smaller barrier"
+    words = {"unbounded": "no limit bounds the value"}
+    words |= {"undecided": f"rounding hides whether the limits can be kept (residual {done.residual:.1g})"}
+    why = words.get(status, why) if proof is None else proof.words
     unfelt = free_wrenches(found.motion, found.length).shape[1]
     why += f"; forces that no joint feels ({unfelt}) are taken as the smallest" if unfelt else ""
     return Distribution(
