@@ -149,6 +149,8 @@ def test_refused():
         distribute.vjp(chain, state, np.zeros(6), **bars)
     with pytest.raises(MethodNotApplicable, match="distribute: task: expected None with a barrier and for derivatives"):
         distribute(chain, state, np.zeros(3), task=np.eye(6)[3:], cost=SMOOTH)
+    with pytest.raises(MethodNotApplicable, match="distribute: cost: task: expected None with a barrier"):
+        distribute(chain, state, cost=ForceCost(barrier=MU, task=10.0))
     with pytest.raises(MethodNotApplicable, match="distribute: form: expected 'elastic' with a barrier"):
         distribute(chain, state, form="effort", cost=SMOOTH)
     with pytest.raises(MethodNotApplicable, match="no limit on the change of wrenches"):

@@ -36,11 +36,16 @@ def smooth_parameters(
     Raises:
         MethodNotApplicable: it is asked what machine code is not.
     """
-    for name, x, usual in (("task", task, None), ("form", form, "elastic")):
-        if x is not usual:
+    given_way = cost is not None and cost.task is not None
+    for wrong, what in (
+        (task is not None, "task: expected None"),
+        (given_way, "cost: task: expected None"),
+        (form != "elastic", "form: expected 'elastic'"),
+    ):
+        if wrong:
             raise MethodNotApplicable(
-                f"distribute: {name}: expected {usual!r} with a barrier and for derivatives, which are those of an"
-                " elastic programme that keeps all six directions of the acceleration"
+                f"distribute: {what} with a barrier and for derivatives, which are those of an elastic programme that"
+                " keeps all six directions of the acceleration"
             )
     asked = np.zeros(6) if acceleration is None else acceleration
     return {**distribution_parameters(chain, state, limits, cost), "acceleration": asked}
