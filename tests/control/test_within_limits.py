@@ -203,7 +203,7 @@ def test_no_gradients_without_a_barrier():
     law = cooperative_law(chain, ObjectImpedance(HERE, SPRING, DAMPER), limits=ForceLimits())
     rollout = hf.compile_rollout(chain, law)
     taken = rollout.tape(rollout.start(state.q, state.qd, state.object_pose, 0.1 * np.ones((2, 6))), 1e-3, steps=2)
-    with pytest.raises(StateError, match=r"tape: vjp: .* not numbers.* try .*cost=ForceCost\(barrier=1e-5\)"):
+    with pytest.raises(StateError, match=r"tape: vjp: .* not numbers.*try .*cost=ForceCost\(barrier=1e-5\)"):
         taken.vjp({"q": np.ones((2, chain.joint_count))}, by=["qd"])
 
 
