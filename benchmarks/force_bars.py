@@ -6,6 +6,7 @@ hand    the Allegro hand holds a ball while its palm turns over (`make robots` f
 palm    steps of the torques while a hand turns over
 bends   torques beside their limits while an elbow is straightened
 tray    a mobile manipulator carries a tray 0.3 m
+tape    gradients through a rollout whose law keeps friction and torques within limits, beside differences
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from tests.control.two_pandas import rubber_pandas
 from tests.planning.examples import mobile
 from tests.systems.as_chain import as_chain
 from tests.systems.special_systems import one_straight_arm_of_three
@@ -43,6 +45,7 @@ BENDS = (1.0, 0.1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 WANTED = np.array([3.0, -2.0, 1.0, 5.0, 8.0, -4.0])  # rad/s^2 and m/s^2
 EFFORT = 25.0  # N m, of the arms that are straightened
 WAY, TIME, SAMPLE = 0.3, 3.0, 0.01  # m, s, s
+STEPS, STEP = 200, 0.002  # s
 
 
 class Bar(NamedTuple):
@@ -223,10 +226,47 @@ def tray() -> Iterator[Bar]:
     )
 
 
+def tape() -> Iterator[Bar]:
+    """Yield how far the gradient through 200 steps of a lift by friction is from differences, at a barrier of 1e-5.
+
+    The elbows reach the torque that is allowed on the way.
+    """
+    chain, state = rubber_pandas(0.8)
+    lift = hf.control.RestToRest(state.object_frame, [0, 0, 0.1], duration=STEPS * STEP)
+    motion = hf.control.ObjectImpedance(lift, [20.0] * 3 + [300.0] * 3, [8.0] * 3 + [60.0] * 3)
+    limits, cost = ForceLimits(0.335, least_margin=2.0), ForceCost(acceleration=1.0, barrier=1e-5)
+    rollout = hf.compile_rollout(chain, hf.control.cooperative_law(chain, motion, limits=limits, cost=cost))
+    random = np.random.default_rng(0)
+    bar, begin = random.normal(size=chain.joint_count), np.repeat([0.05, 0.02], 3) * random.normal(size=6)
+
+    def rolled(twist: Array) -> tuple[Any, float]:
+        systems = rollout.start(state.q, state.qd, state.object_pose, twist)
+        taken = rollout.tape(systems, STEP, steps=STEPS, record=["q", "tau", "margin"])
+        return taken, float(taken.records["q"][-1, 0] @ bar + 1e-3 * taken.records["tau"].sum())
+
+    found, _ = rolled(begin)
+    used = float((np.abs(found.records["tau"]) / efforts(chain)).max())
+    yield Bar("tape: largest torque, in parts of what is allowed", used / 0.335, 1.0 - 1e-3, at_most=False)
+    yield Bar("tape: least margin [N]", float(found.records["margin"].min()), 2.0, at_most=False)
+    along = {"tau": np.full((STEPS, 1, chain.joint_count), 1e-3)}
+    slopes = found.vjp({"q": bar[None]}, along, by=["object_twist"]).object_twist[0]
+    weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+    ways = 1e-4 * np.eye(6)
+    measured = [
+        sum(w * (rolled(begin + k * way)[1] - rolled(begin - k * way)[1]) for k, w in weights.items()) / 1e-4
+        for way in ways
+    ]
+    yield Bar(
+        "tape: gradient through 200 steps beside differences, relative",
+        float(np.abs(slopes - measured).max() / np.abs(measured).max()),
+        1e-6,
+    )
+
+
 def main() -> int:
     """Print every number beside its bound; return 1 if one is missed."""
     missed = 0
-    for task in (hand, palm, bends, tray):
+    for task in (hand, palm, bends, tray, tape):
         for bar in task():
             print(bar, flush=True)
             missed += not bar.met

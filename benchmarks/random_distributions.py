@@ -3,7 +3,8 @@
     python -m benchmarks.random_distributions --count 10000 [--first 0]
 
 Chains of 2 to 6 arms with all kinds of grasps, in the world, on trunks and on floating bases, half of them asked for
-what their limits do not allow. Clarabel (pip install clarabel) is compared if it is installed.
+what their limits do not allow. Clarabel (pip install clarabel) is compared if it is installed. What machine code runs
+is asked on floats, with its 16 iterations, about as many chains whose bases are in the world.
 """
 
 from __future__ import annotations
@@ -21,10 +22,13 @@ from tests.systems.limited import asked_of, limited_problem
 from holdfast.errors import HoldfastError
 from holdfast.forces.acceleration_map import ObjectTask, acceleration_map, motion_without_torques, scaled_map
 from holdfast.forces.cone_solver import Verdict
-from holdfast.forces.distribute import ForceQuestion
+from holdfast.forces.distribute import ForceQuestion, elastic, force_question
+from holdfast.forces.elastic_distribution import DISTRIBUTE
 from holdfast.forces.limit_rows import limit_rows
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programmes import Form, Posed, costs
+from holdfast.forces.smooth_distribution import smooth_parameters, smooth_solution
+from holdfast.questions.derivatives import asked_case
 
 clarabel: Any = import_module("clarabel") if find_spec("clarabel") else None
 
@@ -101,6 +105,9 @@ def outcome(seed: int, form: Form) -> Outcome:
     v = least.extra if least.verdict is Verdict.OPTIMAL else np.nan
     wrong = done.verdict is Verdict.INFEASIBLE and (v < -CLEAR or form in ("elastic", "violation"))
     wrong |= form == "effort" and done.verdict is Verdict.OPTIMAL and v > CLEAR
+    if form == "elastic":
+        status = elastic(asked, PRICE).status
+        wrong |= status == ("infeasible" if v < -CLEAR else "optimal" if v > CLEAR else "")
     gap, other = np.nan, ""
     if clarabel is not None:
         other, value = by_clarabel(of)
@@ -110,15 +117,47 @@ def outcome(seed: int, form: Form) -> Outcome:
     return Outcome(seed, form, done.verdict, done.residual, v, bool(wrong), gap, other)
 
 
-def outcomes(first: int, count: int) -> tuple[list[Outcome], Counter[str]]:
+class Text(NamedTuple):
+    """What the text of machine code says of a question.
+
+    Attributes:
+        seed: of the question.
+        residual: of the optimality conditions.
+        gap: difference of the costs from the reference's, relative to max(1, |cost|).
+    """
+
+    seed: int
+    residual: float
+    gap: float
+
+
+@np.errstate(all="ignore")
+def text(seed: int) -> Text:
+    """Return what the text of machine code says of a random question about arms in the world.
+
+    Raises:
+        StateError: the arms cannot give the object the acceleration that is asked.
+    """
+    p = limited_problem(seed, trunks=False)
+    wanted = 2.0 * np.random.default_rng([seed, 43]).normal(size=6)
+    call = {"chain": p.chain, "state": p.state, "acceleration": wanted, "task": None, "cost": None, "limits": None}
+    call |= {"inputs": p.inputs}
+    asked, case = force_question(**call), asked_case(DISTRIBUTE, call | {"form": "elastic"}, smooth_parameters)
+    found = smooth_solution(case, asked.found, asked.limits, asked.costs)
+    expected = asked.asked("elastic", PRICE)
+    return Text(seed, found.residual, abs(found.value - expected.value) / max(1.0, abs(expected.value)))
+
+
+def outcomes(first: int, count: int) -> tuple[list[Outcome], list[Text], Counter[str]]:
     """Return the answers to some questions, form by form in turn, and why others could not be asked."""
-    found, refused = [], Counter[str]()
+    found, texts, refused = [], [], Counter[str]()
     for seed in range(first, first + count):
-        try:
-            found.append(outcome(seed, FORMS[seed % len(FORMS)]))
-        except HoldfastError as cause:
-            refused[str(cause).partition(";")[0]] += 1
-    return found, refused
+        for answers, ask in ((found, lambda seed: outcome(seed, FORMS[seed % len(FORMS)])), (texts, text)):
+            try:
+                answers.append(ask(seed))
+            except HoldfastError as cause:
+                refused[str(cause).partition(";")[0]] += 1
+    return found, texts, refused
 
 
 def main() -> None:
@@ -127,7 +166,7 @@ def main() -> None:
     arguments.add_argument("--count", type=int, default=10000)
     arguments.add_argument("--first", type=int, default=0)
     given = arguments.parse_args()
-    found, refused = outcomes(given.first, given.count)
+    found, texts, refused = outcomes(given.first, given.count)
     for form in FORMS:
         own = [one for one in found if one.form == form]
         verdicts = ", ".join(f"{n} {name}" for name, n in Counter(one.verdict.value for one in own).items())
@@ -150,6 +189,16 @@ def main() -> None:
             )
             if opposed or one.gap > 1e-7:
                 print(one)
+    residuals, gaps = (np.array(x) for x in zip(*(one[1:] for one in texts), strict=True))
+    shares = [f"{share:.0%}: {np.quantile(residuals, share):.1e}" for share in (0.5, 0.9, 0.99)]
+    print(
+        f"text of machine code, 16 iterations ({len(texts)}): residuals {', '.join(shares)}, largest:"
+        f" {residuals.max():.1e}; above 1e-6: {(residuals > 1e-6).sum()}; costs beside the reference: 99 %:"
+        f" {np.quantile(gaps, 0.99):.1e}, largest: {gaps.max():.1e}"
+    )
+    for one in texts:
+        if one.residual > 1e-6 or one.gap > 1e-6:
+            print(one)
     for one in found:
         if one.wrong or one.residual > 1e-7 or one.verdict is Verdict.UNDECIDED:
             print(one)

@@ -15,11 +15,11 @@ import holdfast as hf
 from benchmarks.bench.clock import Effort, summary, timed
 from benchmarks.bench.entries import LIBRARY, Timed
 from benchmarks.bench.systems import facing_pandas
-from holdfast.compiled.function import Function
+from holdfast.compiled import CompiledChain
+from holdfast.compiled.structure import Options
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.forces.elastic_distribution import DISTRIBUTE, distributed, programme
+from holdfast.forces.elastic_distribution import DISTRIBUTE, programme
 from holdfast.questions.arrays import value_of
-from holdfast.questions.case import VariedCase
 from holdfast.spatial.scalar import Array
 
 SYSTEMS = 128
@@ -29,15 +29,6 @@ KINDS = {
     "rigid, rated": ("rigid", None, hf.WrenchLimits(moment=20.0, force=200.0)),
 }
 STANDS = ("in the world", "on a trunk of 3", "floating", "giving way")  # the last: what is asked may
-
-
-def shorter(iterations: int) -> Any:
-    """Return the question with another number of iterations."""
-
-    def compute(case: VariedCase) -> tuple[Array, ...]:
-        return distributed(case, iterations)
-
-    return replace(DISTRIBUTE, name=f"distribute_{iterations}", compute=compute)
 
 
 def chain_of(kind: str, stand: str = STANDS[0]) -> tuple[hf.ClosedChain, hf.State]:
@@ -62,7 +53,8 @@ def chain_of(kind: str, stand: str = STANDS[0]) -> tuple[hf.ClosedChain, hf.Stat
 def entries(kind: str, stand: str = STANDS[0]) -> Iterator[Timed]:
     """Yield bound calls of forward dynamics and of the distribution, and then batches of them."""
     chain, state = chain_of(kind, stand)
-    fast = hf.compile(chain, parameters=["task_weight"] if stand == "giving way" else [])
+    further = ("task_weight",) if stand == "giving way" else ()
+    fast = hf.compile(chain, parameters=[*further])
     random = np.random.default_rng(0)
     one = [state.q, state.qd, state.object_pose, state.object_twist, np.array([0.3, 0.2, -0.1, 0.5, 0.4, 1.0])]
     many = [np.array([x] * SYSTEMS) for x in one]
@@ -73,15 +65,17 @@ def entries(kind: str, stand: str = STANDS[0]) -> Iterator[Timed]:
     given = {name: np.array(x) for name, x in [*zip(names, one, strict=False), *base.items()]}
     bases = {name: np.array([x] * SYSTEMS) for name, x in base.items()}
     yield Timed("forward dynamics, bound", LIBRARY, fast.bind(**given, tau=torques), 1)
-    asked = [("16 iterations", fast.distribute), *((f"{k} iterations", Function(fast, shorter(k))) for k in (12, 0))]
-    for name, function in asked:
+    asked: dict[str, Any] = {
+        f"{k} iterations": CompiledChain(chain, Options(further=further, iterations=k), None).distribute for k in (16, 12, 0)
+    }
+    for name, function in asked.items():
         yield Timed(f"{name}, bound", LIBRARY, function.bind(**given, acceleration=one[4]), 1)
     zeros = np.zeros((SYSTEMS, chain.joint_count))
     q, qd, pose, twist, _ = many
     out = fast.forward_dynamics(q, qd, zeros, pose, twist, **bases)
     again = partial(fast.forward_dynamics, q, qd, zeros, pose, twist, **bases, out=out, threads=1)
     yield Timed("forward dynamics, batch", LIBRARY, again, SYSTEMS)
-    for name, function in asked:
+    for name, function in asked.items():
         out = function(*many, **bases)
         yield Timed(f"{name}, batch", LIBRARY, partial(function, *many, **bases, out=out, threads=1), SYSTEMS)
     if stand == STANDS[0]:

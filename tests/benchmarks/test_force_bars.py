@@ -11,7 +11,7 @@ def test_bar():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", [force_bars.palm, force_bars.bends, force_bars.tray])
+@pytest.mark.parametrize("task", [force_bars.palm, force_bars.bends, force_bars.tray, force_bars.tape])
 def test_met(task):
     """Every number of a task is met."""
     for bar in task():

@@ -8,15 +8,20 @@ from holdfast.forces.cone_solver import Verdict
 
 
 def test_random_questions():
-    """Residuals are at most 1e-7, on nearly all 1e-9; no verdict contradicts the least violation; all kinds occur."""
-    found, refused = outcomes(0, 48)
+    """Residuals are at most 1e-7, on nearly all 1e-9; no verdict contradicts the least violation; all kinds occur.
+
+    The text of machine code, with its 16 iterations, is within 1e-6, and its costs are the reference's.
+    """
+    found, texts, refused = outcomes(0, 24)
+    assert max(one.residual for one in texts) <= 1e-6
+    assert max(one.gap for one in texts) <= 1e-7
     residuals = np.array([one.residual for one in found])
     assert residuals.max() <= 1e-7
     assert np.mean(residuals <= 1e-9) >= 0.95
     assert not [one for one in found if one.wrong]
     assert {one.form for one in found} == set(FORMS)
     assert {one.verdict for one in found} == {Verdict.OPTIMAL, Verdict.INFEASIBLE}
-    assert refused.total() <= 5
+    assert refused.total() <= 3
 
 
 def test_values_beside_clarabel():
@@ -29,7 +34,8 @@ def test_values_beside_clarabel():
 @pytest.mark.long
 def test_many_random_questions():
     """Of ten thousand, with the same bars and 99 % for the first."""
-    found, _ = outcomes(0, 10000)
+    found, texts, _ = outcomes(0, 10000)
+    assert np.mean([one.residual <= 1e-6 for one in texts]) >= 0.999
     residuals = np.array([one.residual for one in found])
     assert residuals.max() <= 1e-7
     assert np.mean(residuals <= 1e-9) >= 0.99

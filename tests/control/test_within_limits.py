@@ -23,7 +23,7 @@ from holdfast.control import (
     sampled,
 )
 from holdfast.dynamics.constraint import length_scale
-from holdfast.errors import MethodNotApplicable, ModelError
+from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, distribution_parameters, split
 from holdfast.spatial import rotation
 from tests.control.kit import CHAIN, DAMPER, HERE, MASS, SPRING, STATE, STIFF, N, moving
@@ -256,6 +256,17 @@ def test_hand_over():
     assert pushes(CHAIN, STATE, run.grasp_wrench[5])[1] > 1.0 - 1e-6
     assert run.grasp_wrench[-1, 0, 5] == pytest.approx(3.0 * 9.81, abs=0.1)
     assert (np.abs(run.tau) <= 0.8 * EFFORT * (1.0 + 1e-9)).all()
+
+
+@pytest.mark.slow
+def test_no_gradients_without_a_barrier():
+    """A rollout of a law within limits says what is missing; with a barrier it has them (`test_force_bars`)."""
+    chain, state = two_pandas("ball", "rigid")
+    law = cooperative_law(chain, ObjectImpedance(HERE, SPRING, DAMPER), limits=ForceLimits())
+    rollout = hf.compile_rollout(chain, law)
+    taken = rollout.tape(rollout.start(state.q, state.qd, state.object_pose, 0.1 * np.ones((2, 6))), 1e-3, steps=2)
+    with pytest.raises(StateError, match=r"tape: vjp: .* not numbers.*try .*cost=ForceCost\(barrier=1e-5\)"):
+        taken.vjp({"q": np.ones((2, chain.joint_count))}, by=["qd"])
 
 
 def test_refused():

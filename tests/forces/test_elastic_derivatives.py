@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.errors import MethodNotApplicable
+from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces.elastic_derivatives import central_point, numbers_of, rule_at, taken
 from holdfast.forces.elastic_distribution import DISTRIBUTE, Programme, distributed, programme
 from holdfast.forces.elastic_programme import Distributed, solve
@@ -81,7 +81,7 @@ def test_sixteen_iterations_reach_the_central_point(name):
 def test_tangent_against_differences(name):
     """Rates by all numbers of the programme, its price and mu are differences of solutions."""
     rates = directions(name, np.random.default_rng(1))
-    rule = rule_at(made(name).blocks, found(name))
+    rule = rule_at(made(name).blocks, found(name), BARRIER)
     *dx, dv = rule.rates(*rates)
     expected = flat(dx, float(dv))
 
@@ -99,7 +99,7 @@ def test_tangent_against_differences(name):
 def test_adjoint_against_tangent(name):
     """A gradient times a direction is a cotangent times the rates."""
     random = np.random.default_rng(2)
-    rule, rates = rule_at(made(name).blocks, found(name)), directions(name, random)
+    rule, rates = rule_at(made(name).blocks, found(name), BARRIER), directions(name, random)
     bars = [random.normal(size=np.shape(x)) for x in (*found(name).x, found(name).v)]
     tangents, gradients = rule.rates(*rates), rule.gradient(*bars)
     left = [float(np.sum(a * b)) for a, b in zip(bars, tangents, strict=True)]
@@ -117,7 +117,7 @@ def test_one_derivative_alone():
         at = central_point(blocks, e, price[()], barrier=mu[()])
         return sum(x.sum() for x in at.x) + at.v
 
-    expected = rule_at(made(name).blocks, found(name)).gradient(*bar, np.ones(()))
+    expected = rule_at(made(name).blocks, found(name), BARRIER).gradient(*bar, np.ones(()))
     for x, y in zip(gradient(summed, *given), expected, strict=True):
         np.testing.assert_allclose(x, y, atol=1e-12 * np.abs(y).max(initial=1.0))
     with pytest.raises(MethodNotApplicable, match="a derivative within another"):
@@ -168,6 +168,46 @@ def test_distribution_against_differences(name):
     parts = [float(np.sum(gradients[by] * x)) for by, x in along.items()]
     forward = sum(float(np.sum(bar * rates[result])) for result, bar in bars.items())
     assert sum(parts) == pytest.approx(forward, abs=1e-9 * np.abs(parts).sum())
+
+
+CURVED = ("two_rigid_effort", "three_soft_effort", "six_mixed_effort")  # cones are active
+FLAT = ("cylinder_rigid_effort", "two_soft_wish", "one_contact")  # bounds alone, or nothing
+
+
+@pytest.mark.parametrize("name", [*CURVED, *FLAT])
+def test_none_without_a_barrier(name):
+    """They are NaN: where cones are active, those of the last iterate are not those of the solution close to it."""
+    at = solve(made(name).blocks, made(name).e, PRICE)
+    rates = [*directions(name, np.random.default_rng(1))[:-1], np.zeros(())]
+    assert all(np.isnan(x).all() for x in rule_at(made(name).blocks, at, 0.0).rates(*rates))
+    near = solve(made(name).blocks, made(name).e, PRICE, 40, 1e-8)
+    pair = [
+        np.concatenate([np.ravel(x) for x in rule_at(made(name).blocks, one, 1e-8).rates(*rates)]) for one in (near, at)
+    ]
+    off = np.abs(pair[1] - pair[0]).max() / np.abs(pair[0]).max()
+    assert off > 1e-3 if name in CURVED else off < 1e-6
+
+
+@pytest.mark.parametrize("name", mostly_slow(["two_soft_effort"], []))
+def test_machine_code_refuses_without_a_barrier(name):
+    """A call by name; in a bound call, which raises nothing, derivatives are NaN."""
+    case, code = force_cases()[name], fast(name).distribute
+    bars: dict[str, Any] = {"tau": np.ones(case.chain.joint_count)}
+    pairs = [np.array([x, x]) for x in case.arguments]
+    for given, barrier in ((case.arguments, 0.0), (pairs, 0.0), (pairs, np.array([BARRIER, 0.0]))):
+        with pytest.raises(StateError, match=r"distribute\.vjp: barrier: expected one above 0, got 0.*barrier=1e-5"):
+            code.vjp(*given, **(case.call | {"barrier": barrier}), by=["q"], **bars)
+    with pytest.raises(StateError, match=r"distribute\.jvp: barrier"):
+        code.jvp(*case.arguments, along={"q": np.ones(len(case.arguments[0]))})
+    names = dict(zip(DISTRIBUTE.inputs, map(np.array, case.arguments), strict=True))
+    bound: Any = code.bind("vjp", of=["tau"], by=["q"], **names, **case.call)
+    bound.given["tau"][...] = 1.0
+    bound()
+    assert np.isnan(bound.found.q).all()
+    bound.set(barrier=BARRIER)
+    bound()
+    expected = code.vjp(*case.arguments, **(case.call | {"barrier": BARRIER}), by=["q"], **bars).q
+    np.testing.assert_array_equal(bound.found.q, expected)
 
 
 @pytest.mark.parametrize("name", mostly_slow(["two_soft_effort", "two_rigid_tight", "one_contact"], []))

@@ -63,12 +63,16 @@ def _weighed(chain: Any, state: Any, **cost: Any) -> Any:
     return forces.distribute(chain, state, task=np.zeros((0, 6)), cost=forces.ForceCost(**cost))
 
 
+def _smooth(chain: Any, state: Any, barrier: Any = 1e-5, **more: Any) -> Any:
+    return forces.distribute.vjp(chain, state, cost=forces.ForceCost(barrier=barrier), **more)
+
+
 def _project(*given: Any, **more: Any) -> Any:
     return hf.project(*given, **more)[0]
 
 
-def _after_release(chain: Any, state: Any, arm: Any) -> Any:
-    return dynamics.momentum(dynamics.release(chain, arm), state)
+def _after_release(chain: Any, state: Any, arm: Any = "arm1", **more: Any) -> Any:
+    return dynamics.momentum(dynamics.release(chain, arm), state, **more)
 
 
 SOLVED: dict[str, Any] = {"result": lambda p: p.solved()}
@@ -103,6 +107,7 @@ SOME: dict[str, Any] = {"task": np.eye(6)[3:], "acceleration": np.ones(3), "inpu
 of_chain(forces.distribute, **SOME)
 of_chain(_limited, name="distribute within limits", effort=0.9, least_margin=0.0, braking=5.0)
 of_chain(_weighed, name="distribute at a cost", wrench=0.1, acceleration=1.0, price=1e3)
+of_chain(_smooth, FIXED, name="distribute.vjp", acceleration=np.zeros(6), tau=_tau, by=["q", "price"], barrier=1e-5)
 of_chain(forces.least_peak, **SOME)
 of_chain(forces.lift_margin, FIXED, acceleration=np.zeros(6), payload=True)
 of_chain(forces.last_joint_wrenches, **SOLVED)

@@ -130,6 +130,7 @@ call(
     dtype="float64",
     method="auto",
     parameters=["link_inertia"],
+    iterations=12,
     generic_rank=9,
 )(shown(hf.compile))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -11,7 +12,7 @@ from holdfast.compiled.answers import Answers
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.function import Function
-from holdfast.compiled.structure import OPTIONAL, Options, optional_parameters, require_rank
+from holdfast.compiled.structure import OPTIONAL, Options, optional_parameters, require_iterations, require_rank
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.consistency import CLOSURE
 from holdfast.dynamics.energy import KINETIC
@@ -46,6 +47,7 @@ def compile(
     dtype: str = "float64",
     method: str = "auto",
     parameters: Sequence[str] = (),
+    iterations: int | None = None,
     generic_rank: int | None = None,
     progress: bool | None = None,
 ) -> CompiledChain:
@@ -63,6 +65,8 @@ def compile(
         parameters: further run-time parameters: `link_inertia` (adds link_mass, link_com and link_inertia, and
             with a trunk trunk_link_mass, trunk_link_com and trunk_link_inertia of its bodies, a floating base first),
             `link_wrench` (external wrenches on the links) and `acceleration_limits` (of `distribute`).
+        iterations: the number of iterations of `distribute`, by default 16; fewer take less time, and leave more
+            residual.
         generic_rank: the rank of the grasp constraint away from singular configurations. If it is None, it is
             determined when it first matters.
         progress: whether to show that machine code is made, also that of derivatives, batches and other functions,
@@ -90,7 +94,8 @@ def compile(
     route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
     further = dict.fromkeys(name for question in QUESTIONS.values() for name in question.optional)
     options = optional_parameters(parameters, "compile", route, (*OPTIONAL, *further))
-    made = CompiledChain(chain, options, generic_rank, progress)
+    require_iterations(iterations)
+    made = CompiledChain(chain, replace(options, iterations=iterations), generic_rank, progress)
     _ = made.forward_dynamics.calls
     return made
 

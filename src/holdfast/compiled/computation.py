@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import holdfast.questions
 from holdfast.compiled.structure import Options, Structure
@@ -64,19 +66,28 @@ def structure_of(question: Question, chain: ClosedChain, options: Options) -> St
         options.link_wrenches and "forces" in needs,
         base_motion=True,
         further=tuple(name for name in question.optional if name in options.further),
+        iterations=options.iterations if question.iterative else None,
     )
     by_grasp = "grasps" in needs or _by_bushings(question, chain)
     return Structure(chain, own, by_grasp, "links" in needs, "limits" in needs)
 
 
+def iterated(question: Question, options: Options) -> Question:
+    """Return a question with the number of iterations that the options have."""
+    if options.iterations is None:
+        return question
+    compute: Any = question.compute
+    return replace(question, compute=partial(compute, iterations=options.iterations))
+
+
 def computation(question: Question, chain: ClosedChain, options: Options) -> Computation:
     """Return the computation of a question that needs no linear solve with a status."""
     structure = structure_of(question, chain, options)
-    arrays = arrays_of(question, structure)
+    arrays, asked = arrays_of(question, structure), iterated(question, structure.options)
 
     def outputs(x: Given) -> dict[str, Array]:
         traced_one = traced_chain(structure, x)
-        found = question.compute(traced_case(question, traced_one, x))
+        found = asked.compute(traced_case(question, traced_one, x))
         return dict(zip(question.shapes(chain), found, strict=True))
 
     return Computation(

@@ -14,6 +14,7 @@ from holdfast.compiled.computation import (
     Computation,
     arrays_of,
     computation,
+    iterated,
     source_key,
     structure_of,
     traced_case,
@@ -103,16 +104,17 @@ class FunctionRequest(Request):
             self.name + source_key(question),
             structure,
             arrays,
-            lambda: traced(arrays, lambda x: self._outputs(traced_chain(structure, x), x)),
+            lambda: traced(arrays, lambda x: self._outputs(iterated(question, structure.options), structure, x)),
             (*question.inputs, *given),
             tuple(question.by_name(chain)),
             fixed,
         )
 
-    def _outputs(self, chain: ClosedChain, x: Given) -> dict[str, Any]:
+    def _outputs(self, question: Question, structure: Structure, x: Given) -> dict[str, Any]:
         """Return the question's results and their derivatives by running the reference's functions on traced arrays."""
+        case = traced_case(question, traced_chain(structure, x), x)
         with recorded_loops():
-            at = linearised_function(self.question, traced_case(self.question, chain, x), self.arguments)
+            at = linearised_function(question, case, self.arguments)
         return {**at.results, **{f"{FOUND}{name}": of for name, of in self._found(at, x).items()}}
 
     def _found(self, at: LinearisedFunction, x: Given) -> dict[str, Any]:

@@ -225,7 +225,10 @@ class Function(Differentiated):
         found = {name: arrays.floats(name.removeprefix(WITH), x, shapes[name].shape) for name, x in values.items()}
         if self.question.require is not None:
             self.question.require(self.chain, found)
-        return found | parse_parameters(further, self.externals, self.chain) if further else found
+        found |= parse_parameters(further, self.externals, self.chain) if further else {}
+        if self.request is not None and self.question.differentiable is not None:
+            self.question.differentiable(self.name, self.calls.own | found)
+        return found
 
     def results(self, batch: int | None) -> Results:
         """Return new memory for the results of one system, or of a batch."""

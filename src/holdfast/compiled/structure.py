@@ -21,6 +21,7 @@ from holdfast.model.fingerprint import digest_of, exact_fingerprint, fingerprint
 from holdfast.model.grasp import WrenchLimits
 from holdfast.model.grasp_kinds import GraspKind
 
+MOST_SOLVER_ITERATIONS = 100
 OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that exist only on request
 
 
@@ -38,6 +39,7 @@ class Options:
         resolution: whether steps notice that they may not follow the motion (`simulation.resolution`).
         stages: number of stages of a step with given values (`rollout.stage_values`); 0 if a law computes torques.
         further: names of further run-time parameters, of the questions that have them as `optional`.
+        iterations: number of iterations of questions that are `iterative`; None for each one's own.
     """
 
     route: Route = "auto"
@@ -49,6 +51,7 @@ class Options:
     resolution: bool = False
     stages: int = 0
     further: tuple[str, ...] = ()
+    iterations: int | None = None
 
 
 def require_rank(generic_rank: Any, chain: ClosedChain, what: str) -> None:
@@ -57,12 +60,28 @@ def require_rank(generic_rank: Any, chain: ClosedChain, what: str) -> None:
     Raises:
         StateError: naming what could be one.
     """
-    whole = isinstance(generic_rank, int | np.integer) and not isinstance(generic_rank, bool)
-    if generic_rank is not None and not (whole and 0 <= generic_rank <= chain.constraint_row_count):
+    if not _whole_or_none(generic_rank, 0, chain.constraint_row_count):
         raise StateError(
             f"{what}: generic_rank: expected an integer from 0 to {chain.constraint_row_count}, the rows of the"
             f" grasps, or None, got {checks.short(generic_rank)}"
         )
+
+
+def require_iterations(iterations: Any) -> None:
+    """Refuse what is no number of iterations.
+
+    Raises:
+        StateError: naming what could be one.
+    """
+    if not _whole_or_none(iterations, 1, MOST_SOLVER_ITERATIONS):
+        raise StateError(
+            f"compile: iterations: expected an integer from 1 to {MOST_SOLVER_ITERATIONS}, or None, got"
+            f" {checks.short(iterations)}"
+        )
+
+
+def _whole_or_none(x: Any, least: int, most: int) -> bool:
+    return x is None or (isinstance(x, int | np.integer) and not isinstance(x, bool) and least <= int(x) <= most)
 
 
 def optional_parameters(

@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.constraint import free_wrenches
 from holdfast.errors import StateError
 from holdfast.forces.acceleration_map import (
     AccelerationMap,
@@ -21,12 +22,16 @@ from holdfast.forces.acceleration_map import (
 )
 from holdfast.forces.certificate import Certificate, certificate, kept
 from holdfast.forces.cone_solver import Verdict
+from holdfast.forces.elastic_distribution import DISTRIBUTE
 from holdfast.forces.limit_rows import Limit, limit_rows
 from holdfast.forces.limits import Distribution, ForceCost, ForceLimits
 from holdfast.forces.margins import grasp_margins
 from holdfast.forces.programmes import Costs, Form, Posed, Solved, answer, at_value, costs, posed
+from holdfast.forces.smooth_distribution import smooth_parameters, smooth_solution
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.case import VariedCase
+from holdfast.questions.derivatives import asked, asked_case, attach
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -74,6 +79,7 @@ class ForceQuestion(NamedTuple):
         return at_value(form, extra, self.found, self.limits, self.costs, v1=self.v1)
 
 
+@asked
 @np.errstate(all="ignore")  # what overflows is refused
 def distribute(
     chain: ClosedChain,
@@ -91,9 +97,9 @@ def distribute(
     minimise cost(tau, lambda, qdd) + price v + v^2 / 2 subject to the equations of motion of the whole chain, and
     every limit gives way by v >= 0 times its weight. v is 0 wherever the limits can be kept. The torques exist for
     every acceleration that the arms can give, are unique, and depend continuously on the state. Redundant joints and a
-    trunk move as the cost prefers. `forward_dynamics` with the torques returns the accelerations and the wrenches.
-    Forces that no joint feels are the smallest, as there; `margin_range` bounds the others. The torques do not include
-    joint friction. A convex programme, some 12 steps of O(n^3).
+    trunk move as the cost prefers. `forward_dynamics` with the torques returns the accelerations and the wrenches,
+    unless the configuration is singular. Forces that no joint feels are the smallest, as there; `Distribution.unfelt`
+    counts them. The torques do not include joint friction. A convex programme, some 12 steps of O(n^3).
 
     Args:
         chain: the chain.
@@ -111,6 +117,7 @@ def distribute(
     Raises:
         StateError: a shape is wrong, or the arms cannot give the object this acceleration.
         ModelError: a limit names no joint or grasp of the chain.
+        MethodNotApplicable: with `cost.barrier`, something is asked that machine code is not.
 
     Reference:
         S. Boyd, B. Wegbreit, Fast computation of optimal contact forces, IEEE Transactions on Robotics, 2007.
@@ -122,8 +129,12 @@ def distribute(
     if form == "margin":
         _exactly_asked(cost, "a largest margin")
     question = force_question(chain, state, acceleration, task, cost, limits, inputs)
+    if cost is not None and cost.barrier:
+        given: dict[str, Any] = {"chain": chain, "state": state, "acceleration": acceleration, "task": task}
+        given |= {"cost": cost, "limits": limits, "inputs": inputs, "form": form}
+        return _smooth(question, asked_case(DISTRIBUTE, given, smooth_parameters))
     if form == "elastic":
-        return _elastic(question, (cost or ForceCost()).price)
+        return elastic(question, (cost or ForceCost()).price)
     return distribution(question, form)
 
 
@@ -246,15 +257,19 @@ def force_question(
 
 
 def _exactly_asked(cost: ForceCost | None, what: str) -> None:
-    """Refuse a cost of the distance from what is asked where only limits count.
+    """Refuse a cost of the distance from what is asked, and a barrier, where only limits count.
 
     Raises:
         StateError: there is one.
     """
-    if isinstance(cost, ForceCost) and cost.task is not None:
+    if not isinstance(cost, ForceCost):
+        return
+    if cost.task is not None:
         raise StateError(
             f"cost: task: expected None, got {cost.task:g}: {what} is that of an acceleration kept exactly"
         )
+    if cost.barrier:
+        raise StateError(f"cost: barrier: expected 0, got {cost.barrier:g}: {what} lies on the limits")
 
 
 def _with_limits(
@@ -270,7 +285,7 @@ def _with_limits(
     return ForceQuestion(state, found, rows, costs(found, cost or ForceCost(), asked))
 
 
-def _elastic(question: ForceQuestion, price: float) -> Distribution:
+def elastic(question: ForceQuestion, price: float) -> Distribution:
     """Return the elastic distribution; if it passes limits that could be kept, at a price that keeps them."""
     done = question.asked("elastic", price)
     if done.extra <= KEPT:
@@ -288,6 +303,14 @@ def _elastic(question: ForceQuestion, price: float) -> Distribution:
         done = hard if hard.verdict is Verdict.OPTIMAL else done
     inside = done.extra <= KEPT
     return _described(question, done, 0.0 if inside else done.extra, None, status=None if inside else "undecided")
+
+
+def _smooth(question: ForceQuestion, case: VariedCase) -> Distribution:
+    """Return the elastic distribution at a barrier, and the certificate where limits conflict."""
+    done, proven = smooth_solution(case, question.found, question.limits, question.costs), None
+    if done.extra > KEPT and (least := question.asked("violation")).extra > KEPT:
+        proven = proof(question, least)
+    return _described(question, done, done.extra, proven)
 
 
 def distribution(question: ForceQuestion, form: Form) -> Distribution:
@@ -336,12 +359,13 @@ def _described(
     prices = _prices(question.limits, done.parts, found.force)
     status = status or ("infeasible" if proof is not None else done.verdict.value)
     why = kept(prices, {limit.name: limit.unit for limit in question.limits})
-    if proof is not None:
-        why = proof.words
-    elif status == "unbounded":
-        why = "no limit bounds the value"
-    elif status == "undecided":
-        why = f"rounding hides whether the limits can be kept (residual {done.residual:.1g})"
+    if violation > KEPT:  # at a barrier; otherwise the price is raised
+        why = "limits give way, but could be kept: try a higher price, or a smaller barrier"
+    words = {"unbounded": "no limit bounds the value"}
+    words |= {"undecided": f"rounding hides whether the limits can be kept (residual {done.residual:.1g})"}
+    why = words.get(status, why) if proof is None else proof.words
+    unfelt = free_wrenches(found.motion, found.length).shape[1]
+    why += f"; forces that no joint feels ({unfelt}) are taken as the smallest" if unfelt else ""
     return Distribution(
         found.T @ v + found.t,
         v[found.qdd],
@@ -356,6 +380,7 @@ def _described(
         why,
         proof,
         done.residual,
+        unfelt,
     )
 
 
@@ -367,3 +392,6 @@ def _prices(limits: Sequence[Limit], parts: Sequence[Array], force: float) -> di
         if part[0] > max(rounding, ROUNDING):
             prices[limit.name] += float(part[0]) / (limit.weight * force)
     return prices
+
+
+attach(DISTRIBUTE, distribute, smooth_parameters)

@@ -12,16 +12,20 @@ The matrix is symmetric. With (p, n, p_v) its solution for cotangents (x_bar, 0,
 
     P_bar = -p x',   c_bar = -p,   G_bar = -(z p' + r x'),   h_bar = r,   E_bar = -(nu p' + n x'),   e_bar = n,
     rho_bar = -p_v,   mu_bar = (p_v (B' z + z_v) - p' G' z) / mu
+
+At mu = 0 there is no derivative where a limit becomes active, and elsewhere the last iterate does not have it: it is on
+no central path, and the scaling of an active cone is off by as much as s o z is from a multiple of [1, 0, ..]. What is
+returned then is NaN.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.errors import MethodNotApplicable
+from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces.elastic_programme import (
     ITERATIONS,
     Border,
@@ -33,7 +37,7 @@ from holdfast.forces.elastic_programme import (
 )
 from holdfast.forces.programme_block import Block, BlockFactors, BlockPoint, Cone, Ends, factorised, total
 from holdfast.spatial.differentiation import by_rule_below, is_recorded
-from holdfast.spatial.scalar import Array, Scalar, concatenate, each, reciprocal
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each, reciprocal, where
 from holdfast.spatial.vector import outer
 
 _ARRAYS = 6  # of a block, besides its cones
@@ -66,6 +70,7 @@ class CentralPointRule(NamedTuple):
         border: the equations that these leave.
         stiffness: of v, without the blocks.
         prices: B' z + z_v.
+        smooth: 1 at mu > 0, NaN at mu = 0.
     """
 
     blocks: list[Block]
@@ -75,6 +80,7 @@ class CentralPointRule(NamedTuple):
     border: Border
     stiffness: Scalar
     prices: Scalar
+    smooth: Scalar
 
     def rates(self, *rates: Any) -> list[Array]:
         """Return the rates of x of every block, and of v, for rates of the numbers."""
@@ -147,7 +153,7 @@ class CentralPointRule(NamedTuple):
             return b + block.pull(pulls, of_cones), total(pulls) + total(x[0] for x in of_cones)
 
         found = each(pulled, self.blocks, self.at.points, self.of, right, shifts)
-        of_v = of_v - total(price for _, price in found)
+        of_v = self.smooth * (of_v - total(price for _, price in found))
         steps, dv, nu = direction(self.blocks, self.of, self.border, [x for x, _ in found], missing, of_v)
 
         def with_multipliers(at: BlockPoint, f: BlockFactors, ends: Ends, shift: OfLimits) -> BlockStep:
@@ -158,13 +164,14 @@ class CentralPointRule(NamedTuple):
         return CentralChange(each(with_multipliers, self.at.points, self.of, steps, shifts), dv, nu)
 
 
-def rule_at(blocks: Sequence[Block], found: Distributed) -> CentralPointRule:
-    """Return the rule at a central point."""
+def rule_at(blocks: Sequence[Block], found: Distributed, barrier: Scalar) -> CentralPointRule:
+    """Return the rule at the central point of mu."""
     imposed = [block.with_rows(found.used) for block in blocks]
     last, of = found.last, each(factorised, imposed, found.last.points)
     stiffness = 1.0 + last.z * reciprocal(last.v)
     border, prices = border_of(of, stiffness, found.used), last.z + total(f.price for f in of)
-    return CentralPointRule(imposed, last, found.used, of, border, stiffness, prices)
+    smooth = where(barrier > 0.0, 1.0, np.nan)
+    return CentralPointRule(imposed, last, found.used, of, border, stiffness, prices, smooth)
 
 
 def central_point(
@@ -188,10 +195,29 @@ def central_point(
         own, rows, cost, mu = taken(blocks, numbers)
         found = solve(own, rows, cost[()], iterations, mu[()])
         at.append(found)
-        return [*found.x, np.asarray(found.v)], rule_at(own, found)
+        return [*found.x, np.asarray(found.v)], rule_at(own, found, mu[()])
 
     *x, v = by_rule_below(made, *given)
     return at[0]._replace(x=x, v=v[()])
+
+
+def require_barrier(what: str, given: Mapping[str, Array]) -> None:
+    """Refuse derivatives of a distribution without a barrier.
+
+    Args:
+        what: what is asked, for the message.
+        given: the parameters of one system or a batch, among them `barrier`.
+
+    Raises:
+        StateError: mu is not above 0.
+    """
+    least = float(np.min(given["barrier"], initial=np.inf))
+    if not least > 0.0:
+        raise StateError(
+            f"{what}: barrier: expected one above 0, got {least:g}: torques within limits have a kink where a limit"
+            " becomes active, and no derivative there. Try barrier=1e-5 (`ForceCost.barrier`), the same in the calls"
+            " whose derivatives these are"
+        )
 
 
 def numbers_of(blocks: Sequence[Block], e: Array, price: Scalar, barrier: Scalar) -> list[Array]:

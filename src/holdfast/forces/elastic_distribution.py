@@ -26,7 +26,7 @@ from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces.acceleration_map import SMALLEST_FORCE_SCALE, asked_rows
 from holdfast.forces.arm_block import FARTHEST, NO_LIMIT, Weights, arm_answer, arm_block, of_arm, per_torque
 from holdfast.forces.block_columns import BlockColumn, block_column
-from holdfast.forces.elastic_derivatives import central_point
+from holdfast.forces.elastic_derivatives import central_point, require_barrier
 from holdfast.forces.elastic_programme import ITERATIONS
 from holdfast.forces.limit_rows import acceleration_ranges
 from holdfast.forces.limits import ForceCost, ForceLimits
@@ -260,6 +260,7 @@ def distribution_parameters(
             raise MethodNotApplicable(f"distribute: task: machine code takes up to six rows, got {len(rows)}")
         found[TASK] = np.concatenate([rows, np.zeros((6 - len(rows), 6))])
     found |= {"effort_weight": cost.effort_weights(chain), "price": np.array(cost.price)}
+    found["barrier"] = np.array(cost.barrier)
     found |= {"wrench_weight": np.array(cost.wrench), "acceleration_weight": np.array(cost.acceleration)}
     for name, x in (("wish", cost.wish), ("wished_qdd", cost.joint_acceleration)):
         if x is not None:
@@ -289,12 +290,14 @@ DISTRIBUTE = declare(
             *("grasp_R", "grasp_p", LIMITS, CONTACTS, *DISTRIBUTED),
         ),
         optional=(ACCELERATION_LIMITS, TASK, TASK_WEIGHT),
+        iterative=True,
         arguments=(
             *(*STATE, "acceleration", *(name for name in ARGUMENTS if name not in (*STATE, "tau")), *DISTRIBUTED),
             *(*TRUNK_LINKS, "trunk_link_wrench", *FLOATING, *TRUNK_BASE_MOTION),
         ),
         by=(*STATE, "acceleration"),
         depends_on=("grasps", "links", "forces", "bushings", "limits"),
+        differentiable=require_barrier,
         returns="ElasticDistribution",
         shown=lambda chain: lambda found: ElasticDistribution(**found),
     ),

@@ -104,6 +104,9 @@ class ForceCost(Frozen):
         task: weight of the object's distance from what is asked of it, S alpha = s, which then gives way to the limits,
             > 0 [s^2/rad or s^2/m]; None asks for it exactly.
         price: cost of passing the limits by F0 (`distribute`).
+        barrier: slack times multiplier of every limit in the answer of `distribute`. With a positive one, such as 1e-5,
+            torques change smoothly with the state also where a limit becomes active, and have derivatives; they cost
+            more than the least by at most this for each condition. 0 for the least cost.
     """
 
     effort: OptionalArrayField = NOT_GIVEN
@@ -113,11 +116,13 @@ class ForceCost(Frozen):
     joint_acceleration: OptionalArrayField = NOT_GIVEN
     task: float | None = None
     price: float = 1e3
+    barrier: float = 0.0
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         for name in ("wrench", "acceleration", "price"):
             put(self, name, checks.number(getattr(self, name), f"cost: {name}", above=0.0))
+        put(self, "barrier", checks.number(self.barrier, "cost: barrier", at_least=0.0))
         if self.task is not None:
             put(self, "task", checks.number(self.task, "cost: task", above=0.0))
         for name in ("effort", "wish", "joint_acceleration"):
@@ -160,7 +165,10 @@ class Distribution(Frozen):
         value: the cost; or what a report asks for: the largest margin [N], least peak, or largest share.
         why: the reason in words.
         certificate: the proof that no torques keep the limits; None unless the status is "infeasible".
-        residual: largest relative residual of the optimality conditions.
+        residual: largest relative residual of the optimality conditions; with a barrier also what that costs.
+        unfelt: number of independent forces that no joint feels. The torques do not decide them: wrenches and margins
+            are those of the smallest, and `margin_range` bounds the others. In a singular configuration there are more
+            of them than nearby; `forward_dynamics` and `diagnose` tell.
     """
 
     tau: Array
@@ -176,6 +184,7 @@ class Distribution(Frozen):
     why: str
     certificate: Certificate | None
     residual: float
+    unfelt: int = 0
 
     def __repr__(self) -> str:
         """Return the status, the margin and the reason."""

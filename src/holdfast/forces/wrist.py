@@ -106,5 +106,5 @@ WRISTS = declare(
         parts=lambda chain, _: [ResultPart(slice(6 * row, 6 * row + 6), row) for row in range(len(chain.arms))],
     ),
     wrist_wrenches,
-    own=lambda result: {"grasp_wrench": result.grasp_wrench},
+    own=lambda result, **_: {"grasp_wrench": result.grasp_wrench},
 )  # fmt: skip

@@ -17,7 +17,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import wrong_call
-from holdfast.questions.arrays import ARRAYS, CONTACTS, LIMITS, Shape, gradient_shapes, value_of
+from holdfast.questions.arrays import ARRAYS, Shape, gradient_shapes, value_of
 from holdfast.questions.case import VariedCase
 from holdfast.questions.linearised_function import LinearisedFunction, linearised_function
 from holdfast.questions.question import QUESTIONS, Question
@@ -102,17 +102,18 @@ def declare(
     Args:
         question: the question.
         function: that function; None if only machine code answers the question.
-        own: returns the arrays that the question is given besides chain, state and inputs, of the function's further
-            arguments by name; by default those of the same names.
+        own: returns the arrays that the question is given besides chain, state and inputs, of the function's arguments
+            by name; by default those of the same names.
     """
     assert question.name not in QUESTIONS, f"a second question of the name {question.name}"
     QUESTIONS[question.name] = question
     if function is not None:
-        _attach(question, function, own)
+        attach(question, function, own)
     return question
 
 
-def _attach(question: Question, function: Asked[..., Any], own: Callable[..., Mapping[str, ArrayLike]] | None) -> None:
+def attach(question: Question, function: Asked[..., Any], own: Callable[..., Mapping[str, ArrayLike]] | None) -> None:
+    """Give the function that answers a question on floats its derivatives; arguments as in `declare`."""
     signature = inspect.signature(function)
 
     along = inspect.Parameter("along", inspect.Parameter.KEYWORD_ONLY)
@@ -121,7 +122,7 @@ def _attach(question: Question, function: Asked[..., Any], own: Callable[..., Ma
     def case(called: dict[str, Any]) -> tuple[VariedCase, Any]:
         with np.errstate(all="ignore"):
             result = function(**called)
-        return _case(question, called, own), result
+        return asked_case(question, called, own), result
 
     def vjp(*given: Any, by: Sequence[str] = question.by, **more: Any) -> Derivatives:
         cotangents = {name: more.pop(name) for name in question.names if name in more}
@@ -190,17 +191,20 @@ def bound_arguments(
     return bound.arguments
 
 
-def _case(
-    question: Question, called: Mapping[str, Any], own: Callable[..., Mapping[str, ArrayLike]] | None
+def asked_case(
+    question: Question, called: Mapping[str, Any], own: Callable[..., Mapping[str, ArrayLike]] | None = None
 ) -> VariedCase:
-    """Return the arguments of a call as a case."""
-    further = {name: x for name, x in called.items() if name not in ("chain", "state", "inputs") and x is not None}
+    """Return the arguments of a call, by name, as a case; see `declare`."""
     chain = called["chain"]
     checks.instance(chain, ClosedChain, "chain")
-    fields = {row.field: name for name, row in ARRAYS.items() if row.field}
-    named = own(**further) if own is not None else {fields.get(name, name): x for name, x in further.items()}
-    arrays = {name: checks.numbers(x, ARRAYS[name].shape(chain), name, StateError) for name, x in named.items()}
-    arrays |= {name: value_of(name, chain) for name in question.parameters if name in (LIMITS, CONTACTS)}
+    if own is None:
+        fields = {row.field: name for name, row in ARRAYS.items() if row.field}
+        further = {name: x for name, x in called.items() if name not in ("chain", "state", "inputs") and x is not None}
+        named = {fields.get(name, name): x for name, x in further.items()}
+    else:
+        named = own(**called)
+    arrays = {name: value_of(name, chain) for name in question.own(chain) if ARRAYS[name].value is not None}
+    arrays |= {name: checks.numbers(x, ARRAYS[name].shape(chain), name, StateError) for name, x in named.items()}
     return VariedCase(chain, called["state"], with_link_wrenches(chain, called.get("inputs")), arrays)
 
 
@@ -273,6 +277,8 @@ def _linear(question: Question, case: VariedCase, by: Sequence[str], what: str) 
         StateError: the question does not have one of the arguments.
     """
     require_names(what, by, question.arguments_at(case.chain))
+    if question.differentiable is not None:
+        question.differentiable(what, case.own)
     return linearised_function(question, case, by)
 
 
@@ -292,6 +298,8 @@ def _found(question: Question, what: str, result: Any, parts: Mapping[Any, Array
 
 def _arrays_of(result: Any) -> list[Any]:
     """Return the arrays of a result, which may be nested in tuples and mappings."""
+    if isinstance(result, Frozen):  # its numbers were checked where it was made
+        return []
     if isinstance(result, Mapping | tuple):
         parts = result.values() if isinstance(result, Mapping) else result
         return [x for part in parts for x in _arrays_of(part)]

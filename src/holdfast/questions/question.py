@@ -71,6 +71,7 @@ class Question:
         inputs: names of the arrays that compiled calls take, in order.
         parameters: names of the run-time parameters of machine code.
         optional: names of those that exist only on request.
+        iterative: whether `compute` takes the number of its iterations, `iterations`.
         arguments: names of all arrays by which it can be differentiated, for any chain; none if it cannot.
         by: those by which it is differentiated unless others are requested.
         of: the results whose Jacobian is returned unless others are requested; all if there are none here.
@@ -86,6 +87,8 @@ class Question:
         restricted: returns a case in which arguments on which the answer does not depend are constants; it is what is
             differentiated.
         require: refuses inputs, of one system or a batch, that the question does not admit; None if it admits all.
+        differentiable: refuses parameters, of one system or a batch, at which there are no derivatives; it takes what
+            is asked, for the message. None if there always are some.
         settle: takes the given inputs and the results with the arrays of `feasibility`, of one system or a batch;
             returns the results, and raises a StateError or writes NaN where there is no answer.
         returns: the type of that, for type checkers and documentation.
@@ -99,6 +102,7 @@ class Question:
     inputs: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
+    iterative: bool = False
     arguments: tuple[str, ...] = ()
     by: tuple[str, ...] = ()
     of: tuple[str, ...] = ()
@@ -109,6 +113,7 @@ class Question:
     feasibility: Callable[[ClosedChain], Mapping[str, Shape]] = lambda chain: {}
     restricted: Callable[[VariedCase], VariedCase] = lambda case: case
     require: Callable[[ClosedChain, Found], None] | None = None
+    differentiable: Callable[[str, Found], None] | None = None
     settle: Callable[[ClosedChain, Found, Found], Found] = _settled
     returns: str = "Array"
     shown: Callable[[ClosedChain], Show] = _first

@@ -148,7 +148,8 @@ class Tape:
             step by step. `result` contains the systems at the end.
 
         Raises:
-            StateError: a name or shape is wrong, or a cotangent belongs to a system that never took a step.
+            StateError: a name or shape is wrong, a cotangent belongs to a system that never took a step, or no system
+                has gradients that are numbers.
             MethodNotApplicable: a cotangent belongs to forces that are not unique.
         """
         chain, law = self.rollout.chain, self.rollout.law
@@ -211,6 +212,13 @@ class Tape:
                 f" system {idle[0]}, which took none; try zeros for it"
             )
         self._through_start(cotangents, totals, parameters, threads)
+        found = (*totals.values(), *cotangents.values())
+        if all(any(np.isnan(x[i]).any() for x in found) for i in range(count)):
+            raise StateError(
+                "tape: vjp: expected a law and a motion with derivatives, got gradients that are not numbers. A law"
+                " within limits has kinks without a barrier: try cooperative_law(..., cost=ForceCost(barrier=1e-5));"
+                " otherwise they overflow: try fewer steps"
+            )
         whole = totals | stepwise | {name: cotangents[name] for name in carried}
         return Derivatives(self.systems, {name: whole[key] for name, key in by.items()})
 
