@@ -1,0 +1,168 @@
+"""The controllers of a scene: their tables and keys, and those of the parts, limits and costs that laws consist of."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from holdfast.scenario.table import ZEROS, Numbers, PoseTable, Table, Triple
+
+PerGrasp = float | dict[str, float] | None
+
+
+class LimitsTable(Table):
+    """The limits that a law keeps, those of `ForceLimits`; `joint_limits` are of positions and rates at samples."""
+
+    effort: float = 1.0
+    least_margin: PerGrasp = None
+    least_normal: PerGrasp = None
+    most_normal: PerGrasp = None
+    acceleration: dict[str, tuple[float, float]] = {}
+    joint_limits: bool = False
+    braking: float = 10.0
+
+
+class FastestTable(LimitsTable, kw_only=True):
+    """The limits within which a path is timed to be the fastest, see `time_path`."""
+
+    nodes: int = 41
+
+
+class CostTable(Table):
+    """The cost of torques within limits, that of `ForceCost`; the wishes are those of the law's other parts."""
+
+    effort: list[float] | None = None
+    wrench: float = 0.01
+    acceleration: float = 1.0
+    price: float = 1e3
+
+
+class ViaTable(PoseTable, kw_only=True):
+    """A world pose through which the object passes at time `t`."""
+
+    t: float
+
+
+class PathTable(Table):
+    """A smooth rest-to-rest motion of the object: a displacement and a rotation, or `through` poses; world axes.
+
+    With `fastest`, it is timed anew: `duration` and the times of poses then only say which way it takes.
+    """
+
+    duration: float | None = None
+    displacement: Triple = ZEROS
+    turn: Triple = ZEROS
+    through: list[ViaTable] | None = None
+    begin: float = 0.0
+    fastest: FastestTable | None = None
+
+
+class GravityCompensationTable(Table, tag_field="type", tag="gravity_compensation"):
+    """Balance gravity."""
+
+    internal_force: float = 0.0
+    joint_damping: float = 0.0
+
+
+class ObjectTrackingTable(Table, tag_field="type", tag="object_tracking"):
+    """Move the object along a path by computed torque."""
+
+    path: PathTable
+    internal_force: float = 0.0
+    stiffness: float = 100.0
+    damping: float = 20.0
+    joint_damping: float = 10.0
+
+
+class ObjectImpedanceTable(Table, tag_field="type", tag="object_impedance"):
+    """A mass, a spring and a damper between the object and its path."""
+
+    path: PathTable
+    stiffness: Numbers
+    damping: Numbers
+    inertia: Numbers | None = None
+
+
+class InternalForceTable(Table, tag_field="type", tag="internal_force"):
+    """A push of every arm, or one for each, or wrenches along contact axes."""
+
+    force: Numbers = 0.0
+
+
+class LoadShareTable(Table, tag_field="type", tag="load_share"):
+    """Shares of the load by arm, by default according to the reserve of the drives."""
+
+    shares: dict[str, float] | None = None
+    force: float = 0.0
+
+
+class RampedForcesTable(Table, tag_field="type", tag="ramped_forces"):
+    """Forces that pass from one wish to another."""
+
+    before: Wish
+    after: Wish
+    begin: float = 0.0
+    duration: float = 1.0
+
+
+class InternalImpedanceTable(Table, tag_field="type", tag="internal_impedance"):
+    """Springs and dampers between the tips and where the model has them."""
+
+    stiffness: Numbers
+    damping: Numbers
+    around: Wish | None = None
+
+
+class HybridForceTable(Table, tag_field="type", tag="hybrid_force"):
+    """The integral of the internal force's error; it is measured on the scene's own chain at the samples."""
+
+    gain: float
+    around: Wish | None = None
+    limit: float | None = None
+    late: bool = False
+
+
+Wish = InternalForceTable | LoadShareTable | RampedForcesTable | InternalImpedanceTable | HybridForceTable
+
+
+class PostureTable(Table):
+    """A posture for what the object leaves free, see `PostureControl`; "start" is the initial one."""
+
+    rest: list[float] | Literal["start"] | None = None
+    frequency: float = 5.0
+    clearance: float = 0.0
+
+
+class ObserverTable(Table):
+    """An observer of the push on the object, see `observed`."""
+
+    gain: float
+    threshold: float = 10.0
+    release: float = 0.5
+
+
+class CooperativeLawTable(Table, tag_field="type", tag="cooperative_law"):
+    """A law of an object motion, grasp forces and a null motion; with `limits`, within these."""
+
+    motion: ObjectImpedanceTable
+    forces: Wish | None = None
+    posture: PostureTable | None = None
+    limits: LimitsTable | None = None
+    cost: CostTable | None = None
+    observer: ObserverTable | None = None
+
+
+class PieceTable(Table):
+    """Torques from `begin` to the next piece: polynomials c0 + c1 (t - begin) + ..., [c0, c1, ...] for each joint."""
+
+    begin: float
+    torques: list[list[float]]
+
+
+class TorqueScheduleTable(Table, tag_field="type", tag="torque_schedule"):
+    """Torques as given functions of time; they are added to those of the controller `beside`, if there is one."""
+
+    pieces: list[PieceTable]
+    beside: GravityCompensationTable | ObjectTrackingTable | None = None
+
+
+ControllerTable = GravityCompensationTable | ObjectTrackingTable | CooperativeLawTable | TorqueScheduleTable
