@@ -186,7 +186,10 @@ def build_scene(
     _require_velocities(chain, state, at)
     options = build_options(data, chain, at)
     how = data.simulation
-    controller = controllers.controller(data.controller, Controlled(chain, state, how.sample_time), at / "controller")
+    controlled = Controlled(chain, state, how.sample_time)
+    controller = controllers.controller(data.controller, controlled, at / "controller")
+    if how.sample_time is None:
+        options["breakpoints"] += controlled.jumps
     return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options, trunk, data.sweep)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -46,11 +46,13 @@ class Controlled:
         chain: the chain.
         state: its initial state, where paths begin.
         sample_time: that of the simulation; None without one [s].
+        jumps: times at which the controller's torques jump, added to as its parts are made [s].
     """
 
     chain: ClosedChain
     state: State
     sample_time: float | None
+    jumps: list[float] = field(default_factory=list)
 
     def made(self, data: Table, at: Location) -> Any:
         """Return what a table describes.
@@ -181,7 +183,9 @@ def _path(of: Controlled, data: tables.PathTable, at: Location) -> ObjectPath:
     limits = of.made(data.fastest, at / "fastest")
     span = (0.0, path.duration) if isinstance(path, RestToRest) else (0.0, float(path.times[-1]))
     with (at / "fastest").refusals():
-        return time_path(of.chain, of.state, path, limits, span=span, nodes=data.fastest.nodes)
+        timed = time_path(of.chain, of.state, path, limits, span=span, nodes=data.fastest.nodes)
+    of.jumps.extend(timed.t.tolist())  # its acceleration is constant from node to node
+    return timed
 
 
 def _rest_to_rest(state: State, data: tables.PathTable, at: Location) -> RestToRest:
