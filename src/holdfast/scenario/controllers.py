@@ -115,7 +115,7 @@ def _part(
     """Return what makes a part of a law, with the table's keys and more arguments."""
 
     def make(of: Controlled, data: Table, at: Location) -> LawPart:
-        given = of.values(data, at) | ({} if more is None else more(of, at))
+        given = {**of.values(data, at), **({} if more is None else more(of, at))}
         with at.refusals():
             part = kind(**given)
             part.require(of.chain)
