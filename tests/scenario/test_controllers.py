@@ -25,7 +25,7 @@ from holdfast.forces import ForceCost, ForceLimits
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.scenario import controller_tables
 from holdfast.scenario.controllers import MAKERS
-from holdfast.scenario.table import Table
+from holdfast.scenario.table import KeyTable
 from tests.scenario.test_build import changed, loaded, refusal
 
 LIFT = (Path(__file__).parents[2] / "examples" / "box_lift.toml").read_text()
@@ -212,6 +212,6 @@ def test_bad_law_is_refused(case, tmp_path):
 
 def test_every_table_has_a_maker():
     """Each table of controllers and their parts is made by one row, but for those that their own table reads."""
-    tables = {one for one in vars(controller_tables).values() if isinstance(one, type) and issubclass(one, Table)}
-    read = {"Table", "PoseTable", "ViaTable", "PieceTable", "ObserverTable"}
+    tables = {one for one in vars(controller_tables).values() if isinstance(one, type) and issubclass(one, KeyTable)}
+    read = {"KeyTable", "PoseTable", "ViaTable", "PieceTable", "ObserverTable"}
     assert {one.__name__ for one in tables - set(MAKERS)} == read

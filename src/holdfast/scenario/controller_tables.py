@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import Literal
 
-from holdfast.scenario.table import ZEROS, Numbers, PoseTable, Table, Triple
+from holdfast.scenario.table import ZEROS, KeyTable, NumberRows, PoseTable, Triple
 
-PerGrasp = float | dict[str, float] | None
+ByArm = float | dict[str, float] | None
 
 
-class LimitsTable(Table):
+class LimitsTable(KeyTable):
     """The limits that a law keeps, those of `ForceLimits`; `joint_limits` are of positions and rates at samples."""
 
     effort: float = 1.0
-    least_margin: PerGrasp = None
-    least_normal: PerGrasp = None
-    most_normal: PerGrasp = None
+    least_margin: ByArm = None
+    least_normal: ByArm = None
+    most_normal: ByArm = None
     acceleration: dict[str, tuple[float, float]] = {}
     joint_limits: bool = False
     braking: float = 10.0
@@ -27,7 +27,7 @@ class FastestTable(LimitsTable, kw_only=True):
     nodes: int = 41
 
 
-class CostTable(Table):
+class CostTable(KeyTable):
     """The cost of torques within limits, that of `ForceCost`; the wishes are those of the law's other parts."""
 
     effort: list[float] | None = None
@@ -42,7 +42,7 @@ class ViaTable(PoseTable, kw_only=True):
     t: float
 
 
-class PathTable(Table):
+class PathTable(KeyTable):
     """A smooth rest-to-rest motion of the object: a displacement and a rotation, or `through` poses; world axes.
 
     With `fastest`, it is timed anew: `duration` and the times of poses then only say which way it takes.
@@ -56,14 +56,14 @@ class PathTable(Table):
     fastest: FastestTable | None = None
 
 
-class GravityCompensationTable(Table, tag_field="type", tag="gravity_compensation"):
+class GravityCompensationTable(KeyTable, tag_field="type", tag="gravity_compensation"):
     """Balance gravity."""
 
     internal_force: float = 0.0
     joint_damping: float = 0.0
 
 
-class ObjectTrackingTable(Table, tag_field="type", tag="object_tracking"):
+class ObjectTrackingTable(KeyTable, tag_field="type", tag="object_tracking"):
     """Move the object along a path by computed torque."""
 
     path: PathTable
@@ -73,29 +73,29 @@ class ObjectTrackingTable(Table, tag_field="type", tag="object_tracking"):
     joint_damping: float = 10.0
 
 
-class ObjectImpedanceTable(Table, tag_field="type", tag="object_impedance"):
+class ObjectImpedanceTable(KeyTable, tag_field="type", tag="object_impedance"):
     """A mass, a spring and a damper between the object and its path."""
 
     path: PathTable
-    stiffness: Numbers
-    damping: Numbers
-    inertia: Numbers | None = None
+    stiffness: NumberRows
+    damping: NumberRows
+    inertia: NumberRows | None = None
 
 
-class InternalForceTable(Table, tag_field="type", tag="internal_force"):
+class InternalForceTable(KeyTable, tag_field="type", tag="internal_force"):
     """A push of every arm, or one for each, or wrenches along contact axes."""
 
-    force: Numbers = 0.0
+    force: NumberRows = 0.0
 
 
-class LoadShareTable(Table, tag_field="type", tag="load_share"):
+class LoadShareTable(KeyTable, tag_field="type", tag="load_share"):
     """Shares of the load by arm, by default according to the reserve of the drives."""
 
     shares: dict[str, float] | None = None
     force: float = 0.0
 
 
-class RampedForcesTable(Table, tag_field="type", tag="ramped_forces"):
+class RampedForcesTable(KeyTable, tag_field="type", tag="ramped_forces"):
     """Forces that pass from one wish to another."""
 
     before: Wish
@@ -104,15 +104,15 @@ class RampedForcesTable(Table, tag_field="type", tag="ramped_forces"):
     duration: float = 1.0
 
 
-class InternalImpedanceTable(Table, tag_field="type", tag="internal_impedance"):
+class InternalImpedanceTable(KeyTable, tag_field="type", tag="internal_impedance"):
     """Springs and dampers between the tips and where the model has them."""
 
-    stiffness: Numbers
-    damping: Numbers
+    stiffness: NumberRows
+    damping: NumberRows
     around: Wish | None = None
 
 
-class HybridForceTable(Table, tag_field="type", tag="hybrid_force"):
+class HybridForceTable(KeyTable, tag_field="type", tag="hybrid_force"):
     """The integral of the internal force's error; it is measured on the scene's own chain at the samples."""
 
     gain: float
@@ -124,7 +124,7 @@ class HybridForceTable(Table, tag_field="type", tag="hybrid_force"):
 Wish = InternalForceTable | LoadShareTable | RampedForcesTable | InternalImpedanceTable | HybridForceTable
 
 
-class PostureTable(Table):
+class PostureTable(KeyTable):
     """A posture for what the object leaves free, see `PostureControl`; "start" is the initial one."""
 
     rest: list[float] | Literal["start"] | None = None
@@ -132,7 +132,7 @@ class PostureTable(Table):
     clearance: float = 0.0
 
 
-class ObserverTable(Table):
+class ObserverTable(KeyTable):
     """An observer of the push on the object, see `observed`."""
 
     gain: float
@@ -140,7 +140,7 @@ class ObserverTable(Table):
     release: float = 0.5
 
 
-class CooperativeLawTable(Table, tag_field="type", tag="cooperative_law"):
+class CooperativeLawTable(KeyTable, tag_field="type", tag="cooperative_law"):
     """A law of an object motion, grasp forces and a null motion; with `limits`, within these."""
 
     motion: ObjectImpedanceTable
@@ -151,14 +151,14 @@ class CooperativeLawTable(Table, tag_field="type", tag="cooperative_law"):
     observer: ObserverTable | None = None
 
 
-class PieceTable(Table):
+class PieceTable(KeyTable):
     """Torques from `begin` to the next piece: polynomials c0 + c1 (t - begin) + ..., [c0, c1, ...] for each joint."""
 
     begin: float
     torques: list[list[float]]
 
 
-class TorqueScheduleTable(Table, tag_field="type", tag="torque_schedule"):
+class TorqueScheduleTable(KeyTable, tag_field="type", tag="torque_schedule"):
     """Torques as given functions of time; they are added to those of the controller `beside`, if there is one."""
 
     pieces: list[PieceTable]

@@ -31,7 +31,7 @@ from holdfast.io.typed import Location
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.scenario import controller_tables as tables
 from holdfast.scenario.joints import pose
-from holdfast.scenario.table import Table
+from holdfast.scenario.table import KeyTable
 from holdfast.spatial import rotation
 from holdfast.state import State
 
@@ -54,7 +54,7 @@ class Controlled:
     sample_time: float | None
     jumps: list[float] = field(default_factory=list)
 
-    def made(self, data: Table, at: Location) -> Any:
+    def made(self, data: KeyTable, at: Location) -> Any:
         """Return what a table describes.
 
         Raises:
@@ -62,11 +62,13 @@ class Controlled:
         """
         return MAKERS[type(data)](self, data, at)
 
-    def values(self, data: Table, at: Location, *others: str) -> dict[str, Any]:
+    def values(self, data: KeyTable, at: Location, *others: str) -> dict[str, Any]:
         """Return what a table's keys describe by name, without those that are not given and the named others."""
         given = {name: getattr(data, name) for name in data.__struct_fields__ if name not in others}
         return {
-            name: self.made(x, at / name) if isinstance(x, Table) else x for name, x in given.items() if x is not None
+            name: self.made(x, at / name) if isinstance(x, KeyTable) else x
+            for name, x in given.items()
+            if x is not None
         }
 
     def sampled_with(self, at: Location, why: str) -> float:
@@ -97,7 +99,7 @@ Make = Callable[[Controlled, Any, Location], Any]
 def _of_chain(kind: Callable[..., Controller]) -> Make:
     """Return what makes a controller of a chain, whose gains must not be negative."""
 
-    def make(of: Controlled, data: Table, at: Location) -> Controller:
+    def make(of: Controlled, data: KeyTable, at: Location) -> Controller:
         for key, x in ((key, getattr(data, key)) for key in data.__struct_fields__):
             if isinstance(x, float | int) and x < 0:
                 raise (at / key).refuse(f"expected >= 0, got {x:g}")
@@ -114,7 +116,7 @@ def _part(
 ) -> Make:
     """Return what makes a part of a law, with the table's keys and more arguments."""
 
-    def make(of: Controlled, data: Table, at: Location) -> LawPart:
+    def make(of: Controlled, data: KeyTable, at: Location) -> LawPart:
         given = {**of.values(data, at), **({} if more is None else more(of, at))}
         with at.refusals():
             part = kind(**given)
@@ -240,7 +242,7 @@ def _schedule(of: Controlled, data: tables.TorqueScheduleTable, at: Location) ->
         return TorqueSchedule(np.array([piece.begin for piece in data.pieces]), pieces, beside)
 
 
-MAKERS: Mapping[type[Table], Make] = {
+MAKERS: Mapping[type[KeyTable], Make] = {
     tables.GravityCompensationTable: _of_chain(GravityCompensation),
     tables.ObjectTrackingTable: _of_chain(ObjectTracking),
     tables.CooperativeLawTable: _cooperative_law,

@@ -9,13 +9,13 @@ import msgspec
 from holdfast.model.closed_chain import STANDARD_GRAVITY
 from holdfast.model.grasp import GraspName
 from holdfast.scenario.controller_tables import ControllerTable
-from holdfast.scenario.table import ZEROS, Numbers, PoseTable, Quaternion, Table, Triple, Twist
+from holdfast.scenario.table import ZEROS, KeyTable, NumberRows, PoseTable, Quaternion, Triple, Twist
 from holdfast.simulation.adaptive import RTOL
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip
 from holdfast.simulation.run_record import EVERYTHING
 
 
-class SwayTable(Table):
+class SwayTable(KeyTable):
     """Three sine oscillations: a sin(2 pi f t + phase) along or about each world axis."""
 
     amplitude: Triple
@@ -23,7 +23,7 @@ class SwayTable(Table):
     phase: Triple = ZEROS
 
 
-class BaseMotionTable(Table):
+class BaseMotionTable(KeyTable):
     """A base that oscillates about its pose; the amplitude grows smoothly from zero within `smooth_start` seconds.
 
     `shift` is in m; `turn` is in rad: roll, pitch, yaw about the base's origin.
@@ -34,7 +34,7 @@ class BaseMotionTable(Table):
     smooth_start: float = 0.5
 
 
-class _Solid(Table):
+class _Solid(KeyTable):
     """A mass, and a solid of uniform density centred at `com` or the inertia about `com`."""
 
     mass: float
@@ -72,7 +72,7 @@ class JointTable(PoseTable, kw_only=True):
     rest: float = 0.0
 
 
-class UrdfTable(Table):
+class UrdfTable(KeyTable):
     """An arm from a URDF or xacro file, see `load_urdf`; `file` is relative to the scene's folder.
 
     `armature` is the inertia of the drives reflected to their joints [kg m^2 or kg], which URDF cannot express.
@@ -101,7 +101,7 @@ class TrunkUrdfTable(UrdfTable, kw_only=True):
     floating: bool = False
 
 
-class ArmTable(Table):
+class ArmTable(KeyTable):
     """An arm: a built-in robot, a URDF, joints, or an anchor, with its base, its tool and its joint positions.
 
     An arm with a `mount` is mounted on that link of the trunk, and its `base` is in the link's frame. An arm that is
@@ -124,7 +124,7 @@ class ArmTable(Table):
     base_motion: BaseMotionTable | None = None
 
 
-class TrunkTable(Table):
+class TrunkTable(KeyTable):
     """The trunk on which arms are mounted: a built-in robot's name, a URDF, or joints, possibly on a floating body.
 
     `base` is the pose of its base frame. For a floating base this is the initial pose, and `twist` its initial twist.
@@ -152,7 +152,7 @@ class ObjectTable(_Solid, kw_only=True):
     twist: Twist = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class ContactTable(Table):
+class ContactTable(KeyTable):
     """Friction of a unilateral contact."""
 
     mu: float
@@ -160,14 +160,14 @@ class ContactTable(Table):
     half_length: float | None = None
 
 
-class WrenchLimitsTable(Table):
+class WrenchLimitsTable(KeyTable):
     """The largest moment [N m] and force [N] that a grasp can transmit."""
 
     moment: float | None = None
     force: float | None = None
 
 
-class GraspTable(Table):
+class GraspTable(KeyTable):
     """A grasp: its kind, and its contact frame in the object's frame, with z pointing into the object."""
 
     arm: str
@@ -190,14 +190,14 @@ class AttachTable(GraspTable, kw_only=True, tag_field="type", tag="attach"):
     here: bool = False
 
 
-class ReleaseTable(Table, tag_field="type", tag="release"):
+class ReleaseTable(KeyTable, tag_field="type", tag="release"):
     """An arm releases the object at time `t`."""
 
     t: float
     arm: str
 
 
-class SpringEndTable(Table):
+class SpringEndTable(KeyTable):
     """An end of a spring: a point of "world", "object", or a link of an arm or of "trunk", in its frame [m]."""
 
     body: str
@@ -205,7 +205,7 @@ class SpringEndTable(Table):
     link: str | int | None = None
 
 
-class SpringTable(Table):
+class SpringTable(KeyTable):
     """A spring and damper between two points [N/m, m, N s/m]."""
 
     a: SpringEndTable
@@ -215,7 +215,7 @@ class SpringTable(Table):
     damping: float = 0.0
 
 
-class WrenchTable(Table):
+class WrenchTable(KeyTable):
     """An external wrench on the object about its origin, world axes, from `begin` to `end`."""
 
     force: Triple = ZEROS
@@ -224,7 +224,7 @@ class WrenchTable(Table):
     end: float | None = None
 
 
-class SimulationTable(Table):
+class SimulationTable(KeyTable):
     """Duration, step and scheme of the simulation, and the policies for slipping grasps and exceeded limits.
 
     Steps end at `breakpoints`, and in any case at the knots of a schedule, at events, and where wrenches begin or end.
@@ -248,38 +248,38 @@ class SimulationTable(Table):
     every: int = 1
 
 
-class UniformTable(Table, tag_field="type", tag="uniform"):
+class UniformTable(KeyTable, tag_field="type", tag="uniform"):
     """Every number is drawn uniformly between two bounds."""
 
-    low: Numbers
-    high: Numbers
+    low: NumberRows
+    high: NumberRows
 
 
-class NormalTable(Table, tag_field="type", tag="normal"):
+class NormalTable(KeyTable, tag_field="type", tag="normal"):
     """Every number is drawn from a normal distribution."""
 
-    mean: Numbers
-    deviation: Numbers
+    mean: NumberRows
+    deviation: NumberRows
 
 
-class NearPoseTable(Table, tag_field="type", tag="near_pose"):
+class NearPoseTable(KeyTable, tag_field="type", tag="near_pose"):
     """Poses near those in the scene, rotated and shifted by up to `turn` and `shift` along each of their own axes."""
 
     turn: float = 0.0
     shift: float = 0.0
 
 
-class SweepTable(Table):
+class SweepTable(KeyTable):
     """Many runs of the scene by `holdfast sweep`: their number, the varied parameters, and the recorded outputs."""
 
     count: int
-    parameters: dict[str, UniformTable | NormalTable | NearPoseTable | Numbers | Literal["scale"]]
+    parameters: dict[str, UniformTable | NormalTable | NearPoseTable | NumberRows | Literal["scale"]]
     seed: int = 0
     chunk: int = 1000
     outputs: list[str] | None = None
 
 
-class SceneTable(Table):
+class SceneTable(KeyTable):
     """A scene: the arms, their trunk if any, the held object, grasps, a controller, and the simulation settings.
 
     `packages` are the folders of packages by name to which robot files refer, relative to the scene's folder.

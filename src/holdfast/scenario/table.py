@@ -7,15 +7,15 @@ import msgspec
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Twist = tuple[float, float, float, float, float, float]
-Numbers = float | list[float | list[float]]  # one for all, a list, or a matrix
+NumberRows = float | list[float | list[float]]  # one for all, a list, or a matrix
 ZEROS: Triple = (0.0, 0.0, 0.0)
 
 
-class Table(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+class KeyTable(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """Base of all tables; unknown keys are errors."""
 
 
-class PoseTable(Table):
+class PoseTable(KeyTable):
     """A pose: a position, and an attitude as a quaternion (w, x, y, z) or as roll, pitch, yaw."""
 
     position: Triple = ZEROS

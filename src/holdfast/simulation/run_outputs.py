@@ -174,7 +174,8 @@ class RunOutputs:
             ModelError: a rate that is not positive or gives too many moments.
         """
         run, setting = self._run_and_setting()
-        return outer.playback_of_run(setting.chain, run, setting.name, rate, setting.base_motion)
+        chain, motions = setting.chain, setting.base_motion
+        return outer.playback_of_run(chain, run, setting.name, rate, motions, controller=setting.controller)
 
     def _run_and_setting(self) -> tuple[Trajectory, Any]:
         """Return the run and its setting, after checking that they match."""

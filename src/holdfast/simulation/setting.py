@@ -75,6 +75,8 @@ class Setting(Frozen):
         duration: requested duration [s].
         step: requested step [s].
         options: other arguments of `simulate`, as plain data.
+        controller: the controller; None if it is not known, as in the folder of a run from Python, or depends on
+            functions of the user.
     """
 
     chain: ClosedChain
@@ -83,3 +85,4 @@ class Setting(Frozen):
     duration: float = 0.0
     step: float = 0.0
     options: Mapping[str, Any] = field(default_factory=dict)
+    controller: Any = None
