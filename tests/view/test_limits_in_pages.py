@@ -1,6 +1,7 @@
 """A page of a run within limits: bars of what is used of them, and commanded beside actual internal forces."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,16 +18,18 @@ from holdfast.view.playback import playback_of_instant
 from tests.control.two_pandas import rubber_pandas
 from tests.view.test_chain_scene import Notebook
 
+BOX_LIFT = Path(__file__).parents[2] / "examples" / "box_lift.toml"
+
 
 @pytest.fixture(scope="module")
 def within():
-    """The playback of a run at 80 % of the effort and a margin of 2 N, with a weaker wish."""
+    """The playback of a run at 80 % of the effort and a margin of 20 N, with a weaker wish."""
     chain, state = rubber_pandas(0.8)
     path = RestToRest(state.object_frame, displacement=[0, 0, 0.02], duration=0.2)
     motion = ObjectImpedance(path, np.repeat([20.0, 400.0], 3), np.repeat([8.0, 100.0], 3))
-    limits = ForceLimits(effort=0.8, least_margin={"left": 2.0})
+    limits = ForceLimits(effort=0.8, least_margin={"left": 20.0})
     law = cooperative_law(chain, motion, InternalForce(5.0), limits=limits)
-    return hf.simulate(chain, state, law, 0.2, 0.01).playback(50.0)
+    return hf.simulate(chain, state, law, 0.2, 0.01).playback(50.0, controller=law)
 
 
 def test_bars(within):
@@ -37,12 +40,11 @@ def test_bars(within):
     limits = np.array([joint.effort_limit for joint in within.chain.joints_of["right"]])
     shares = 100 * np.abs(within.tau[:, within.chain.joints["right"]] / limits)
     assert np.transpose([bar["values"] for bar in right["bars"][:7]]) == pytest.approx(shares, rel=1e-2, abs=1e-9)
-    for group, i, demanded in ((left, 0, 2.0), (right, 1, 0.0)):
+    for group, i, demanded in ((left, 0, 20.0), (right, 1, 0.0)):
         hold = 0.8 * np.abs(within.wrench[:, i, 3])  # the contacts' normals are along x
         used = 100 * (hold - within.margin[:, i]) / (hold - demanded)
         assert group["bars"][7]["values"] == pytest.approx(used, rel=1e-2)
-    fullest = np.max([group["bars"][7]["values"] for group in (left, right)], axis=0)
-    assert fullest == pytest.approx(np.full(len(within), 100.0), abs=0.2)  # the force is the least
+    assert left["bars"][7]["values"] == pytest.approx([100.0] * len(within), abs=0.2)  # the force is the least
     free = replace(within, limits=None)
     assert [group["allowed"] for group in bars(free)] == [100.0, 100.0]
     assert (np.array(bars(free)[0]["bars"][7]["values"]) < np.array(left["bars"][7]["values"])).all()
@@ -80,8 +82,16 @@ def test_before_a_run_and_after_a_release():
     one = playback_of_instant(evaluate(Environment(chain), law, 0.0, state, None), "still", law)
     assert np.linalg.norm(one.commanded[0, :, 3:], axis=1) == pytest.approx([30.0, 30.0])
     run = hf.simulate(chain, state, law, 0.02, 0.01, events=[hf.Release(0.01, "right")], on_slip="record")
-    frames = run.playback(1e3)
+    frames = run.playback(1e3, controller=law)
     assert np.linalg.norm(frames.commanded[0, 0]) == pytest.approx(30.0)
     assert np.abs(frames.commanded[-1]).max() < 1e-12
-    by_user = hf.simulate(chain, state, lambda t, now, memory: law(t, now, memory), 0.01, 0.01)
-    assert by_user.playback(1e3).commanded is None
+    assert run.playback(1e3).commanded is None
+    assert run.playback(1e3, controller=lambda t, now, memory: law(t, now, memory)).commanded is None
+
+
+def test_of_a_scene(tmp_path, cli):
+    """The folder of a scene's run knows its law."""
+    cli("simulate", BOX_LIFT, "--out", tmp_path / "run", "--set", "simulation.duration=0.01", "--no-plots")
+    shown = hf.load_result(tmp_path / "run").playback(1e3)
+    assert (shown.limits.effort, shown.limits.least_margin) == (0.8, 2.0)
+    assert shown.commanded.shape == shown.internal.shape and not shown.commanded.any()

@@ -75,8 +75,7 @@ class Setting(Frozen):
         duration: requested duration [s].
         step: requested step [s].
         options: other arguments of `simulate`, as plain data.
-        controller: the controller; None if it is not known, as in the folder of a run from Python, or depends on
-            functions of the user.
+        controller: the controller of the scene; None for a run from Python, whose folder does not contain it.
     """
 
     chain: ClosedChain

@@ -29,7 +29,6 @@ from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.progress import of_time, reporting
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
@@ -192,8 +191,7 @@ def simulate(
     options |= {"atol": atol, "largest_drift": limit, "controller": called}
     options |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}
     options |= wanted.options | ({} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay})
-    known = acting if exact_fingerprint(acting) is not None else None
-    setting = Setting(chain, environment.base_motion, name, float(duration), float(step), options, known)
+    setting = Setting(chain, environment.base_motion, name, float(duration), float(step), options)
     doing, begin = f"simulating {name}", f"{duration:g} s in {len(grid) - 1} steps"
     with (
         laws_by_machine_code(chain, calls),
