@@ -43,6 +43,7 @@ from holdfast.control import (
 from holdfast.control.commanded_forces import commanded_internal_wrenches
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, jacobian
 from holdfast.forces import ForceCost, ForceLimits
+from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style
 from holdfast.view.figure_style import BLACK, BLUE, COLUMN, DANGER, INTERNAL_COLOUR, ORANGE
@@ -56,7 +57,7 @@ UP = RestToRest(STATE.object_frame, displacement=[0, 0, 0.1], duration=0.5)
 SOFT = ObjectImpedance(HERE, K, D)
 
 
-def run_of(law: Any, duration: float, **more: Any) -> hf.Trajectory:
+def run_of(law: Any, duration: float, **more: Any) -> Trajectory:
     """Return a run of the two Pandas."""
     return hf.simulate(CHAIN, STATE, law, duration, 0.005, progress=False, **more)
 
@@ -66,12 +67,12 @@ def pushed(force: list[float], begin: float, end: float) -> Callable[[float], hf
     return lambda t: hf.Inputs(object_wrench=np.r_[np.zeros(3), force] if begin <= t < end else np.zeros(6))
 
 
-def moved(run: hf.Trajectory, axis: int = 6) -> Array:
+def moved(run: Trajectory, axis: int = 6) -> Array:
     """Return the box's displacement along an axis [mm]."""
     return 1e3 * (run.object_pose[:, axis] - run.object_pose[0, axis])
 
 
-def pressed(run: hf.Trajectory) -> Array:
+def pressed(run: Trajectory) -> Array:
     """Return the internal force of each arm, (samples, arms) [N]."""
     return np.linalg.norm(run.internal_wrench[..., 3:], axis=2)
 
@@ -208,15 +209,12 @@ def fastest_path(panel: Any) -> None:
     chain, state = rubber_pandas(0.8)
     path, limits = RestToRest(state.object_frame, displacement=[0, 0, 0.2]), ForceLimits(0.5, 2.0)
     timed = hf.time_path(chain, state, path, limits, nodes=21)
-    most, duration = 1.0, timed.duration
+    smooth, most = replace(path, duration=timed.duration), 1.0
     while most > 0.5:
-        duration *= 1.05
-        smooth = replace(path, duration=duration)
-        most = max(_least_peak(chain, state, smooth, float(t)) for t in np.linspace(0.0, duration, 15))
-    for one, end, colour, line, label in (
-        (timed, timed.duration, BLUE, "-", "fastest"),
-        (smooth, duration, ORANGE, "--", "smooth"),
-    ):
+        smooth = replace(smooth, duration=1.05 * smooth.duration)
+        most = max(_least_peak(chain, state, smooth, float(t)) for t in np.linspace(0.0, smooth.duration, 15))
+    for one, colour, line, label in ((timed, BLUE, "-", "fastest"), (smooth, ORANGE, "--", "smooth")):
+        end = one.duration
         t = np.linspace(0.0, end, 200)
         panel.plot(t, [one.at(float(x)).twist[5] for x in t], line, color=colour, label=f"{label}, {end:.2f} s")
     panel.set(xlabel="time [s]", ylabel="speed of the box [m/s]", ylim=(0, None))

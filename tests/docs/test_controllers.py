@@ -2,8 +2,9 @@
 
 import re
 
-import holdfast.control as control
 from benchmarks.controller_pictures import FOLDER, PICTURES
+
+import holdfast.control as control
 from holdfast.control.law_parts import LawPart
 from holdfast.scenario import controller_tables
 from holdfast.scenario.table import KeyTable

@@ -114,6 +114,7 @@ class Playback:
     def _hold(self, name: str) -> Array:
         """Return mu f_n of an arm's contact, (frames,) [N]."""
         i, grasp = self.chain.names.index(name), self.chain.grasps[name]
+        assert grasp.contact is not None
         normals = np.array([rotation.from_quaternion(pose[:4]) @ grasp.frame.R[:, 2] for pose in self.object_pose])
         return grasp.contact.mu * np.sum(normals * self.wrench[:, i, 3:], axis=1)
 
@@ -218,9 +219,8 @@ def playback_of_instant(at: Instant, title: str, controller: Any = None) -> Play
     commanded = None
     if commands_forces(controller):
         commanded = commanded_internal_wrenches(controller, at.t, state)[None]
-    return Playback(
-        chain, title, *(np.array([part]) for part in parts), surfaces, notes, commanded, limits_kept(controller)
-    )
+    drawn = Playback(chain, title, *(np.array([part]) for part in parts), visuals=surfaces, notes=notes)
+    return replace(drawn, commanded=commanded, limits=limits_kept(controller))
 
 
 def _surfaces(chain: ClosedChain, visuals: DrawnSurfaces | None) -> tuple[DrawnSurfaces, tuple[str, ...]]:
