@@ -129,7 +129,7 @@ def test_fastest_path(tmp_path):
     scene = loaded(tmp_path, text)
     timed = scene.controller.torque.motion.path.__self__
     assert isinstance(timed, TimedPath) and 0.37 < timed.duration < 0.4
-    assert scene.options["breakpoints"] == timed.t.tolist()
+    assert scene.controller.breakpoints == tuple(timed.t)
     run = hf.simulate(scene.chain, scene.state, scene.controller, scene.duration, scene.step, **scene.options)
     assert run.stopped is None
     assert run.object_pose[-1, 6] == pytest.approx(0.72, abs=1e-4)
@@ -213,5 +213,5 @@ def test_bad_law_is_refused(case, tmp_path):
 def test_every_table_has_a_maker():
     """Each table of controllers and their parts is made by one row, but for those that their own table reads."""
     tables = {one for one in vars(controller_tables).values() if isinstance(one, type) and issubclass(one, KeyTable)}
-    read = {"KeyTable", "PoseTable", "ViaTable", "PieceTable", "ObserverTable"}
+    read = {"KeyTable", "_Limits", "PoseTable", "ViaTable", "PieceTable", "ObserverTable"}
     assert {one.__name__ for one in tables - set(MAKERS)} == read

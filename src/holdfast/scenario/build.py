@@ -188,8 +188,6 @@ def build_scene(
     how = data.simulation
     controlled = Controlled(chain, state, how.sample_time)
     controller = controllers.controller(data.controller, controlled, at / "controller")
-    if how.sample_time is None:
-        options["breakpoints"] += controlled.jumps
     return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options, trunk, data.sweep)
 
 

@@ -9,19 +9,24 @@ from holdfast.scenario.table import ZEROS, KeyTable, NumberRows, PoseTable, Trip
 ByArm = float | dict[str, float] | None
 
 
-class LimitsTable(KeyTable):
-    """The limits that a law keeps, those of `ForceLimits`; `joint_limits` are of positions and rates at samples."""
+class _Limits(KeyTable):
+    """The limits of forces and accelerations, those of `ForceLimits`."""
 
     effort: float = 1.0
     least_margin: ByArm = None
     least_normal: ByArm = None
     most_normal: ByArm = None
     acceleration: dict[str, tuple[float, float]] = {}
+
+
+class LimitsTable(_Limits):
+    """The limits that a law keeps; with `joint_limits`, those of positions and rates, too, from sample to sample."""
+
     joint_limits: bool = False
     braking: float = 10.0
 
 
-class FastestTable(LimitsTable, kw_only=True):
+class FastestTable(_Limits):
     """The limits within which a path is timed to be the fastest, see `time_path`."""
 
     nodes: int = 41

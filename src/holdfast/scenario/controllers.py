@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,13 +46,11 @@ class Controlled:
         chain: the chain.
         state: its initial state, where paths begin.
         sample_time: that of the simulation; None without one [s].
-        jumps: times at which the controller's torques jump, added to as its parts are made [s].
     """
 
     chain: ClosedChain
     state: State
     sample_time: float | None
-    jumps: list[float] = field(default_factory=list)
 
     def made(self, data: KeyTable, at: Location) -> Any:
         """Return what a table describes.
@@ -141,9 +139,9 @@ def _posture(of: Controlled, data: tables.PostureTable, at: Location) -> Posture
         return posture
 
 
-def _limits(of: Controlled, data: tables.LimitsTable, at: Location) -> ForceLimits:
+def _limits(of: Controlled, data: tables.LimitsTable | tables.FastestTable, at: Location) -> ForceLimits:
     given = of.values(data, at, "joint_limits", "nodes")
-    if data.joint_limits:
+    if isinstance(data, tables.LimitsTable) and data.joint_limits:
         given["sample_time"] = of.sampled_with(at / "joint_limits", "since joints must be within them at samples")
     with at.refusals():
         limits = ForceLimits(**given)
@@ -183,11 +181,8 @@ def _path(of: Controlled, data: tables.PathTable, at: Location) -> ObjectPath:
     if data.begin:
         raise (at / "begin").refuse(f"expected 0, as the fastest timing begins at once, got {data.begin:g}")
     limits = of.made(data.fastest, at / "fastest")
-    span = (0.0, path.duration) if isinstance(path, RestToRest) else (0.0, float(path.times[-1]))
     with (at / "fastest").refusals():
-        timed = time_path(of.chain, of.state, path, limits, span=span, nodes=data.fastest.nodes)
-    of.jumps.extend(timed.t.tolist())  # its acceleration is constant from node to node
-    return timed
+        return time_path(of.chain, of.state, path, limits, nodes=data.fastest.nodes)
 
 
 def _rest_to_rest(state: State, data: tables.PathTable, at: Location) -> RestToRest:
