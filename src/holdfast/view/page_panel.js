@@ -153,7 +153,7 @@
 
   // bars of limits in use: full at the limit, red beyond it; a line at what the controller may use
   function bars(of) {
-    const figure = add(panel, "figure"), high = 120, bottom = 42, foot = 12;
+    const figure = add(panel, "figure", { class: "bars" }), high = 120, bottom = 42, foot = 12;
     add(figure, "figcaption", {}, `${of.title}, use of limits [%]`);
     const svg = add(figure, "svg", { viewBox: `0 0 ${WIDTH} ${bottom + foot}`, role: "img" });
     add(svg, "title", {}, "joint torques, and friction of the grasp, as shares of their limits");
@@ -163,7 +163,7 @@
       add(svg, "rect", { x, width, y: Y(100), height: bottom - Y(100), fill: "#eee" });
       if (of.bars.length <= 12)
         add(svg, "text", { x: x + width / 2, y: bottom + foot - 3, "text-anchor": "middle" }, bar.label);
-      return add(svg, "rect", { x, width, y: bottom, height: 0 });
+      return add(svg, "rect", { x, width, y: bottom, height: 0, class: "used" });
     });
     for (const v of new Set([100, of.allowed])) {
       const far = LEFT + pitch * of.bars.filter((bar) => v === 100 || bar.label !== "grip").length;
