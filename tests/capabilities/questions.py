@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import holdfast as hf
-from holdfast import dynamics, forces
+from holdfast import control, dynamics, forces
 from holdfast.interop import to_mjcf
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.questions.arrays import FLOATING, FLOATING_RESULT, STATE
@@ -190,6 +190,33 @@ def tracking(c: Case) -> Any:
     return hf.control.ObjectTracking(c.chain, path)(0.0, at_rest(c), None)[0]
 
 
+def law_of(c: Case, forces: Any = None, **within: Any) -> hf.ControlLaw:
+    """Return an impedance of the object where it is, with grasp forces and a posture."""
+    motion = control.ObjectImpedance(control.RestToRest(c.state.object_frame), 100.0, 20.0)
+    return control.cooperative_law(c.chain, motion, forces, control.PostureControl(at_rest(c).q), **within)
+
+
+def torques_of(c: Case, law: hf.ControlLaw) -> Any:
+    """Return the torques of a law at rest."""
+    given = {name: np.zeros(shape) for name, shape in law.parameters.items()}
+    return law.given(given)(0.0, at_rest(c), None)[0]
+
+
+def every_force(c: Case) -> Any:
+    """Return torques of a hand-over, of springs between the grasps, and of an integral."""
+    push = control.InternalForce(10.0)
+    ramp = control.RampedForces(push, control.LoadShare(force=5.0))
+    kinds = (ramp, control.InternalImpedance(50.0, 5.0, push), control.HybridForce(10.0, 1e-3, push))
+    return [torques_of(c, law_of(c, forces)) for forces in kinds]
+
+
+def rates(c: Case) -> Any:
+    """Return the joint rates of an admittance."""
+    path = control.RestToRest(c.state.object_frame)
+    gains = {"stiffness": 100.0, "damping": 20.0, "inertia": 1.0, "internal_damping": 1e3}
+    return torques_of(c, control.admittance_law(c.chain, path, contact_stiffness=1e4, sample_time=1e-3, **gains))
+
+
 DYNAMICS = [
     Question("forward dynamics", lambda c: c.solved().qdd),
     Question("dense equations (`kkt`)", lambda c: c.solved(method="kkt").qdd),
@@ -210,6 +237,14 @@ FORCES = [
     Question("wrenches at wrists", lambda c: forces.wrist_wrenches(c.chain, c.state, c.solved())),
     Question("holding torques", lambda c: hf.holding_torques(c.chain, at_rest(c))),
     Question("`ObjectTracking`", tracking),
+]
+LAWS = [
+    Question("`distribute`", lambda c: forces.distribute(c.chain, at_rest(c), np.zeros(6)).tau),
+    Question("`cooperative_law`", lambda c: torques_of(c, law_of(c, control.InternalForce(10.0)))),
+    Question("all kinds of forces", every_force),
+    Question("within limits", lambda c: torques_of(c, law_of(c, limits=forces.ForceLimits()))),
+    Question("`observed`", lambda c: torques_of(c, control.observed(law_of(c), c.chain, gain=50.0, sample_time=1e-3))),
+    Question("`admittance_law`", rates),
 ]
 RUNS = [
     Question("simulation, rk4", lambda c: run(c).q, quick=False),
@@ -240,6 +275,7 @@ DERIVATIVES = [
 TABLES = {
     "Dynamics": DYNAMICS,
     "Forces and control": FORCES,
+    "Laws": LAWS,
     "Runs and files": RUNS,
     "Compiled code": MACHINE_CODE,
     "Derivatives": DERIVATIVES,

@@ -47,7 +47,7 @@ def test_page_of_a_scene(tmp_path, cli):
     """The state in which a scene begins, with the forces of its controller's torques."""
     page = tmp_path / "page.html"
     assert ", 1 frame\n" in cli("view", EXAMPLE, "--export", page).out
-    assert '"label":"left, internal","colour":"#0072B2","dashed":true,"values":[20.0]' in page.read_text()
+    assert '"label":"left, commanded","colour":"#0072B2","dashed":true,"values":[20.0]' in page.read_text()
 
 
 def test_a_page_of_several(result, tmp_path, cli):

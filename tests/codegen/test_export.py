@@ -265,10 +265,14 @@ SAMPLE = 1e-3
 @pytest.fixture(scope="module")
 def code(tmp_path_factory):
     """The folder that the example's command writes."""
-    folder = tmp_path_factory.mktemp("robot") / "code"
-    text = (EXAMPLE / "CMakeLists.txt").read_text()
+    return exported_as_told(EXAMPLE, tmp_path_factory.mktemp("robot") / "code")
+
+
+def exported_as_told(example: Path, folder: Path) -> Path:
+    """Run the command at the top of an example's CMake file, and return the folder that it writes."""
+    text = (example / "CMakeLists.txt").read_text()
     command = re.search(r"holdfast (export-c .*?)\n#\n", text, re.DOTALL)[1].replace("\\\n#", "").split()
-    command[command.index("../two_pandas.toml")] = str(SCENE)
+    command[1] = str(example / command[1])
     command[command.index("code")] = str(folder)
     assert run(command) == 0
     return folder
@@ -303,6 +307,41 @@ def carried_by_python() -> np.ndarray:
     for k in range(2000):
         tau = law.torques(k * SAMPLE, systems.q, systems.qd, systems.object_pose, systems.object_twist).tau
         rollout.step(systems, SAMPLE, tau=tau)
+    return systems.object_pose[0]
+
+
+@pytest.mark.slow
+def test_lift(tmp_path):
+    """A second of forces within limits at 1 kHz: the box where Python's distribution brings it, to the bit, in time."""
+    require("cmake", "gcc", "g++")
+    example = EXAMPLE / "lift"
+    build(example, tmp_path / "build", CODE=exported_as_told(example, tmp_path / "code"))
+    out = subprocess.run([tmp_path / "build" / "lift"], check=True, capture_output=True, text=True, timeout=60).stdout
+    assert [float.fromhex(x) for x in re.search(r"exactly:(.*)", out)[1].split()] == lifted_by_python().tolist()
+    height, violation = re.search(r"at ([\d.]+) m, limits passed by at most (\S+) N", out).groups()
+    assert float(height) == pytest.approx(0.82, abs=1e-4) and float(violation) < 1e-9
+    medians = re.findall(r"median ([\d.]+) us, at most [\d.]+ us", out)
+    assert len(medians) == 2 and max(map(float, medians)) < 500.0
+
+
+def lifted_by_python() -> np.ndarray:
+    """Return the box's pose after the same second."""
+    scene = hf.load_scene(EXAMPLE.parent / "box_lift.toml")
+    fast, rollout, s = hf.compile(scene.chain), hf.compile_rollout(scene.chain), scene.state
+    systems = rollout.start(s.q, s.qd, s.object_pose, s.object_twist, tau=np.zeros(14))
+    resting, start = systems.q[0].copy(), systems.object_pose[0, 4:].copy()
+    usual = {"effort_share": 0.8, "demanded_margin": np.full(2, 2.0), "acceleration_weight": 1.0}
+    for k in range(1000):
+        q, qd, pose, twist = (x[0] for x in (systems.q, systems.qd, systems.object_pose, systems.object_twist))
+        x = min(k * SAMPLE / 0.8, 1.0)
+        rest = 1.0 - x
+        s_, rate = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x), 30.0 * x * x * rest * rest / 0.8
+        second = 60.0 * x * rest * (1.0 - 2.0 * x) / 0.8 / 0.8
+        up = np.array([0.0, 0.0, 0.2])
+        shift = up * second + 20.0 * (up * rate - twist[3:]) + 100.0 * (start + up * s_ - pose[4:])
+        wanted, wished = np.r_[-20.0 * twist[:3], shift], -10.0 * qd + 25.0 * (resting - q)
+        found = fast.distribute(q, qd, pose, twist, wanted, wished_qdd=wished, **usual)
+        rollout.step(systems, SAMPLE, tau=found.tau[None])
     return systems.object_pose[0]
 
 

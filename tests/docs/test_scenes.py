@@ -32,10 +32,12 @@ def words(kind) -> set[str]:
     return {word for argument in typing.get_args(kind) for word in words(argument)}
 
 
-def reached(struct) -> set[type[msgspec.Struct]]:
-    """Return a structure and all those that its keys hold."""
-    inside = {found for key in msgspec.structs.fields(struct) for found in structs(key.type)}
-    return {struct}.union(*(reached(found) for found in inside))
+def reached(struct, known=frozenset()) -> set[type[msgspec.Struct]]:
+    """Return known structures, another one and all those that its keys hold."""
+    found = {*known, struct}
+    for inside in (inside for key in msgspec.structs.fields(struct) for inside in structs(key.type)):
+        found |= set() if inside in found else reached(inside, found)
+    return found
 
 
 STRUCTS = reached(scene.SceneTable)

@@ -38,8 +38,8 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 
 def test_the_ladder():
-    """Fifteen of them, none longer than a hundred lines, each in the table of the folder's README."""
-    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in range(1, 16)]
+    """Sixteen of them, none longer than a hundred lines, each in the table of the folder's README."""
+    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in range(1, 17)]
     table = (EXAMPLES / "README.md").read_text()
     for path in SCRIPTS:
         assert len(path.read_text().splitlines()) <= 100, path.name
@@ -219,3 +219,17 @@ def test_learn_gains_in_jax(run):
     assert found["unseen"]["learnt"] < 0.1 * found["unseen"]["first"]
     assert slope == pytest.approx((8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / 12e-4, rel=1e-5)
     assert "in 40 gradients of 8 runs each" in printed
+
+
+@pytest.mark.slow
+def test_lift_a_box(run):
+    """Coulomb's law with the margin that was asked, at every moment, within the drives' share; a fifth of the force."""
+    found, printed = run("16")
+    assert found["coulomb_error"] < 1e-5
+    assert found["least_margin"] == pytest.approx(2.0, abs=1e-6)
+    assert (2.0 + 3.0 * 9.81 / 2) / 0.8 <= found["squeeze_at_rest"] < 21.0
+    assert found["most_effort"] < 0.8
+    assert found["lifted"] == pytest.approx(0.2, abs=1e-4)
+    assert found["firmest_squeeze"] > 5 * found["squeeze_at_rest"]
+    assert found["payload"] > 12.0
+    assert "margin of the grasps: at least 2.0000 N" in printed

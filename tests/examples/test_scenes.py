@@ -1,4 +1,4 @@
-"""The example scenes of arms on a trunk: what happens in them obeys the laws that they are about."""
+"""The example scenes: what happens in them obeys the laws that they are about."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from holdfast.cli import main
 from holdfast.scenario.build import Scenario, load_scene
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-SCENES = {"torso": 1.5, "hand_on_arm": 0.6, "free_flyer": 2.0}  # and how long they last [s]
+SCENES = {"torso": 1.5, "hand_on_arm": 0.6, "free_flyer": 2.0, "box_lift": 1.0}  # and how long they last [s]
 
 
 def simulated(name: str, duration: float) -> tuple[Scenario, hf.Trajectory]:
@@ -77,6 +77,18 @@ def test_free_flyer():
     assert run.impact[-1] == pytest.approx(sum(one.energy_change for one in run.occurrences))
     assert run.holding[-1].all() and not run.holding[0].any()
     assert np.abs(run.imbalance).max() < 1e-3 * abs(run.impact[-1])
+
+
+@pytest.mark.slow
+def test_box_lift():
+    """Each hand keeps the margin that was asked, and the drives their share, while the box rises along its path."""
+    scene, run = simulated("box_lift", 0.1)
+    assert np.abs(run.margin - 2.0).max() < 1e-5
+    limits = np.array([joint.effort_limit for joint in scene.chain.all_joints])
+    assert (np.abs(run.tau) <= 0.8 * limits * (1 + 1e-9)).all()
+    x = run.t / 0.8
+    height = 0.62 + 0.2 * (10 * x**3 - 15 * x**4 + 6 * x**5)
+    assert np.abs(run.object_pose[:, 6] - height).max() < 1e-6
 
 
 @pytest.mark.long

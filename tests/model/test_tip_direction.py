@@ -12,7 +12,7 @@ from holdfast.io.typed import Location
 from holdfast.model.tip_direction import advice_for, tip_advice, tip_angle, way_to_tip
 from holdfast.robots import ROBOTS
 from holdfast.scenario.joints import pose
-from holdfast.scenario.scene import PoseTable
+from holdfast.scenario.table import PoseTable
 from holdfast.spatial import rotation
 
 ROD = Link(1.0, [0.0, 0.0, 0.1], np.diag([0.01, 0.01, 0.001]))

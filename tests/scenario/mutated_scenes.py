@@ -17,6 +17,7 @@ from tests.io.mutations import Where, at, places
 from tests.robots.two_armed import TWO_ARMED
 from tests.scenario.test_anchors import BESIDE_A_PANDA, SWAYING
 from tests.scenario.test_build import MORE, SPRINGS, TEXT, through, with_schedule
+from tests.scenario.test_controllers import FORCES, LIFT, law_with
 from tests.scenario.test_robot import scene as scene_of_urdf
 from tests.scenario.test_trunk_scenes import FLYER, TORSO
 from tests.systems import mutated_text
@@ -42,11 +43,13 @@ SWAYED = BESIDE_A_PANDA.replace("anchor = true\n", f"anchor = true\n{SWAYING}", 
 BUSHED = SHORT.replace(
     'kind = "rigid"', 'kind = "bushing"\nstiffness = [100, 100, 100, 4e4, 4e4, 4e4]\ndamping = [1, 1, 1, 40, 40, 40]', 1
 )
+LIFTED = [LIFT, *(law_with(f"forces = {one}\nobserver = {{ gain = 100 }}", sampled=True) for one, _ in FORCES.values())]
 SEEDS = (
     *(SHORT, FULL + MORE, FULL.replace("rigid", "ball").replace('"dop853"', '"midpoint"')),
     *(with_schedule().replace("duration = 2.0", SAMPLED), scene_of_urdf()),
     scene_of_urdf(urdf=", locked = { lift = 0.1 }", arm="q = [0.3, 1.0, 0.1]\ntip = { rpy = [0, 0, 1] }"),
     *(random_scene(seed) for seed in (0, 1, 4, 6, 8, 9, 12)),
+    *(text.replace("duration = 1.0", "duration = 0.004") for text in LIFTED),
     *(TORSO, FLYER, BESIDE_A_PANDA, SWAYED, SPRUNG, BUSHED),
 )
 SOUND = [tomllib.loads(text) for text in SEEDS]

@@ -14,7 +14,7 @@ import pytest
 from holdfast.cli import main
 from holdfast.view.cameras import cameras
 from holdfast.view.page import export_page
-from holdfast.view.playback import playback_of_run
+from holdfast.view.playback import playback_of_run, torque_shares
 from tests.view.chromium import browser
 from tests.view.runs import lifted, played
 
@@ -46,6 +46,8 @@ def at_times(tmp_path_factory):
                                          " of.style.opacity = 0.05; return getComputedStyle(of).opacity })"),
                     "wrist": chromium.pose(WRIST),
                     "object": chromium.pose("/object"),
+                    "bars": chromium.ask("() => [...document.querySelectorAll('.bars:first-of-type .used')]"
+                                         ".map(of => Number(of.getAttribute('height')))"),
                     "force": chromium.arrow("/forces/left"),
                     "cone": chromium.ask("() => [...__viserSceneTree.getState()['/object/cones/left']"
                                          ".message.props.colors.slice(0, 3)]"),
@@ -73,6 +75,16 @@ def test_slider_moves_the_arms(at_times):
         assert seen["object"] == pytest.approx(pose, abs=1e-6)
     assert again["wrist"] == first["wrist"]
     assert again["object"] == first["object"]
+
+
+def test_bars_change(at_times):
+    """The left arm's bars are as high as its shares of the torque limits, and its grip, on 35 pixels for 100 %."""
+    playback, (first, last, _), *_ = at_times
+    for seen, k in ((first, 0), (last, -1)):
+        shares = torque_shares(playback.chain, "left", playback.tau[[k]])[0]
+        expected = 35.0 * np.minimum(np.r_[shares, playback.grip_use("left")[k]], 1.2)  # further up there is no room
+        assert seen["bars"] == pytest.approx(expected, abs=0.2)
+    assert first["bars"] != last["bars"]
 
 
 def test_arrows_and_cones_change(at_times):
@@ -195,9 +207,12 @@ def test_a_narrow_picture_and_equal_curves(tmp_path):
         chromium.page.wait_for_function(f"far => Math.hypot(...{root}) > far", arg=1.3 * near)
         chromium.page.set_viewport_size({"width": 1400, "height": 600})
         chromium.page.wait_for_function(f"far => Math.hypot(...{root}) < far", arg=1.1 * near)
-        widths = chromium.ask("() => [...document.querySelector('#holdfast svg').querySelectorAll('polyline')]"
+        curves = "#holdfast :not(.bars) > svg"
+        widths = chromium.ask(f"() => [...document.querySelector('{curves}').querySelectorAll('polyline')]"
                               ".map(line => Number(line.getAttribute('stroke-width')))")  # fmt: skip
-        ticks = chromium.ask("() => [...document.querySelectorAll('#holdfast svg text')].map(of => of.textContent)")
+        ticks = chromium.ask(
+            "() => [...document.querySelectorAll('#holdfast :not(.bars) > svg text')].map(of => of.textContent)"
+        )
     assert np.all(np.diff(widths) < 0.0)
     force = np.linalg.norm(playback.wrench[..., 3:], axis=2)
     assert float(ticks[1]) <= force.min() and force.max() <= float(ticks[0]) < 1.5 * force.max()

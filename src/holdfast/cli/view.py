@@ -20,7 +20,7 @@ from holdfast.simulation.instant import evaluate
 from holdfast.state import Inputs
 from holdfast.view.live import watch
 from holdfast.view.page import MOST_PAGES, export_page
-from holdfast.view.playback import Playback, playback_of_instant, playback_of_run
+from holdfast.view.playback import Playback, playback_of_instant
 
 LAST_PORT = 65535
 
@@ -106,7 +106,7 @@ def _playback(
         return _playback_of_scene(opened_scene(target, trust_xacro, changes, packages), target)
     refuse_scene_options(changes, packages, f"the result folder {target}")
     setting, result = recorded(target, trust_xacro)
-    return _noted(playback_of_run(setting.chain, result.trajectory, setting.name, rate, setting.base_motion))
+    return _noted(replace(result.trajectory, setting=setting).playback(rate))
 
 
 def _playback_of_scene(scenario: Scenario, source: Path) -> Playback:
@@ -116,7 +116,9 @@ def _playback_of_scene(scenario: Scenario, source: Path) -> Playback:
     )
     try:
         return _noted(
-            playback_of_instant(evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name)
+            playback_of_instant(
+                evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name, scenario.controller
+            )
         )
     except (SingularChainError, StateError) as cause:
         raise type(cause)(f"{source}: {cause}") from cause

@@ -113,6 +113,10 @@ class HybridForce(GraspForces):
             integral = integral * (self.limit / maximum(sqrt(scaled @ scaled), self.limit))
         return wish + integral
 
+    def commanded(self, x: LawInput, acceleration: Array) -> Array:
+        """Return f_d, (arms, 6)."""
+        return self.around.commanded(x, acceleration)
+
     def kept(self, x: LawInput, acceleration: Array, wrenches: Array, tau: Array) -> Array:
         """Return what was achieved beyond f_d, and the torques if they are needed."""
         R, achieved = x.state.object_frame.R, internal_part(x.motion, wrenches - self.around.wished(x, acceleration))

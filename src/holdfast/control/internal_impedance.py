@@ -70,3 +70,7 @@ class InternalImpedance(GraspForces):
             pulled[name] = self.stiffness @ gap + self.damping @ (c.K.T @ c.velocity_gap)
         own = array([pulled.get(name, np.zeros(6)) for name in chain.names])
         return self.around.wished(x, acceleration) + own
+
+    def commanded(self, x: LawInput, acceleration: Array) -> Array:
+        """Return f_d, (arms, 6)."""
+        return self.around.commanded(x, acceleration)

@@ -67,6 +67,10 @@ class GraspForces(LawPart):
         """Return wrenches of the arms on the object about the contacts, (arms, 6) world axes."""
         raise NotImplementedError
 
+    def commanded(self, x: LawInput, acceleration: Array) -> Array:
+        """Return what a part that corrects forces is to achieve, (arms, 6); of any other part what it wishes for."""
+        return self.wished(x, acceleration)
+
     def memory(self, chain: ClosedChain) -> Array:
         """Return the initial memory, (m,)."""
         return np.zeros(0)

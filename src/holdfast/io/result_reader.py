@@ -176,6 +176,7 @@ def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Set
     keeps_model = MODEL in meta.files
     source = folder / (MODEL if keeps_model else SCENE)
     with advising(folder, f"{RESULT.again}; the samples can be read without it"):
+        controller = None
         if keeps_model:
             chain = model_of(stored(folder, MODEL, meta.files), str(source))
             moved = _bases(folder, meta)
@@ -186,6 +187,7 @@ def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Set
             robots = kept_robots(folder, meta.robots)
             scenario = load_scene(source, meta.scene_folder or None, trust_xacro=trust_xacro, robots=robots)
             chain, moved = scenario.chain, scenario.options.get("base_motion", {})
+            controller = scenario.controller
     if (joints := chain.joint_names()) != meta.joints:
         raise ResultError(
             f"{source}: not the {'chain' if keeps_model else 'scene'} of this run: expected the joints"
@@ -193,7 +195,7 @@ def setting_of(folder: Path, meta: ResultMeta, trust_xacro: bool = False) -> Set
         )
     if keeps_model and fingerprint(chain) != meta.model_sha256:
         raise ResultError(f"{source}: expected the model that was simulated, got another one")
-    return Setting(chain, moved, meta.scene, meta.duration, meta.step, meta.options)
+    return Setting(chain, moved, meta.scene, meta.duration, meta.step, meta.options, controller)
 
 
 def _bases(folder: Path, meta: ResultMeta) -> dict[str, RecordedBase]:

@@ -26,7 +26,8 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.trunk import Trunk
 from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf.source import UrdfSource
-from holdfast.scenario import parts
+from holdfast.scenario import controllers, parts
+from holdfast.scenario.controllers import Controlled
 from holdfast.scenario.joints import pose, require_names
 from holdfast.scenario.overrides import overridden, toml_text
 from holdfast.scenario.robots import Robot, RobotFiles, SceneTrunk, robot, scene_trunk
@@ -183,9 +184,10 @@ def build_scene(
     except ClosureError as cause:
         raise ClosureError((at / "object" / "pose").message(str(cause))) from cause
     _require_velocities(chain, state, at)
-    controller = parts.controller(data.controller, chain, state, at / "controller")
     options = build_options(data, chain, at)
     how = data.simulation
+    controlled = Controlled(chain, state, how.sample_time)
+    controller = controllers.controller(data.controller, controlled, at / "controller")
     return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options, trunk, data.sweep)
 
 

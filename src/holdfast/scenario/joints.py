@@ -14,7 +14,8 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import VisualShape
-from holdfast.scenario.scene import BodyTable, GraspTable, JointTable, ObjectTable, PoseTable
+from holdfast.scenario.scene import BodyTable, GraspTable, JointTable, ObjectTable
+from holdfast.scenario.table import PoseTable
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 

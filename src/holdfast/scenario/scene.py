@@ -8,29 +8,14 @@ import msgspec
 
 from holdfast.model.closed_chain import STANDARD_GRAVITY
 from holdfast.model.grasp import GraspName
+from holdfast.scenario.controller_tables import ControllerTable
+from holdfast.scenario.table import ZEROS, KeyTable, NumberRows, PoseTable, Quaternion, Triple, Twist
 from holdfast.simulation.adaptive import RTOL
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip
 from holdfast.simulation.run_record import EVERYTHING
 
-Triple = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-Twist = tuple[float, float, float, float, float, float]
-ZEROS: Triple = (0.0, 0.0, 0.0)
 
-
-class _Table(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """Base of all tables; unknown keys are errors."""
-
-
-class PoseTable(_Table):
-    """A pose: a position, and an attitude as a quaternion (w, x, y, z) or as roll, pitch, yaw."""
-
-    position: Triple = ZEROS
-    quaternion: Quaternion | None = None
-    rpy: Triple | None = None
-
-
-class SwayTable(_Table):
+class SwayTable(KeyTable):
     """Three sine oscillations: a sin(2 pi f t + phase) along or about each world axis."""
 
     amplitude: Triple
@@ -38,7 +23,7 @@ class SwayTable(_Table):
     phase: Triple = ZEROS
 
 
-class BaseMotionTable(_Table):
+class BaseMotionTable(KeyTable):
     """A base that oscillates about its pose; the amplitude grows smoothly from zero within `smooth_start` seconds.
 
     `shift` is in m; `turn` is in rad: roll, pitch, yaw about the base's origin.
@@ -49,7 +34,7 @@ class BaseMotionTable(_Table):
     smooth_start: float = 0.5
 
 
-class _Solid(_Table):
+class _Solid(KeyTable):
     """A mass, and a solid of uniform density centred at `com` or the inertia about `com`."""
 
     mass: float
@@ -87,7 +72,7 @@ class JointTable(PoseTable, kw_only=True):
     rest: float = 0.0
 
 
-class UrdfTable(_Table):
+class UrdfTable(KeyTable):
     """An arm from a URDF or xacro file, see `load_urdf`; `file` is relative to the scene's folder.
 
     `armature` is the inertia of the drives reflected to their joints [kg m^2 or kg], which URDF cannot express.
@@ -116,7 +101,7 @@ class TrunkUrdfTable(UrdfTable, kw_only=True):
     floating: bool = False
 
 
-class ArmTable(_Table):
+class ArmTable(KeyTable):
     """An arm: a built-in robot, a URDF, joints, or an anchor, with its base, its tool and its joint positions.
 
     An arm with a `mount` is mounted on that link of the trunk, and its `base` is in the link's frame. An arm that is
@@ -139,7 +124,7 @@ class ArmTable(_Table):
     base_motion: BaseMotionTable | None = None
 
 
-class TrunkTable(_Table):
+class TrunkTable(KeyTable):
     """The trunk on which arms are mounted: a built-in robot's name, a URDF, or joints, possibly on a floating body.
 
     `base` is the pose of its base frame. For a floating base this is the initial pose, and `twist` its initial twist.
@@ -167,7 +152,7 @@ class ObjectTable(_Solid, kw_only=True):
     twist: Twist = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class ContactTable(_Table):
+class ContactTable(KeyTable):
     """Friction of a unilateral contact."""
 
     mu: float
@@ -175,14 +160,14 @@ class ContactTable(_Table):
     half_length: float | None = None
 
 
-class WrenchLimitsTable(_Table):
+class WrenchLimitsTable(KeyTable):
     """The largest moment [N m] and force [N] that a grasp can transmit."""
 
     moment: float | None = None
     force: float | None = None
 
 
-class GraspTable(_Table):
+class GraspTable(KeyTable):
     """A grasp: its kind, and its contact frame in the object's frame, with z pointing into the object."""
 
     arm: str
@@ -205,14 +190,14 @@ class AttachTable(GraspTable, kw_only=True, tag_field="type", tag="attach"):
     here: bool = False
 
 
-class ReleaseTable(_Table, tag_field="type", tag="release"):
+class ReleaseTable(KeyTable, tag_field="type", tag="release"):
     """An arm releases the object at time `t`."""
 
     t: float
     arm: str
 
 
-class SpringEndTable(_Table):
+class SpringEndTable(KeyTable):
     """An end of a spring: a point of "world", "object", or a link of an arm or of "trunk", in its frame [m]."""
 
     body: str
@@ -220,7 +205,7 @@ class SpringEndTable(_Table):
     link: str | int | None = None
 
 
-class SpringTable(_Table):
+class SpringTable(KeyTable):
     """A spring and damper between two points [N/m, m, N s/m]."""
 
     a: SpringEndTable
@@ -230,7 +215,7 @@ class SpringTable(_Table):
     damping: float = 0.0
 
 
-class WrenchTable(_Table):
+class WrenchTable(KeyTable):
     """An external wrench on the object about its origin, world axes, from `begin` to `end`."""
 
     force: Triple = ZEROS
@@ -239,54 +224,7 @@ class WrenchTable(_Table):
     end: float | None = None
 
 
-class ViaTable(PoseTable, kw_only=True):
-    """A world pose through which the object passes at time `t`."""
-
-    t: float
-
-
-class PathTable(_Table):
-    """A smooth rest-to-rest motion of the object: a displacement and a rotation, or `through` poses; world axes."""
-
-    duration: float | None = None
-    displacement: Triple = ZEROS
-    turn: Triple = ZEROS
-    through: list[ViaTable] | None = None
-    begin: float = 0.0
-
-
-class GravityCompensationTable(_Table, tag_field="type", tag="gravity_compensation"):
-    """Balance gravity."""
-
-    internal_force: float = 0.0
-    joint_damping: float = 0.0
-
-
-class ObjectTrackingTable(_Table, tag_field="type", tag="object_tracking"):
-    """Move the object along a path by computed torque."""
-
-    path: PathTable
-    internal_force: float = 0.0
-    stiffness: float = 100.0
-    damping: float = 20.0
-    joint_damping: float = 10.0
-
-
-class PieceTable(_Table):
-    """Torques from `begin` to the next piece: polynomials c0 + c1 (t - begin) + ..., [c0, c1, ...] for each joint."""
-
-    begin: float
-    torques: list[list[float]]
-
-
-class TorqueScheduleTable(_Table, tag_field="type", tag="torque_schedule"):
-    """Torques as given functions of time; they are added to those of the controller `beside`, if there is one."""
-
-    pieces: list[PieceTable]
-    beside: GravityCompensationTable | ObjectTrackingTable | None = None
-
-
-class SimulationTable(_Table):
+class SimulationTable(KeyTable):
     """Duration, step and scheme of the simulation, and the policies for slipping grasps and exceeded limits.
 
     Steps end at `breakpoints`, and in any case at the knots of a schedule, at events, and where wrenches begin or end.
@@ -310,41 +248,38 @@ class SimulationTable(_Table):
     every: int = 1
 
 
-ParameterNumbers = float | list[float | list[float]]
-
-
-class UniformTable(_Table, tag_field="type", tag="uniform"):
+class UniformTable(KeyTable, tag_field="type", tag="uniform"):
     """Every number is drawn uniformly between two bounds."""
 
-    low: ParameterNumbers
-    high: ParameterNumbers
+    low: NumberRows
+    high: NumberRows
 
 
-class NormalTable(_Table, tag_field="type", tag="normal"):
+class NormalTable(KeyTable, tag_field="type", tag="normal"):
     """Every number is drawn from a normal distribution."""
 
-    mean: ParameterNumbers
-    deviation: ParameterNumbers
+    mean: NumberRows
+    deviation: NumberRows
 
 
-class NearPoseTable(_Table, tag_field="type", tag="near_pose"):
+class NearPoseTable(KeyTable, tag_field="type", tag="near_pose"):
     """Poses near those in the scene, rotated and shifted by up to `turn` and `shift` along each of their own axes."""
 
     turn: float = 0.0
     shift: float = 0.0
 
 
-class SweepTable(_Table):
+class SweepTable(KeyTable):
     """Many runs of the scene by `holdfast sweep`: their number, the varied parameters, and the recorded outputs."""
 
     count: int
-    parameters: dict[str, UniformTable | NormalTable | NearPoseTable | ParameterNumbers | Literal["scale"]]
+    parameters: dict[str, UniformTable | NormalTable | NearPoseTable | NumberRows | Literal["scale"]]
     seed: int = 0
     chunk: int = 1000
     outputs: list[str] | None = None
 
 
-class SceneTable(_Table):
+class SceneTable(KeyTable):
     """A scene: the arms, their trunk if any, the held object, grasps, a controller, and the simulation settings.
 
     `packages` are the folders of packages by name to which robot files refer, relative to the scene's folder.
@@ -353,7 +288,7 @@ class SceneTable(_Table):
     arms: list[ArmTable]
     object: ObjectTable
     simulation: SimulationTable
-    controller: GravityCompensationTable | ObjectTrackingTable | TorqueScheduleTable | None = None
+    controller: ControllerTable | None = None
     trunk: TrunkTable | None = None
     grasps: list[GraspTable] = []
     events: list[AttachTable | ReleaseTable] = []

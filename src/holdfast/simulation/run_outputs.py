@@ -163,18 +163,22 @@ class RunOutputs:
         playback = self.playback(rate)
         return outer.shown(outer.page(playback), playback.title)
 
-    def playback(self, rate: float = FRAME_RATE) -> Any:
+    def playback(self, rate: float = FRAME_RATE, *, controller: Any = None) -> Any:
         """Return the frames that the page shows as a `Playback`, for `holdfast.plot.export_page`.
 
         Args:
             rate: frames per second.
+            controller: the run's controller, whose commanded internal forces and limits are then shown, too; by default
+                that of its scene, if it has one.
 
         Raises:
             StateError: a run that does not know its chain, or one without samples.
             ModelError: a rate that is not positive or gives too many moments.
         """
         run, setting = self._run_and_setting()
-        return outer.playback_of_run(setting.chain, run, setting.name, rate, setting.base_motion)
+        chain, motions = setting.chain, setting.base_motion
+        law = setting.controller if controller is None else controller
+        return outer.playback_of_run(chain, run, setting.name, rate, motions, controller=law)
 
     def _run_and_setting(self) -> tuple[Trajectory, Any]:
         """Return the run and its setting, after checking that they match."""

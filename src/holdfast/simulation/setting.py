@@ -75,6 +75,7 @@ class Setting(Frozen):
         duration: requested duration [s].
         step: requested step [s].
         options: other arguments of `simulate`, as plain data.
+        controller: the controller of the scene; None for a run from Python, whose folder does not contain it.
     """
 
     chain: ClosedChain
@@ -83,3 +84,4 @@ class Setting(Frozen):
     duration: float = 0.0
     step: float = 0.0
     options: Mapping[str, Any] = field(default_factory=dict)
+    controller: Any = None

@@ -61,6 +61,9 @@ class ChainScene:
             writer.arrows(f"/forces/{node}", 1, colour, shaft)
             writer.arrows(f"/moments/{node}", 2, colour, 0.7 * shaft)
             writer.arrows(f"/internal_force/{node}", 1, figure_style.rgb(figure_style.INTERNAL_COLOUR), 0.8 * shaft)
+            if playback.commanded is not None:
+                colour = figure_style.rgb(figure_style.COMMANDED_COLOUR)
+                writer.arrows(f"/commanded_force/{node}", 1, colour, 0.5 * shaft)
         for i, segments in enumerate(self._coils(0)):
             writer.lines(f"/springs/{i}", segments, LINE_GREY, LINE_THICKNESS * self._size)
         writer.set_camera(cameras(playback)[0], upward(chain))
@@ -96,7 +99,7 @@ class ChainScene:
         return [markers.coil(a, b, COIL_RADIUS * self._size) for a, b in (*spring_ends(playback, k), *ends)]
 
     def _point(self, name: str, k: int) -> None:
-        """Set the arrows of one arm, which start at its tip; the internal force is drawn beside the force."""
+        """Set the arrows of one arm, which start at its tip; internal forces are drawn below the force."""
         playback, node, writer = self.playback, _node(name), self._writer
         i = playback.chain.names.index(name)
         tip, wrench, internal = playback.tip[k, i], playback.wrench[k, i], playback.internal[k, i, 3:]
@@ -104,8 +107,12 @@ class ChainScene:
         writer.point(f"/forces/{node}", np.array([[tip, tip + force]]))
         # a moment's arrow has two heads
         writer.point(f"/moments/{node}", np.array([[tip, tip + share * moment] for share in (1.0, 0.8)]))
-        beside = tip + INTERNAL_OFFSET * self._size * _across(internal, -upward(playback.chain))
-        writer.point(f"/internal_force/{node}", np.array([[beside, beside + self.scale.force * internal]]))
+        commanded = None if playback.commanded is None else playback.commanded[k, i, 3:]
+        below = INTERNAL_OFFSET * self._size * _across(internal, -upward(playback.chain))
+        for what, inside, rows in (("internal_force", internal, 1), ("commanded_force", commanded, 2)):
+            if inside is not None:
+                start = tip + rows * below
+                writer.point(f"/{what}/{node}", np.array([[start, start + self.scale.force * inside]]))
 
     def _draw_arm(self, index: int, name: str, arm: Arm) -> list[str]:
         """Draw an arm and return the names of its joints' nodes, base to tip."""

@@ -32,7 +32,7 @@ JOINT_DASHES: tuple[Any, ...] = (
 )  # fmt: skip
 DARKEST, LIGHTEST = -0.5, 0.45  # of these shades: black is -1, white is 1
 OTHERS = "#bbbbbb"  # joints that are not told apart
-INTERNAL_COLOUR, DANGER = PURPLE, VERMILLION
+INTERNAL_COLOUR, COMMANDED_COLOUR, DANGER = PURPLE, "#7B3F8C", VERMILLION
 TRUNK_COLOUR = "#707883"  # grey: it belongs to no arm
 
 NOISE = 1e-9  # N m per N: smaller moments are rounding

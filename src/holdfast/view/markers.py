@@ -114,8 +114,10 @@ def arrow_scale(playback: Playback) -> ArrowScale:
     """
     size = chain_length(playback.chain)
     lever = length_scale([grasp.frame.p for grasp in playback.chain.grasps.values()])
+    commanded = np.zeros((0, 3)) if playback.commanded is None else playback.commanded[..., 3:]
     largest = max(
         float(np.linalg.norm(playback.wrench[..., 3:], axis=-1).max(initial=0.0)),
+        float(np.linalg.norm(commanded, axis=-1).max(initial=0.0)),
         float(np.linalg.norm(playback.wrench[..., :3], axis=-1).max(initial=0.0)) / lever,
     )
     force = one_two_five(LONGEST_ARROW * size / largest) if largest > 0 else 1.0

@@ -18,7 +18,7 @@ from holdfast.view.chain_scene import ChainScene
 from holdfast.view.embedded import data_element, escaped
 from holdfast.view.figure_style import BLACK, NOISE, TRUNK_COLOUR, part_colour, usual_range
 from holdfast.view.markers import ArrowScale, common_scale
-from holdfast.view.playback import FRAME_RATE, Playback, base_travel
+from holdfast.view.playback import FRAME_RATE, Playback, base_travel, torque_shares
 from holdfast.view.scene_writer import SceneWriter, viewer_server
 
 
@@ -101,6 +101,7 @@ def panel_data(playback: Playback, scale: ArrowScale) -> dict[str, Any]:
             for view in cameras(playback)
         ],
         "notes": [legend(playback, scale), *playback.notes],
+        "bars": bars(playback),
         "plots": plots(playback),
         "meters": [meter(playback)],
     }
@@ -112,6 +113,8 @@ def legend(playback: Playback, scale: ArrowScale) -> str:
         f"Arrows in an arm's colour are its force on the object (0.1{GAP}m is {0.1 / scale.force:.3g}{GAP}N), with two"
         f" heads its moment (0.1{GAP}m is {0.1 / scale.moment:.3g}{GAP}N{GAP}m). Purple arrows are the internal force."
     ]
+    if playback.commanded is not None:
+        sentences.append("Below them, in dark purple, is what the controller commands.")
     if any(grasp.contact is not None for grasp in playback.chain.grasps.values()):
         sentences.append("Friction cones turn from green to red as a contact approaches slipping.")
     if playback.chain.trunk is not None:
@@ -119,8 +122,29 @@ def legend(playback: Playback, scale: ArrowScale) -> str:
     return " ".join(sentences)
 
 
+def bars(playback: Playback) -> list[dict[str, Any]]:
+    """Return the bars of limits in use, one group for each arm and the trunk: torques, and the friction at its grasp.
+
+    `allowed` is the share of the effort limits that the controller may use [%].
+    """
+    chain, found = playback.chain, []
+    effort = None if playback.limits is None else playback.limits.effort
+    for name, joints in chain.joints_of.items():
+        shares = torque_shares(chain, name, playback.tau).T
+        used = {str(j + 1): shares[j] for j, joint in enumerate(joints) if np.isfinite(joint.effort_limit)}
+        if name in chain.grasps and chain.grasps[name].contact is not None:
+            used["grip"] = playback.grip_use(name)
+        group = [{"label": label, "values": _rounded(100 * share, 3)} for label, share in used.items()]
+        allowed = 100.0 if effort is None else 100.0 * effort
+        found.append({"title": name, "colour": part_colour(chain, name), "bars": group, "allowed": allowed})
+    return [one for one in found if one["bars"]]
+
+
 def plots(playback: Playback) -> list[dict[str, Any]]:
-    """Return the panel's curves: forces, moments, margins, torques, condition; no plot that would be all zero."""
+    """Return the panel's curves: forces, moments, margins, torques, condition; no plot that would be all zero.
+
+    Internal forces have a plot of their own if the controller commands them.
+    """
     names = playback.chain.names
     force, moment, internal_force = (
         np.linalg.norm(part, axis=2)
@@ -130,7 +154,14 @@ def plots(playback: Playback) -> list[dict[str, Any]]:
     colours = {name: part_colour(playback.chain, name) for name in playback.chain.joints_of}
     held = [(name, names.index(name)) for name in playback.holding]
     forces = [_curve(name, colours[name], force[:, i]) for name, i in held]
-    forces += [_curve(f"{name}, internal", colours[name], internal_force[:, i], dashed=True) for name, i in held]
+    inside = [_curve(f"{name}, internal", colours[name], internal_force[:, i], dashed=True) for name, i in held]
+    commands: list[dict[str, Any]] = []
+    if playback.commanded is None:
+        forces += inside
+    else:
+        asked = np.linalg.norm(playback.commanded[..., 3:], axis=2)
+        commands = [_curve(name, colours[name], internal_force[:, i]) for name, i in held]
+        commands += [_curve(f"{name}, commanded", colours[name], asked[:, i], dashed=True) for name, i in held]
     moments = [_curve(name, colours[name], moment[:, i]) for name, i in held]
     limited = [(name, i) for name, i in held if np.isfinite(playback.margin[:, i]).any()]
     margins = [_curve(name, colours[name], playback.margin[:, i]) for name, i in limited]
@@ -142,6 +173,7 @@ def plots(playback: Playback) -> list[dict[str, Any]]:
     ]
     found = [
         _plot("force on the object [N]", forces),
+        _plot("internal force [N]", commands),
         _plot("moment on the object [N m]", moments),
         _plot("margin of the grasp [N], gives way below 0", margins, lines=[0.0]),
         _plot("largest torque [% of its limit]", torques),

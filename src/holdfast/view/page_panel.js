@@ -151,6 +151,32 @@
     };
   }
 
+  // bars of limits in use: full at the limit, red beyond it; a line at what the controller may use
+  function bars(of) {
+    const figure = add(panel, "figure", { class: "bars" }), high = 120, bottom = 42, foot = 12;
+    add(figure, "figcaption", {}, `${of.title}, use of limits [%]`);
+    const svg = add(figure, "svg", { viewBox: `0 0 ${WIDTH} ${bottom + foot}`, role: "img" });
+    add(svg, "title", {}, "joint torques, and friction of the grasp, as shares of their limits");
+    const pitch = Math.min((WIDTH - LEFT) / of.bars.length, 40), Y = (v) => bottom * (1 - Math.min(v, high) / high);
+    const shown = of.bars.map((bar, i) => {
+      const x = LEFT + pitch * (i + 0.15), width = 0.7 * pitch;
+      add(svg, "rect", { x, width, y: Y(100), height: bottom - Y(100), fill: "#eee" });
+      if (of.bars.length <= 12)
+        add(svg, "text", { x: x + width / 2, y: bottom + foot - 3, "text-anchor": "middle" }, bar.label);
+      return add(svg, "rect", { x, width, y: bottom, height: 0, class: "used" });
+    });
+    for (const v of new Set([100, of.allowed])) {
+      const far = LEFT + pitch * of.bars.filter((bar) => v === 100 || bar.label !== "grip").length;
+      add(svg, "line", { x1: LEFT, x2: far, y1: Y(v), y2: Y(v), stroke: "#d55e00", "stroke-dasharray": v === 100 ? "none" : "2 2" });
+      add(svg, "text", { x: LEFT - 4, y: Y(v) + 3, "text-anchor": "end" }, String(Math.round(v)));
+    }
+    return (k) => of.bars.forEach((bar, i) => {
+      const v = bar.values[k], y = Y(v);
+      for (const [name, value] of [["y", y], ["height", bottom - y], ["fill", v > 100.5 ? "#d55e00" : of.colour]])
+        shown[i].setAttribute(name, value);
+    });
+  }
+
   function meter(of) {
     const figure = add(panel, "figure");
     const title = add(figure, "figcaption", {}, of.title);
@@ -170,7 +196,7 @@
   for (const camera of data.cameras)
     add(views, "button", { type: "button", title: "look from here" }, camera.name).onclick = () => lookFrom(camera);
   for (const note of data.notes) add(panel, "p", {}, note);
-  const shown = [...data.plots.map(plot), ...data.meters.map(meter)];
+  const shown = [...data.bars.map(bars), ...data.plots.map(plot), ...data.meters.map(meter)];
 
   let before = null;
   function follow() {

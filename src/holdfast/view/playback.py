@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.control.commanded_forces import commanded_internal_wrenches, commands_forces, limits_kept
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.closed.force_elements import end_motions
 from holdfast.dynamics.near_singular import arm_strength
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ModelError
 from holdfast.forces.force_split import split
+from holdfast.forces.limits import ForceLimits
 from holdfast.forces.margins import grasp_margins
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -55,6 +57,9 @@ class Playback:
         visuals: by name, the surfaces of each arm, and of "trunk", that is not drawn with simple solids; see
             `link_meshes`.
         notes: sentences about meshes that cannot be read, which the page shows.
+        commanded: (frames, arms, 6) internal wrenches that the controller commands, before integrals and limits; None
+            if it is not known.
+        limits: the limits that the controller keeps; None if it keeps none, or is not known.
     """
 
     chain: ClosedChain
@@ -73,6 +78,8 @@ class Playback:
     tau: Array
     visuals: DrawnSurfaces = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    commanded: Array | None = None
+    limits: ForceLimits | None = None
 
     def __repr__(self) -> str:
         """Return the title, the number of moments and the time of the last one."""
@@ -88,23 +95,44 @@ class Playback:
 
     def reserve(self, name: str) -> Array:
         """Return the margin of an arm's friction cone as a share of mu f_n, 0 to 1, (frames,)."""
-        i, grasp = self.chain.names.index(name), self.chain.grasps[name]
-        if grasp.contact is None:
+        i = self.chain.names.index(name)
+        if self.chain.grasps[name].contact is None:
             return np.ones(len(self))
-        normals = np.array([rotation.from_quaternion(pose[:4]) @ grasp.frame.R[:, 2] for pose in self.object_pose])
-        hold = grasp.contact.mu * np.sum(normals * self.wrench[:, i, 3:], axis=1)
-        reserve = np.clip(self.margin[:, i] / np.maximum(hold, SMALLEST_HOLD), 0.0, 1.0)
+        reserve = np.clip(self.margin[:, i] / np.maximum(self._hold(name), SMALLEST_HOLD), 0.0, 1.0)
         return np.where(self.wrench[:, i].any(axis=1), reserve, 1.0)  # an arm that has let go cannot slip
+
+    def grip_use(self, name: str) -> Array:
+        """Return the used share of an arm's friction, (frames,): (mu f_n - margin) / (mu f_n - demanded margin).
+
+        It is 1 at the margin that the controller keeps, and without one at the onset of slip; at most 2.
+        """
+        i, hold = self.chain.names.index(name), self._hold(name)
+        demands = {} if self.limits is None else self.limits.of_grasps("least_margin", self.chain)
+        free = np.maximum(hold - demands.get(name, 0.0), SMALLEST_HOLD)
+        return np.where(self.wrench[:, i].any(axis=1), np.clip((hold - self.margin[:, i]) / free, 0.0, 2.0), 0.0)
+
+    def _hold(self, name: str) -> Array:
+        """Return mu f_n of an arm's contact, (frames,) [N]."""
+        i, grasp = self.chain.names.index(name), self.chain.grasps[name]
+        assert grasp.contact is not None
+        normals = np.array([rotation.from_quaternion(pose[:4]) @ grasp.frame.R[:, 2] for pose in self.object_pose])
+        return grasp.contact.mu * np.sum(normals * self.wrench[:, i, 3:], axis=1)
 
     def torque_use(self, name: str) -> Array | None:
         """Return the largest |tau| over its limit of the joints of an arm, or of "trunk", (frames,); None without."""
         return torque_use(self.chain, name, self.tau)
 
 
+def torque_shares(chain: ClosedChain, name: str, tau: Array) -> Array:
+    """Return |tau| over its limit of an arm's joints, or of those of "trunk", (samples, joints); 0 without one."""
+    limits = np.array([joint.effort_limit for joint in chain.joints_of[name]])
+    return np.abs(tau[:, chain.joints[name]] / limits)
+
+
 def torque_use(chain: ClosedChain, name: str, tau: Array) -> Array | None:
     """Return the largest |tau| over its limit of an arm's joints, or of those of "trunk", (samples,); None without."""
-    limits = np.array([joint.effort_limit for joint in chain.joints_of[name]])
-    return np.abs(tau[:, chain.joints[name]] / limits).max(axis=1) if np.isfinite(limits).any() else None
+    limited = any(np.isfinite(joint.effort_limit) for joint in chain.joints_of[name])
+    return torque_shares(chain, name, tau).max(axis=1) if limited else None
 
 
 def playback_of_run(
@@ -114,6 +142,8 @@ def playback_of_run(
     rate: float = FRAME_RATE,
     base_motion: Mapping[str, BaseMotion] | None = None,
     visuals: DrawnSurfaces | None = None,
+    *,
+    controller: Any = None,
 ) -> Playback:
     """Return the playback of a run: the samples nearest to `rate` frames per second, without interpolation.
 
@@ -125,6 +155,8 @@ def playback_of_run(
         base_motion: as for `simulate`.
         visuals: as for `Playback`; None for the visuals in the files of arms and trunk whose meshes can be read.
             `Playback.notes` names the others.
+        controller: the run's controller, for the forces that it commands and the limits that it keeps; None if it is
+            not known.
 
     Raises:
         StateError: `run` is not a run, or belongs to another chain.
@@ -140,17 +172,40 @@ def playback_of_run(
         state = run.state(j)
         places.append(_placed(*world.at(t, state), state))
     strength = np.array([at.strength for at in places])
+    commanded = _commanded(chain, controller, run, k) if commands_forces(controller) else None
     surfaces, notes = _surfaces(chain, visuals)
     strength[~run.holding[k]] = 1.0
     bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))
     return Playback(
         chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
-        run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], surfaces, notes,
+        run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], surfaces, notes, commanded,
+        limits_kept(controller),
     )  # fmt: skip
 
 
-def playback_of_instant(at: Instant, title: str) -> Playback:
-    """Return a playback of one frame: a state, its torques, and the result of forward dynamics."""
+def _commanded(chain: ClosedChain, controller: Any, run: Trajectory, frames: Array) -> Array:
+    """Return the commanded internal wrenches in frames of a run; zero where a hand holds that did not at the start."""
+    found = np.zeros((len(frames), len(chain.arms), 6))
+    laws: dict[frozenset[str], Any] = {}
+    for one, k in zip(found, frames.tolist(), strict=True):
+        holding = frozenset(name for name, holds in zip(chain.names, run.holding[k], strict=True) if holds)
+        if not holding or not holding <= set(chain.grasps):
+            continue
+        if holding not in laws:
+            grasps = {name: grasp for name, grasp in chain.grasps.items() if name in holding}
+            laws[holding] = controller.for_chain(replace(chain, grasps=grasps))
+        one[:] = commanded_internal_wrenches(laws[holding], float(run.t[k]), run.state(k))
+    return found
+
+
+def playback_of_instant(at: Instant, title: str, controller: Any = None) -> Playback:
+    """Return a playback of one frame: a state, its torques, and the result of forward dynamics.
+
+    Args:
+        at: the state.
+        title: title of the playback.
+        controller: as for `playback_of_run`.
+    """
     chain, state, found = at.chain, at.state, at.result
     margin = np.full(len(chain.arms), np.inf)
     margin[[chain.names.index(name) for name in chain.grasps]] = grasp_margins(chain, state, found.grasp_wrench)
@@ -161,7 +216,11 @@ def playback_of_instant(at: Instant, title: str) -> Playback:
         found.condition, place.strength, at.tau,
     )  # fmt: skip
     surfaces, notes = _surfaces(chain, None)
-    return Playback(chain, title, *(np.array([part]) for part in parts), visuals=surfaces, notes=notes)
+    commanded = None
+    if commands_forces(controller):
+        commanded = commanded_internal_wrenches(controller, at.t, state)[None]
+    drawn = Playback(chain, title, *(np.array([part]) for part in parts), visuals=surfaces, notes=notes)
+    return replace(drawn, commanded=commanded, limits=limits_kept(controller))
 
 
 def _surfaces(chain: ClosedChain, visuals: DrawnSurfaces | None) -> tuple[DrawnSurfaces, tuple[str, ...]]:
