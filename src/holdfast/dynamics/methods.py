@@ -17,6 +17,7 @@ from holdfast.dynamics.closed.rccfd2 import rccfd2
 from holdfast.dynamics.closed.rccfd3 import rccfd3
 from holdfast.dynamics.closed.reduced_kkt import reduced_kkt
 from holdfast.dynamics.closed.sequential import sequential
+from holdfast.dynamics.tree.of_chain import tree
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.names import called
@@ -64,6 +65,7 @@ METHODS: Mapping[str, Method] = FrozenDict(
         for m in (
             Method("sequential", "filter across arms, after (6.18)", _FILTER, "every chain", False, sequential, True),
             Method("kkt", "(2.11), (b.1)", _CUBIC, "all grasps, f unique", False, kkt, True),
+            Method("tree", "elimination of a forest", _FILTER, "every chain", False, tree, True),
             Method("reduced_kkt", "(2.14)", _CUBIC, RIGID_REGULAR, True, reduced_kkt),
             Method("analytic", "(3.6)", _CUBIC, RIGID_REGULAR, True, analytic),
             _general("composite", "the mass matrix", "O(n N^2) + O(l^3)", free_dynamics.composite),
