@@ -110,7 +110,8 @@ def test_forest_of_a_trunk():
     """A floating base is the first body, and mounted arms hang on their links."""
     given = random_on_trunk(3, 2, floating=True).chain
     arms = {name: arm.of([replace(joint, stiffness=0.0) for joint in arm.joints]) for name, arm in given.arms.items()}
-    chain = replace(given, arms=arms)
+    trunk = replace(given.trunk, joints=[replace(joint, stiffness=0.0) for joint in given.trunk.joints])
+    chain = replace(given, arms=arms, trunk=trunk)
     assert chain.mounts
     forest = chain.forest
     assert forest.bodies[0].link is chain.trunk.floating

@@ -23,7 +23,11 @@ NULL = 1e-9  # of the largest: smaller remainders belong to rows that follow fro
 
 
 class Truth(NamedTuple):
-    """What the oracle finds, in float64; the fields are those of `ForestResult`."""
+    """What the oracle finds, in float64.
+
+    The fields are those of `ForestResult`, the largest dropped remainder of a row over the least kept one, and by how
+    much the accelerations miss dropped rows: not small means that no accelerations satisfy the closures.
+    """
 
     qdd: np.ndarray
     acceleration: np.ndarray
@@ -31,6 +35,7 @@ class Truth(NamedTuple):
     coupling_force: np.ndarray
     rank: int
     gap: float
+    missed: float
 
 
 class ForestEquations:
@@ -59,6 +64,8 @@ class ForestEquations:
         kept = [i for i in range(len(self.system.rows)) if i not in dependent]
         with self.numbers.precision():
             x = self.system.solved(kept)
+            left = self.system.residual(x, sorted(dependent))
+            missed = max((abs(float(one)) for one in left), default=0.0)
             rates = [x[a] if part is None else x[part] for a, part in zip(self.alpha, self.qdd, strict=True)]
             force = np.concatenate([np.zeros(0), *(x[part] for part in (*self.closures, *self.couplings))])
         force = force.astype(float)
@@ -73,6 +80,7 @@ class ForestEquations:
             force[ends[-1] :],
             rank,
             gap,
+            missed,
         )
 
     def _write_down(self, q, qd, tau, wrenches) -> None:
@@ -185,9 +193,9 @@ class ForestEquations:
         R, order = qr(G.T, mode="r", pivoting=True)  # pyright: ignore[reportAssignmentType]
         sizes = np.zeros(len(G))
         sizes[: min(R.shape)] = np.abs(np.diag(R))
-        rank = int((sizes > NULL * sizes[0]).sum())
+        rank = int((sizes > NULL * max(sizes[0], NULL)).sum())
         unknowns = [i for part in (*self.closures, *self.couplings) for i in range(part.start, part.stop)]
-        gap = float(sizes[rank] / sizes[rank - 1]) if rank < len(G) else 0.0
+        gap = float(sizes[rank] / sizes[rank - 1]) if 0 < rank < len(G) else 0.0
         return rank, {unknowns[i] for i in order[rank:]}, gap
 
     def _smallest(self, force: np.ndarray, rank: int) -> np.ndarray:

@@ -206,20 +206,20 @@ class Forest(Frozen):
         put(self, "gravity", checks.numbers(self.gravity, (3,), "forest: gravity"))
         for k, body in enumerate(self.bodies):
             if body.parent is not None:
-                _index(body.parent, k, f"body {k}: parent", "a body before it, or None for the world")
+                _index(body.parent, k, f"forest: body {k}: parent", "a body before it, or None for the world")
         for i, closure in enumerate(self.closures):
             for end in ("a", "b"):
                 if end == "b" or closure.a is not None:
-                    _index(getattr(closure, end), len(self.bodies), f"closure {i}: {end}", "a body")
+                    _index(getattr(closure, end), len(self.bodies), f"forest: closure {i}: {end}", "a body")
             if closure.a == closure.b:
-                raise ModelError(f"closure {i}: expected two bodies, got body {closure.b} at both ends")
+                raise ModelError(f"forest: closure {i}: expected two bodies, got body {closure.b} at both ends")
         for i, coupling in enumerate(self.couplings):
             for body, component, _ in coupling.terms:
-                _index(body, len(self.bodies), f"coupling {i}: body", "a body")
+                _index(body, len(self.bodies), f"forest: coupling {i}: body", "a body")
                 kind = self.bodies[body].joint.of_kind
                 if kind.floats:
-                    raise ModelError(f"coupling {i}: body {body} is free; expected one on a joint")
-                _index(component, kind.freedoms, f"coupling {i}: component", "a component of the joint")
+                    raise ModelError(f"forest: coupling {i}: body {body} is free; expected one on a joint")
+                _index(component, kind.freedoms, f"forest: coupling {i}: component", "a component of the joint")
 
     def __repr__(self) -> str:
         """Return the numbers of bodies, closures and couplings, on one line."""

@@ -56,6 +56,33 @@ class Condensed(NamedTuple):
     kept: list[Any]
 
 
+def solved(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
+    """Return the accelerations and forces of a forest, after taking back what rounding left of its closures.
+
+    A joint's acceleration is found from the forces on it, of which large ones that nearly balance leave few digits. The
+    same steps, at rest, with what is left of the rows as their right-hand sides, bring them back.
+
+    Args:
+        motion: its motion.
+        plan: the order.
+    """
+    first = eliminated(motion, plan)
+    again = eliminated(motion.at_rest_with(*left_over(motion, first)), plan)
+    pairs = zip(first[:4], again[:4], strict=True)
+    return ForestSolution(*([a + b for a, b in zip(x, y, strict=True)] for x, y in pairs), *first[4:])
+
+
+def left_over(motion: ForestMotion, found: ForestSolution) -> tuple[list[Array], list[Scalar]]:
+    """Return what accelerations leave of the rows of closures, (rows,) each, and of couplings: r - G qdd."""
+    forest, gaps, coupled = motion.forest, [], []
+    for closure, c in zip(forest.closures, motion.closures, strict=True):
+        left = c.r - c.on_b @ found.beta[closure.b]
+        gaps.append(left if closure.a is None else left - c.on_a @ found.beta[closure.a])
+    for coupling, r in zip(forest.couplings, motion.coupled, strict=True):
+        coupled.append(r - sum(c * found.qdd[k][component] for k, component, c in coupling.terms))
+    return gaps, coupled
+
+
 def eliminated(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
     """Return the accelerations and forces of a forest.
 

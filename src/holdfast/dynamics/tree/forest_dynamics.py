@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
 from holdfast.dynamics.consistency import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual
 from holdfast.dynamics.result import Status
-from holdfast.dynamics.tree.elimination import ForestSolution, eliminated
+from holdfast.dynamics.tree.elimination import ForestSolution, left_over, solved
 from holdfast.dynamics.tree.forest_kkt import forest_kkt
 from holdfast.dynamics.tree.forest_motion import ForestMotion, forest_motion
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
@@ -60,7 +60,7 @@ class ForestResult(Frozen):
 
 def by_plan(motion: ForestMotion) -> ForestSolution:
     """Return the solution by the elimination in the order of the forest's plan."""
-    return eliminated(motion, plan_of(motion.forest.topology))
+    return solved(motion, plan_of(motion.forest.topology))
 
 
 FOREST_METHODS: dict[str, Callable[[ForestMotion], ForestSolution]] = {
@@ -198,16 +198,14 @@ def _require_satisfied(motion: ForestMotion, found: ForestSolution, rank: int) -
     forest = motion.forest
     if rank == forest.constraint_row_count:
         return
-    for i, (closure, c) in enumerate(zip(forest.closures, motion.closures, strict=True)):
-        sides = [c.on_b @ found.beta[closure.b], np.zeros(len(c.K))]
-        if closure.a is not None:
-            sides[1] = c.on_a @ found.beta[closure.a]
-        size = np.abs(sides).sum() + np.abs(c.r).sum() + 1.0
-        if np.abs(sides[0] + sides[1] - c.r).max(initial=0.0) > CONTRADICTION * size:
+    gaps, coupled = left_over(motion, found)
+    for i, (closure, c, gap) in enumerate(zip(forest.closures, motion.closures, gaps, strict=True)):
+        size = np.abs(c.on_b @ found.beta[closure.b]).sum() + np.abs(c.r).sum() + 1.0
+        if np.abs(gap).max(initial=0.0) > CONTRADICTION * size:
             _refuse_singular(forest, rank, f"closure {i}")
-    for i, coupling in enumerate(forest.couplings):
-        rates = [c * found.qdd[k][component] for k, component, c in coupling.terms]
-        if abs(sum(rates)) > CONTRADICTION * (np.abs(rates).sum() + 1.0):
+    for i, (coupling, gap) in enumerate(zip(forest.couplings, coupled, strict=True)):
+        size = sum(abs(c * found.qdd[k][component]) for k, component, c in coupling.terms) + 1.0
+        if abs(gap) > CONTRADICTION * size:
             _refuse_singular(forest, rank, f"coupling {i}")
 
 

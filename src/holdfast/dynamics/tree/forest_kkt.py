@@ -68,4 +68,4 @@ def independent_rows_of(motion: ForestMotion, rows: ForestRows) -> Array:
     G = rows.G * columns * np.array([*moments, *[1.0] * len(rows.couplings)])[:, None]
     R, order = qr(G.T, mode="r", pivoting=True)  # pyright: ignore[reportAssignmentType]
     sizes = np.abs(np.diag(R))
-    return np.sort(order[: int((sizes > NULL_ROW * sizes[0]).sum())])
+    return np.sort(order[: int((sizes > NULL_ROW * max(float(sizes[0]), length * NULL_ROW)).sum())])

@@ -17,7 +17,7 @@ import numpy as np
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.model.forest import Closure, Forest, ForestBody
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, array, concatenate
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import acceleration_gradient, centripetal, shift_twist, shift_wrench
 from holdfast.spatial.symmetric import Symmetric6, mirrored
 from holdfast.spatial.vector import cross
@@ -118,11 +118,20 @@ class ForestMotion(NamedTuple):
         forest: the forest.
         bodies: its bodies.
         closures: its closures.
+        coupled: per coupling, the right-hand side of its row.
     """
 
     forest: Forest
     bodies: list[BodyMotion]
     closures: list[ClosureMotion]
+    coupled: list[Scalar]
+
+    def at_rest_with(self, gaps: list[Array], coupled: list[Scalar]) -> ForestMotion:
+        """Return the forest at rest, without torques, wrenches and gravity, with other right-hand sides of its rows."""
+        none = np.zeros(6)
+        bodies = [body._replace(load=none, torque=0.0 * body.torque, wrench=none) for body in self.bodies]
+        closures = [c._replace(r=r) for c, r in zip(self.closures, gaps, strict=True)]
+        return self._replace(bodies=bodies, closures=closures, coupled=coupled)
 
 
 def still_world(gravity: Array) -> Carrier:
@@ -173,7 +182,7 @@ def forest_motion(
         _closure(c, behind.get(i, world) if c.a is None else bodies[c.a].at, bodies[c.b].at)
         for i, c in enumerate(forest.closures)
     ]
-    return ForestMotion(forest, bodies, closures)
+    return ForestMotion(forest, bodies, closures, [0.0 for _ in forest.couplings])
 
 
 def _on_joint(body: ForestBody, parent: Carrier, q: Array, qd: Array, torque: Array, wrench: Array) -> BodyMotion:

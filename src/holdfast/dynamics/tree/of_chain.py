@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, pseudo_gravity
-from holdfast.dynamics.tree.elimination import eliminated
+from holdfast.dynamics.tree.elimination import solved
 from holdfast.dynamics.tree.forest_motion import ForestMotion, forest_motion, moving_world
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
@@ -27,22 +27,22 @@ def tree(motion: ChainMotion) -> Solution:
         raise MethodNotApplicable("chooses the rows that it imposes by their pivots; try method='sequential'")
     chain, found = motion.chain, _forest_of(motion.chain)
     of_forest = motion_of_chain(motion, found)
-    solved = eliminated(of_forest, plan_of(found.forest.topology))
-    qdd = {name: concatenate([solved.qdd[k] for k in own]) for name, own in found.arms.items()}
+    whole = solved(of_forest, plan_of(found.forest.topology))
+    qdd = {name: concatenate([whole.qdd[k] for k in own]) for name, own in found.arms.items()}
     none = np.zeros(6)
     held = of_forest.bodies[found.held_object]
-    alpha = held.true_acceleration(solved.beta[found.held_object], chain.gravity)
+    alpha = held.true_acceleration(whole.beta[found.held_object], chain.gravity)
     trunk = None
     if chain.trunk is not None:
         first = 1 if chain.floats else 0
-        base = of_forest.bodies[0].true_acceleration(solved.beta[0], chain.gravity) if chain.floats else None
-        trunk = TrunkAcceleration(concatenate([solved.qdd[k] for k in found.trunk[first:]]), base)
+        base = of_forest.bodies[0].true_acceleration(whole.beta[0], chain.gravity) if chain.floats else None
+        trunk = TrunkAcceleration(concatenate([whole.qdd[k] for k in found.trunk[first:]]), base)
     return Solution(
         [qdd[name] for name in chain.grasps],
-        [solved.wrenches[found.closures[name]] if name in found.closures else none for name in chain.grasps],
+        [whole.wrenches[found.closures[name]] if name in found.closures else none for name in chain.grasps],
         alpha - pseudo_gravity(chain),
-        rank=solved.rank + chain.contact_freedom_count,
-        weakest_pivot=solved.weakest,
+        rank=whole.rank + chain.contact_freedom_count,
+        weakest_pivot=whole.weakest,
         trunk=trunk,
     )
 

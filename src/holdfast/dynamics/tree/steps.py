@@ -179,7 +179,8 @@ def couple(now: Belief, step: Couple, of: PartMotion) -> tuple[Belief, Any]:
         row = coefficient * np.eye(now.frames[frame])[component][None]
         on[frame] = on.get(frame, 0.0) + row
     none = np.zeros(1)
-    then, rows = with_measurement(now, Rows(on, np.zeros((1, 1 + of.width)), np.ones((1, 1)), none, none))
+    e = concatenate([[of.motion.coupled[step.coupling]], np.zeros(of.width)])[None]
+    then, rows = with_measurement(now, Rows(on, e, np.ones((1, 1)), none, none))
     return then, (now.frames, rows)
 
 
