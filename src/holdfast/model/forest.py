@@ -168,7 +168,10 @@ class JointCoupling(Frozen):
             coefficient = checks.number(term[2], "coupling: coefficient")
             if coefficient == 0.0:
                 raise ModelError("coupling: coefficient: expected another number than 0; try leaving the joint out")
-            found.append((term[0], term[1], coefficient))
+            for name, index in (("body", term[0]), ("component", term[1])):
+                if not _is_index(index):
+                    raise ModelError(f"coupling: {name}: expected an index, got {checks.short(index)}")
+            found.append((int(term[0]), int(term[1]), coefficient))
         if len({term[:2] for term in found}) < len(found):
             raise ModelError("coupling: terms: expected each component once; try the sum of its coefficients")
         object.__setattr__(self, "terms", tuple(found))
@@ -291,6 +294,10 @@ def _slices(counts: Iterable[int]) -> tuple[slice, ...]:
 
 
 def _index(value: Any, count: int, what: str, expected: str) -> None:
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or not 0 <= value < count:
+    if not _is_index(value) or not value < count:
         among = f"0 .. {count - 1}" if count else "none"
         raise ModelError(f"{what}: expected the index of {expected} ({among}), got {checks.short(value)}")
+
+
+def _is_index(value: Any) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 0

@@ -103,10 +103,9 @@ def forest_dynamics(
         MethodNotApplicable: there is no such method.
     """
     checks.instance(forest, Forest, "forest")
-    if method not in FOREST_METHODS:
-        raise MethodNotApplicable(
-            f"no method {method!r} for a forest.{checks.did_you_mean(str(method), FOREST_METHODS)}"
-        )
+    if not isinstance(method, str) or method not in FOREST_METHODS:
+        hint = checks.did_you_mean(str(method), FOREST_METHODS)
+        raise MethodNotApplicable(f"no method {checks.short(method)} for a forest.{hint}")
     rates = checks.numbers(qd, (forest.velocity_count,), "qd", StateError)
     torque = checks.numbers(tau, (forest.velocity_count,), "tau", StateError) - _damping(forest) * rates
     pushed = np.zeros((len(forest.bodies), 6)) if wrenches is None else wrenches
@@ -212,5 +211,5 @@ def _require_satisfied(motion: ForestMotion, found: ForestSolution, rank: int) -
 def _refuse_singular(forest: Forest, rank: int, what: str) -> NoReturn:
     raise SingularChainError(
         f"the constraint has rank {rank} of {forest.constraint_row_count} here, and no accelerations satisfy {what}: a"
-        " singular posture. Try another posture"
+        " singular posture, or forces so large that rounding hides the closure. Try another posture"
     )

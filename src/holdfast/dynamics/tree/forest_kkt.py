@@ -35,11 +35,13 @@ def forest_kkt(motion: ForestMotion) -> ForestSolution:
     kept = independent_rows_of(motion, rows)
     G = rows.G[kept]
     matrix = np.block([[M, G.T], [G, np.zeros((len(kept), len(kept)))]])
-    x, nullity = gauss_solve(matrix, np.concatenate([load, rows.r[kept]]))
+    rhs = np.concatenate([load, rows.r[kept]])
+    x, nullity = gauss_solve(matrix, rhs)
     if nullity:
         raise MethodNotApplicable(
             f"needs the mass matrix regular on the motions that are left, but the nullity is {nullity} of {len(x)}"
         )
+    x = x + gauss_solve(matrix, rhs - matrix @ x)[0]  # what rounding left of the rows, as in `solved`
     force = np.zeros(len(rows.G))
     force[kept] = -x[n:]
     return ForestSolution(

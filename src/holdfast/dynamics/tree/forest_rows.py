@@ -18,7 +18,7 @@ from holdfast.spatial.linalg import back_substitution, cholesky, forward_substit
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, sqrt, where
 from holdfast.spatial.spatial_vector import shift_twist
 
-ROUNDING = 1e-12  # columns that are smaller, relative to their unit, are zero
+NULL_COLUMN = 1e-12  # columns that are smaller, relative to their unit, are zero
 
 
 class ForestRows(NamedTuple):
@@ -108,7 +108,7 @@ def least_forces(
         effects.append(rows.G[[at]] / factors[-1])
         sizes.append(array([factors[-1] * x]))
     E, unit = np.concatenate(effects), [maximum(reach(motion), L) if turn else 1.0 for turn in turns]
-    felt = [where(column @ column > (ROUNDING * u) ** 2, column, 0.0) for column, u in zip(E.T, unit, strict=True)]
+    felt = [where(column @ column > (NULL_COLUMN * u) ** 2, column, 0.0) for column, u in zip(E.T, unit, strict=True)]
     smallest = in_range(array(felt).T, concatenate(sizes), rank)
     ends = np.cumsum([0, *(len(x) for x in sizes)]).tolist()
     parts = [smallest[start:end] for start, end in pairwise(ends)]

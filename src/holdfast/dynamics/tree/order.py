@@ -16,7 +16,7 @@ from holdfast.model.forest import GROUND, Topology
 ROOT = -1  # "frame" of the root, whose acceleration is given; GROUND in `OpenFrame.of` is written as None
 
 
-class Part(NamedTuple):
+class ForestPart(NamedTuple):
     """Bodies whose loops settle together.
 
     Attributes:
@@ -94,10 +94,10 @@ class CloseFrame(NamedTuple):
     body: int | None
 
 
-Step = AddFree | OpenFrame | MoveFrame | Measure | Couple | MeasureLeaf | CloseFrame
+PlanStep = AddFree | OpenFrame | MoveFrame | Measure | Couple | MeasureLeaf | CloseFrame
 
 
-def widest(steps: Sequence[Step]) -> int:
+def widest(steps: Sequence[PlanStep]) -> int:
     """Return the most numbers that are open at a time; the accelerations of a coupled joint count as one."""
     size: dict[int, int] = {}
     most = 0
@@ -126,13 +126,13 @@ class Branches:
     """
 
     topology: Topology
-    part: Part
+    part: ForestPart
     closures_at: dict[int, list[int]]
     noted: dict[int, list[int]]
     children: dict[int, list[int]]
 
     @staticmethod
-    def of(topology: Topology, part: Part) -> Branches:
+    def of(topology: Topology, part: ForestPart) -> Branches:
         """Return the branches of a part."""
         vertices = [part.root, GROUND, *part.members]
         closures_at = {v: [i for i in part.closures if v in topology.ends[i]] for v in vertices}
@@ -161,7 +161,7 @@ class Front:
     """
 
     of: Branches
-    steps: tuple[Step, ...]
+    steps: tuple[PlanStep, ...]
     frames: dict[int | tuple[int], int]
     next_frame: int
     closures: frozenset[int]
@@ -278,7 +278,7 @@ class Front:
             now = better
 
 
-def ordered(topology: Topology, part: Part, leaves: bool = True) -> tuple[Step, ...]:
+def ordered(topology: Topology, part: ForestPart, leaves: bool = True) -> tuple[PlanStep, ...]:
     """Return the steps of a part: always the way after which the fewest numbers are open.
 
     Args:
@@ -310,9 +310,9 @@ def ordered(topology: Topology, part: Part, leaves: bool = True) -> tuple[Step, 
     return _with_leaves(now.steps, topology) if leaves else now.steps
 
 
-def _with_leaves(steps: Sequence[Step], topology: Topology) -> tuple[Step, ...]:
+def _with_leaves(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanStep, ...]:
     """Return the steps with every chain that opens, moves to one closure and closes again as one step."""
-    found: list[Step] = []
+    found: list[PlanStep] = []
     i = 0
     while i < len(steps):
         leaf, count = _leaf(steps[i:], topology)
@@ -321,7 +321,7 @@ def _with_leaves(steps: Sequence[Step], topology: Topology) -> tuple[Step, ...]:
     return tuple(found)
 
 
-def _leaf(steps: Sequence[Step], topology: Topology) -> tuple[Step, int]:
+def _leaf(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanStep, int]:
     """Return the leaf with which the steps begin, or their first step, and how many steps it replaces."""
     first = steps[0]
     if not isinstance(first, OpenFrame):

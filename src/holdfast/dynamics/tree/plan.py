@@ -13,7 +13,7 @@ from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
-from holdfast.dynamics.tree.order import Part, Step, ordered
+from holdfast.dynamics.tree.order import ForestPart, PlanStep, ordered
 from holdfast.model.forest import GROUND, Topology
 
 
@@ -44,8 +44,8 @@ class EliminationPlan(NamedTuple):
         inward: what is eliminated, in order; the way back goes through it in reverse.
     """
 
-    parts: tuple[Part, ...]
-    steps: tuple[tuple[Step, ...], ...]
+    parts: tuple[ForestPart, ...]
+    steps: tuple[tuple[PlanStep, ...], ...]
     inward: tuple[Settle | Condense, ...]
 
 
@@ -93,7 +93,7 @@ def depths(topology: Topology) -> list[int]:
     return found
 
 
-def parts_of_graph(topology: Topology) -> tuple[list[Part], list[int]]:
+def parts_of_graph(topology: Topology) -> tuple[list[ForestPart], list[int]]:
     """Return the parts, and the vertices on which the separate graphs hang: the world first, then free bodies."""
     edges = edges_of(topology)
     depth, roots, parts = depths(topology), [], []
@@ -106,7 +106,7 @@ def parts_of_graph(topology: Topology) -> tuple[list[Part], list[int]]:
             members = {vertex for edge in inside for vertex in edge.ends} - {root, GROUND}
             deepest_first = tuple(sorted(members, key=lambda k: (-depth[k], k)))
             of = {kind: tuple(sorted({e.number for e in inside if e.kind == kind})) for kind in ("closure", "coupling")}
-            parts.append(Part(root, deepest_first, of["closure"], of["coupling"]))
+            parts.append(ForestPart(root, deepest_first, of["closure"], of["coupling"]))
     return parts, roots
 
 

@@ -29,11 +29,11 @@ from holdfast.dynamics.tree.order import (
     AddFree,
     CloseFrame,
     Couple,
+    ForestPart,
     Measure,
     MeasureLeaf,
     MoveFrame,
     OpenFrame,
-    Part,
 )
 from holdfast.dynamics.tree.settled import SettledBody
 from holdfast.spatial.scalar import Array, array, concatenate, maximum, minimum, where
@@ -54,7 +54,7 @@ class PartMotion(NamedTuple):
 
     motion: ForestMotion
     settled: Mapping[int, SettledBody]
-    part: Part
+    part: ForestPart
     width: int
 
     def known(self, root: bool) -> Array:
