@@ -65,7 +65,6 @@ METHODS: Mapping[str, Method] = FrozenDict(
         for m in (
             Method("sequential", "filter across arms, after (6.18)", _FILTER, "every chain", False, sequential, True),
             Method("kkt", "(2.11), (b.1)", _CUBIC, "all grasps, f unique", False, kkt, True),
-            Method("tree", "elimination of a forest", _FILTER, "every chain", False, tree, True),
             Method("reduced_kkt", "(2.14)", _CUBIC, RIGID_REGULAR, True, reduced_kkt),
             Method("analytic", "(3.6)", _CUBIC, RIGID_REGULAR, True, analytic),
             _general("composite", "the mass matrix", "O(n N^2) + O(l^3)", free_dynamics.composite),
@@ -76,6 +75,7 @@ METHODS: Mapping[str, Method] = FrozenDict(
             Method("rccfd2", "(6.18)", _LINEAR, RIGID_REGULAR, True, rccfd2),
             Method("rccfd3", "(6.22)", _LINEAR, RIGID_REGULAR, True, rccfd3),
             Method("nonrigid", "(b.9)", _LINEAR, "all grasps, Omega regular", False, nonrigid),
+            Method("tree", "elimination of a forest", _FILTER, "every chain", False, tree, True),
         )
     }
 )

@@ -300,4 +300,4 @@ def _index(value: Any, count: int, what: str, expected: str) -> None:
 
 
 def _is_index(value: Any) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 0
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(value >= 0)

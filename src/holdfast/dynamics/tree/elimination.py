@@ -68,8 +68,16 @@ def solved(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
     """
     first = eliminated(motion, plan)
     again = eliminated(motion.at_rest_with(*left_over(motion, first)), plan)
-    pairs = zip(first[:4], again[:4], strict=True)
-    return ForestSolution(*([a + b for a, b in zip(x, y, strict=True)] for x, y in pairs), *first[4:])
+
+    def both(x: list[Any], y: list[Any]) -> list[Any]:
+        return [a + b for a, b in zip(x, y, strict=True)]
+
+    return first._replace(
+        qdd=both(first.qdd, again.qdd),
+        beta=both(first.beta, again.beta),
+        wrenches=both(first.wrenches, again.wrenches),
+        multipliers=both(first.multipliers, again.multipliers),
+    )
 
 
 def left_over(motion: ForestMotion, found: ForestSolution) -> tuple[list[Array], list[Scalar]]:
