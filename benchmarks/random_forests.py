@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections import defaultdict
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -30,15 +31,19 @@ class Outcome(NamedTuple):
 
     Attributes:
         name: of the forest.
+        method: "tree" or "kkt".
         error: largest relative error of accelerations and forces; NaN if it was refused.
+        beyond: whether it exceeds the bar.
         rank_right: whether the rank is that of fifty digits.
         refusal_right: whether it was refused exactly if no accelerations satisfy the closures.
-        wrong: whether an error beyond the bar has the status OK.
+        wrong: whether the error exceeds the bar and the status is OK.
         over_constrained: whether some rows depend on others.
     """
 
     name: str
+    method: str
     error: float
+    beyond: bool
     rank_right: bool
     refusal_right: bool
     wrong: bool
@@ -53,15 +58,25 @@ def largest_error(found: ForestResult, truth: Truth) -> float:
 
 def outcome(p: ForestProblem, truth: Truth, method: str) -> Outcome:
     """Return how a forest is solved."""
-    rows = p.forest.constraint_row_count
+    over = truth.rank < p.forest.constraint_row_count
     impossible = truth.missed > MISSED * max(1.0, float(np.abs(truth.acceleration).max(initial=0.0)))
     try:
         found = forest_dynamics(*p[1:], method=method)
     except SingularChainError:
-        return Outcome(p.name, np.nan, True, impossible, False, truth.rank < rows)
-    error, bar = largest_error(found, truth), LIGHT_BAR if "_light_" in p.name else BAR
-    wrong = error > bar and found.status is Status.OK
-    return Outcome(p.name, error, found.rank == truth.rank, not impossible, wrong, truth.rank < rows)
+        return Outcome(p.name, method, np.nan, False, True, impossible, False, over)
+    error = largest_error(found, truth)
+    beyond = error > (LIGHT_BAR if "_light_" in p.name else BAR)
+    wrong = beyond and found.status is Status.OK
+    return Outcome(p.name, method, error, beyond, found.rank == truth.rank, not impossible, wrong, over)
+
+
+def outcomes(first: int, count: int) -> Iterator[Outcome]:
+    """Yield how forests are solved, by every method."""
+    for seed in range(first, first + count):
+        p = random_forest(seed)
+        truth = ForestEquations(*p[1:], digits=50).solved()
+        for method in METHODS:
+            yield outcome(p, truth, method)
 
 
 def main() -> None:
@@ -71,17 +86,12 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     given = parser.parse_args()
     found: dict[tuple[str, str], list[Outcome]] = defaultdict(list)
-    for seed in range(given.first, given.first + given.count):
-        p = random_forest(seed)
-        truth = ForestEquations(*p[1:], digits=50).solved()
-        for method in METHODS:
-            one = outcome(p, truth, method)
-            variant = "light" if "_light_" in p.name else "heavy" if "_heavy_" in p.name else "others"
-            found[method, variant].append(one)
-            bar = LIGHT_BAR if variant == "light" else BAR
-            if not one.rank_right or not one.refusal_right or one.wrong or one.error > bar:
-                print(f"{method}: {one.name}: error {one.error:.1e}, rank right: {one.rank_right},", end=" ")
-                print(f"refused rightly or not at all: {one.refusal_right}")
+    for one in outcomes(given.first, given.count):
+        variant = next((name for name in ("light", "heavy") if f"_{name}_" in one.name), "others")
+        found[one.method, variant].append(one)
+        if one.beyond or not one.rank_right or not one.refusal_right:
+            print(f"{one.method}: {one.name}: error {one.error:.1e}, rank right: {one.rank_right},", end=" ")
+            print(f"refused or not as it should be: {one.refusal_right}", flush=True)
     for (method, variant), some in sorted(found.items()):
         errors = [one.error for one in some if not np.isnan(one.error)]
         print(

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.compiler.interpret import interpret
+from holdfast.compiler.trace import trace
 from holdfast.dynamics import Status
 from holdfast.dynamics.tree import belief
 from holdfast.dynamics.tree.elimination import eliminated
@@ -220,3 +222,18 @@ def test_quaternions():
     with pytest.raises(StateError, match=r"coupling 0: rate 0\.5"):
         forest_dynamics(forest, [1.0, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0], np.zeros(3))
     assert forest_dynamics(forest, [1.0, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0], np.zeros(3), check=False).rank == 1
+
+
+@pytest.mark.parametrize("seed", [2, 4, 9, 13])
+def test_traced(seed):
+    """The text runs on traced scalars as it is: the traced program gives the same numbers, ranks included."""
+    p = random_forest(seed)
+
+    def found(*given) -> tuple:
+        solution = eliminated(forest_motion(p.forest, *given), plan_of(p.forest.topology))
+        wrenches = np.concatenate([np.zeros(0), *solution.wrenches])
+        return np.concatenate(solution.qdd), wrenches, solution.rank
+
+    program = trace(found, [x.shape for x in p[2:]])
+    for traced, plain in zip(interpret(program, *p[2:]), found(*p[2:]), strict=True):
+        assert gap(traced, plain) < 1e-11
