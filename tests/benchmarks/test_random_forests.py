@@ -10,10 +10,10 @@ def check(found: list[Outcome]) -> None:
 
 
 def test_random_forests():
-    """Every family in every variant, over-constrained ones among them."""
-    found = list(outcomes(0, 60))
-    assert len(found) == 60 * len(METHODS)
-    assert 10 < sum(one.over_constrained for one in found) / len(METHODS) < 50
+    """Some of every family, over-constrained ones among them."""
+    found = list(outcomes(1000, 20))
+    assert len(found) == 20 * len(METHODS)
+    assert 3 < sum(one.over_constrained for one in found) / len(METHODS) < 17
     check(found)
 
 
