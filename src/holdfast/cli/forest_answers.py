@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from holdfast.cli.force_answers import relative_error
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.forest_dynamics import FOREST_METHODS, ForestResult, forest_dynamics
 from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError
@@ -51,7 +52,7 @@ class ForestAnswer:
             (found.closure_wrench, np.array(expected.f).reshape(-1, 6)),
             (found.coupling_force, np.array(expected.coupling)),
         ]
-        return max(_relative_error(got, wanted) for got, wanted in pairs)
+        return max(relative_error(got, wanted) for got, wanted in pairs)
 
     def as_json(self) -> dict[str, object]:
         """Return the answer as plain data, by body, closure and coupling; numbers are null if refused."""
@@ -102,10 +103,6 @@ class ForestAnswer:
 
 def _numbers(values: Array) -> str:
     return ", ".join(f"{x:+.6g}" for x in values)
-
-
-def _relative_error(got: Array, wanted: Array) -> float:
-    return float(np.abs(got - wanted).max(initial=0.0)) / max(1.0, float(np.abs(wanted).max(initial=0.0)))
 
 
 def forest_answers(case: ForestCase, methods: Sequence[str]) -> list[ForestAnswer]:

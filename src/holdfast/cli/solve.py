@@ -14,7 +14,7 @@ from rich.table import Table
 
 from holdfast.cli.console import print_document, read_input, stdout, with_progress
 from holdfast.cli.force_answers import METHOD as FORCE_METHOD
-from holdfast.cli.force_answers import ForceAnswer, force_answer
+from holdfast.cli.force_answers import ForceAnswer, force_answer, relative_error
 from holdfast.cli.forest_answers import ForestAnswer, forest_answers
 from holdfast.cli.options import CaseFile, Format, Name, OptionalName, Switch
 from holdfast.cli.streams import EXIT_REFUSED
@@ -194,11 +194,7 @@ def error_vs_expected(result: ForwardResult, expected: CaseExpected, motion: Cha
         pairs.append((result.base_acceleration, np.array(trunk.acceleration)))
     if trunk is not None and trunk.base_wrench is not None and result.trunk_base_wrench is not None:
         pairs.append((result.trunk_base_wrench, np.array(trunk.base_wrench)))
-    return max(_relative_error(got, wanted) for got, wanted in pairs)
-
-
-def _relative_error(got: Array, wanted: Array) -> float:
-    return float(np.abs(got - wanted).max(initial=0.0)) / max(1.0, float(np.abs(wanted).max(initial=0.0)))
+    return max(relative_error(got, wanted) for got, wanted in pairs)
 
 
 def _about_C(wrenches: Array, motion: ChainMotion) -> Array:

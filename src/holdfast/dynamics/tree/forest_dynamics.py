@@ -57,6 +57,11 @@ class ForestResult(Frozen):
     condition: float
     method: str
 
+    def __repr__(self) -> str:
+        """Return the method, rank, condition and status, on one line."""
+        head = f"{type(self).__name__} by {self.method}: rank {self.rank}, mobility {self.mobility}"
+        return f"<{head}, condition {self.condition:.4g}; {self.status.value}>"
+
 
 def by_plan(motion: ForestMotion) -> ForestSolution:
     """Return the solution by the elimination in the order of the forest's plan."""

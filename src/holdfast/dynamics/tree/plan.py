@@ -3,7 +3,7 @@
 The vertices of the graph are the bodies and the world; its edges are joints, closures and couplings. A free body hangs
 on nothing. A part is a union of biconnected components that is joined to the rest by one vertex, its root. Conditioning
 a part on the acceleration of its root loses no rank if the joint between the root and its parent lies outside the part
-(docs/theory/tree.md); a component for which it lies inside is therefore joined to the part above.
+(docs/theory/tree.md); a component for which it lies inside is therefore joined to the one nearer to the start.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ def components(start: int, edges: list[Edge], seen: set[int]) -> list[tuple[int,
 
 
 def _merged(found: list[tuple[int, list[Edge]]]) -> list[tuple[int, list[Edge]]]:
-    """Return the components, after joining those whose root moves by a joint inside to the component above."""
+    """Return the components, after joining those whose root moves by a joint inside to the one nearer to the start."""
     found = [(root, list(inside)) for root, inside in found]
     while True:
         wrong = next((c for c in found if any(e.kind == "joint" and e.number == c[0] for e in c[1])), None)
